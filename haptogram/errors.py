@@ -1,0 +1,70 @@
+"""Errors of the host package, one root, split by who can mend them.
+
+::
+
+    HaptogramError
+    +-- ConfigurationError        an argument, a file or a target that cannot be used (exit status 2)
+    +-- LinkError                 the line between host and board
+    |   +-- PortNotFoundError     there is no such port
+    |   +-- PortBusyError         another program holds the port
+    |   +-- NoAnswerError         the port is silent
+    |   +-- WrongProtocolError    something answers, but not a Haptogram board
+    |   +-- VersionMismatchError  a board of another major version
+    |   +-- LinkLostError         the port closed or stopped taking bytes during the run
+    +-- DeviceError               the board refused a request, and said why
+"""
+
+from __future__ import annotations
+
+
+class HaptogramError(Exception):
+    """Root of every error that this package raises on purpose."""
+
+
+class ConfigurationError(HaptogramError, ValueError):
+    """An argument, a file or a target that cannot be used; the text names the value and the limit."""
+
+
+class LinkError(HaptogramError):
+    """The line between host and board failed."""
+
+
+class PortNotFoundError(LinkError):
+    """There is no such port."""
+
+
+class PortBusyError(LinkError):
+    """Another program holds the port."""
+
+
+class NoAnswerError(LinkError, TimeoutError):
+    """Nothing came back within the time allowed."""
+
+
+class WrongProtocolError(LinkError):
+    """Bytes came back, but none of them were a valid frame."""
+
+
+class VersionMismatchError(LinkError):
+    """The board speaks another major version of the protocol."""
+
+
+class LinkLostError(LinkError):
+    """The port closed, or stopped taking bytes, while it was in use."""
+
+
+class DeviceError(HaptogramError):
+    """The board refused a request.
+
+    Attributes
+    ----------
+    code : int
+        Error code of SPEC.md, chapter 10.
+    detail : int
+        The number that belongs to the code (a limit, an offset, ...).
+    """
+
+    def __init__(self, message: str, *, code: int, detail: int = 0) -> None:
+        super().__init__(message)
+        self.code = code
+        self.detail = detail
