@@ -1,0 +1,1 @@
+"""The virtual board: an emulated ultrasonic phased array at the far end of a serial line."""
