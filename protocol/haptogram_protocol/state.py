@@ -1,0 +1,142 @@
+"""The two state machines of the protocol, as tables.  SPEC.md chapters 4 and 6.
+
+A pair that is not in its table is a violation: the host's own (``LocalProtocolError``) or the
+peer's (``ERROR(BAD_STATE)``).  Spec, tests and board read these tables; there is no other place.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from typing import Final
+
+from .errors import LocalProtocolError
+
+
+class OutputState(enum.IntEnum):
+    """What the board's output may do.  HG-6.1."""
+
+    DISARMED = 0
+    ARMED = 1
+    MUTED = 2
+    FAULT = 3
+
+
+class MuteReason(enum.IntEnum):
+    """Why the output is off.  HG-6.2."""
+
+    NONE = 0  # it is not
+    NEVER_ARMED = 1
+    MUTE = 2  # by request
+    DISARM = 3  # by request
+    NEW_SESSION = 4
+    HOLD_EXPIRED = 5  # the stream stopped
+    HOST_SILENT = 6  # the lease ran out
+    UNATTENDED = 7  # playback ran longer than it was allowed to without a frame from the host
+    FAULT = 8
+
+
+class OutputInput(enum.Enum):
+    """What moves the output state.  HG-6.2."""
+
+    NEW_SESSION = enum.auto()
+    ARM = enum.auto()
+    MUTE = enum.auto()
+    DISARM = enum.auto()
+    LATCH = enum.auto()
+    PLAY = enum.auto()
+    STOP = enum.auto()
+    RAMP_ENDED = enum.auto()
+    FAULT_FOUND = enum.auto()
+
+
+_S, _I = OutputState, OutputInput
+
+# HG-6.2.  Only ARM leads out of MUTED; MUTE is never refused.
+OUTPUT_TRANSITIONS: Final[Mapping[tuple[OutputState, OutputInput], OutputState]] = {
+    (_S.DISARMED, _I.NEW_SESSION): _S.DISARMED,
+    (_S.DISARMED, _I.ARM): _S.ARMED,
+    (_S.DISARMED, _I.MUTE): _S.MUTED,
+    (_S.DISARMED, _I.DISARM): _S.DISARMED,
+    (_S.DISARMED, _I.STOP): _S.DISARMED,
+    (_S.DISARMED, _I.FAULT_FOUND): _S.FAULT,
+    (_S.ARMED, _I.NEW_SESSION): _S.DISARMED,
+    (_S.ARMED, _I.ARM): _S.ARMED,
+    (_S.ARMED, _I.MUTE): _S.MUTED,
+    (_S.ARMED, _I.DISARM): _S.DISARMED,
+    (_S.ARMED, _I.LATCH): _S.ARMED,
+    (_S.ARMED, _I.PLAY): _S.ARMED,
+    (_S.ARMED, _I.STOP): _S.ARMED,
+    (_S.ARMED, _I.RAMP_ENDED): _S.MUTED,
+    (_S.ARMED, _I.FAULT_FOUND): _S.FAULT,
+    (_S.MUTED, _I.NEW_SESSION): _S.MUTED,
+    (_S.MUTED, _I.ARM): _S.ARMED,
+    (_S.MUTED, _I.MUTE): _S.MUTED,
+    (_S.MUTED, _I.DISARM): _S.MUTED,
+    (_S.MUTED, _I.STOP): _S.MUTED,
+    (_S.MUTED, _I.FAULT_FOUND): _S.FAULT,
+    (_S.FAULT, _I.NEW_SESSION): _S.FAULT,
+    (_S.FAULT, _I.MUTE): _S.FAULT,
+    (_S.FAULT, _I.STOP): _S.FAULT,
+    (_S.FAULT, _I.DISARM): _S.DISARMED,
+    (_S.FAULT, _I.FAULT_FOUND): _S.FAULT,
+}
+
+
+class LinkState(enum.Enum):
+    """Where the host's side of the link is.  HG-4.1."""
+
+    CLOSED = enum.auto()
+    GREETING = enum.auto()
+    OPEN = enum.auto()
+    FAILED = enum.auto()
+
+
+class LinkInput(enum.Enum):
+    """What moves the host's side of the link."""
+
+    HELLO_SENT = enum.auto()
+    HELLO_ANSWERED = enum.auto()
+    REFUSED = enum.auto()
+    REQUEST_SENT = enum.auto()
+    STREAM_SENT = enum.auto()
+    TIMED_OUT = enum.auto()
+    PORT_CLOSED = enum.auto()
+
+
+_L, _N = LinkState, LinkInput
+
+# HG-4.1.  A HELLO is allowed from everywhere: it is how a link is opened again.
+LINK_TRANSITIONS: Final[Mapping[tuple[LinkState, LinkInput], LinkState]] = {
+    (_L.CLOSED, _N.HELLO_SENT): _L.GREETING,
+    (_L.CLOSED, _N.PORT_CLOSED): _L.CLOSED,
+    (_L.GREETING, _N.HELLO_SENT): _L.GREETING,
+    (_L.GREETING, _N.HELLO_ANSWERED): _L.OPEN,
+    (_L.GREETING, _N.REFUSED): _L.FAILED,
+    (_L.GREETING, _N.TIMED_OUT): _L.FAILED,
+    (_L.GREETING, _N.PORT_CLOSED): _L.CLOSED,
+    (_L.OPEN, _N.HELLO_SENT): _L.GREETING,
+    (_L.OPEN, _N.REQUEST_SENT): _L.OPEN,
+    (_L.OPEN, _N.STREAM_SENT): _L.OPEN,
+    (_L.OPEN, _N.REFUSED): _L.OPEN,
+    (_L.OPEN, _N.TIMED_OUT): _L.OPEN,
+    (_L.OPEN, _N.PORT_CLOSED): _L.CLOSED,
+    (_L.FAILED, _N.HELLO_SENT): _L.GREETING,
+    (_L.FAILED, _N.PORT_CLOSED): _L.CLOSED,
+}
+
+
+def next_output_state(state: OutputState, event: OutputInput) -> OutputState:
+    """Return the output state after *event*; :class:`LocalProtocolError` if it is not allowed."""
+    try:
+        return OUTPUT_TRANSITIONS[state, event]
+    except KeyError:
+        raise LocalProtocolError(f"{event.name} is not allowed while {state.name}") from None
+
+
+def next_link_state(state: LinkState, event: LinkInput) -> LinkState:
+    """Return the link state after *event*; :class:`LocalProtocolError` if it is not allowed."""
+    try:
+        return LINK_TRANSITIONS[state, event]
+    except KeyError:
+        raise LocalProtocolError(f"{event.name} is not allowed while {state.name}") from None
