@@ -1,0 +1,72 @@
+"""Checks that several modules of this package need: every refusal names the value and the limit."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.errors import ConfigurationError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+ComplexArray: TypeAlias = NDArray[np.complex128]
+BoolArray: TypeAlias = NDArray[np.bool_]
+
+MAX_TRANSDUCERS: Final = 1024  # per array, and so per drive
+
+
+def check_range(name: str, value: float, low: float, high: float) -> float:
+    """Return *value* as a float, or raise if it is not a number within [low, high]."""
+    number = float(value)
+    if not low <= number <= high:  # also catches NaN
+        raise ConfigurationError(f"{name} is {number:g}, must be {low:g} to {high:g}")
+    return number
+
+
+def check_positive(name: str, value: float) -> float:
+    """Return *value* as a float, or raise if it is not a finite number above zero."""
+    number = float(value)
+    if not (math.isfinite(number) and number > 0.0):
+        raise ConfigurationError(f"{name} is {number:g}, must be finite and above 0")
+    return number
+
+
+def as_vector(name: str, values: ArrayLike, length: int) -> FloatArray:
+    """Return *values* as a finite float64 vector of *length*, or raise."""
+    vector = as_floats(name, values)
+    if vector.shape != (length,):
+        raise ConfigurationError(f"{name} has shape {vector.shape}, must be ({length},)")
+    return vector
+
+
+def as_points(name: str, values: ArrayLike) -> FloatArray:
+    """Return *values* as a finite (M, 3) float64 array, or raise."""
+    points = as_floats(name, values)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ConfigurationError(f"{name} has shape {points.shape}, must be (M, 3)")
+    return points
+
+
+def as_floats(name: str, values: ArrayLike) -> FloatArray:
+    """Return *values* as finite float64 of any shape, or raise."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
+    check_finite(name, array)
+    return array
+
+
+def check_finite(name: str, array: NDArray[np.generic]) -> None:
+    """Raise, naming the first one, if *array* holds a NaN or an infinity."""
+    finite = np.isfinite(array)
+    if not finite.all():
+        index = tuple(int(i) for i in np.argwhere(~finite)[0])
+        raise ConfigurationError(f"{name}{list(index)} is {array[index]}, must be finite")
+
+
+def read_only(array: NDArray[np.generic]) -> None:
+    """Freeze *array*, so that a frozen dataclass cannot change through it."""
+    array.flags.writeable = False

@@ -1,0 +1,169 @@
+"""What the elements are told to do: a phase code and an amplitude code each.
+
+A phase code c **delays** its element by c / 2^b of a carrier period. With the time factor
+e^{-j w t} the weight is w = A e^{j phi}, phi = 2 pi c / 2^b: positive phi is a lag.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics._validation import (
+    MAX_TRANSDUCERS,
+    ComplexArray,
+    FloatArray,
+    as_floats,
+    check_finite,
+    read_only,
+)
+from haptogram.errors import ConfigurationError
+
+MAX_PHASE_BITS: Final = 8
+FULL_AMPLITUDE: Final = 255
+
+_TURN_RAD: Final = 2.0 * math.pi
+_MAX_PHASE_RAD: Final = 1e9  # beyond it a float64 no longer resolves an 8-bit step well
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Drive:
+    """One drive of the whole array; equal drives compare and hash equal.
+
+    Attributes
+    ----------
+    phase_codes, amplitude_codes : (N,) numpy.ndarray of uint8
+        Codes 0 .. 2^phase_bits - 1 and 0 .. 255 (linear in pressure); copied, read-only.
+    phase_bits : int
+        Bits of a phase code, 1 to 8.
+
+    Raises
+    ------
+    ConfigurationError
+        Lengths that differ, a code out of range, no element or more than 1024.
+    """
+
+    phase_codes: NDArray[np.uint8]
+    amplitude_codes: NDArray[np.uint8]
+    phase_bits: int = MAX_PHASE_BITS
+
+    def __post_init__(self) -> None:
+        check_phase_bits(self.phase_bits)
+        phases = _as_codes("phase_codes", self.phase_codes, (1 << self.phase_bits) - 1)
+        amplitudes = _as_codes("amplitude_codes", self.amplitude_codes, FULL_AMPLITUDE)
+        if len(phases) != len(amplitudes):
+            raise ConfigurationError(
+                f"{len(phases)} phase codes and {len(amplitudes)} amplitude codes, must be as many"
+            )
+        object.__setattr__(self, "phase_codes", phases)
+        object.__setattr__(self, "amplitude_codes", amplitudes)
+
+    @classmethod
+    def muted(cls, count: int, phase_bits: int = MAX_PHASE_BITS) -> Self:
+        """Return the drive of *count* elements that radiates nothing."""
+        codes = np.zeros(max(count, 0), dtype=np.uint8)
+        return cls(codes, codes, phase_bits)
+
+    @classmethod
+    def from_weights(cls, weights: ArrayLike, phase_bits: int = MAX_PHASE_BITS) -> Self:
+        """Return the drive nearest to the (N,) complex *weights*.
+
+        Magnitudes above 1 are clipped to full amplitude; a weight of 0 takes phase code 0.
+        """
+        values = as_weights(weights)
+        amplitudes = np.floor(FULL_AMPLITUDE * np.minimum(np.abs(values), 1.0) + 0.5)
+        # np.angle(0) may be pi for a negative zero; where() keeps code 0 for a silent element.
+        angles = np.where(values == 0.0, 0.0, np.angle(values))
+        return cls(quantise_phase(angles, phase_bits), amplitudes.astype(np.uint8), phase_bits)
+
+    @property
+    def count(self) -> int:
+        """Number of elements."""
+        return len(self.phase_codes)
+
+    @property
+    def is_muted(self) -> bool:
+        """Whether every amplitude is zero."""
+        return not self.amplitude_codes.any()
+
+    def weights(self) -> ComplexArray:
+        """Return the (N,) complex weights A e^{+j phi}, with A = amplitude code / 255."""
+        phasors = np.exp(1j * dequantise_phase(self.phase_codes, self.phase_bits))
+        weights: ComplexArray = self.amplitude_codes / FULL_AMPLITUDE * phasors
+        return weights
+
+    def digest(self) -> int:
+        """Return the u32 CRC-32 over the phase codes, then the amplitude codes, one byte each."""
+        return zlib.crc32(self.amplitude_codes.tobytes(), zlib.crc32(self.phase_codes.tobytes()))
+
+    def _key(self) -> tuple[int, bytes, bytes]:
+        return self.phase_bits, self.phase_codes.tobytes(), self.amplitude_codes.tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        return self._key() == other._key() if isinstance(other, Drive) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+
+def quantise_phase(phases_rad: ArrayLike, bits: int) -> NDArray[np.uint8]:
+    """Return the codes floor(phi / 2 pi * 2^bits + 1/2) mod 2^bits, in the shape given."""
+    check_phase_bits(bits)
+    phases = as_floats("phases_rad", phases_rad)
+    if phases.size and np.abs(phases).max() > _MAX_PHASE_RAD:
+        worst = float(np.abs(phases).max())
+        raise ConfigurationError(f"a phase is {worst:g} rad, at most {_MAX_PHASE_RAD:g}")
+    steps = np.floor(phases * ((1 << bits) / _TURN_RAD) + 0.5).astype(np.int64)
+    # The remainder is taken among integers: casting a negative float to uint8 is undefined.
+    return (steps % (1 << bits)).astype(np.uint8)
+
+
+def dequantise_phase(codes: NDArray[np.uint8], bits: int) -> FloatArray:
+    """Return the phases 2 pi c / 2^bits in [0, 2 pi), in radians."""
+    check_phase_bits(bits)
+    phases: FloatArray = np.asarray(codes, dtype=np.float64) * (_TURN_RAD / (1 << bits))
+    return phases
+
+
+def phase_step_rad(bits: int) -> float:
+    """Return the least significant bit of a phase code, 2 pi / 2^bits."""
+    check_phase_bits(bits)
+    return _TURN_RAD / (1 << bits)
+
+
+def check_phase_bits(bits: int) -> None:
+    """Raise unless *bits* is a whole number from 1 to 8."""
+    if bits not in range(1, MAX_PHASE_BITS + 1):
+        raise ConfigurationError(f"phase_bits is {bits}, must be 1 to {MAX_PHASE_BITS}")
+
+
+def as_weights(weights: ArrayLike) -> ComplexArray:
+    """Return *weights* as finite complex128 of any shape, or raise."""
+    try:
+        values = np.asarray(weights, dtype=np.complex128)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"weights are not an array of numbers: {error}") from error
+    check_finite("weights", values)
+    return values
+
+
+def _as_codes(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint8]:
+    array = np.asarray(values)
+    if array.ndim != 1 or array.dtype.kind not in "ui":
+        raise ConfigurationError(
+            f"{name} is {array.dtype} of shape {array.shape}, must be (N,) whole numbers"
+        )
+    if not 1 <= array.size <= MAX_TRANSDUCERS:
+        raise ConfigurationError(f"{name} holds {array.size} codes, must be 1 to {MAX_TRANSDUCERS}")
+    low, high = int(array.min()), int(array.max())
+    if low < 0 or high > limit:
+        worst = low if low < 0 else high
+        raise ConfigurationError(f"{name} holds {worst}, must be 0 to {limit}")
+    codes = array.astype(np.uint8)
+    read_only(codes)
+    return codes

@@ -1,0 +1,240 @@
+"""Where the transducers are and which way they face.
+
+Element n = ix * ny + iy; the origin is the array's centre and +z the emission side.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics._validation import (
+    MAX_TRANSDUCERS,
+    FloatArray,
+    as_floats,
+    as_points,
+    check_positive,
+    read_only,
+)
+from haptogram.errors import ConfigurationError
+
+MIN_SPACING_M: Final = 0.1e-3
+MAX_COORDINATE_M: Final = 100.0  # keeps micrometres far inside an int32
+DEFAULT_PITCH_M: Final = 0.010
+
+_GRID = re.compile(r"(\d{1,5})\s*[xX]\s*(\d{1,5})")
+_HEADERS = (["x", "y", "z"], ["x", "y", "z", "nx", "ny", "nz"])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TransducerArray:
+    """An array of transducers.
+
+    Attributes
+    ----------
+    positions_m : (N, 3) numpy.ndarray
+        Centres of the elements, in metres; read-only.
+    normals : (N, 3) numpy.ndarray
+        Unit vectors of the emission axes; read-only. Any non-zero length is accepted.
+    grid_shape : tuple of int or None
+        (nx, ny) of a rectangular grid with ``n = ix * ny + iy``.
+    pitch_m : float or None
+        Spacing of a rectangular grid, in metres.
+
+    Raises
+    ------
+    ConfigurationError
+        No element or more than 1024, a value that is not finite or beyond 100 m, a zero normal, or
+        two elements closer than 0.1 mm.
+    """
+
+    positions_m: FloatArray
+    normals: FloatArray
+    grid_shape: tuple[int, int] | None = None
+    pitch_m: float | None = None
+
+    def __post_init__(self) -> None:
+        positions = as_points("positions_m", self.positions_m).copy()
+        _check_count(len(positions))
+        if np.abs(positions).max() > MAX_COORDINATE_M:
+            worst = float(np.abs(positions).max())
+            raise ConfigurationError(
+                f"a coordinate is {worst:g} m, at most {MAX_COORDINATE_M:g} m from the origin"
+            )
+        normals = _unit_normals(as_points("normals", self.normals), len(positions))
+        _check_spacing(positions)
+        if self.grid_shape is not None and math.prod(self.grid_shape) != len(positions):
+            raise ConfigurationError(
+                f"grid {self.grid_shape} does not hold {len(positions)} elements"
+            )
+        for array in (positions, normals):
+            read_only(array)
+        object.__setattr__(self, "positions_m", positions)
+        object.__setattr__(self, "normals", normals)
+
+    @classmethod
+    def grid(cls, nx: int, ny: int, *, pitch_m: float = DEFAULT_PITCH_M) -> Self:
+        """Return a planar nx-by-ny grid, centred on the origin and facing +z."""
+        if nx < 1 or ny < 1:
+            raise ConfigurationError(f"grid is {nx}x{ny}, each side must be at least 1")
+        _check_count(nx * ny)
+        check_positive("pitch_m", pitch_m)
+        ix, iy = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
+        x = (ix.ravel() - (nx - 1) / 2) * pitch_m
+        y = (iy.ravel() - (ny - 1) / 2) * pitch_m
+        positions = np.stack([x, y, np.zeros_like(x)], axis=1)
+        return cls(positions, _facing_up(nx * ny), (nx, ny), float(pitch_m))
+
+    @classmethod
+    def from_positions(cls, positions_m: ArrayLike, normals: ArrayLike | None = None) -> Self:
+        """Return an array of any shape; without *normals* every element faces +z."""
+        positions = as_points("positions_m", positions_m)
+        faces = _facing_up(len(positions)) if normals is None else as_points("normals", normals)
+        return cls(positions, faces)
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Self:
+        """Read a CSV file with the header ``x,y,z`` or ``x,y,z,nx,ny,nz``, one element per line.
+
+        Positions are in millimetres; normals may have any length. Blank lines and lines that start
+        with ``#`` are skipped.
+
+        Raises
+        ------
+        ConfigurationError
+            Names the file, and the line where there is one.
+        """
+        rows = _read_rows(Path(path))
+        table = np.array(rows, dtype=np.float64)
+        try:
+            return cls.from_positions(
+                table[:, :3] * 1e-3, table[:, 3:] if table.shape[1] == 6 else None
+            )
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from error
+
+    @classmethod
+    def parse(cls, text: str, *, pitch_m: float = DEFAULT_PITCH_M) -> Self:
+        """Return the grid that *text* names ("16x16"), else the array in the file of that name."""
+        match = _GRID.fullmatch(text.strip())
+        if match:
+            return cls.grid(int(match[1]), int(match[2]), pitch_m=pitch_m)
+        return cls.from_file(text)
+
+    @property
+    def count(self) -> int:
+        """Number of transducers."""
+        return len(self.positions_m)
+
+    @property
+    def centre_m(self) -> FloatArray:
+        """(3,) centroid of the element centres, in metres."""
+        centre: FloatArray = self.positions_m.mean(axis=0)
+        return centre
+
+    @property
+    def half_extent_m(self) -> FloatArray:
+        """(3,) half of the span of the element centres along x, y and z, in metres."""
+        half: FloatArray = np.ptp(self.positions_m, axis=0) / 2
+        return half
+
+    @property
+    def aperture_radius_m(self) -> float:
+        """Largest distance of an element centre from the centroid plus half a pitch, in metres.
+
+        An array without a pitch takes half the distance of its closest pair instead.
+        """
+        radius = float(np.linalg.norm(self.positions_m - self.centre_m, axis=1).max())
+        spacing = self.pitch_m if self.pitch_m is not None else _closest_pair(self.positions_m)[0]
+        return radius + (spacing / 2 if np.isfinite(spacing) else 0.0)
+
+    def positions_um(self) -> NDArray[np.int32]:
+        """Return the (N, 3) positions in micrometres, rounded: the form that the wire carries."""
+        return np.rint(self.positions_m * 1e6).astype(np.int32)
+
+    def digest(self) -> int:
+        """Return the u32 CRC-32 over positions (um, '<i4') then normals (x 32767, '<i2')."""
+        positions = self.positions_um().astype("<i4").tobytes()
+        normals = np.rint(self.normals * 32767).astype("<i2").tobytes()
+        return zlib.crc32(normals, zlib.crc32(positions))
+
+
+def _facing_up(count: int) -> FloatArray:
+    return np.tile(np.array([0.0, 0.0, 1.0]), (count, 1))
+
+
+def _check_count(count: int) -> None:
+    if not 1 <= count <= MAX_TRANSDUCERS:
+        raise ConfigurationError(f"array of {count} transducers, must be 1 to {MAX_TRANSDUCERS}")
+
+
+def _unit_normals(normals: FloatArray, count: int) -> FloatArray:
+    if normals.shape != (count, 3):
+        raise ConfigurationError(f"normals have shape {normals.shape}, must be ({count}, 3)")
+    lengths = np.linalg.norm(normals, axis=1)
+    if lengths.min() < 1e-9:
+        raise ConfigurationError(f"normal of element {int(lengths.argmin())} has no direction")
+    unit: FloatArray = normals / lengths[:, None]
+    return unit
+
+
+def _closest_pair(positions: FloatArray) -> tuple[float, int, int]:
+    """Return the distance (infinite for one element) and the indices of the closest pair."""
+    best = (np.inf, 0, 0)
+    for n in range(1, len(positions)):  # one row at a time: 1024 x 1024 x 3 would take 25 MB
+        squares = ((positions[:n] - positions[n]) ** 2).sum(axis=1)
+        other = int(squares.argmin())
+        if squares[other] < best[0]:
+            best = (float(squares[other]), other, n)
+    return (float(np.sqrt(best[0])), best[1], best[2])
+
+
+def _check_spacing(positions: FloatArray) -> None:
+    distance, first, second = _closest_pair(positions)
+    if distance <= MIN_SPACING_M:
+        raise ConfigurationError(
+            f"elements {first} and {second} are {distance * 1e3:.3g} mm apart, "
+            f"must be more than {MIN_SPACING_M * 1e3:g} mm"
+        )
+
+
+def _read_rows(path: Path) -> list[list[float]]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(
+            f"array '{path}' is neither NXxNY nor a readable file: {error}"
+        ) from error
+    lines = [
+        (number, next(csv.reader([line])))
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise ConfigurationError(f"{path}: no elements")
+    (number, header), body = lines[0], lines[1:]
+    if [name.strip().lower() for name in header] not in _HEADERS:
+        raise ConfigurationError(
+            f"{path}:{number}: header is {','.join(header)!r}, must be x,y,z or x,y,z,nx,ny,nz"
+        )
+    if not body:
+        raise ConfigurationError(f"{path}: no elements")
+    return [_read_row(f"{path}:{number}", cells, len(header)) for number, cells in body]
+
+
+def _read_row(where: str, cells: list[str], width: int) -> list[float]:
+    if len(cells) != width:
+        raise ConfigurationError(f"{where}: {len(cells)} values, must be {width}")
+    try:
+        values = [float(cell) for cell in cells]
+        return [float(value) for value in as_floats("value", values)]
+    except ValueError as error:
+        raise ConfigurationError(f"{where}: {error}") from error
