@@ -19,7 +19,7 @@ from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
 MIN_DISTANCE_M: Final = 1e-3
-_PAIRS_PER_CHUNK: Final = 1 << 15  # a temporary takes 256 kB and stays in the cache
+_PAIRS_PER_CHUNK: Final = 1 << 13  # a temporary takes 64 kB: cached, and never mapped afresh
 
 
 class FieldEngine(Protocol):

@@ -1,0 +1,302 @@
+"""From a target to phases, and from phases back to the point where they focus.
+
+Both use the same convention: focusing on x needs phi_n = -k r_n(x) + psi, with any common psi.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics._validation import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    as_floats,
+    as_points,
+    as_vector,
+)
+from haptogram.acoustics.drive import phase_step_rad
+from haptogram.acoustics.model import AcousticModel
+from haptogram.errors import ConfigurationError
+
+MIN_TARGET_DISTANCE_M: Final = 0.020
+MAX_TARGET_DISTANCE_M: Final = 1.0
+TARGET_MARGIN_M: Final = 0.150
+
+# A direction in which moving the focus changes the phases 10 000 times less than in the best one.
+# Between a planar array and the furthest target the ratio is the aperture over the distance, 1e-3.
+_OBSERVABLE_RATIO: Final = 1e-4
+_MAX_ITERATIONS: Final = 40
+_MAX_STEP_M: Final = 0.010
+_STEP_TOLERANCE_M: Final = 1e-10
+_MAX_DAMPING: Final = 1e6
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PhaseFit:
+    """The point that explains a set of phases best.
+
+    Attributes
+    ----------
+    position_m : (3,) numpy.ndarray
+        Fitted focus, in metres.
+    phase_rad : float
+        Common phase psi, in (-pi, pi].
+    residual_rad : (N,) numpy.ndarray
+        wrap(phi_n + k r_n - psi) of every element, of the inactive ones too.
+    residual_rms_rad : float
+        Its root mean square over the active elements.
+    std_m : (3,) numpy.ndarray
+        Standard deviation from independent, uniform rounding errors of the phases (Cramer-Rao
+        bound), in metres; infinite where not observable.
+    bound_m : (3,) numpy.ndarray
+        Largest deviation that rounding can cause, sum_n |J+_in| pi / 2^b, in metres; infinite where
+        not observable.
+    observable : (3,) numpy.ndarray of bool
+        Whether the active elements tell this coordinate from the others.
+    iterations : int
+        Steps that were taken.
+    converged : bool
+        Whether the last step was below 0.1 nm.
+    """
+
+    position_m: FloatArray
+    phase_rad: float
+    residual_rad: FloatArray
+    residual_rms_rad: float
+    std_m: FloatArray
+    bound_m: FloatArray
+    observable: BoolArray
+    iterations: int
+    converged: bool
+
+
+def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
+    """Raise unless *target_m* is a point that this array can sensibly focus on.
+
+    Raises
+    ------
+    ConfigurationError
+        Not three finite numbers; less than 20 mm above the array's centre or from any element; more
+        than 1 m from the centre; or |x|, |y| beyond the array's half-width plus 150 mm.
+    """
+    target = as_vector("target_m", target_m, 3)
+    offset = target - model.array.centre_m
+    _check_limit("height z", offset[2], low_m=MIN_TARGET_DISTANCE_M)
+    nearest = float(np.linalg.norm(model.array.positions_m - target, axis=1).min())
+    _check_limit("distance from an element", nearest, low_m=MIN_TARGET_DISTANCE_M)
+    _check_limit("distance", float(np.linalg.norm(offset)), high_m=MAX_TARGET_DISTANCE_M)
+    reach = steering_reach_m(model)
+    _check_limit("offset |x|", abs(offset[0]), high_m=reach[0])
+    _check_limit("offset |y|", abs(offset[1]), high_m=reach[1])
+
+
+def steering_reach_m(model: AcousticModel) -> tuple[float, float]:
+    """Return the largest |x| and |y| of a target from the array's centre, in metres."""
+    half = model.array.half_extent_m + (model.array.pitch_m or 0.0) / 2
+    return float(half[0]) + TARGET_MARGIN_M, float(half[1]) + TARGET_MARGIN_M
+
+
+def focus_phases(model: AcousticModel, target_m: ArrayLike) -> FloatArray:
+    """Return the phases that make all elements arrive in phase at a target.
+
+    Parameters
+    ----------
+    target_m : (3,) or (T, 3) array_like
+        Target or targets, in metres.
+
+    Returns
+    -------
+    (N,) or (T, N) numpy.ndarray
+        phi_n = -k r_n, in radians, not wrapped.
+    """
+    targets = as_floats("target_m", target_m)
+    points = as_points("target_m", np.atleast_2d(targets))
+    offsets = points[:, None, :] - model.array.positions_m
+    phases: FloatArray = -model.wavenumber * np.linalg.norm(offsets, axis=2)
+    return phases[0] if targets.ndim == 1 else phases
+
+
+def superpose(
+    model: AcousticModel, points_m: ArrayLike, amplitudes: ArrayLike, phases_rad: ArrayLike
+) -> ComplexArray:
+    """Return the naive superposition of several foci: the normative one.
+
+    Parameters
+    ----------
+    points_m : (F, 3) array_like
+        Foci, in metres.
+    amplitudes, phases_rad : (F,) array_like
+        a_i and psi_i.
+
+    Returns
+    -------
+    (N,) numpy.ndarray of complex128
+        w_n = sum_i a_i e^{j psi_i} e^{-j k r_n(i)}; magnitudes above 1 are clipped by
+        :meth:`Drive.from_weights`, not here.
+    """
+    points = as_points("points_m", points_m)
+    levels = as_vector("amplitudes", amplitudes, len(points))
+    lags = as_vector("phases_rad", phases_rad, len(points))
+    weights: ComplexArray = (levels * np.exp(1j * lags)) @ np.exp(1j * focus_phases(model, points))
+    return weights
+
+
+def fit_focus(
+    model: AcousticModel,
+    phases_rad: ArrayLike,
+    start_m: ArrayLike,
+    *,
+    phase_bits: int,
+    active: ArrayLike | None = None,
+) -> PhaseFit:
+    """Return the focus x and common phase psi that minimise sum_n wrap(phi_n + k r_n(x) - psi)^2.
+
+    Gauss-Newton with Levenberg-Marquardt damping. It finds the minimum next to *start_m*: on a
+    16 x 16 array of 10 mm pitch, for certain from 4 mm away.
+
+    Parameters
+    ----------
+    phases_rad : (N,) array_like
+        Phases of the elements.
+    start_m : (3,) array_like
+        Where to start, in metres. A coordinate that is not observable is left where it starts.
+    phase_bits : int
+        Resolution of the phases, for `std_m` and `bound_m`.
+    active : (N,) array_like of bool, optional
+        Elements to use; those with amplitude 0 say nothing about the focus.
+
+    Raises
+    ------
+    ConfigurationError
+        Shapes that do not fit the array, values that are not finite, or no active element.
+    """
+    phases = as_vector("phases_rad", phases_rad, model.array.count)
+    used = _as_mask(active, model.array.count)
+    problem = _PhaseProblem(model, phases, used)
+    position, steps, converged = problem.solve(as_vector("start_m", start_m, 3))
+    residual, phase = problem.residual_of_all(position)
+    std_m, bound_m, observable = problem.uncertainty(position, phase_step_rad(phase_bits))
+    rms = math.sqrt(float(np.mean(residual[used] ** 2)))
+    return PhaseFit(position, phase, residual, rms, std_m, bound_m, observable, steps, converged)
+
+
+def wrap(phases_rad: FloatArray) -> FloatArray:
+    """Return phases modulo 2 pi, in [-pi, pi]."""
+    wrapped: FloatArray = phases_rad - 2.0 * np.pi * np.rint(phases_rad / (2.0 * np.pi))
+    return wrapped
+
+
+class _PhaseProblem:
+    """The least-squares problem of one fit, with psi eliminated: three unknowns remain."""
+
+    def __init__(self, model: AcousticModel, phases: FloatArray, used: BoolArray) -> None:
+        self._wavenumber = model.wavenumber
+        self._all = (model.array.positions_m, phases)
+        self._positions = model.array.positions_m[used]
+        self._phases = phases[used]
+
+    def solve(self, start: FloatArray) -> tuple[FloatArray, int, bool]:
+        """Return the position, the number of steps, and whether they converged."""
+        position, damping = start.copy(), 0.0
+        residual, slopes = self._linearise(position)
+        for iteration in range(1, _MAX_ITERATIONS + 1):
+            step = _damped_step(slopes, residual, damping)
+            candidate = position + step
+            if np.linalg.norm(step) < _STEP_TOLERANCE_M:
+                return candidate, iteration, True
+            new_residual, new_slopes = self._linearise(candidate)
+            if new_residual @ new_residual <= residual @ residual:
+                position, residual, slopes = candidate, new_residual, new_slopes
+                damping = 0.0 if damping < 1e-3 else damping / 10.0
+            else:
+                damping = max(1e-3, damping * 10.0)
+                if damping > _MAX_DAMPING:
+                    break  # no descent: a kink of the wrapped cost
+        return position, iteration, False
+
+    def residual_of_all(self, position: FloatArray) -> tuple[FloatArray, float]:
+        """Return the wrapped residual of every element, and the common phase of the used ones."""
+        _, phase = self._centred(self._phases + self._wavenumber * self._ray(position)[1])
+        positions, phases = self._all
+        distance = np.linalg.norm(position - positions, axis=1)
+        phase = float(wrap(np.array(phase)))
+        return wrap(phases + self._wavenumber * distance - phase), phase
+
+    def uncertainty(
+        self, position: FloatArray, step_rad: float
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return std, bound and observability of each coordinate for phases rounded to a step."""
+        slopes = self._slopes(*self._ray(position))
+        values, vectors, kept = _spectrum(slopes)
+        # A coordinate is lost if the directions that were dropped contain any of it.
+        observable: BoolArray = (vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6
+        inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+        std = np.sqrt(np.diag(inverse)) * (step_rad / math.sqrt(12.0))
+        bound = np.abs(inverse @ slopes.T).sum(axis=1) * (step_rad / 2.0)
+        return np.where(observable, std, np.inf), np.where(observable, bound, np.inf), observable
+
+    def _ray(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        offset = position - self._positions
+        return offset, np.sqrt(np.einsum("ni,ni->n", offset, offset))
+
+    def _slopes(self, offset: FloatArray, distance: FloatArray) -> FloatArray:
+        """Return d(residual)/d(position), (N, 3), with the mean that psi absorbs taken out."""
+        slopes: FloatArray = offset * (self._wavenumber / distance)[:, None]
+        slopes -= slopes.mean(axis=0)
+        return slopes
+
+    def _linearise(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        offset, distance = self._ray(position)
+        residual, _ = self._centred(self._phases + self._wavenumber * distance)
+        return residual, self._slopes(offset, distance)
+
+    @staticmethod
+    def _centred(arrival: FloatArray) -> tuple[FloatArray, float]:
+        """Return the arrival phases less their common phase, wrapped; and that phase."""
+        common = float(np.angle(np.exp(1j * arrival).sum()))
+        residual = wrap(arrival - common)
+        mean = float(residual.mean())  # from the circular to the least-squares mean
+        return wrap(residual - mean), common + mean
+
+
+def _spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return eigenvalues and eigenvectors of J^T J, and which of them the phases can see."""
+    values, vectors = np.linalg.eigh(slopes.T @ slopes)
+    kept: BoolArray = values > max(values[-1], 1e-12) * _OBSERVABLE_RATIO**2
+    return values, vectors, kept
+
+
+def _damped_step(slopes: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
+    """Return the Levenberg-Marquardt step within the observable directions, at most 10 mm long."""
+    values, vectors, kept = _spectrum(slopes)
+    seen = vectors[:, kept]
+    step: FloatArray = -seen @ ((seen.T @ (slopes.T @ residual)) / (values[kept] * (1.0 + damping)))
+    return step * min(1.0, _MAX_STEP_M / max(float(np.linalg.norm(step)), _MAX_STEP_M))
+
+
+def _as_mask(active: ArrayLike | None, count: int) -> BoolArray:
+    mask = np.ones(count, dtype=np.bool_) if active is None else np.asarray(active, dtype=np.bool_)
+    if mask.shape != (count,):
+        raise ConfigurationError(f"active has shape {mask.shape}, must be ({count},)")
+    if not mask.any():
+        raise ConfigurationError(f"0 of {count} elements are active, must be at least 1")
+    return mask
+
+
+def _check_limit(
+    name: str, value_m: float, *, low_m: float = -math.inf, high_m: float = math.inf
+) -> None:
+    if value_m < low_m:
+        raise ConfigurationError(
+            f"target: {name} is {value_m * 1e3:.6g} mm, must be at least {low_m * 1e3:.6g} mm"
+        )
+    if value_m > high_m:
+        raise ConfigurationError(
+            f"target: {name} is {value_m * 1e3:.6g} mm, must be at most {high_m * 1e3:.6g} mm"
+        )
