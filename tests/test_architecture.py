@@ -1,0 +1,238 @@
+"""The rules of the house that no single module can keep: imports, errors, exports, packaging."""
+
+import importlib
+import inspect
+import os
+import pkgutil
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import venv
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+from haptogram.errors import HaptogramError
+from haptogram_protocol.errors import ProtocolError
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = {
+    "haptogram": ROOT / "haptogram",
+    "haptogram_protocol": ROOT / "protocol" / "haptogram_protocol",
+    "sim_device": ROOT / "sim_device",
+}
+ERROR_ROOTS = {
+    "haptogram": (HaptogramError,),
+    "haptogram_protocol": (ProtocolError,),
+    "sim_device": (HaptogramError, ProtocolError),
+}
+CONTRACTS = {
+    contract["id"]: contract["name"]
+    for contract in tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ]
+}
+
+# For each import contract a line that breaks it, and no other: file -> line.
+PLANTS = [
+    ("protocol-pure", {"protocol/haptogram_protocol/framing.py": "import time"}),
+    ("protocol-pure", {"protocol/haptogram_protocol/framing.py": "import numpy"}),
+    ("protocol-layers", {"protocol/haptogram_protocol/errors.py": "from . import messages"}),
+    ("host-layers", {"haptogram/errors.py": "import haptogram.acoustics"}),
+    ("host-without-simulator", {"haptogram/driver.py": "import sim_device"}),
+    ("acoustics-pure", {"haptogram/acoustics/geometry.py": "import socket"}),
+    ("acoustics-pure", {"haptogram/acoustics/medium.py": "import haptogram_protocol"}),
+    ("acoustics-layers", {"haptogram/acoustics/medium.py": "from . import field"}),
+    ("simulator-takes-physics", {"sim_device/board.py": "from haptogram import driver"}),
+    (
+        "simulator-takes-physics",
+        {
+            "haptogram/acoustics/solvers.py": "",
+            "sim_device/board.py": "import haptogram.acoustics.solvers",
+        },
+    ),
+    (
+        "simulator-layers",
+        {"sim_device/simulation.py": "", "sim_device/board.py": "from . import simulation"},
+    ),
+]
+
+
+def modules(package):
+    """Import *package* and everything in it but ``__main__``; yield the modules."""
+    root = importlib.import_module(package)
+    yield root
+    for info in pkgutil.walk_packages(root.__path__, f"{package}."):
+        if not info.name.endswith("__main__"):
+            yield importlib.import_module(info.name)
+
+
+@pytest.fixture
+def tree(tmp_path):
+    """Copy what a wheel is built from."""
+    copy = tmp_path / "tree"
+    for source in SOURCES.values():
+        shutil.copytree(
+            source, copy / source.relative_to(ROOT), ignore=shutil.ignore_patterns("__pycache__")
+        )
+    for name in ("pyproject.toml", "LICENSE", "README.md"):
+        shutil.copy(ROOT / name, copy)
+    return copy
+
+
+def run(*command, cwd, **environment):
+    """Run *command* without the caller's import path; return its exit status and output."""
+    inherited = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [str(part) for part in command],
+        cwd=cwd,
+        env=inherited | environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout
+
+
+def broken_contracts(tree):
+    """Names of the import contracts that *tree* breaks."""
+    status, output = run(
+        *(
+            sys.executable,
+            "-c",
+            "from importlinter import cli; cli.lint_imports_command()",
+        ),
+        *("--no-logo", "--no-cache"),
+        cwd=tree,
+        PYTHONPATH=os.pathsep.join([str(tree), str(tree / "protocol")]),
+        COLUMNS="500",  # a verdict on one line
+    )
+    verdicts = dict(re.findall(r"^(.*) (KEPT|BROKEN)$", output, re.MULTILINE))
+    assert set(verdicts) == set(CONTRACTS.values()), output
+    assert status == ("BROKEN" in verdicts.values()), output
+    return {name for name, verdict in verdicts.items() if verdict == "BROKEN"}
+
+
+def test_every_import_contract_is_kept(tree):
+    assert broken_contracts(tree) == set()
+
+
+@pytest.mark.parametrize(("contract", "lines"), PLANTS, ids=[contract for contract, _ in PLANTS])
+def test_a_forbidden_import_is_reported(tree, contract, lines):
+    for path, line in lines.items():
+        with (tree / path).open("a") as module:
+            module.write(f"\n{line}\n")
+    assert broken_contracts(tree) == {CONTRACTS[contract]}
+
+
+def test_every_import_contract_is_proven_to_fail():
+    assert {contract for contract, _ in PLANTS} == set(CONTRACTS)
+
+
+@pytest.mark.parametrize("package", SOURCES)
+def test_every_error_derives_from_the_root_of_its_package(package):
+    errors = {
+        value
+        for module in modules(package)
+        for _, value in inspect.getmembers(module, inspect.isclass)
+        if issubclass(value, BaseException) and value.__module__ == module.__name__
+    }
+    strays = {error for error in errors if not issubclass(error, ERROR_ROOTS[package])}
+    assert strays == set()
+
+
+@pytest.mark.parametrize("package", SOURCES)
+def test_every_exported_name_exists_once(package):
+    for module in modules(package):
+        names = list(getattr(module, "__all__", ()))
+        assert len(names) == len(set(names)), module.__name__
+        assert [name for name in names if not hasattr(module, name)] == [], module.__name__
+
+
+@pytest.mark.parametrize("package", SOURCES)
+def test_importing_prints_nothing_and_starts_no_thread(package):
+    names = [module.__name__ for module in modules(package)]
+    status, output = run(
+        *(sys.executable, "-W", "ignore", "-c"),
+        "import importlib, sys, threading; sys.path[:0] = sys.argv[1].split(':'); "
+        "[importlib.import_module(name) for name in sys.argv[2:]]; "
+        "sys.exit(threading.active_count() - 1)",
+        *(f"{ROOT}:{ROOT / 'protocol'}", *names),
+        cwd=ROOT,
+    )
+    assert (status, output) == (0, "")
+
+
+def repository_files():
+    """Text of every file that git holds or would take; without git, of the packages' modules."""
+    status, listing = run("git", "ls-files", "-z", "-co", "--exclude-standard", cwd=ROOT)
+    paths = (
+        [ROOT / name for name in listing.split("\0") if name]
+        if status == 0
+        else [path for source in SOURCES.values() for path in source.rglob("*.py")]
+    )
+    for path in paths:
+        if path.is_file():
+            yield path.relative_to(ROOT), path.read_bytes().decode("utf-8", "replace")
+
+
+def test_no_file_names_a_place_on_one_machine():
+    homes = r"/(?:home|root|Users)/\w|[A-Z]:\\Users\\"
+    machine = re.compile(rf"(?<![\w.])(?:{homes}|{re.escape(str(ROOT))}/)")
+    named = {str(path) for path, text in repository_files() if machine.search(text)}
+    assert named - {"tests/test_architecture.py"} == set()
+
+
+@pytest.mark.slow
+def test_wheel_works_in_a_foreign_directory(tree, tmp_path):
+    """Firmware repositories tend to have a `protocol/` and a `tests/` of their own."""
+    status, output = run(
+        *(sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet"),
+        *("--disable-pip-version-check", "--wheel-dir", tmp_path, tree),
+        cwd=tmp_path,
+    )
+    assert status == 0, output
+    (wheel,) = tmp_path.glob("*.whl")
+    site = clean_environment(tmp_path / "env", wheel)
+
+    packed = {
+        path.relative_to(site) for path in site.rglob("*") if path.suffix in {".py", ".typed"}
+    }
+    assert packed == {
+        Path(package, path.relative_to(source))
+        for package, source in SOURCES.items()
+        for pattern in ("*.py", "*.typed")
+        for path in source.rglob(pattern)
+    }
+
+    foreign = tmp_path / "firmware"
+    for folder in ("protocol", "tests"):
+        (foreign / folder).mkdir(parents=True)
+        (foreign / folder / "__init__.py").write_text("raise RuntimeError('this is not ours')\n")
+    status, output = run(
+        *(tmp_path / "env" / "bin" / "python", "-c"),
+        "import haptogram, haptogram_protocol, sim_device, haptogram.acoustics; "
+        "print(haptogram.__file__, haptogram_protocol.__file__, sim_device.__file__)",
+        cwd=foreign,
+    )
+    assert (status, output.split()) == (0, [str(site / name / "__init__.py") for name in SOURCES])
+
+
+def clean_environment(folder, wheel):
+    """Make an environment that holds *wheel* and, for the dependencies, reads those of this one."""
+    venv.create(folder, symlinks=True)
+    python = folder / "bin" / "python"
+    _, output = run(
+        python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder
+    )
+    site = Path(output.strip())
+    with ZipFile(wheel) as archive:
+        archive.extractall(site)
+    # Read after the wheel, and without its own .pth files: an editable install there stays unseen.
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib"))
+    return site
