@@ -42,7 +42,7 @@ PLANTS = [
     ("protocol-pure", {"protocol/haptogram_protocol/framing.py": "import time"}),
     ("protocol-pure", {"protocol/haptogram_protocol/framing.py": "import numpy"}),
     ("protocol-layers", {"protocol/haptogram_protocol/errors.py": "from . import messages"}),
-    ("host-layers", {"haptogram/errors.py": "import haptogram.acoustics"}),
+    ("host-layers", {"haptogram/config.py": "import haptogram.cli"}),
     ("host-without-simulator", {"haptogram/driver.py": "import sim_device"}),
     ("acoustics-pure", {"haptogram/acoustics/geometry.py": "import socket"}),
     ("acoustics-pure", {"haptogram/acoustics/medium.py": "import haptogram_protocol"}),
@@ -102,11 +102,7 @@ def run(*command, cwd, **environment):
 def broken_contracts(tree):
     """Names of the import contracts that *tree* breaks."""
     status, output = run(
-        *(
-            sys.executable,
-            "-c",
-            "from importlinter import cli; cli.lint_imports_command()",
-        ),
+        *(sys.executable, "-c", "from importlinter import cli; cli.lint_imports_command()"),
         *("--no-logo", "--no-cache"),
         cwd=tree,
         PYTHONPATH=os.pathsep.join([str(tree), str(tree / "protocol")]),
