@@ -1,0 +1,178 @@
+"""What was intended and what was observed: the records that a verdict joins, by their key.
+
+The driver writes :class:`Intended`; trace, read-back and the back door of the virtual board give
+:class:`Observation`.  Neither knows the other.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics.drive import Drive
+from haptogram.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.reconstruction import Reconstruction
+
+_WIRE_TIME: Final = 1 << 32
+STREAM: Final = 0  # sequence id of what came frame by frame
+
+
+class Evidence(enum.StrEnum):
+    """Who says that a drive was latched."""
+
+    WIRE = "wire"  # seen on the line
+    SELF_REPORTED = "self-reported"  # trace, read-back: the firmware's own word
+    EXTERNAL = "external"  # back door of the virtual board, capture of the drive pins
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class FrameKey:
+    """Which drive: the join key of host and board.
+
+    Attributes
+    ----------
+    session : int
+        Nonce of the session.
+    sequence : int
+        Sequence id, 0 for the stream.
+    loop : int
+        Pass of the sequence, from 0; stream: 0.
+    index : int
+        Frame of the sequence; stream: unwrapped sequence number.
+    """
+
+    session: int
+    sequence: int
+    loop: int
+    index: int
+
+    @classmethod
+    def of_stream(cls, session: int, index: int) -> Self:
+        """Return the key of the stream frame with the unwrapped sequence number *index*."""
+        return cls(session, STREAM, 0, index)
+
+
+@dataclass(frozen=True, slots=True)
+class Focus:
+    """One focal point that is wanted.
+
+    Attributes
+    ----------
+    position_m : tuple of 3 float
+        x, y, z from the array's centre, in metres.
+    amplitude : float
+        Share of the drive, 0 to 1.
+    phase_rad : float
+        Phase of the pressure at the point, lag positive, in radians.
+    """
+
+    position_m: tuple[float, float, float]
+    amplitude: float = 1.0
+    phase_rad: float = 0.0
+
+    @classmethod
+    def at(cls, position_m: ArrayLike, amplitude: float = 1.0, phase_rad: float = 0.0) -> Self:
+        """Return the focus at *position_m* (3,), in metres.
+
+        Raises
+        ------
+        ConfigurationError
+            If *position_m* is not three finite numbers, or *amplitude* not within 0 to 1, or
+            *phase_rad* not finite.
+        """
+        try:
+            position = np.asarray(position_m, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(f"target {position_m!r} is not x, y, z in metres") from error
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise ConfigurationError(
+                f"target {position_m!r} is not three finite numbers, in metres"
+            )
+        if not 0.0 <= amplitude <= 1.0:
+            raise ConfigurationError(f"amplitude of a focus is {amplitude:g}, must be 0 to 1")
+        if not np.isfinite(phase_rad):
+            raise ConfigurationError(f"phase of a focus is {phase_rad:g} rad, must be finite")
+        x, y, z = (float(value) for value in position)
+        return cls((x, y, z), float(amplitude), float(phase_rad))
+
+
+@dataclass(frozen=True, slots=True)
+class Intended:
+    """One drive that the host wants to be latched.
+
+    Attributes
+    ----------
+    number : int
+        Place among everything that the host wanted, 0 to n - 1.
+    key : FrameKey
+        Join key.
+    t_apply_us : int or None
+        Unwrapped device time, microseconds; None: as soon as the frame is complete.
+    foci : tuple of Focus
+        What the drive is for.
+    drive : Drive
+        What the host expects in the registers, computed from the foci; 8-bit phase codes.
+    phase_bits : int
+        Resolution of the phases on the wire, in bits.
+    board_computed : bool
+        Whether the board computes the drive from the foci (as rounded on the wire).
+    """
+
+    number: int
+    key: FrameKey
+    t_apply_us: int | None
+    foci: tuple[Focus, ...]
+    drive: Drive
+    phase_bits: int
+    board_computed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """One latch that somebody saw.
+
+    Attributes
+    ----------
+    key : FrameKey
+        Join key.
+    t_latch_us : int
+        Device time of the latch, microseconds, unwrapped (see :func:`unwrap_us`).
+    late : bool
+        Whether the board flagged it late.
+    evidence : Evidence
+        Who says so.
+    drive : Drive or None
+        Latched drive, 8-bit phase codes, where it was seen in full.
+    drive_crc : int or None
+        CRC-32 of that drive (:meth:`Drive.digest`), where only that was seen, or both.
+    reconstruction : Reconstruction or None
+        Field that somebody rebuilt from what was radiated.
+    """
+
+    key: FrameKey
+    t_latch_us: int
+    late: bool
+    evidence: Evidence
+    drive: Drive | None = None
+    drive_crc: int | None = None
+    reconstruction: Reconstruction | None = None
+
+
+def unwrap_us(wire_us: int, near_us: int) -> int:
+    """Return the unwrapped time nearest to *near_us* that is *wire_us* modulo 2^32.
+
+    Parameters
+    ----------
+    wire_us : int
+        Microseconds of the device clock as they travel, modulo 2^32.
+    near_us : int
+        Unwrapped device time that is less than half a turn (35 minutes) away.
+    """
+    half = _WIRE_TIME >> 1
+    return near_us + (wire_us - near_us + half) % _WIRE_TIME - half

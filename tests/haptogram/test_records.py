@@ -1,0 +1,42 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptogram.errors import ConfigurationError
+from haptogram.records import Focus, FrameKey, unwrap_us
+
+
+@given(st.integers(0, 2**40), st.integers(-(2**31), 2**31 - 1))
+def test_unwrapping_undoes_the_wire_within_half_a_turn(near_us, away_us):
+    assert unwrap_us((near_us + away_us) % 2**32, near_us) == near_us + away_us
+
+
+def test_the_wire_wraps_ten_seconds_after_the_boot():
+    boot_us = 2**32 - 10_000_000
+    assert unwrap_us(500_000, boot_us) == 2**32 + 500_000
+
+
+def test_stream_keys_have_no_sequence_and_no_loop():
+    assert FrameKey.of_stream(7, 65520) == FrameKey(7, 0, 0, 65520)
+
+
+def test_focus_takes_any_three_numbers():
+    assert Focus.at([0, 0.01, 0.15]) == Focus((0.0, 0.01, 0.15), 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (((0, 0),), "three finite"),
+        (((0, 0, math.nan),), "three finite"),
+        (("abc",), "x, y, z"),
+        (((0, 0, 0.1), 1.5), "1.5, must be 0 to 1"),
+        (((0, 0, 0.1), math.nan), "must be 0 to 1"),
+        (((0, 0, 0.1), 1.0, math.inf), "must be finite"),
+    ],
+)
+def test_focus_refuses_what_is_no_focus(arguments, text):
+    with pytest.raises(ConfigurationError, match=text):
+        Focus.at(*arguments)
