@@ -99,7 +99,7 @@ def disc_nodes(radius_m: float, wavenumber: float) -> tuple[FloatArray, FloatArr
         Their weights, which sum to the area.
     """
     reach = check_positive("wavenumber", wavenumber) * check_positive("radius_m", radius_m)
-    rings, spokes = 3 + math.ceil(reach / 2.5), 1 + math.ceil(2.3 * reach)
+    rings, spokes = 1 + math.ceil(reach / 1.6), 1 + math.ceil(2.3 * reach)
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     radii = radius_m * np.sqrt((nodes + 1.0) / 2.0)
     angles = 2.0 * np.pi * np.arange(spokes) / spokes

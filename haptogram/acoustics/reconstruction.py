@@ -1,0 +1,342 @@
+"""From a drive back to the focus that it makes: no target and no wire enter here.
+
+A drive is a single focus if one point explains the phase of every active element to within half a
+step of the phase code, in the root mean square. A correct drive never fails this: the target itself
+leaves at most half a step on each element, and the fit can only do better.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.acquisition import HOPELESS_RAD, Acquisition
+from haptogram.acoustics.drive import (
+    MAX_PHASE_BITS,
+    Drive,
+    as_weights,
+    check_phase_bits,
+    phase_step_rad,
+)
+from haptogram.acoustics.field import FieldEngine, NumpyEngine, propagators
+from haptogram.acoustics.focus import (
+    MAX_TARGET_DISTANCE_M,
+    MIN_TARGET_DISTANCE_M,
+    PhaseFit,
+    fit_focus,
+)
+from haptogram.acoustics.model import AcousticModel
+from haptogram.acoustics.radiation import force_on_disc_n, level_db_spl
+from haptogram.errors import ConfigurationError
+
+Vector: TypeAlias = tuple[float, float, float]
+
+_SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude step
+_MAX_STARTS: Final = 12
+_TRIM_ROUNDS: Final = 6
+_MIN_INLIERS: Final = 0.6
+_CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M  # a fit nearer to an element is no focus
+_REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a plane wave
+
+
+@dataclass(frozen=True, slots=True)
+class SingleFocus:
+    """The drive focuses on one point.
+
+    Attributes
+    ----------
+    position_m, std_m, bound_m, observable : tuple
+        Per axis, as in :class:`PhaseFit`.
+    residual_rms_rad : float
+        What the focus leaves unexplained of the phases.
+    coherence : float
+        |sum w_n g_n| / sum |w_n g_n| at the focus.
+    pressure_rms_pa, level_db_spl : float
+        Pressure at the focus.
+    force_n : float
+        Force on a reflecting disc of 10 mm radius around the focus, normal to z.
+    acquired : str
+        "warm": found from the focus before; "global": searched for.
+    """
+
+    position_m: Vector
+    std_m: Vector
+    bound_m: Vector
+    observable: tuple[bool, bool, bool]
+    residual_rms_rad: float
+    coherence: float
+    pressure_rms_pa: float
+    level_db_spl: float
+    force_n: float
+    acquired: Literal["warm", "global"]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields for JSON; what is infinite becomes None."""
+        return _json_fields("single_focus", asdict(self))
+
+
+@dataclass(frozen=True, slots=True)
+class NoFocus:
+    """Nothing steady is radiated; *reason* says why."""
+
+    reason: Literal["muted", "ramping", "zero amplitude"]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields for JSON."""
+        return _json_fields("no_focus", asdict(self))
+
+
+@dataclass(frozen=True, slots=True)
+class NotSingle:
+    """No point explains the phases of all elements.
+
+    Attributes
+    ----------
+    residual_rms_rad : float
+        RMS over all active elements, for the best point.
+    position_m : tuple
+        If `outliers` is not empty, the focus of the other elements; else the point of the highest
+        pressure among those that were tried.
+    pressure_rms_pa : float
+        Pressure there.
+    coherence : float
+        |sum w_n g_n| / sum |w_n g_n| there.
+    outliers : tuple of int
+        The elements that are off by more than a phase step, where the others (at least 60 %) agree
+        on one focus; empty where they do not.
+    """
+
+    residual_rms_rad: float
+    position_m: Vector
+    pressure_rms_pa: float
+    coherence: float
+    outliers: tuple[int, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields for JSON."""
+        return _json_fields("not_single", asdict(self))
+
+
+Reconstruction: TypeAlias = SingleFocus | NoFocus | NotSingle
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Radiated:
+    """A complex drive, and what the fit needs of it."""
+
+    weights: ComplexArray
+    phases_rad: FloatArray
+    active: BoolArray
+    phase_bits: int
+
+    @property
+    def limit_rad(self) -> float:
+        """Half a phase step: the largest RMS residual of a drive that focuses."""
+        return phase_step_rad(self.phase_bits) / 2.0 + 1e-9
+
+
+class Reconstructor:
+    """Reconstructs the focus of drive after drive of one array.
+
+    It remembers the last focus and starts there; the first drive, and any that jumped too far, is
+    searched for in the whole volume that :func:`check_target` lets through.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        The array and the medium that the drives act in.
+    phase_bits : int
+        Resolution of the phases of complex weights; a `Drive` of fewer bits counts by its own.
+    engine : FieldEngine, optional
+        What computes the field; the numpy reference if not given.
+    """
+
+    def __init__(
+        self,
+        model: AcousticModel,
+        phase_bits: int = MAX_PHASE_BITS,
+        engine: FieldEngine | None = None,
+    ) -> None:
+        check_phase_bits(phase_bits)
+        self._model = model
+        self._phase_bits = phase_bits
+        self._engine = NumpyEngine(model) if engine is None else engine
+        self._acquisition = Acquisition(model, np.ones(model.array.count, dtype=np.bool_))
+        self._last_focus: FloatArray | None = None
+
+    def reset(self) -> None:
+        """Forget the last focus: the next drive is searched for."""
+        self._last_focus = None
+
+    def reconstruct(self, drive: Drive, *, ramping: bool = False) -> Reconstruction:
+        """Return what *drive* radiates; *ramping* says that its amplitude is still changing.
+
+        Raises
+        ------
+        ConfigurationError
+            The drive is not one of this array.
+        """
+        if drive.is_muted and not ramping:
+            return NoFocus("muted")
+        bits = min(drive.phase_bits, self._phase_bits)
+        return self._reconstruct(drive.weights(), bits, ramping=ramping)
+
+    def reconstruct_weights(self, weights: ArrayLike, *, ramping: bool = False) -> Reconstruction:
+        """Return what (N,) complex *weights* radiate: a drive after correction, ceiling, faults.
+
+        Raises
+        ------
+        ConfigurationError
+            Weights that are not finite or not one per element.
+        """
+        return self._reconstruct(as_weights(weights), self._phase_bits, ramping=ramping)
+
+    def _reconstruct(
+        self, weights: ComplexArray, phase_bits: int, *, ramping: bool
+    ) -> Reconstruction:
+        if weights.shape != (self._model.array.count,):
+            raise ConfigurationError(
+                f"drive has shape {weights.shape}, array has {self._model.array.count} elements"
+            )
+        if ramping:
+            return NoFocus("ramping")
+        active = np.abs(weights) > _SILENT
+        if not active.any():
+            return NoFocus("zero amplitude")
+        return self._locate(_Radiated(weights, np.angle(weights), active, phase_bits))
+
+    def _locate(self, radiated: _Radiated) -> Reconstruction:
+        """Try the last focus, then every other place; then let some elements be wrong."""
+        tried: list[PhaseFit] = []
+        if self._last_focus is not None:
+            tried.append(self._fit(radiated, self._last_focus, radiated.active))
+            if self._explains(tried[0], radiated):
+                return self._single(tried[0], radiated, "warm")
+            partial = self._fit_most(tried[0], radiated)
+            if partial is not None:
+                return self._mostly_single(partial, radiated)
+        return self._search(tried, radiated)
+
+    def _search(self, tried: list[PhaseFit], radiated: _Radiated) -> Reconstruction:
+        acquisition = self._acquisition_for(radiated.active)
+        for fit in acquisition.fits(
+            radiated.phases_rad, radiated.active, radiated.phase_bits, _MAX_STARTS
+        ):
+            if self._explains(fit, radiated):
+                return self._single(fit, radiated, "global")
+            partial = self._fit_most(fit, radiated)
+            if partial is not None:
+                return self._mostly_single(partial, radiated)
+            tried.append(fit)
+        starts = acquisition.starts(radiated.phases_rad, radiated.active)[:_MAX_STARTS]
+        return self._not_single(tried, starts, radiated)
+
+    def _acquisition_for(self, active: BoolArray) -> Acquisition:
+        """Return the search volume; a new one if the drive leaves the array's middle silent."""
+        if active[self._acquisition.subarray].mean() < 0.5:
+            self._acquisition = Acquisition(self._model, active)
+        return self._acquisition
+
+    def _fit(self, radiated: _Radiated, start: FloatArray, used: BoolArray) -> PhaseFit:
+        return fit_focus(
+            self._model, radiated.phases_rad, start, phase_bits=radiated.phase_bits, active=used
+        )
+
+    def _fit_most(self, fit: PhaseFit, radiated: _Radiated) -> PhaseFit | None:
+        """Return a fit that all but some outliers agree on, or None.
+
+        The elements that stick out by far are left out, and the fit is done again, until the
+        others are within half a step.
+        """
+        if fit.residual_rms_rad > HOPELESS_RAD:
+            return None
+        for _ in range(_TRIM_ROUNDS):
+            deviation = np.abs(fit.residual_rad)
+            typical = float(np.median(deviation[radiated.active]))
+            used = radiated.active & (deviation <= max(2.0 * radiated.limit_rad, 3.0 * typical))
+            if used.sum() < max(5.0, _MIN_INLIERS * radiated.active.sum()):
+                return None
+            fit = self._fit(radiated, fit.position_m, used)
+            if self._explains(fit, radiated):
+                return fit
+        return None
+
+    def _explains(self, fit: PhaseFit, radiated: _Radiated) -> bool:
+        return fit.residual_rms_rad <= radiated.limit_rad and self._in_front(fit.position_m)
+
+    def _in_front(self, position: FloatArray) -> bool:
+        array = self._model.array
+        distance = np.linalg.norm(array.positions_m - position, axis=1)
+        above = position[2] > array.centre_m[2]
+        return bool(above and distance.min() >= _CLEARANCE_M and distance.min() <= _REACH_M)
+
+    def _single(
+        self, fit: PhaseFit, radiated: _Radiated, acquired: Literal["warm", "global"]
+    ) -> SingleFocus:
+        self._last_focus = fit.position_m
+        pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
+        return SingleFocus(
+            position_m=_vector(fit.position_m),
+            std_m=_vector(fit.std_m),
+            bound_m=_vector(fit.bound_m),
+            observable=(bool(fit.observable[0]), bool(fit.observable[1]), bool(fit.observable[2])),
+            residual_rms_rad=fit.residual_rms_rad,
+            coherence=coherence,
+            pressure_rms_pa=pressure,
+            level_db_spl=level_db_spl(pressure),
+            force_n=force_on_disc_n(self._engine, radiated.weights, fit.position_m),
+            acquired=acquired,
+        )
+
+    def _mostly_single(self, fit: PhaseFit, radiated: _Radiated) -> NotSingle:
+        self._last_focus = fit.position_m
+        residual = fit.residual_rad[radiated.active]
+        pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
+        wrong = radiated.active & (np.abs(fit.residual_rad) > 2.0 * radiated.limit_rad)
+        return NotSingle(
+            residual_rms_rad=math.sqrt(float(np.mean(residual**2))),
+            position_m=_vector(fit.position_m),
+            pressure_rms_pa=pressure,
+            coherence=coherence,
+            outliers=tuple(int(n) for n in np.flatnonzero(wrong)),
+        )
+
+    def _not_single(
+        self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _Radiated
+    ) -> NotSingle:
+        points = [fit.position_m for fit in tried if self._in_front(fit.position_m)] + starts
+        loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
+        loudest = points[int(loudness.argmax())]
+        pressure, coherence = self._pressure_rms_pa(loudest, radiated)
+        return NotSingle(
+            residual_rms_rad=min(fit.residual_rms_rad for fit in tried),
+            position_m=_vector(loudest),
+            pressure_rms_pa=pressure,
+            coherence=coherence,
+        )
+
+    def _pressure_rms_pa(self, point: FloatArray, radiated: _Radiated) -> tuple[float, float]:
+        """Return the RMS pressure and the coherence at a point."""
+        arrivals = radiated.weights * propagators(self._model, point[None, :])[0]
+        total, largest = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())
+        return total / math.sqrt(2.0), (total / largest if largest > 0.0 else 0.0)
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _json_fields(kind: str, fields: dict[str, object]) -> dict[str, object]:
+    return {"kind": kind, **{name: _plain(value) for name, value in fields.items()}}
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
