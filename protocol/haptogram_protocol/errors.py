@@ -25,8 +25,11 @@ class RemoteProtocolError(ProtocolError):
     ----------
     reason : str
         Name of the board counter that counts this kind of damage (SPEC.md chapter 9).
+    offset : int
+        Byte of the payload at which a wrong value stands; 0 where that has no meaning.
     """
 
-    def __init__(self, message: str, *, reason: str = "bad_value") -> None:
+    def __init__(self, message: str, *, reason: str = "bad_value", offset: int = 0) -> None:
         super().__init__(message)
         self.reason = reason
+        self.offset = offset

@@ -1,0 +1,420 @@
+"""The board's end: frames of the host in, events out; replies and events of the board out.
+
+Everything that the link itself can judge is judged and answered here, in the order of SPEC.md
+HG-3.8: damage, type, session, sequence, flags, length and value.  What is left for the board is its
+own: output state, time, configuration.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import deque
+from dataclasses import dataclass
+from typing import Final, cast
+
+from ..errors import LocalProtocolError, RemoteProtocolError
+from ..framing import encode_frame
+from ..messages import (
+    EVENT_RANGE,
+    FIRST_STREAM_SEQ,
+    MESSAGES,
+    MUST_UNDERSTAND,
+    REQUEST_RANGE,
+    RESPONSE_OFFSET,
+    STREAM_RANGE,
+    VERSION_MAJOR,
+    Drives,
+    Error,
+    ErrorCode,
+    Flag,
+    Header,
+    Hello,
+    HelloReply,
+    Message,
+    MessageType,
+    Mute,
+    Phases,
+    Points,
+    build_body,
+    signed_difference,
+)
+from .events import NEED_DATA, BoardEvent, FrameDropped, NeedData, RequestReceived, StreamReceived
+from .inbox import Inbox
+
+OUTPUT_LIMIT: Final = 65_536  # bytes that may wait for the line
+
+#: The counters that the link keeps; the others of HG-9.2 are the board's own.
+LINK_COUNTERS: Final = (
+    "frames",
+    "duplicate",
+    "gap",
+    "stale_session",
+    "crc",
+    "cobs",
+    "short",
+    "oversize",
+    "bad_length",
+    "bad_value",
+    "unknown_type",
+    "unsupported",
+    "requests",
+    "repeated",
+)
+
+# HG-3.5: IMMEDIATE has a meaning in these only.  MUTE is carried out whatever its flags (HG-6.4).
+_TAKES_IMMEDIATE: Final = frozenset({*STREAM_RANGE, int(MessageType.PLAY)})
+# HG-4.10: never compared with the last request, because doing it again does no harm.
+_IDEMPOTENT: Final = frozenset({MessageType.MUTE, MessageType.UPLOAD_CHUNK})
+
+
+@dataclass(frozen=True, slots=True)
+class _Answered:
+    """The last request and its reply, kept for a host that did not hear it.  HG-4.9."""
+
+    seq: int
+    crc: int
+    wire: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """A frame whose CRC was right, on its way through the checks."""
+
+    header: Header
+    payload: bytes
+    crc: int
+    t_rx_us: int
+    in_session: bool  # of the open session: it renews the lease
+
+
+class BoardConnection:
+    """Sans-I/O end of the link at the board.
+
+    Parameters
+    ----------
+    description_hash : int
+        CRC-32 of the board's description of the protocol, for the HELLO_REPLY.
+    output_limit : int, keyword-only
+        Bytes that may wait for the line; droppable events get half of it.
+
+    Attributes
+    ----------
+    session : int
+        The open session, 0 if there is none.
+    counters : dict of str to int
+        :data:`LINK_COUNTERS`, modulo 2^32.
+    """
+
+    def __init__(self, description_hash: int, *, output_limit: int = OUTPUT_LIMIT) -> None:
+        self.description_hash = description_hash
+        self.session = 0
+        self.counters = dict.fromkeys(LINK_COUNTERS, 0)
+        self._output_limit = output_limit
+        self._inbox = Inbox()
+        self._output: deque[bytes] = deque()
+        self._output_bytes = 0
+        self._greeting: HelloReply | None = None
+        self._start_sequences(0)
+
+    def _start_sequences(self, control_seq: int) -> None:
+        self._stream_expected = FIRST_STREAM_SEQ  # unwrapped
+        self._control_newest = control_seq
+        self._event_seq = 0
+        self._answered: _Answered | None = None
+
+    # --- In ------------------------------------------------------------------------------------
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take bytes from the line; nothing that they hold can raise.
+
+        Parameters
+        ----------
+        data : bytes
+            Any number of bytes.
+        now_us : int
+            Device time, unwrapped, at which the last of them came.
+
+        Raises
+        ------
+        LocalProtocolError
+            If the caller does not take the events (more than 1 MiB of bytes are waiting).
+        """
+        self._inbox.receive(data, now_us)
+
+    def next_event(self) -> BoardEvent | NeedData:
+        """Return the next event, or :data:`NEED_DATA`.
+
+        Requests must be answered before the next event is asked for.
+        """
+        while (found := self._inbox.next_frame()) is not None:
+            body, t_rx_us = found
+            if isinstance(body, RemoteProtocolError):
+                self.count(body.reason)
+                return FrameDropped(body.reason, str(body), t_rx_us)
+            event = self._judge(body, t_rx_us)
+            if event is not None:
+                return event
+        return NEED_DATA
+
+    def count(self, reason: str, number: int = 1) -> None:
+        """Count what the link, or the board behind it, found wrong with a stream frame.
+
+        Raises
+        ------
+        LocalProtocolError
+            If *reason* is not one of :data:`LINK_COUNTERS`.
+        """
+        if reason not in self.counters:
+            raise LocalProtocolError(f"no link counter {reason!r}; there are {LINK_COUNTERS}")
+        self.counters[reason] = (self.counters[reason] + number) & 0xFFFFFFFF
+
+    def _judge(self, body: bytes, t_rx_us: int) -> BoardEvent:
+        self.count("frames")
+        size = Header.LAYOUT.size
+        header = Header.unpack(body[:size])
+        in_session = self.session != 0 and header.session == self.session
+        frame = _Frame(header, body[size:], zlib.crc32(body), t_rx_us, in_session)
+        if header.type in STREAM_RANGE:
+            return self._judge_stream(frame)
+        if header.type in REQUEST_RANGE:
+            return self._judge_request(frame)
+        return self._drop(frame, "unknown_type", f"type {header.type:#04x} is not for a board")
+
+    def _drop(self, frame: _Frame, reason: str, detail: str) -> FrameDropped:
+        self.count(reason)
+        return FrameDropped(reason, detail, frame.t_rx_us, frame.in_session)
+
+    # --- Stream (HG-5) -------------------------------------------------------------------------
+
+    def _judge_stream(self, frame: _Frame) -> BoardEvent:
+        header = frame.header
+        # HG-5.6: whatever else is wrong with the frame, its number has been used.
+        index = self._take_index(header.seq) if frame.in_session else None
+        if header.type not in MESSAGES:
+            return self._drop(frame, "unknown_type", f"stream type {header.type:#04x}")
+        if not frame.in_session:
+            return self._drop(frame, "stale_session", self._wrong_session(header))
+        if index is None:
+            return self._drop(frame, "duplicate", f"stream seq {header.seq} was here before")
+        if flags := _unknown_flags(header):
+            return self._drop(frame, "unsupported", f"flags {flags:#04x} are not known")
+        try:
+            message = MESSAGES[header.type].deserialize(frame.payload)
+        except RemoteProtocolError as error:
+            return self._drop(frame, error.reason, str(error))
+        return StreamReceived(
+            cast(Phases | Drives | Points, message),  # the only types below 0x40
+            index,
+            None if header.flags & Flag.IMMEDIATE else header.time_us,
+            header.session,
+            frame.t_rx_us,
+        )
+
+    def _take_index(self, seq: int) -> int | None:
+        """Return the unwrapped sequence number, None if it is not newer than the last.  HG-5.5."""
+        ahead = signed_difference(seq, self._stream_expected, 16)
+        if ahead < 0:
+            return None
+        self.count("gap", ahead)
+        index = self._stream_expected + ahead
+        self._stream_expected = index + 1
+        return index
+
+    def _wrong_session(self, header: Header) -> str:
+        return f"session {header.session:#06x}; the open one is {self.session:#06x}"
+
+    # --- Requests (HG-4) -----------------------------------------------------------------------
+
+    def _judge_request(self, frame: _Frame) -> BoardEvent:
+        header = frame.header
+        if header.type == MessageType.MUTE:
+            return self._request(frame, Mute())  # HG-6.4: no flag, length or session refuses it
+        if header.type not in MESSAGES:
+            detail = f"request type {header.type:#04x}"
+            return self._refuse(frame, "unsupported", ErrorCode.UNSUPPORTED, header.type, detail)
+        if header.type != MessageType.HELLO and not frame.in_session:
+            return self._refuse(
+                frame,
+                "stale_session",
+                ErrorCode.STALE_SESSION,
+                self.session,
+                self._wrong_session(header),
+            )
+        if flags := _unknown_flags(header):
+            detail = f"flags {flags:#04x} are not known"
+            return self._refuse(frame, "unsupported", ErrorCode.UNSUPPORTED, flags, detail)
+        kind = MESSAGES[header.type]
+        try:
+            message = kind.deserialize(frame.payload)
+        except RemoteProtocolError as error:
+            return self._refuse(frame, error.reason, *_error_of(kind, error), str(error))
+        if isinstance(message, Hello):
+            return self._judge_hello(frame, message)
+        return self._judge_control_seq(frame) or self._request(frame, message)
+
+    def _judge_hello(self, frame: _Frame, hello: Hello) -> BoardEvent:
+        if hello.major != VERSION_MAJOR:  # HG-4.3
+            detail = f"HELLO of version {hello.major}.{hello.minor}; the board has {VERSION_MAJOR}"
+            return self._refuse(frame, "unsupported", ErrorCode.VERSION, VERSION_MAJOR, detail)
+        if hello.nonce == 0:
+            offset = Hello.WIRE["nonce"].offset
+            return self._refuse(frame, "bad_value", ErrorCode.BAD_VALUE, offset, "HELLO, nonce 0")
+        if hello.nonce == self.session and self._greeting is not None:  # HG-4.5
+            wire = self._response(self._greeting, frame.header.seq, frame.t_rx_us)
+            self._queue(wire, self._output_limit)
+            return self._drop(frame, "repeated", f"HELLO of the open session {hello.nonce:#06x}")
+        return self._request(frame, hello, new_session=True)
+
+    def _judge_control_seq(self, frame: _Frame) -> FrameDropped | None:
+        """Answer a repetition from memory, refuse a number used before; None: it is new."""
+        seq = frame.header.seq
+        if frame.header.type in _IDEMPOTENT:
+            return None
+        if self._answered and (self._answered.seq, self._answered.crc) == (seq, frame.crc):
+            self._queue(self._answered.wire, self._output_limit)
+            return self._drop(frame, "repeated", f"request {seq} was answered before")
+        if signed_difference(seq, self._control_newest, 16) <= 0:
+            detail = f"request {seq} after request {self._control_newest}"
+            return self._refuse(frame, "bad_value", ErrorCode.SEQUENCE_REUSED, seq, detail)
+        return None
+
+    def _request(
+        self, frame: _Frame, message: Message, *, new_session: bool = False
+    ) -> RequestReceived:
+        self.count("requests")
+        header = frame.header
+        if frame.in_session and signed_difference(header.seq, self._control_newest, 16) > 0:
+            self._control_newest = header.seq
+        return RequestReceived(
+            message=message,
+            seq=header.seq,
+            session=header.session,
+            t_wire_us=header.time_us,
+            immediate=bool(header.flags & Flag.IMMEDIATE),
+            t_rx_us=frame.t_rx_us,
+            new_session=new_session,
+            renews_lease=frame.in_session,
+            crc=frame.crc,
+        )
+
+    def _refuse(
+        self, frame: _Frame, reason: str, code: ErrorCode, number: int, detail: str
+    ) -> FrameDropped:
+        """Answer a request with ERROR before the board has seen it, and remember nothing."""
+        error = Error(request=frame.header.type, code=code, detail=number)
+        session = 0 if code is ErrorCode.STALE_SESSION else self.session
+        wire = self._response(error, frame.header.seq, frame.t_rx_us, session)
+        self._queue(wire, self._output_limit)
+        return self._drop(frame, reason, detail)
+
+    # --- Out -----------------------------------------------------------------------------------
+
+    def open_session(self, nonce: int) -> None:
+        """Make *nonce* the open session: every sequence space starts anew.  HG-4.6."""
+        if not 1 <= nonce <= 0xFFFF:
+            raise LocalProtocolError(f"session {nonce}; the nonce is 1 to 65535")
+        self.session = nonce
+        self._greeting = None
+        self._start_sequences(0)
+
+    def reply(self, request: RequestReceived, message: Message, now_us: int) -> None:
+        """Answer *request* with *message*; a HELLO after ``open_session``.
+
+        Parameters
+        ----------
+        now_us : int
+            Device time, unwrapped, at which the first byte leaves.
+
+        Raises
+        ------
+        LocalProtocolError
+            If *message* does not answer such a request.
+        """
+        due = request.message.TYPE + RESPONSE_OFFSET
+        if due != message.TYPE:
+            raise LocalProtocolError(f"{message.TYPE.name} does not answer {request.message!r}")
+        if isinstance(message, HelloReply):
+            if message.nonce != self.session:
+                raise LocalProtocolError(
+                    f"HELLO_REPLY with nonce {message.nonce}; the open session is {self.session}"
+                )
+            self._greeting, self._control_newest = message, request.seq
+        self._answer(request, message, now_us)
+
+    def refuse(self, request: RequestReceived, code: ErrorCode, detail: int, now_us: int) -> None:
+        """Answer *request* with ERROR.  HG-10.1."""
+        self._answer(request, Error(request.message.TYPE, code, detail & 0xFFFFFFFF), now_us)
+
+    def send_event(
+        self, message: Message, *, now_us: int, flags: int = 0, droppable: bool = False
+    ) -> bool:
+        """Send an event of the open session.
+
+        Parameters
+        ----------
+        now_us : int
+            Device time for the header, unwrapped: of the latch in a trace, else of sending.
+        droppable : bool
+            A trace: it gives way when half of the output is full.
+
+        Returns
+        -------
+        bool
+            False if nothing was sent: no session (HG-4.7), or no room.
+        """
+        if message.TYPE not in EVENT_RANGE:
+            raise LocalProtocolError(f"{message.TYPE.name} is not an event")
+        if not self.session:
+            return False
+        body = build_body(
+            message, flags=flags, seq=self._event_seq, time_us=now_us, session=self.session
+        )
+        limit = self._output_limit // 2 if droppable else self._output_limit
+        sent = self._queue(encode_frame(body), limit)
+        self._event_seq += sent  # one that was not sent leaves no gap: a gap is the line's fault
+        return sent
+
+    def data_to_send(self, limit: int | None = None) -> bytes:
+        """Return the frames that wait for the line, whole ones, at most *limit* bytes if given."""
+        taken = bytearray()
+        while self._output and (limit is None or len(taken) + len(self._output[0]) <= limit):
+            taken += self._output.popleft()
+        self._output_bytes -= len(taken)
+        return bytes(taken)
+
+    @property
+    def output_bytes(self) -> int:
+        """Bytes that wait for the line."""
+        return self._output_bytes
+
+    def _answer(self, request: RequestReceived, message: Message, now_us: int) -> None:
+        wire = self._response(message, request.seq, now_us)
+        if request.renews_lease and request.message.TYPE not in _IDEMPOTENT:
+            self._answered = _Answered(request.seq, request.crc, wire)
+        self._queue(wire, self._output_limit)
+
+    def _response(
+        self, message: Message, seq: int, now_us: int, session: int | None = None
+    ) -> bytes:
+        session = self.session if session is None else session
+        return encode_frame(build_body(message, flags=0, seq=seq, time_us=now_us, session=session))
+
+    def _queue(self, wire: bytes, limit: int) -> bool:
+        """Queue a frame if there is room; a host that misses a response asks again (HG-9.6)."""
+        room = self._output_bytes + len(wire) <= limit
+        if room:
+            self._output.append(wire)
+            self._output_bytes += len(wire)
+        return room
+
+
+def _unknown_flags(header: Header) -> int:
+    known = Flag.IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
+    return header.flags & MUST_UNDERSTAND & ~known
+
+
+def _error_of(kind: type[Message], error: RemoteProtocolError) -> tuple[ErrorCode, int]:
+    """Return code and detail of the ERROR for a payload that could not be read.  HG-10.2."""
+    if error.reason == "bad_length":
+        return ErrorCode.BAD_LENGTH, 0 if kind.TAIL else kind.LAYOUT.size
+    return ErrorCode.BAD_VALUE, error.offset

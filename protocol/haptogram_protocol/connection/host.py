@@ -1,0 +1,436 @@
+"""The host's end: requests and stream frames out; replies and events of the board in.
+
+Control is stop-and-wait (HG-4.8): one request at a time, sent again until it is answered or
+given up.  Upload chunks go by a window, and MUTE overtakes everything.  Stream frames are handed
+straight to the caller: they are never sent again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+from ..errors import LocalProtocolError, RemoteProtocolError
+from ..framing import encode_frame
+from ..messages import (
+    EVENT_RANGE,
+    FIRST_STREAM_SEQ,
+    MUST_UNDERSTAND,
+    REQUEST_RANGE,
+    RESPONSE_OFFSET,
+    RESPONSE_RANGE,
+    VERSION_MAJOR,
+    VERSION_MINOR,
+    Drives,
+    Error,
+    ErrorCode,
+    Flag,
+    Header,
+    Hello,
+    HelloReply,
+    Message,
+    MessageType,
+    Mute,
+    Phases,
+    Points,
+    UploadBeginReply,
+    UploadChunk,
+    build_body,
+    parse_body,
+    signed_difference,
+)
+from ..state import LinkInput, LinkState, next_link_state
+from .events import (
+    NEED_DATA,
+    EventReceived,
+    FrameDropped,
+    HostEvent,
+    NeedData,
+    ReplyReceived,
+    RequestRefused,
+    RequestTimedOut,
+)
+from .inbox import Inbox
+from .timer import INITIAL_RTO_US, MAX_ATTEMPTS, MAX_RTO_US, RoundTripTimer
+
+#: What the host counts of the frames that it receives, by the names of HG-9.2.
+HOST_COUNTERS: Final = (
+    "frames",
+    "duplicate",
+    "gap",
+    "stale_session",
+    "crc",
+    "cobs",
+    "short",
+    "oversize",
+    "bad_length",
+    "bad_value",
+    "unknown_type",
+    "unsupported",
+)
+
+
+@dataclass(slots=True)
+class _Pending:
+    """A request without an answer."""
+
+    request: MessageType
+    seq: int
+    wire: bytes
+    sent_us: int  # the last time
+    timeout_us: int
+    attempts: int = 1
+
+    @property
+    def deadline_us(self) -> int:
+        return self.sent_us + self.timeout_us
+
+
+class HostConnection:
+    """Sans-I/O end of the link at the host.
+
+    Parameters
+    ----------
+    nonce : int, keyword-only
+        Session to ask for, 1 to 65535, chosen at random.
+    description_hash : int, keyword-only
+        CRC-32 of the host's description of the protocol.
+
+    Attributes
+    ----------
+    link_state : LinkState
+    identity : HelloReply or None
+        What the board said of itself, once the session is open.
+    warnings : list of str
+        What differs between the two ends although they can work together.
+    counters : dict of str to int
+        :data:`HOST_COUNTERS`.
+    """
+
+    def __init__(self, *, nonce: int, description_hash: int) -> None:
+        if not 1 <= nonce <= 0xFFFF:
+            raise LocalProtocolError(f"session nonce {nonce}; it is 1 to 65535")
+        self.session = nonce
+        self.description_hash = description_hash
+        self.link_state = LinkState.CLOSED
+        self.identity: HelloReply | None = None
+        self.warnings: list[str] = []
+        self.counters = dict.fromkeys(HOST_COUNTERS, 0)
+        self._inbox = Inbox()
+        self._output = bytearray()
+        self._events: deque[HostEvent] = deque()
+        self._pending: dict[int, _Pending] = {}  # by seq
+        self._timer = RoundTripTimer()
+        self._window = 1  # upload chunks that may be unanswered
+        self._control_seq = 0
+        self._stream_index = FIRST_STREAM_SEQ
+        self._event_expected = 0
+
+    # --- Out -----------------------------------------------------------------------------------
+
+    def send_hello(self, now_us: int) -> int:
+        """Ask for the session and return the request's seq; allowed in every link state.
+
+        The same nonce again does not start the session anew (HG-4.5): after a reset of the board,
+        or of the line, make a new connection.
+        """
+        self.link_state = next_link_state(self.link_state, LinkInput.HELLO_SENT)
+        self._pending.clear()
+        hello = Hello(VERSION_MAJOR, VERSION_MINOR, self.session, self.description_hash)
+        return self._send(hello, now_us, session=0)
+
+    def send_request(
+        self, message: Message, now_us: int, *, t_apply_us: int = 0, immediate: bool = False
+    ) -> int:
+        """Send a request and return its seq; it is sent again until it is answered.
+
+        Parameters
+        ----------
+        t_apply_us : int
+            PLAY: start on the device clock; taken modulo 2^32.
+        immediate : bool
+            PLAY: start at once.
+
+        Raises
+        ------
+        LocalProtocolError
+            If another one waits for its answer, if the link is not open, or if *message* is no
+            request or has a method of its own here.
+        """
+        if message.TYPE not in REQUEST_RANGE or isinstance(message, Hello | Mute | UploadChunk):
+            raise LocalProtocolError(
+                f"{message.TYPE.name} is not sent by send_request; see send_hello, send_mute, "
+                "send_chunk, stream_frame"
+            )
+        if (t_apply_us or immediate) and message.TYPE is not MessageType.PLAY:
+            raise LocalProtocolError(f"{message.TYPE.name} takes no time; only PLAY does")
+        if self._pending:
+            raise LocalProtocolError(f"{message.TYPE.name} while {self._waiting()} waits")
+        self.link_state = next_link_state(self.link_state, LinkInput.REQUEST_SENT)
+        flags = Flag.IMMEDIATE if immediate else 0
+        time_us = 0 if immediate else t_apply_us
+        return self._send(message, now_us, session=self.session, flags=flags, time_us=time_us)
+
+    def send_chunk(self, chunk: UploadChunk, now_us: int) -> int:
+        """Send a part of an upload and return its seq; several may wait for their answer.
+
+        Raises
+        ------
+        LocalProtocolError
+            If the window is full (see :attr:`chunks_free`) or another request waits.
+        """
+        if not self.chunks_free:
+            raise LocalProtocolError(
+                f"UPLOAD_CHUNK while {self._waiting()} waits; the window is {self._window}"
+            )
+        self.link_state = next_link_state(self.link_state, LinkInput.REQUEST_SENT)
+        return self._send(chunk, now_us, session=self.session)
+
+    def send_mute(self, now_us: int) -> int:
+        """Mute the board, in any link state, and return the request's seq.
+
+        Whatever request waits is abandoned and no event will speak of it, except a HELLO.
+        """
+        self._pending = {
+            seq: waiting
+            for seq, waiting in self._pending.items()
+            if waiting.request is MessageType.HELLO
+        }
+        return self._send(Mute(), now_us, session=self.session if self.identity else 0)
+
+    def stream_frame(
+        self, message: Phases | Drives | Points, *, t_apply_us: int | None
+    ) -> tuple[int, bytes]:
+        """Return the unwrapped sequence number and the bytes of the next stream frame.
+
+        Parameters
+        ----------
+        t_apply_us : int or None
+            On the device clock, taken modulo 2^32; None: as soon as the frame is complete.
+
+        Raises
+        ------
+        LocalProtocolError
+            If the link is not open or the message does not fit.
+        """
+        self.link_state = next_link_state(self.link_state, LinkInput.STREAM_SENT)
+        body = build_body(
+            message,
+            flags=Flag.IMMEDIATE if t_apply_us is None else 0,
+            seq=self._stream_index,
+            time_us=t_apply_us or 0,
+            session=self.session,
+        )
+        wire = encode_frame(body)
+        index = self._stream_index
+        self._stream_index += 1
+        return index, wire
+
+    def data_to_send(self) -> bytes:
+        """Return the bytes of requests that are due; stream frames are not among them."""
+        taken = bytes(self._output)
+        self._output.clear()
+        return taken
+
+    @property
+    def outstanding(self) -> int:
+        """Number of requests that wait for their answer."""
+        return len(self._pending)
+
+    @property
+    def chunks_free(self) -> int:
+        """Number of upload chunks that may be sent now."""
+        if any(w.request is not MessageType.UPLOAD_CHUNK for w in self._pending.values()):
+            return 0
+        return max(0, self._window - len(self._pending))
+
+    def port_closed(self) -> None:
+        """Forget what waits: the port is gone, and nothing more can come."""
+        self.link_state = next_link_state(self.link_state, LinkInput.PORT_CLOSED)
+        self._pending.clear()
+        self._output.clear()
+        self._inbox.reset()
+
+    def _waiting(self) -> str:
+        return " and ".join(sorted({w.request.name for w in self._pending.values()}))
+
+    def _send(
+        self, message: Message, now_us: int, *, session: int, flags: int = 0, time_us: int = 0
+    ) -> int:
+        seq = self._control_seq
+        body = build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
+        wire = encode_frame(body)
+        self._control_seq = (seq + 1) & 0xFFFF
+        self._output += wire
+        # A MUTE does not wait as long as a bad line has taught the others to wait.
+        urgent = message.TYPE is MessageType.MUTE
+        timeout_us = min(self._timer.rto_us, INITIAL_RTO_US) if urgent else self._timer.rto_us
+        self._pending[seq] = _Pending(message.TYPE, seq, wire, now_us, timeout_us)
+        return seq
+
+    # --- Time ----------------------------------------------------------------------------------
+
+    def next_deadline_us(self) -> int | None:
+        """Return when :meth:`advance_to` has something to do; None: never."""
+        return min((waiting.deadline_us for waiting in self._pending.values()), default=None)
+
+    def advance_to(self, now_us: int) -> None:
+        """Send again what was not answered by now, or give it up.  HG-12.6."""
+        due = [waiting for waiting in self._pending.values() if waiting.deadline_us <= now_us]
+        for waiting in due:
+            if waiting.attempts < MAX_ATTEMPTS:
+                self._retransmit(waiting, now_us)
+            else:
+                self._give_up(waiting)
+
+    def _retransmit(self, waiting: _Pending, now_us: int) -> None:
+        self._output += waiting.wire
+        waiting.attempts += 1
+        waiting.sent_us = now_us
+        waiting.timeout_us = min(2 * waiting.timeout_us, MAX_RTO_US)
+        if waiting.timeout_us > self._timer.rto_us:
+            self._timer.back_off()
+
+    def _give_up(self, waiting: _Pending) -> None:
+        del self._pending[waiting.seq]
+        if self.link_state is LinkState.OPEN or waiting.request is MessageType.HELLO:
+            self.link_state = next_link_state(self.link_state, LinkInput.TIMED_OUT)
+        self._events.append(RequestTimedOut(waiting.request, waiting.seq, waiting.attempts))
+
+    # --- In ------------------------------------------------------------------------------------
+
+    @property
+    def bytes_received(self) -> int:
+        """Bytes that came in, whatever they were."""
+        return self._inbox.bytes_received
+
+    @property
+    def frames_received(self) -> int:
+        """Frames whose CRC was right: with bytes but no frame the peer speaks something else."""
+        return self.counters["frames"]
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take bytes from the line; nothing that they hold can raise.
+
+        Parameters
+        ----------
+        now_us : int
+            When they came, on the clock of :meth:`advance_to`.
+
+        Raises
+        ------
+        LocalProtocolError
+            If the caller does not take the events (more than 1 MiB of bytes are waiting).
+        """
+        self._inbox.receive(data, now_us)
+
+    def next_event(self) -> HostEvent | NeedData:
+        """Return the next event, or :data:`NEED_DATA`."""
+        if self._events:
+            return self._events.popleft()
+        found = self._inbox.next_frame()
+        if found is None:
+            return NEED_DATA
+        body, t_rx_us = found
+        if isinstance(body, RemoteProtocolError):
+            return self._drop(body.reason, str(body), t_rx_us)
+        return self._judge(body, t_rx_us)
+
+    def _drop(self, reason: str, detail: str, t_rx_us: int) -> FrameDropped:
+        self.counters[reason] += 1
+        return FrameDropped(reason, detail, t_rx_us)
+
+    def _judge(self, body: bytes, t_rx_us: int) -> HostEvent:
+        self.counters["frames"] += 1
+        try:
+            header, message = parse_body(body)
+        except RemoteProtocolError as error:
+            return self._drop(error.reason, str(error), t_rx_us)
+        if flags := header.flags & MUST_UNDERSTAND:
+            return self._drop("unsupported", f"flags {flags:#04x} are not known", t_rx_us)
+        if header.type in RESPONSE_RANGE:
+            return self._judge_response(header, message, t_rx_us)
+        if header.type in EVENT_RANGE:
+            return self._judge_event(header, message, t_rx_us)
+        return self._drop("unknown_type", f"{message.TYPE.name} is not for a host", t_rx_us)
+
+    def _judge_event(self, header: Header, message: Message, t_rx_us: int) -> HostEvent:
+        if header.session != self.session:
+            detail = f"event of session {header.session:#06x}, not of {self.session:#06x}"
+            return self._drop("stale_session", detail, t_rx_us)
+        ahead = signed_difference(header.seq, self._event_expected, 16)
+        if ahead < 0:
+            return self._drop("duplicate", f"event {header.seq} was here before", t_rx_us)
+        self.counters["gap"] += ahead
+        self._event_expected += ahead + 1
+        return EventReceived(message, header, t_rx_us, ahead)
+
+    def _judge_response(self, header: Header, message: Message, t_rx_us: int) -> HostEvent:
+        waiting = self._pending.get(header.seq)
+        if waiting is None or not _answers(message, waiting.request):
+            detail = f"{message.TYPE.name} {header.seq} answers no request that waits"
+            return self._drop("duplicate", detail, t_rx_us)
+        if not self._from_here(header, message, waiting):
+            detail = f"response of session {header.session:#06x}, not of {self.session:#06x}"
+            return self._drop("stale_session", detail, t_rx_us)
+        del self._pending[header.seq]
+        rtt_us = self._measure(waiting, t_rx_us)
+        if isinstance(message, HelloReply):
+            message = self._greeted(message)
+        if isinstance(message, Error):
+            if waiting.request is MessageType.HELLO or self.link_state is LinkState.OPEN:
+                self.link_state = next_link_state(self.link_state, LinkInput.REFUSED)
+            return RequestRefused(message, header.seq, waiting.request, t_rx_us)
+        if isinstance(message, UploadBeginReply):
+            self._window = max(1, message.window)
+        return ReplyReceived(message, header.seq, waiting.request, rtt_us, t_rx_us, header.time_us)
+
+    def _from_here(self, header: Header, message: Message, waiting: _Pending) -> bool:
+        """Tell whether a response is for this session.  HG-3.7.
+
+        A MUTE may be answered in any session, and an ERROR in none.
+        """
+        if isinstance(message, HelloReply):
+            return message.nonce == self.session
+        anywhere = waiting.request in (MessageType.MUTE, MessageType.HELLO)
+        stale = isinstance(message, Error) and header.session == 0
+        return anywhere or stale or header.session == self.session
+
+    def _measure(self, waiting: _Pending, t_rx_us: int) -> int | None:
+        if waiting.attempts > 1:
+            return None
+        rtt_us = t_rx_us - waiting.sent_us
+        self._timer.add_sample(rtt_us)
+        return rtt_us
+
+    def _greeted(self, reply: HelloReply) -> HelloReply | Error:
+        """Open the link; a board of another major version that answers all the same is refused."""
+        if reply.major != VERSION_MAJOR:
+            return Error(MessageType.HELLO, ErrorCode.VERSION, reply.major)
+        self.link_state = next_link_state(self.link_state, LinkInput.HELLO_ANSWERED)
+        self.identity = reply
+        self.warnings = _differences(reply, self.description_hash)
+        return reply
+
+
+def _answers(message: Message, request: MessageType) -> bool:
+    if isinstance(message, Error):
+        return message.request == request
+    return request + RESPONSE_OFFSET == message.TYPE
+
+
+def _differences(reply: HelloReply, description_hash: int) -> list[str]:
+    """Say what differs between host and board of one major version.  HG-11.3."""
+    found = []
+    if reply.minor != VERSION_MINOR:
+        found.append(
+            f"board speaks version {reply.major}.{reply.minor}, host {VERSION_MAJOR}."
+            f"{VERSION_MINOR}: both use {VERSION_MAJOR}.{min(reply.minor, VERSION_MINOR)}"
+        )
+    elif reply.description_hash != description_hash:
+        found.append(
+            f"description hash {reply.description_hash:08x} of the board is not that of the host, "
+            f"{description_hash:08x}: one of them was changed without a new version"
+        )
+    return found

@@ -1,0 +1,63 @@
+"""Bytes that came in, taken frame by frame: what both ends of a connection share.
+
+Frames are decoded one at a time, when they are asked for, because what a frame means may depend on
+what the caller did about the one before it (a HELLO opens the session of the next frame).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+from ..errors import LocalProtocolError, RemoteProtocolError
+from ..framing import FrameDecoder
+
+#: Bytes that may wait undecoded; the caller who lets more pile up does not take the events.
+INPUT_LIMIT: Final = 1 << 20
+_SLICE: Final = 4096  # decoded at a time, so that a chunk of tiny damaged frames stays small
+
+
+class Inbox:
+    """Bounded queue of received chunks, cut into frames on demand."""
+
+    def __init__(self) -> None:
+        self._chunks: deque[tuple[bytes, int]] = deque()
+        self._frames: deque[tuple[bytes | RemoteProtocolError, int]] = deque()
+        self._decoder = FrameDecoder()
+        self._waiting = 0
+        self.bytes_received = 0
+
+    def receive(self, data: bytes, now_us: int) -> None:
+        """Take *data*, whatever it holds.
+
+        Raises
+        ------
+        LocalProtocolError
+            If :data:`INPUT_LIMIT` bytes are waiting to be asked for.
+        """
+        if self._waiting >= INPUT_LIMIT:
+            raise LocalProtocolError(
+                f"{self._waiting} bytes wait; take the events first, the limit is {INPUT_LIMIT}"
+            )
+        if data:
+            self._chunks.append((bytes(data), now_us))
+            self._waiting += len(data)
+            self.bytes_received += len(data)
+
+    def next_frame(self) -> tuple[bytes | RemoteProtocolError, int] | None:
+        """Return the next body, or what was wrong with it, and when it came; None: no more."""
+        while not self._frames and self._chunks:
+            chunk, t_us = self._chunks.popleft()
+            head, rest = chunk[:_SLICE], chunk[_SLICE:]
+            if rest:
+                self._chunks.appendleft((rest, t_us))
+            self._waiting -= len(head)
+            self._frames.extend((found, t_us) for found in self._decoder.feed(head))
+        return self._frames.popleft() if self._frames else None
+
+    def reset(self) -> None:
+        """Forget everything that is not yet an event (the port was closed)."""
+        self._chunks.clear()
+        self._frames.clear()
+        self._decoder.reset()
+        self._waiting = 0

@@ -1,0 +1,256 @@
+"""Every message of the protocol: one frozen dataclass each.  SPEC.md chapters 3 to 10.
+
+``serialize`` gives the payload, ``deserialize`` takes it; the ten header bytes are a record of
+their own.  A wrong length or a value outside its range is a :class:`RemoteProtocolError` and
+nothing else.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ..errors import RemoteProtocolError
+from .configuration import (
+    Config,
+    ConfigReply,
+    Element,
+    GeometryReply,
+    GetConfig,
+    GetGeometry,
+    SetConfig,
+    SetConfigReply,
+    TraceMode,
+)
+from .evidence import (
+    DriveKind,
+    DriveReply,
+    LatchKey,
+    ReadDrive,
+    ReadTrace,
+    Trace,
+    TraceDrive,
+    TracePlayback,
+    TraceRecord,
+    TraceReply,
+)
+from .header import (
+    EVENT_RANGE,
+    FIRST_STREAM_SEQ,
+    MAX_TRANSDUCERS,
+    MUST_UNDERSTAND,
+    REQUEST_RANGE,
+    RESPONSE_OFFSET,
+    RESPONSE_RANGE,
+    STREAM_RANGE,
+    UNDERSTOOD,
+    VERSION_MAJOR,
+    VERSION_MINOR,
+    Ack,
+    Error,
+    ErrorCode,
+    Flag,
+    Header,
+    Message,
+    MessageType,
+    signed_difference,
+    unwrap,
+)
+from .playback import (
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    Stop,
+    StopReply,
+    UploadBegin,
+    UploadBeginReply,
+    UploadChunk,
+    UploadChunkReply,
+    UploadCommit,
+    UploadCommitReply,
+    UploadKind,
+)
+from .session import (
+    PHASE_FORMAT_BIT,
+    Arm,
+    ArmReply,
+    Disarm,
+    DisarmReply,
+    Feature,
+    Hello,
+    HelloReply,
+    Mute,
+    MuteReply,
+    Ping,
+    Pong,
+    StateChanged,
+)
+from .status import Counters, GetStatus, Status, StatusReply
+from .stream import (
+    Drives,
+    FocalPoint,
+    PhaseFormat,
+    Phases,
+    Points,
+    pack_phases,
+    packed_size,
+    unpack_phases,
+)
+
+_KINDS: Final[tuple[type[Message], ...]] = (
+    Phases,
+    Drives,
+    Points,
+    Hello,
+    Arm,
+    Mute,
+    Disarm,
+    Ping,
+    GetStatus,
+    GetConfig,
+    SetConfig,
+    GetGeometry,
+    ReadDrive,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    Play,
+    Stop,
+    ReadTrace,
+    HelloReply,
+    ArmReply,
+    MuteReply,
+    DisarmReply,
+    Pong,
+    StatusReply,
+    ConfigReply,
+    SetConfigReply,
+    GeometryReply,
+    DriveReply,
+    UploadBeginReply,
+    UploadChunkReply,
+    UploadCommitReply,
+    PlayReply,
+    StopReply,
+    TraceReply,
+    Error,
+    Status,
+    Trace,
+    TracePlayback,
+    TraceDrive,
+    StateChanged,
+    PlaybackEnded,
+)
+
+#: Message by type byte.
+MESSAGES: Final[dict[int, type[Message]]] = {int(kind.TYPE): kind for kind in _KINDS}
+
+
+def parse_body(body: bytes) -> tuple[Header, Message]:
+    """Return header and message of a frame body whose CRC was right.
+
+    Raises
+    ------
+    RemoteProtocolError
+        ``unknown_type``, ``bad_length`` or ``bad_value``.
+    """
+    size = Header.LAYOUT.size
+    header = Header.unpack(body[:size])
+    message = MESSAGES.get(header.type)
+    if message is None:
+        raise RemoteProtocolError(f"message type {header.type:#04x}", reason="unknown_type")
+    return header, message.deserialize(body[size:])
+
+
+def build_body(message: Message, *, flags: int, seq: int, time_us: int, session: int) -> bytes:
+    """Return header and payload of a frame, ready for :func:`framing.encode_frame`."""
+    header = Header(
+        type=message.TYPE,
+        flags=flags,
+        seq=seq & 0xFFFF,
+        time_us=time_us & 0xFFFFFFFF,
+        session=session,
+    )
+    return header.pack() + message.serialize()
+
+
+__all__ = [
+    "EVENT_RANGE",
+    "FIRST_STREAM_SEQ",
+    "MAX_TRANSDUCERS",
+    "MESSAGES",
+    "MUST_UNDERSTAND",
+    "PHASE_FORMAT_BIT",
+    "REQUEST_RANGE",
+    "RESPONSE_OFFSET",
+    "RESPONSE_RANGE",
+    "STREAM_RANGE",
+    "UNDERSTOOD",
+    "VERSION_MAJOR",
+    "VERSION_MINOR",
+    "Ack",
+    "Arm",
+    "ArmReply",
+    "Config",
+    "ConfigReply",
+    "Counters",
+    "Disarm",
+    "DisarmReply",
+    "DriveKind",
+    "DriveReply",
+    "Drives",
+    "Element",
+    "Error",
+    "ErrorCode",
+    "Feature",
+    "Flag",
+    "FocalPoint",
+    "GeometryReply",
+    "GetConfig",
+    "GetGeometry",
+    "GetStatus",
+    "Header",
+    "Hello",
+    "HelloReply",
+    "LatchKey",
+    "Message",
+    "MessageType",
+    "Mute",
+    "MuteReply",
+    "PhaseFormat",
+    "Phases",
+    "Ping",
+    "Play",
+    "PlayReply",
+    "PlaybackEnded",
+    "Points",
+    "Pong",
+    "ReadDrive",
+    "ReadTrace",
+    "SetConfig",
+    "SetConfigReply",
+    "StateChanged",
+    "Status",
+    "StatusReply",
+    "Stop",
+    "StopReply",
+    "Trace",
+    "TraceDrive",
+    "TraceMode",
+    "TracePlayback",
+    "TraceRecord",
+    "TraceReply",
+    "UploadBegin",
+    "UploadBeginReply",
+    "UploadChunk",
+    "UploadChunkReply",
+    "UploadCommit",
+    "UploadCommitReply",
+    "UploadKind",
+    "build_body",
+    "pack_phases",
+    "packed_size",
+    "parse_body",
+    "signed_difference",
+    "unpack_phases",
+    "unwrap",
+]

@@ -1,0 +1,101 @@
+"""Configuration and geometry.  SPEC.md chapter 7."""
+
+from __future__ import annotations
+
+import enum
+from typing import ClassVar
+
+from ..record import Record, nested, record, repeated, wire
+from .header import Message, MessageType
+
+
+class TraceMode(enum.IntEnum):
+    """What a board reports of every latch.  HG-8.1."""
+
+    OFF = 0
+    CRC = 1
+    DRIVE = 2
+    RING = 3
+
+
+@record
+class Config(Record):
+    """What can be set.  HG-7.1."""
+
+    hold_ms: int = wire("H", "how long the last drive is held without a new latch", default=200)
+    ramp_ms: int = wire("H", "how long the ramp to silence takes", default=50)
+    host_timeout_ms: int = wire(
+        "H", "lease: renewed by any valid frame of the session", default=500
+    )
+    status_period_ms: int = wire("H", "time between two STATUS events, 0: none", default=100)
+    late_window_us: int = wire("I", "lateness up to which a frame is still latched", default=0)
+    sound_speed_mm_s: int = wire("I", "sound speed used for POINTS, mm/s", default=343_200)
+    trace_mode: TraceMode = wire("B", "trace of latches", enum=TraceMode, default=TraceMode.OFF)
+    amplitude_ceiling: int = wire("B", "largest amplitude radiated, 255 = full", default=255)
+    trace_divider: int = wire("H", "TRACE_DRIVE of every k-th latch", default=1)
+
+
+@record
+class GetConfig(Message):
+    """Ask for the configuration."""
+
+    TYPE: ClassVar[MessageType] = MessageType.GET_CONFIG
+
+
+@record
+class SetConfig(Message):
+    """Set the whole configuration.  HG-7.1."""
+
+    TYPE: ClassVar[MessageType] = MessageType.SET_CONFIG
+    config: Config = nested(Config, "configuration")
+
+
+@record
+class _ConfigBody(Message):
+    config_crc: int = wire("I", "CRC-32 of configuration and phase correction")
+    config: Config = nested(Config, "configuration in force")
+
+
+@record
+class ConfigReply(_ConfigBody):
+    """Answer to GET_CONFIG."""
+
+    TYPE: ClassVar[MessageType] = MessageType.CONFIG_REPLY
+
+
+@record
+class SetConfigReply(_ConfigBody):
+    """Answer to SET_CONFIG."""
+
+    TYPE: ClassVar[MessageType] = MessageType.SET_CONFIG_REPLY
+
+
+@record
+class Element(Record):
+    """Position and normal of one transducer.  HG-7.5."""
+
+    x_um: int = wire("i", "position, micrometres from the array's centre")
+    y_um: int = wire("i", "position, micrometres")
+    z_um: int = wire("i", "position, micrometres")
+    nx: int = wire("h", "unit normal, 32767 = 1")
+    ny: int = wire("h", "unit normal")
+    nz: int = wire("h", "unit normal")
+
+
+@record
+class GetGeometry(Message):
+    """Ask for positions and normals.  HG-7.5."""
+
+    TYPE: ClassVar[MessageType] = MessageType.GET_GEOMETRY
+    first: int = wire("H", "first transducer asked for")
+    count: int = wire("H", "transducers asked for")
+
+
+@record
+class GeometryReply(Message):
+    """Positions and normals, as many as fit.  HG-7.5."""
+
+    TYPE: ClassVar[MessageType] = MessageType.GEOMETRY_REPLY
+    total: int = wire("H", "number of transducers of the board")
+    first: int = wire("H", "first transducer in this reply")
+    elements: tuple[Element, ...] = repeated(Element, "transducers, in order")

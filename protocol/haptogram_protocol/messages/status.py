@@ -1,0 +1,77 @@
+"""Counters and arrival margin.  SPEC.md chapter 9."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from ..record import Record, nested, record, wire
+from ..state import MuteReason, OutputState
+from .header import Message, MessageType
+
+
+@record
+class Counters(Record):
+    """What the board counted since it started, each modulo 2^32.  HG-9.2."""
+
+    frames: int = wire("I", "frames with a valid CRC")
+    latched: int = wire("I", "drives latched, from stream and playback")
+    late: int = wire("I", "of these, latched late, within the late window")
+    dropped_late: int = wire("I", "stream frames whose t_apply had passed")
+    dropped_future: int = wire("I", "stream frames beyond the horizon")
+    dropped_order: int = wire("I", "stream frames whose t_apply is not after the last queued one")
+    dropped_full: int = wire("I", "stream frames that met a full queue")
+    dropped_state: int = wire("I", "stream frames while not armed, or while a sequence plays")
+    flushed: int = wire("I", "queued frames discarded by MUTE, DISARM, HELLO, PLAY or IMMEDIATE")
+    duplicate: int = wire("I", "stream frames seen before, or older than the newest")
+    gap: int = wire("I", "stream sequence numbers that never came")
+    stale_session: int = wire("I", "frames of another session")
+    crc: int = wire("I", "frames whose CRC is wrong")
+    cobs: int = wire("I", "frames that are not COBS")
+    short: int = wire("I", "frames shorter than header and CRC")
+    oversize: int = wire("I", "runs of bytes longer than any frame")
+    bad_length: int = wire("I", "frames whose payload has a wrong length")
+    bad_value: int = wire("I", "frames with a value outside its range")
+    unknown_type: int = wire("I", "frames of an unknown stream, response or event type")
+    unsupported: int = wire(
+        "I", "unknown requests, and frames with an unknown must-understand flag"
+    )
+    requests: int = wire("I", "requests carried out")
+    repeated: int = wire("I", "requests answered again from memory")
+    trace_dropped: int = wire("I", "trace events that found no room on the line")
+    timeouts: int = wire("I", "mutes by a timer")
+
+
+@record
+class _StatusBody(Message):
+    state: OutputState = wire("B", "output state", enum=OutputState)
+    reason: MuteReason = wire("B", "why the output is off", enum=MuteReason)
+    queued: int = wire("H", "frames that wait for their t_apply")
+    free_bytes: int = wire("I", "encoded bytes that the board can take now")
+    last_seq: int = wire("I", "unwrapped sequence number of the last latched stream frame")
+    last_latch_us: int = wire("I", "device time of the last latch")
+    margins: int = wire("H", "stream frames that the two margins speak of; then they start anew")
+    margin_min_us: int = wire("i", "least t_apply - arrival since the last status")
+    margin_mean_us: int = wire("i", "mean t_apply - arrival since the last status")
+    config_crc: int = wire("I", "CRC-32 of configuration and phase correction")
+    counters: Counters = nested(Counters, "counters")
+
+
+@record
+class Status(_StatusBody):
+    """Counters and arrival margin, sent by itself every ``status_period_ms``.  HG-9.1."""
+
+    TYPE: ClassVar[MessageType] = MessageType.STATUS
+
+
+@record
+class GetStatus(Message):
+    """Ask for the status."""
+
+    TYPE: ClassVar[MessageType] = MessageType.GET_STATUS
+
+
+@record
+class StatusReply(_StatusBody):
+    """Answer to GET_STATUS."""
+
+    TYPE: ClassVar[MessageType] = MessageType.STATUS_REPLY
