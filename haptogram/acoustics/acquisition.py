@@ -148,7 +148,7 @@ def _coarse_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
 def _intervals(low: float, high: float) -> tuple[FloatArray, float]:
     count = max(1, math.ceil((high - low) / _COARSE_CELL_M))
     half = (high - low) / count / 2.0
-    centres: FloatArray = low + half * (2.0 * np.arange(count) + 1.0)
+    centres = low + half * np.arange(1.0, 2.0 * count, 2.0, dtype=np.float64)
     return centres, half
 
 

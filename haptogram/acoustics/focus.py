@@ -31,8 +31,8 @@ TARGET_MARGIN_M: Final = 0.150
 # A direction in which moving the focus changes the phases 10 000 times less than in the best one.
 # Between a planar array and the furthest target the ratio is the aperture over the distance, 1e-3.
 _OBSERVABLE_RATIO: Final = 1e-4
-_MAX_ITERATIONS: Final = 16  # a fit that converges takes 4 to 8
-_MAX_STEP_M: Final = 0.010
+_MAX_ITERATIONS: Final = 32  # a fit that converges takes 4 to 8
+_MAX_STEP_M: Final = 0.020
 _STEP_TOLERANCE_M: Final = 1e-10
 _MIN_DAMPING: Final = 1e-2
 _MAX_DAMPING: Final = 1e4
@@ -274,7 +274,7 @@ def _spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
 
 
 def _damped_step(slopes: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
-    """Return the Levenberg-Marquardt step within the observable directions, at most 10 mm long."""
+    """Return the Levenberg-Marquardt step within the observable directions, at most 20 mm long."""
     values, vectors, kept = _spectrum(slopes)
     seen = vectors[:, kept]
     step: FloatArray = -seen @ ((seen.T @ (slopes.T @ residual)) / (values[kept] * (1.0 + damping)))
