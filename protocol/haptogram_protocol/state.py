@@ -10,30 +10,31 @@ import enum
 from collections.abc import Mapping
 from typing import Final
 
+from .documented import DocumentedEnum
 from .errors import LocalProtocolError
 
 
-class OutputState(enum.IntEnum):
+class OutputState(DocumentedEnum):
     """What the board's output may do.  HG-6.1."""
 
-    DISARMED = 0
-    ARMED = 1
-    MUTED = 2
-    FAULT = 3
+    DISARMED = 0, "output off; frames are dropped until ARM"
+    ARMED = 1, "frames are latched and radiated"
+    MUTED = 2, "output off after MUTE or by a timer; only ARM leads out"
+    FAULT = 3, "output off; the hardware reports a fault; DISARM leads out once it is gone"
 
 
-class MuteReason(enum.IntEnum):
+class MuteReason(DocumentedEnum):
     """Why the output is off.  HG-6.2."""
 
-    NONE = 0  # it is not
-    NEVER_ARMED = 1
-    MUTE = 2  # by request
-    DISARM = 3  # by request
-    NEW_SESSION = 4
-    HOLD_EXPIRED = 5  # the stream stopped
-    HOST_SILENT = 6  # the lease ran out
-    UNATTENDED = 7  # playback ran longer than it was allowed to without a frame from the host
-    FAULT = 8
+    NONE = 0, "the output is not off"
+    NEVER_ARMED = 1, "nothing has armed the board since it started"
+    MUTE = 2, "MUTE was received"
+    DISARM = 3, "DISARM was received"
+    NEW_SESSION = 4, "a HELLO with a new nonce was received"
+    HOLD_EXPIRED = 5, "the stream stopped"
+    HOST_SILENT = 6, "the lease ran out"
+    UNATTENDED = 7, "playback ran longer than it was allowed to without a frame from the host"
+    FAULT = 8, "the hardware reports a fault"
 
 
 class OutputInput(enum.Enum):

@@ -253,13 +253,13 @@ class BoardConnection:
         return self._judge_control_seq(frame) or self._request(frame, message)
 
     def _judge_hello(self, frame: _Frame, hello: Hello) -> BoardEvent:
-        if hello.major != VERSION_MAJOR:  # HG-4.3
+        if hello.major != VERSION_MAJOR:  # HG-4.4
             detail = f"HELLO of version {hello.major}.{hello.minor}; the board has {VERSION_MAJOR}"
             return self._refuse(frame, "unsupported", ErrorCode.VERSION, VERSION_MAJOR, detail)
         if hello.nonce == 0:
             offset = Hello.WIRE["nonce"].offset
             return self._refuse(frame, "bad_value", ErrorCode.BAD_VALUE, offset, "HELLO, nonce 0")
-        if hello.nonce == self.session and self._greeting is not None:  # HG-4.5
+        if hello.nonce == self.session and self._greeting is not None:  # HG-4.6
             wire = self._response(self._greeting, frame.header.seq, frame.t_rx_us)
             self._queue(wire, self._output_limit)
             return self._drop(frame, "repeated", f"HELLO of the open session {hello.nonce:#06x}")

@@ -132,7 +132,7 @@ class HostConnection:
     def send_hello(self, now_us: int) -> int:
         """Ask for the session and return the request's seq; allowed in every link state.
 
-        The same nonce again does not start the session anew (HG-4.5): after a reset of the board,
+        The same nonce again does not start the session anew (HG-4.6): after a reset of the board,
         or of the line, make a new connection.
         """
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_SENT)

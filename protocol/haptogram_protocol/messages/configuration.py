@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import enum
 from typing import ClassVar
 
+from ..documented import DocumentedEnum
 from ..record import Record, nested, record, repeated, wire
 from .header import Message, MessageType
 
 
-class TraceMode(enum.IntEnum):
+class TraceMode(DocumentedEnum):
     """What a board reports of every latch.  HG-8.1."""
 
-    OFF = 0
-    CRC = 1
-    DRIVE = 2
-    RING = 3
+    OFF = 0, "nothing"
+    CRC = 1, "TRACE or TRACE_PLAYBACK for every latch"
+    DRIVE = 2, "TRACE_DRIVE for every trace_divider-th latch"
+    RING = 3, "no event; the last trace_ring latches are kept for READ_TRACE"
 
 
 @record

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import enum
 from typing import ClassVar
 
+from ..documented import DocumentedEnum
 from ..record import Record, nested, record, repeated, tail, wire
 from .header import Message, MessageType
 
 
-class DriveKind(enum.IntEnum):
+class DriveKind(DocumentedEnum):
     """Which drive a read-back shows.  HG-8.6."""
 
-    LATCHED = 0
-    RADIATED = 1
+    LATCHED = 0, "registers, before correction, ceiling and ramp"
+    RADIATED = 1, "what drives the transducers, after all of them"
 
 
 @record

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from typing import ClassVar, Final, Self
 
+from ..documented import DocumentedEnum, DocumentedFlag
 from ..record import Record, record, wire
 from ..state import OutputState
 
@@ -71,33 +72,32 @@ class MessageType(enum.IntEnum):
     PLAYBACK_ENDED = 0xC5
 
 
-class Flag(enum.IntFlag):
+class Flag(DocumentedFlag):
     """Header flags.  HG-3.4: a receiver must understand the high nibble, may ignore the low one."""
 
-    LATE = 0x01  # trace: latched after its t_apply, within the late window
-    IMMEDIATE = 0x10  # stream, PLAY: t_apply is not used, act as soon as the frame is complete
+    LATE = 0x01, "trace: latched after its t_apply, within the late window"
+    IMMEDIATE = 0x10, "stream, PLAY: t_apply is not used, act as soon as the frame is complete"
 
 
-MUST_UNDERSTAND: Final = 0xF0
-UNDERSTOOD: Final = int(Flag.IMMEDIATE)
+MUST_UNDERSTAND: Final = 0xF0  # HG-3.4
 
 
-class ErrorCode(enum.IntEnum):
+class ErrorCode(DocumentedEnum):
     """Why a request was refused.  HG-10.2."""
 
-    UNSUPPORTED = 1  # unknown request or must-understand flag; detail: the type or the flags
-    BAD_LENGTH = 2  # detail: the length that the type calls for (0: variable)
-    BAD_VALUE = 3  # detail: byte offset of the field in the payload
-    BAD_STATE = 4  # detail: the output state
-    STALE_SESSION = 5  # detail: the board's session (0: none)
-    SEQUENCE_REUSED = 6  # same seq as the last request, other bytes; detail: seq
-    VERSION = 7  # HELLO of another major version; detail: the board's major version
-    BUSY = 8  # detail: milliseconds after which to ask again
-    TOO_LARGE = 9  # detail: the limit
-    INCOMPLETE = 10  # upload with a gap; detail: first byte that is missing
-    CRC_MISMATCH = 11  # upload; detail: the CRC-32 that the board computed
-    FAULT = 12  # hardware fault; detail: board-specific
-    NOT_FOUND = 13  # no such sequence, no such transducer; detail: how many there are
+    UNSUPPORTED = 1, "unknown request or must-understand flag; detail: the type or the flags"
+    BAD_LENGTH = 2, "detail: the length that the type calls for (0: variable)"
+    BAD_VALUE = 3, "detail: byte offset of the field in the payload"
+    BAD_STATE = 4, "detail: the output state"
+    STALE_SESSION = 5, "detail: the board's session (0: none)"
+    SEQUENCE_REUSED = 6, "seq of an earlier request, other bytes; detail: seq"
+    VERSION = 7, "HELLO of another major version; detail: the board's major version"
+    BUSY = 8, "detail: milliseconds after which to ask again"
+    TOO_LARGE = 9, "detail: the limit"
+    INCOMPLETE = 10, "upload with a gap; detail: first byte that is missing"
+    CRC_MISMATCH = 11, "upload; detail: the CRC-32 that the board computed"
+    FAULT = 12, "hardware fault; detail: board-specific"
+    NOT_FOUND = 13, "no such sequence, no such transducer; detail: how many there are"
 
 
 @record

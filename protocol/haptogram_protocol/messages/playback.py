@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import enum
 from typing import ClassVar
 
+from ..documented import DocumentedEnum
 from ..record import record, tail, wire
 from .header import Ack, Message, MessageType
 
 
-class UploadKind(enum.IntEnum):
+class UploadKind(DocumentedEnum):
     """What an upload holds.  HG-7.2."""
 
-    PHASES = 1
-    POINTS = 2
-    CORRECTION = 3
+    PHASES = 1, "sequence, N bytes a frame: 8-bit phases, every amplitude 255"
+    POINTS = 2, "sequence, points_per_frame x 16 bytes a frame: focal points"
+    CORRECTION = 3, "phase correction, N bytes: 1/256 of a turn each"
 
 
 @record

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-import enum
 from typing import ClassVar, Final
 
+from ..documented import DocumentedFlag
 from ..record import record, wire
 from ..state import MuteReason, OutputState
 from .header import Ack, Message, MessageType
 from .stream import PhaseFormat
 
 
-class Feature(enum.IntFlag):
+class Feature(DocumentedFlag):
     """Capabilities in HELLO_REPLY.  HG-4.5."""
 
-    AMPLITUDE = 1 << 0  # DRIVES frames; ramps and the amplitude ceiling are graded
-    POINTS = 1 << 1  # POINTS frames: the board computes the drive
-    SEQUENCE_PHASES = 1 << 2  # playback of uploaded phase frames
-    SEQUENCE_POINTS = 1 << 3  # playback of uploaded focal points
-    CONFIG = 1 << 4  # SET_CONFIG
-    CORRECTION = 1 << 5  # per-transducer phase correction
-    READ_LATCHED = 1 << 6  # READ_DRIVE of the latched drive
-    READ_RADIATED = 1 << 7  # READ_DRIVE of the radiated drive
-    TRACE = 1 << 8  # TRACE and TRACE_PLAYBACK events
-    TRACE_DRIVE = 1 << 9  # TRACE_DRIVE events
-    TRACE_RING = 1 << 10  # READ_TRACE
-    SYNC_IN = 1 << 11  # reserved: several boards on one trigger
-    COMMIT = 1 << 12  # reserved: one latch for several frames
-    CONFIG_KEPT = 1 << 13  # the configuration survives a reset
+    AMPLITUDE = 1 << 0, "DRIVES frames; ramps and the amplitude ceiling are graded"
+    POINTS = 1 << 1, "POINTS frames: the board computes the drive"
+    SEQUENCE_PHASES = 1 << 2, "playback of uploaded phase frames"
+    SEQUENCE_POINTS = 1 << 3, "playback of uploaded focal points"
+    CONFIG = 1 << 4, "SET_CONFIG"
+    CORRECTION = 1 << 5, "per-transducer phase correction"
+    READ_LATCHED = 1 << 6, "READ_DRIVE of the latched drive"
+    READ_RADIATED = 1 << 7, "READ_DRIVE of the radiated drive"
+    TRACE = 1 << 8, "TRACE and TRACE_PLAYBACK events"
+    TRACE_DRIVE = 1 << 9, "TRACE_DRIVE events"
+    TRACE_RING = 1 << 10, "READ_TRACE"
+    SYNC_IN = 1 << 11, "reserved: several boards on one trigger"
+    COMMIT = 1 << 12, "reserved: one latch for several frames"
+    CONFIG_KEPT = 1 << 13, "the configuration survives a reset"
 
 
 @record

@@ -21,7 +21,9 @@ class Counters(Record):
     dropped_order: int = wire("I", "stream frames whose t_apply is not after the last queued one")
     dropped_full: int = wire("I", "stream frames that met a full queue")
     dropped_state: int = wire("I", "stream frames while not armed, or while a sequence plays")
-    flushed: int = wire("I", "queued frames discarded by MUTE, DISARM, HELLO, PLAY or IMMEDIATE")
+    flushed: int = wire(
+        "I", "queued frames discarded, or replaced by a later one on the same carrier period"
+    )
     duplicate: int = wire("I", "stream frames seen before, or older than the newest")
     gap: int = wire("I", "stream sequence numbers that never came")
     stale_session: int = wire("I", "frames of another session")
@@ -30,13 +32,15 @@ class Counters(Record):
     short: int = wire("I", "frames shorter than header and CRC")
     oversize: int = wire("I", "runs of bytes longer than any frame")
     bad_length: int = wire("I", "frames whose payload has a wrong length")
-    bad_value: int = wire("I", "frames with a value outside its range")
+    bad_value: int = wire(
+        "I", "frames with a value outside its range, and requests with a used sequence number"
+    )
     unknown_type: int = wire("I", "frames of an unknown stream, response or event type")
     unsupported: int = wire(
-        "I", "unknown requests, and frames with an unknown must-understand flag"
+        "I", "unknown requests or must-understand flags, and HELLO of another major version"
     )
-    requests: int = wire("I", "requests carried out")
-    repeated: int = wire("I", "requests answered again from memory")
+    requests: int = wire("I", "requests handed to the board: carried out, or refused by it")
+    repeated: int = wire("I", "requests, HELLO among them, answered again from memory")
     trace_dropped: int = wire("I", "trace events that found no room on the line")
     timeouts: int = wire("I", "mutes by a timer")
 

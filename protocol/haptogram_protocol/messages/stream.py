@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import enum
 from typing import ClassVar
 
+from ..documented import DocumentedEnum
 from ..errors import LocalProtocolError, RemoteProtocolError
 from ..record import Record, record, repeated, tail, wire
 from .header import Message, MessageType
 
 
-class PhaseFormat(enum.IntEnum):
+class PhaseFormat(DocumentedEnum):
     """Bits per phase.  HG-5.2."""
 
-    BITS_8 = 8
-    BITS_6 = 6
-    BITS_5 = 5
+    BITS_8 = 8, "256 steps a turn"
+    BITS_6 = 6, "64 steps a turn"
+    BITS_5 = 5, "32 steps a turn"
 
 
 def packed_size(transducers: int, bits: int) -> int:
