@@ -1,0 +1,18 @@
+"""What every command's exit status means, in one place."""
+
+from __future__ import annotations
+
+from typing import Final
+
+PASS: Final = 0
+FAIL: Final = 1
+USAGE: Final = 2
+INCONCLUSIVE: Final = 3
+
+EXIT_STATUS: Final = """\
+exit status:
+  0  pass: enough frames were verified and none was wrong
+  1  fail: a focus off target, a wrong drive, or a damaged frame that was latched
+  2  usage or environment error: nothing was judged
+  3  inconclusive: too few frames could be verified, or the run was interrupted
+"""
