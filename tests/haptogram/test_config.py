@@ -1,0 +1,86 @@
+"""Settings: every limit is named, and the command line wins over the file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from haptogram.config import VerifyConfig, load_config
+from haptogram.errors import ConfigurationError
+
+
+def _file(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "run.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_command_line_wins_over_file_wins_over_default(tmp_path: Path) -> None:
+    path = _file(tmp_path, "[verify]\nrate_hz = 500\nresolution_mm = 10\n")
+    config = load_config(path, {"rate_hz": 250.0, "seed": None})
+    assert (config.rate_hz, config.resolution_mm, config.seed) == (250.0, 10.0, 0)
+
+
+def test_file_converts_to_the_type_of_the_setting(tmp_path: Path) -> None:
+    path = _file(
+        tmp_path,
+        '[verify]\ncenter_mm = [1, 2, 120]\njson = "a.json"\nvirtual_time = true\nphase_bits = 6\n'
+        "min_verified = 1\nboard_temperature_c = 25\n",
+    )
+    config = load_config(path, {})
+    assert config.center_mm == (1.0, 2.0, 120.0)
+    assert config.json == Path("a.json")
+    assert (config.virtual_time, config.phase_bits, config.min_verified) == (True, 6, 1.0)
+    assert config.board_temperature_c == 25.0
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"rate_hz": math.nan}, "rate_hz is nan; it can be 1 to 40000"),
+        ({"rate_hz": 0.0}, "rate_hz is 0; it can be 1 to 40000"),
+        ({"resolution_mm": -1.0}, "resolution_mm is -1; it can be 0.1 to 100"),
+        ({"mode": "morse"}, "mode is 'morse'; known are phases, points, sequence"),
+        ({"phase_bits": 7}, "phase_bits is 7; known are 8, 6, 5"),
+        ({"object": "teapot"}, "object is 'teapot'; known are hemisphere"),
+        ({"virtual_time": True, "port": "/dev/ttyUSB0"}, "has a clock of its own"),
+    ],
+)
+def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: str) -> None:
+    with pytest.raises(ConfigurationError, match=told.replace("(", r"\(")):
+        load_config(None, values)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[verify]\nspeed = 3\n", "'speed' is not a setting; known are object"),
+        ("[verify]\nrate_hz = 'fast'\n", "rate_hz is 'fast'; float is expected"),
+        ("[verify]\nrepeat = true\n", "repeat is True; int is expected"),
+        ("[verify]\ncenter_mm = [1, 2]\n", r"center_mm is \[1, 2\]"),
+        ("[other]\n", r"one table \[verify\] and nothing else"),
+        ("not toml", "run.toml"),
+    ],
+)
+def test_a_bad_file_is_named(tmp_path: Path, text: str, told: str) -> None:
+    with pytest.raises(ConfigurationError, match=told):
+        load_config(_file(tmp_path, text), {})
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"absent\.toml"):
+        load_config(tmp_path / "absent.toml", {})
+
+
+def test_least_verified_depends_on_the_clock() -> None:
+    assert VerifyConfig().least_verified == 0.9
+    assert VerifyConfig(virtual_time=True).least_verified == 1.0
+    assert VerifyConfig(min_verified=0.25).least_verified == 0.25
+
+
+def test_job_holds_what_decides_the_result_and_no_path() -> None:
+    job = VerifyConfig(json=Path("x.json")).job()
+    assert "json" not in job
+    assert job["center_mm"] == [0.0, 0.0, 100.0]
