@@ -19,7 +19,6 @@ from haptogram.errors import ConfigurationError
 if TYPE_CHECKING:
     from haptogram.acoustics.reconstruction import Reconstruction
 
-_WIRE_TIME: Final = 1 << 32
 STREAM: Final = 0  # sequence id of what came frame by frame
 
 
@@ -142,7 +141,7 @@ class Observation:
     key : FrameKey
         Join key.
     t_latch_us : int
-        Device time of the latch, microseconds, unwrapped (see :func:`unwrap_us`).
+        Device time of the latch, microseconds, unwrapped.
     late : bool
         Whether the board flagged it late.
     evidence : Evidence
@@ -162,17 +161,3 @@ class Observation:
     drive: Drive | None = None
     drive_crc: int | None = None
     reconstruction: Reconstruction | None = None
-
-
-def unwrap_us(wire_us: int, near_us: int) -> int:
-    """Return the unwrapped time nearest to *near_us* that is *wire_us* modulo 2^32.
-
-    Parameters
-    ----------
-    wire_us : int
-        Microseconds of the device clock as they travel, modulo 2^32.
-    near_us : int
-        Unwrapped device time that is less than half a turn (35 minutes) away.
-    """
-    half = _WIRE_TIME >> 1
-    return near_us + (wire_us - near_us + half) % _WIRE_TIME - half
