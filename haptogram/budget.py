@@ -1,0 +1,83 @@
+"""What a serial line can carry: bytes of a frame, the time they take, the rate that is left."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+from haptogram_protocol.framing import CRC_BYTES, HEADER_BYTES
+
+BITS_PER_BYTE: Final = 10  # 8N1: start bit, eight data bits, stop bit
+_DELIMITERS: Final = 2
+_COBS_BLOCK: Final = 254
+
+
+def frame_bytes(payload_bytes: int) -> int:
+    """Return the most bytes that a frame with this payload takes on the line.
+
+    Byte stuffing adds one byte per started block of 254; two delimiters enclose the frame.
+    """
+    body = HEADER_BYTES + payload_bytes + CRC_BYTES
+    return body + math.ceil(body / _COBS_BLOCK) + _DELIMITERS
+
+
+def transmission_ns(size: int, baudrate: int) -> int:
+    """Return how long *size* bytes take on the line at 8N1, in whole nanoseconds, rounded up."""
+    return -(-size * BITS_PER_BYTE * 1_000_000_000 // baudrate)
+
+
+def highest_rate_hz(size: int, baudrate: int) -> float:
+    """Return how many frames of *size* bytes the line carries per second."""
+    return baudrate / (size * BITS_PER_BYTE)
+
+
+def check_rate(size: int, *, baudrate: int, rate_hz: float) -> None:
+    """Refuse a rate that the line cannot carry.
+
+    Parameters
+    ----------
+    size : int
+        Bytes of the longest frame on the line.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming both rates.
+    """
+    highest_hz = highest_rate_hz(size, baudrate)
+    if rate_hz > highest_hz:
+        raise ConfigurationError(
+            f"{size} bytes a frame at {baudrate} baud carry {math.floor(highest_hz)} frames/s, "
+            f"{rate_hz:g} Hz asked"
+        )
+
+
+class LineModel:
+    """When the bytes that were handed to a port have left it, at a given rate.
+
+    A port takes kilobytes at once (60 ms of a 3 Mbaud line), and few tell how many are still in it;
+    so their number follows from the rate.
+
+    Parameters
+    ----------
+    baudrate : int
+        Bits per second.
+    """
+
+    def __init__(self, baudrate: int) -> None:
+        self.baudrate = baudrate
+        self.free_ns = 0
+
+    def add(self, size: int, now_ns: int) -> None:
+        """Count *size* bytes handed over at *now_ns*."""
+        self.free_ns = max(self.free_ns, now_ns) + transmission_ns(size, self.baudrate)
+
+    def unsent_bytes(self, now_ns: int) -> int:
+        """Return how many bytes have not left the port yet."""
+        waiting_ns = max(0, self.free_ns - now_ns)
+        return waiting_ns * self.baudrate // (BITS_PER_BYTE * 1_000_000_000)
+
+    def room_at_ns(self, unsent: int) -> int:
+        """Return when no more than *unsent* bytes will be left in the port."""
+        return self.free_ns - transmission_ns(unsent, self.baudrate)
