@@ -1,0 +1,71 @@
+"""What the host can set, within which bounds.  SPEC.md HG-7.1."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Final
+
+from haptogram_protocol.framing import CRC_BYTES
+from haptogram_protocol.messages import Config, ErrorCode, Feature, Header, Status, TraceMode
+
+from .refusal import RefusalError
+from .settings import BoardSettings
+
+_BOUNDS: Final = {
+    "hold_ms": (1, 10_000),
+    "ramp_ms": (0, 2_000),
+    "host_timeout_ms": (20, 10_000),
+    "late_window_us": (0, 100_000),
+    "sound_speed_mm_s": (300_000, 380_000),
+    "trace_divider": (1, 0xFFFF),
+}
+_TRACE_FEATURE: Final = {
+    TraceMode.OFF: Feature(0),
+    TraceMode.CRC: Feature.TRACE,
+    TraceMode.DRIVE: Feature.TRACE_DRIVE,
+    TraceMode.RING: Feature.TRACE_RING,
+}
+_LEAST_STATUS_MS: Final = 10
+_STATUS_SHARE: Final = 10  # STATUS may take one part in so many of the line
+_FRAMING_BYTES: Final = 3  # two delimiters and the code byte of COBS
+_BITS_PER_BYTE: Final = 10  # start, 8 data, stop
+
+
+def least_status_period_ms(baud: int | None) -> int:
+    """Return the shortest status period that leaves nine tenths of the line to others."""
+    size = Header.LAYOUT.size + Status.LAYOUT.size + CRC_BYTES + _FRAMING_BYTES
+    if baud is None:
+        return _LEAST_STATUS_MS
+    return max(_LEAST_STATUS_MS, -(-size * _BITS_PER_BYTE * _STATUS_SHARE * 1000 // baud))
+
+
+def initial_config(settings: BoardSettings) -> Config:
+    """Return the configuration after power-up: the defaults, as far as the line allows."""
+    period_ms = max(Config().status_period_ms, least_status_period_ms(settings.baud))
+    return Config(
+        sound_speed_mm_s=round(settings.model.medium.sound_speed_m_s * 1000),
+        status_period_ms=min(period_ms, 0xFFFF),
+    )
+
+
+def check_config(config: Config, settings: BoardSettings) -> None:
+    """Raise :class:`RefusalError` (BAD_VALUE with the field's offset) for a value out of bounds."""
+    if _TRACE_FEATURE[config.trace_mode] & ~settings.features:
+        text = f"no trace of mode {config.trace_mode.name}"
+        raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE["trace_mode"].offset, text)
+    for name, (low, high) in _BOUNDS.items():
+        _check(name, getattr(config, name), low, high)
+    if config.status_period_ms:
+        least_ms = least_status_period_ms(settings.baud)
+        _check("status_period_ms", config.status_period_ms, least_ms, 0xFFFF)
+
+
+def config_crc(config: Config, correction: bytes) -> int:
+    """Return the CRC-32 that names a configuration and a phase correction."""
+    return zlib.crc32(config.pack() + correction)
+
+
+def _check(name: str, value: int, low: int, high: int) -> None:
+    if not low <= value <= high:
+        text = f"{name} is {value}, must be {low} to {high}"
+        raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE[name].offset, text)

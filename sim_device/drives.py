@@ -1,0 +1,86 @@
+"""From what a frame carries to the codes in the board's 8-bit registers.  SPEC.md chapter 5."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, Drive, superpose
+from haptogram_protocol.messages import FocalPoint
+
+REGISTER_BITS: Final = 8
+_FULL_POINT: Final = 65_535  # HG-5.4: amplitude of a focal point at its full share
+_TURN: Final = 65_536  # HG-5.4: steps of its phase
+
+Content: TypeAlias = Drive | Sequence[FocalPoint]
+
+
+def full_amplitude(phase_codes: bytes, bits: int) -> Drive:
+    """Return the drive of a PHASES frame: every amplitude 255.  HG-5.2."""
+    codes = np.frombuffer(phase_codes, dtype=np.uint8)
+    return Drive(codes, np.full(len(codes), 255, dtype=np.uint8), bits)
+
+
+def split_codes(data: bytes) -> Drive:
+    """Return the drive of N phase codes followed by N amplitude codes.  HG-5.3."""
+    codes = np.frombuffer(data, dtype=np.uint8)
+    return Drive(codes[: len(codes) // 2], codes[len(codes) // 2 :])
+
+
+def to_registers(drive: Drive) -> Drive:
+    """Return *drive* in 8-bit codes: the missing low bits are 0."""
+    if drive.phase_bits == REGISTER_BITS:
+        return drive
+    shifted = np.left_shift(drive.phase_codes, REGISTER_BITS - drive.phase_bits)
+    return Drive(shifted, drive.amplitude_codes)
+
+
+class PointFocuser:
+    """Computes the drive of focal points: the naive superposition of HG-5.4."""
+
+    def __init__(self, model: AcousticModel, sound_speed_mm_s: int) -> None:
+        medium = dataclasses.replace(model.medium, sound_speed_m_s=sound_speed_mm_s / 1000)
+        self._model = dataclasses.replace(model, medium=medium)
+
+    def drive(self, points: Sequence[FocalPoint]) -> Drive:
+        """Return the codes nearest to w_n = sum_i a_i e^{j psi_i} e^{-j k r_n(i)}."""
+        positions_m = np.array([(p.x_um, p.y_um, p.z_um) for p in points]) * 1e-6
+        amplitudes = np.array([p.amplitude for p in points]) / _FULL_POINT
+        phases_rad = np.array([p.phase for p in points]) * (2 * math.pi / _TURN)
+        return Drive.from_weights(superpose(self._model, positions_m, amplitudes, phases_rad))
+
+    def registers(self, content: Content) -> tuple[Drive, int]:
+        """Return the register codes of *content*, and the resolution it was commanded in."""
+        if isinstance(content, Drive):
+            return to_registers(content), content.phase_bits
+        return self.drive(content), REGISTER_BITS
+
+
+def radiated_drive(latched: Drive, correction: bytes, ceiling: int, gain: float) -> Drive:
+    """Return what leaves the transducers: correction added, ceiling and ramp applied.
+
+    Parameters
+    ----------
+    latched : Drive
+        Register codes; returned as it is where nothing changes it.
+    correction : (N,) bytes
+        Added to the phase codes, modulo 256.
+    ceiling : int
+        Largest amplitude code.
+    gain : float
+        Share of the amplitude left by a ramp, 0 to 1.
+    """
+    phases, amplitudes = latched.phase_codes, latched.amplitude_codes
+    if any(correction):
+        phases = phases + np.frombuffer(correction, dtype=np.uint8)  # wraps, as it should
+    if ceiling < 255:
+        amplitudes = np.minimum(amplitudes, np.uint8(ceiling))
+    if gain < 1.0:
+        amplitudes = np.floor(amplitudes * gain + 0.5).astype(np.uint8)
+    if phases is latched.phase_codes and amplitudes is latched.amplitude_codes:
+        return latched
+    return Drive(phases, amplitudes)

@@ -1,0 +1,94 @@
+"""What a board has done: latches and changes of its output, each with its device time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from haptogram.acoustics import Drive
+from haptogram_protocol.messages import LatchKey
+from haptogram_protocol.state import MuteReason, OutputState
+
+
+@dataclass(frozen=True, slots=True)
+class Latch:
+    """A drive went from the second buffer to the transducers.
+
+    Attributes
+    ----------
+    key : LatchKey
+        Which frame, within its session.
+    session : int
+        Session in which it came.
+    number : int
+        Count of latches in this session, from 0.
+    t_latch_us : int
+        Device time, unwrapped: a multiple of the carrier period.
+    late : bool
+        Whether that is after its t_apply, beyond the rounding to the carrier.
+    drive : Drive
+        Latched codes, in the 8 bits of the registers.
+    commanded_bits : int
+        Resolution of the phases that were commanded.
+    radiated : Drive
+        After correction, ceiling and ramp: at this moment; the same object where nothing differs.
+    ramping : bool
+        Whether a ramp to silence was under way.
+    """
+
+    key: LatchKey
+    session: int
+    number: int
+    t_latch_us: int
+    late: bool
+    drive: Drive
+    commanded_bits: int
+    radiated: Drive
+    ramping: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StateChange:
+    """The output state changed, by request or by itself."""
+
+    t_us: int
+    state: OutputState
+    reason: MuteReason
+    requested: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SessionOpened:
+    """A host began a session."""
+
+    t_us: int
+    session: int
+
+
+@dataclass(frozen=True, slots=True)
+class RampBegan:
+    """The output began to fade, because a timer ran out."""
+
+    t_us: int
+    reason: MuteReason
+
+
+@dataclass(frozen=True, slots=True)
+class RampEnded:
+    """A ramp is over: restored to full output, or ended by a change of state."""
+
+    t_us: int
+    restored: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PlaybackEnd:
+    """A sequence ended, by itself or because something stopped it."""
+
+    t_us: int
+    sequence: int
+    loops: int
+    frames: int
+
+
+Notice: TypeAlias = SessionOpened | StateChange | RampBegan | RampEnded | PlaybackEnd
