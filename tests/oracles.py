@@ -1,0 +1,98 @@
+"""Slow, independent answers that the package is judged by.
+
+Written from the equations with the standard library alone: no numpy, and nothing of the package
+under test, so that an error shared by both would have to be made twice.
+"""
+
+import cmath
+import json
+import math
+from pathlib import Path
+
+_BESSEL_NODES = 48
+
+
+def reference_fields():
+    """Fields and scalars that another program computed with 50 digits."""
+    path = Path(__file__).parent / "data" / "reference_fields.json"
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def bessel_j1(x):
+    """J1 as the mean of cos(t - x sin t) over a period; the rule converges exponentially."""
+    terms = (
+        math.cos(t - x * math.sin(t))
+        for t in (2.0 * math.pi * i / _BESSEL_NODES for i in range(_BESSEL_NODES))
+    )
+    return sum(terms) / _BESSEL_NODES
+
+
+def piston_gain(ka_sine):
+    """Return 2 J1(x) / x."""
+    return 1.0 if ka_sine == 0.0 else 2.0 * bessel_j1(ka_sine) / ka_sine
+
+
+def field(
+    points,
+    positions,
+    normals,
+    weights,
+    *,
+    wavenumber,
+    absorption,
+    peak_strength,
+    piston_radius=None,
+):
+    """Complex peak pressure and sum of magnitudes at each point, one element after the other."""
+    result = []
+    for point in points:
+        total, magnitude = 0j, 0.0
+        for position, normal, weight in zip(positions, normals, weights, strict=True):
+            offset = [float(point[i]) - float(position[i]) for i in range(3)]
+            distance = math.sqrt(math.fsum(component**2 for component in offset))
+            cosine = math.fsum(offset[i] * float(normal[i]) for i in range(3)) / distance
+            gain = 1.0
+            if piston_radius is not None:
+                sine = math.sqrt(max(0.0, 1.0 - cosine**2))
+                gain = piston_gain(wavenumber * piston_radius * sine) if cosine >= 0.0 else 0.0
+            term = (
+                complex(weight)
+                * (peak_strength * gain / distance)
+                * cmath.exp((1j * wavenumber - absorption) * distance)
+            )
+            total += term
+            magnitude += abs(term)
+        result.append((total, magnitude))
+    return result
+
+
+def delayed_sum(point, positions, phase_codes, phase_bits, *, frequency, sound_speed, time):
+    """Sound at a point and an instant, from sources that are switched *later* by their phase code.
+
+    Sum of cos(w (t - delay_n) - k r_n) / r_n with delay_n = code / 2^bits of a period: a source
+    that starts late by delay_n is heard late by delay_n, and again late by r_n / c.
+    """
+    total = 0.0
+    for position, code in zip(positions, phase_codes, strict=True):
+        delay = int(code) / 2**phase_bits / frequency
+        distance = math.dist(point, position)
+        total += (
+            math.cos(2.0 * math.pi * frequency * (time - delay - distance / sound_speed)) / distance
+        )
+    return total
+
+
+def delayed_peak(point, positions, phase_codes, phase_bits, *, frequency, sound_speed, samples=48):
+    """Largest of `delayed_sum` over one period."""
+    return max(
+        delayed_sum(
+            point,
+            positions,
+            phase_codes,
+            phase_bits,
+            frequency=frequency,
+            sound_speed=sound_speed,
+            time=i / samples / frequency,
+        )
+        for i in range(samples)
+    )

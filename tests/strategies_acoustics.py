@@ -1,0 +1,76 @@
+"""Hypothesis strategies for arrays, targets and drives of sensible size."""
+
+import math
+
+import numpy as np
+from hypothesis import strategies as st
+
+from haptogram.acoustics import (
+    AcousticModel,
+    CircularPiston,
+    Drive,
+    Medium,
+    PointSource,
+    Transducer,
+    TransducerArray,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+phase_bits = st.integers(1, 8)
+finite_angles = st.floats(-50.0, 50.0)
+
+
+@st.composite
+def grids(draw, smallest=2, largest=12):
+    """Rectangular arrays of 5 to 12 mm pitch."""
+    sides = st.integers(smallest, largest)
+    return TransducerArray.grid(draw(sides), draw(sides), pitch_m=draw(st.floats(0.005, 0.012)))
+
+
+@st.composite
+def models(draw, arrays=None):
+    """Models of any array, medium and directivity within reason."""
+    medium = Medium(
+        draw(st.floats(320.0, 360.0)),
+        draw(st.floats(1.0, 1.4)),
+        draw(st.sampled_from([0.0, 0.15])),
+    )
+    piston = CircularPiston(draw(st.floats(2e-3, 4.7e-3)))
+    directivity = draw(st.sampled_from([PointSource(), piston]))
+    return AcousticModel(
+        draw(grids() if arrays is None else arrays), medium, Transducer(directivity)
+    )
+
+
+@st.composite
+def targets(draw, lateral=0.060, low=0.050, high=0.250):
+    """Points above the array, some of them on its axes of symmetry."""
+    offset = st.one_of(st.just(0.0), st.floats(-lateral, lateral))
+    return np.array([draw(offset), draw(offset), draw(st.floats(low, high))])
+
+
+@st.composite
+def hemisphere_targets(draw):
+    """Points of the half ball of 50 mm radius around a centre 100 mm above the array."""
+    radius = 0.050 * draw(st.floats(0.0, 1.0)) ** (1.0 / 3.0)
+    height = draw(st.floats(-1.0, 1.0))
+    angle = draw(st.floats(0.0, 2.0 * math.pi))
+    lateral = radius * math.sqrt(1.0 - height**2)
+    return np.array([lateral * math.cos(angle), lateral * math.sin(angle), 0.100 + radius * height])
+
+
+@st.composite
+def weights_of(draw, count):
+    """Complex weights of *count* elements, magnitudes up to 1."""
+    rng = np.random.default_rng(draw(seeds))
+    return rng.uniform(0.0, 1.0, count) * np.exp(2j * np.pi * rng.uniform(0.0, 1.0, count))
+
+
+@st.composite
+def drives(draw, count=None):
+    """Drives of any resolution."""
+    bits = draw(phase_bits)
+    size = draw(st.integers(1, 64)) if count is None else count
+    phases = draw(st.lists(st.integers(0, 2**bits - 1), min_size=size, max_size=size))
+    amplitudes = draw(st.lists(st.integers(0, 255), min_size=size, max_size=size))
+    return Drive(np.array(phases), np.array(amplitudes), bits)
