@@ -34,6 +34,7 @@ _OBSERVABLE_RATIO: Final = 1e-4
 _MAX_ITERATIONS: Final = 32  # a fit that converges takes 4 to 8
 _MAX_STEP_M: Final = 0.020
 _STEP_TOLERANCE_M: Final = 1e-10
+_ROUNDING_M: Final = 1e-9
 _MIN_DAMPING: Final = 1e-2
 _MAX_DAMPING: Final = 1e4
 
@@ -236,7 +237,7 @@ class _PhaseProblem:
         slopes = self._slopes(*self._ray(position))
         values, vectors, kept = _spectrum(slopes)
         # A coordinate is lost if the directions that were dropped contain any of it.
-        observable: BoolArray = (vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6
+        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _told_apart(self._positions)
         inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
         std = np.sqrt(np.diag(inverse)) * (step_rad / math.sqrt(12.0))
         bound = np.abs(inverse @ slopes.T).sum(axis=1) * (step_rad / 2.0)
@@ -273,6 +274,18 @@ def _spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     return values, vectors, kept
 
 
+def _told_apart(positions: FloatArray) -> BoolArray:
+    """Return which coordinates are not mixed with another one by the symmetry of a line.
+
+    Elements on one line see a whole circle around it alike, even where the slope along z is not 0.
+    """
+    _, lengths, directions = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)
+    if len(lengths) > 1 and lengths[1] > 1e-6:
+        return np.ones(3, dtype=np.bool_)
+    along: BoolArray = (directions[0] ** 2 > 1.0 - 1e-6) & (lengths[0] > 1e-6)
+    return along
+
+
 def _damped_step(slopes: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
     """Return the Levenberg-Marquardt step within the observable directions, at most 20 mm long."""
     values, vectors, kept = _spectrum(slopes)
@@ -293,11 +306,11 @@ def _as_mask(active: ArrayLike | None, count: int) -> BoolArray:
 def _check_limit(
     name: str, value_m: float, *, low_m: float = -math.inf, high_m: float = math.inf
 ) -> None:
-    if value_m < low_m:
+    if value_m < low_m - _ROUNDING_M:
         raise ConfigurationError(
             f"target: {name} is {value_m * 1e3:.6g} mm, must be at least {low_m * 1e3:.6g} mm"
         )
-    if value_m > high_m:
+    if value_m > high_m + _ROUNDING_M:
         raise ConfigurationError(
             f"target: {name} is {value_m * 1e3:.6g} mm, must be at most {high_m * 1e3:.6g} mm"
         )
