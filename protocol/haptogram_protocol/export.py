@@ -129,9 +129,9 @@ def type_name(field: WireField) -> str:
 
 
 def _summary(kind: type) -> str:
-    """Return the docstring of a message without its clause numbers, on one line."""
-    text = " ".join((kind.__doc__ or "").split())
-    return re.sub(r"  ?HG-[\d.]+(;|\.)? ?", " ", text).strip()
+    """Return the docstring of a message without its section number, on one line of Markdown."""
+    text = " ".join((kind.__doc__ or "").split()).replace("``", "`")
+    return re.sub(r" HG-[\d.]+$", "", text)
 
 
 def description_hash() -> int:

@@ -136,7 +136,7 @@ class Ack(Message):
 
 @record
 class Error(Message):
-    """The request was refused.  HG-10.1; this layout is frozen across major versions."""
+    """The request was refused; this layout is frozen across major versions.  HG-10.1."""
 
     TYPE: ClassVar[MessageType] = MessageType.ERROR
     request: int = wire("B", "type of the request")

@@ -32,7 +32,7 @@ class Feature(DocumentedFlag):
 
 @record
 class Hello(Message):
-    """Open a session.  HG-4.1; this layout is frozen across major versions."""
+    """Open a session; this layout is frozen across major versions.  HG-4.1."""
 
     TYPE: ClassVar[MessageType] = MessageType.HELLO
     major: int = wire("B", "major version of the host")
@@ -43,7 +43,7 @@ class Hello(Message):
 
 @record
 class HelloReply(Message):
-    """What the board is and can.  HG-4.3; the fields up to the hash are frozen."""
+    """What the board is and can; frozen up to ``description_hash``.  HG-4.3."""
 
     TYPE: ClassVar[MessageType] = MessageType.HELLO_REPLY
     major: int = wire("B", "major version of the board")
