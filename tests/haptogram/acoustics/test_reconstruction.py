@@ -292,6 +292,25 @@ def test_inverted_elements_are_named_and_the_focus_of_the_others_is_found(cold, 
     assert result.residual_rms_rad == pytest.approx(expected, rel=0.05)
 
 
+def test_a_slip_of_two_steps_is_named_beside_a_greater_fault(cold):
+    codes = drive_for(MODEL, TARGET).phase_codes.astype(int)
+    codes[17] = (codes[17] + 128) % 256
+    codes[40] = (codes[40] + 2) % 256
+    result = cold.reconstruct(Drive(codes, np.full(256, 255)))
+    assert isinstance(result, NotSingle)
+    assert result.outliers == (17, 40)
+
+
+def test_two_halves_with_a_focus_each_have_no_outliers(cold):
+    """Neither half is in the majority, so neither can be called wrong."""
+    points = [TARGET, TARGET + np.array([-0.05, -0.03, 0.02])]
+    halves = focus_phases(MODEL, points)
+    phases = np.where(np.arange(256) < 128, halves[0], halves[1])
+    result = cold.reconstruct(Drive.from_weights(np.exp(1j * phases)))
+    assert isinstance(result, NotSingle)
+    assert result.outliers == ()
+
+
 def test_noise_beyond_half_a_step_blames_no_element(cold):
     """A place is given, for every element is off a little."""
     rng = np.random.default_rng(4)
