@@ -22,7 +22,7 @@ from haptogram_protocol.messages import unwrap
 _WIRE_BITS: Final = 32
 _WINDOW: Final = 16  # samples kept
 _PATIENCE: Final = 3  # samples in a row that contradict all before: then these are the truth
-_CLOCK_STEPS_US: Final = 2  # rounding of the two device times
+CLOCK_STEPS_US: Final = 2  # rounding of the two device times
 _HOST_PPM: Final = 50  # how far the host's own clock may be off
 
 
@@ -66,7 +66,7 @@ class ClockEstimate:
             Device time of the same two moments, modulo 2^32.
         """
         stay_us = (t_tx_us - t_rx_us) & 0xFFFFFFFF
-        if t_receive_ns - t_send_ns < (stay_us - _CLOCK_STEPS_US) * 1000:
+        if t_receive_ns - t_send_ns < (stay_us - CLOCK_STEPS_US) * 1000:
             return  # no stay is longer than the journey that it is part of
         near_us = t_rx_us if self._best is None else self.to_device_us(t_send_ns)
         arrival_us = unwrap(t_rx_us, near_us, _WIRE_BITS)
@@ -145,3 +145,13 @@ class ClockEstimate:
         if self._best is None:
             raise NoAnswerError("the device clock is not known: no ping was answered yet")
         return self._best
+
+
+def next_boundary_us(device_us: int, carrier_hz: int) -> int:
+    """Return the first whole carrier period at or after *device_us*, where drives are latched.
+
+    A board counts the periods from its own start.  A host that came after the 32-bit clock wrapped
+    cannot know that, and is off by a constant of less than a period.
+    """
+    period_us = max(1, 1_000_000 // carrier_hz)
+    return -(-device_us // period_us) * period_us

@@ -1,0 +1,453 @@
+"""The driver of a board: connect, arm, focus, stream, play, read back; and mute, always.
+
+with Driver("/dev/ttyUSB0") as driver:
+    driver.arm()
+    driver.focus((0.0, 0.0, 0.15))
+    driver.stream(points, rate_hz=1000)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+import secrets
+from types import TracebackType
+from typing import Any, Final, Self
+
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics import AcousticModel, TransducerArray
+from haptogram.clocksync import ClockEstimate
+from haptogram.errors import ConfigurationError, HaptogramError, LinkError, WrongProtocolError
+from haptogram.frames import Frame, FrameBuilder, Mode, Targets, as_foci, sound_speed_mm_s
+from haptogram.handshake import open_session
+from haptogram.identity import check_model, model_of, read_array, read_geometry
+from haptogram.link import NS_PER_S, Link, Progress
+from haptogram.pinging import Pinger
+from haptogram.playing import Player, PlayReport, Timing, playback_period_us
+from haptogram.realtime import next_deadline_ns
+from haptogram.records import Focus, Intended, Observation
+from haptogram.streaming import Schedule, Streamer, StreamReport
+from haptogram.tracing import TraceReader
+from haptogram.transport import DEFAULT_BAUDRATE, Transport, open_transport
+from haptogram.upload import check_upload, upload
+from haptogram_protocol import HostConnection
+from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
+from haptogram_protocol.export import description_hash
+from haptogram_protocol.messages import (
+    Arm,
+    ArmReply,
+    Config,
+    ConfigReply,
+    Disarm,
+    DisarmReply,
+    DriveKind,
+    GetConfig,
+    GetStatus,
+    HelloReply,
+    MuteReply,
+    PlaybackEnded,
+    SetConfig,
+    SetConfigReply,
+    Status,
+    StatusReply,
+    TraceMode,
+    UploadKind,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+DEFAULT_LEAD_US: Final = 20_000
+_MUTE_TIMEOUT_NS: Final = NS_PER_S  # to say goodbye: the board's own timers mute it soon after
+_REFRESHES: Final = 4  # of a held focus within the shorter one of the two timers
+
+
+class Driver:
+    """A session with one board.
+
+    Parameters
+    ----------
+    port : str or Transport
+        Any URL that pyserial takes, or a port that is open; it is closed with the driver.
+    baudrate : int
+        Bits per second.
+    nonce : int, optional
+        Session to ask for, 1 to 65535; by default one at random.
+    seed : int, optional
+        Seed of the nonce instead, for a board that was just started: its runs repeat exactly.
+    timeout_s : float
+        How long the board may take to answer, and the port to take a byte.
+    phase_bits : int
+        Bits per phase on the wire.
+    model : AcousticModel, optional
+        Array and air that the host assumes; by default the board's own array in air of 20 C.
+    trace : TraceMode, optional
+        What the board shall report of every latch; by default what it is set to.
+
+    Attributes
+    ----------
+    identity : HelloReply
+        What the board said of itself.
+    model : AcousticModel
+    clock : ClockEstimate
+        Of the device clock.
+    intended : list of Intended
+        Everything that was sent or should have been, in order.
+    observations : list of Observation
+        Everything that the board said it latched.
+    events : list of EventReceived
+        What it reported otherwise, but for the periodic status.
+    last_status : Status or None
+        The newest periodic status.
+    warnings : list of str
+        What is odd, but does not keep the two from working together.
+
+    Raises
+    ------
+    PortNotFoundError, PortBusyError, NoAnswerError, WrongProtocolError, VersionMismatchError
+        Every way in which connecting can fail.
+    ConfigurationError
+        The model is not that of the board, or the board does not take *phase_bits*.
+    """
+
+    def __init__(
+        self,
+        port: str | Transport,
+        *,
+        baudrate: int = DEFAULT_BAUDRATE,
+        nonce: int | None = None,
+        seed: int | None = None,
+        timeout_s: float = 2.0,
+        phase_bits: int = 8,
+        model: AcousticModel | None = None,
+        trace: TraceMode | None = None,
+    ) -> None:
+        self.session = _session(nonce, seed)
+        connection = HostConnection(nonce=self.session, description_hash=description_hash())
+        transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
+        self._link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s)
+        self.intended: list[Intended] = []
+        self.observations: list[Observation] = []
+        self.events: list[EventReceived] = []
+        self.last_status: Status | None = None
+        self._held: Frame | None = None
+        self._closed = False
+        self._config = Config()
+        try:
+            self._connect(model, phase_bits)
+            if trace is not None:
+                self.configure(trace_mode=trace)
+        except BaseException:
+            self._link.close()
+            raise
+
+    def _connect(self, model: AcousticModel | None, phase_bits: int) -> None:
+        link = self._link
+        self.identity: HelloReply = open_session(link)
+        self.warnings = list(link.connection.warnings)
+        if model is None:
+            model = model_of(read_array(link, self.identity), self.identity)
+        self.model = model
+        self.warnings += check_model(model, self.identity)
+        self._builder = FrameBuilder(model, self.identity, phase_bits)
+        self.clock = ClockEstimate(self.identity.clock_ppm)
+        self._pinger = Pinger(link, self.clock)
+        self._traces = TraceReader(self.session, self.identity.transducers, self.clock)
+        self._streamer = Streamer(link, self._pinger, self.identity, intended=self.intended)
+        self._player = Player(link, self._pinger, self.identity)
+        link.handler = self._take
+        self._pinger.synchronise()
+        self._config = link.request(GetConfig(), ConfigReply).config
+
+    def _take(self, event: EventReceived | ReplyReceived | FrameDropped) -> None:
+        """Take what the board sent while nobody waited for it."""
+        if isinstance(event, ReplyReceived):
+            self._pinger.take(event)
+        elif isinstance(event, EventReceived):
+            self._take_event(event)
+
+    def _take_event(self, event: EventReceived) -> None:
+        if isinstance(event.message, Status):
+            self.last_status = event.message
+            return
+        try:
+            observation = self._traces.take(event)
+        except WrongProtocolError as error:
+            self.warnings.append(str(error))
+            return
+        if observation is not None:
+            self.observations.append(observation)
+            return
+        self.events.append(event)
+        if isinstance(event.message, PlaybackEnded):
+            self._player.ended = event.message
+
+    # --- life ----------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self.close()
+        except HaptogramError as unmuted:
+            if error is None:
+                raise
+            error.add_note(str(unmuted))  # the first error is the one that tells more
+
+    def close(self) -> None:
+        """Mute the board and close the port, in bounded time.  Closing twice does no harm.
+
+        Raises
+        ------
+        LinkError
+            If the board did not confirm that it is mute; its own timers will mute it.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self._link.mute(MuteReply, min(_MUTE_TIMEOUT_NS, self._link.timeout_ns))
+        except HaptogramError as error:
+            raise LinkError(
+                f"{self.url}: the board did not confirm that it is mute; it mutes itself after "
+                f"{max(self._config.hold_ms, self._config.host_timeout_ms)} ms without a host"
+            ) from error
+        finally:
+            self._link.close()
+
+    @property
+    def url(self) -> str:
+        """What the port was opened by."""
+        return self._link.url
+
+    @property
+    def link_counters(self) -> dict[str, int]:
+        """What the host counted of the frames from the board."""
+        return dict(self._link.connection.counters)
+
+    # --- output state --------------------------------------------------------------------------
+
+    def arm(self) -> OutputState:
+        """Allow output; it stays silent until the first frame is latched."""
+        return self._link.request(Arm(), ArmReply).state
+
+    def mute(self) -> OutputState:
+        """Switch the output off, ahead of everything that waits."""
+        return self._link.mute(MuteReply, self._link.timeout_ns).state
+
+    def disarm(self) -> OutputState:
+        """Switch the output off and forbid it."""
+        return self._link.request(Disarm(), DisarmReply).state
+
+    # --- questions -----------------------------------------------------------------------------
+
+    def status(self) -> StatusReply:
+        """Return the board's counters and arrival margin; the margin then starts anew."""
+        return self._link.request(GetStatus(), StatusReply)
+
+    def ping(self) -> float:
+        """Measure the device clock anew and return the error that is left, in microseconds."""
+        self._pinger.synchronise()
+        return self.clock.uncertainty_us
+
+    def config(self) -> Config:
+        """Return the board's configuration."""
+        self._config = self._link.request(GetConfig(), ConfigReply).config
+        return self._config
+
+    def configure(self, **changes: Any) -> Config:
+        """Change fields of the board's configuration and return what is in force then.
+
+        Parameters
+        ----------
+        **changes
+            Fields of :class:`~haptogram_protocol.messages.Config`.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such field.
+        DeviceError
+            If the board refuses a value.
+        """
+        known = {field.name for field in dataclasses.fields(Config)}
+        if unknown := sorted(set(changes) - known):
+            raise ConfigurationError(
+                f"configuration has no {unknown[0]!r}; it has {', '.join(sorted(known))}"
+            )
+        wanted = SetConfig(dataclasses.replace(self._config, **changes))
+        self._config = self._link.request(wanted, SetConfigReply).config
+        return self._config
+
+    def correct_phases(self, codes: bytes) -> None:
+        """Set the phase correction of every transducer, in 1/256 turns."""
+        if len(codes) != self.identity.transducers:
+            raise ConfigurationError(
+                f"{len(codes)} phase corrections; the board has {self.identity.transducers} "
+                "transducers"
+            )
+        check_upload(self.identity, UploadKind.CORRECTION, len(codes))
+        upload(self._link, UploadKind.CORRECTION, 0, codes)
+
+    def geometry(self) -> TransducerArray:
+        """Return the board's array, read element by element."""
+        return read_geometry(self._link, self.identity)
+
+    def read_drive(self, kind: DriveKind = DriveKind.LATCHED) -> Observation:
+        """Return the drive at the transducers now; see :class:`TraceReader`."""
+        return self._traces.read_drive(self._link, kind)
+
+    # --- output --------------------------------------------------------------------------------
+
+    def focus(self, target_m: ArrayLike | Focus, *, mode: Mode = "phases") -> Intended:
+        """Focus on one point, as soon as the frame is complete, and return what was sent."""
+        focus = target_m if isinstance(target_m, Focus) else Focus.at(target_m)
+        self._agree_on_air(mode)
+        (frame,) = self._builder.build([(focus,)], mode)
+        self._held = frame
+        return self._streamer.send_now(frame)
+
+    def hold(self, seconds: float) -> None:
+        """Keep the last focus for so long: neither lease nor hold timer expires meanwhile.
+
+        Raises
+        ------
+        ConfigurationError
+            If nothing was focused on yet.
+        """
+        if self._held is None:
+            raise ConfigurationError("there is no focus to hold; call focus first")
+        timer_ms = min(self._config.hold_ms, self._config.host_timeout_ms)
+        period_ns = timer_ms * 1_000_000 // _REFRESHES
+        deadline_ns = self._link.now_ns()
+        end_ns = deadline_ns + int(seconds * NS_PER_S)
+        while deadline_ns < end_ns:
+            self._link.run_until(deadline_ns)
+            self._pinger.keep()
+            self._streamer.send_now(self._held)
+            now_ns = self._link.now_ns()
+            deadline_ns = next_deadline_ns(
+                deadline_ns=deadline_ns, now_ns=now_ns, period_ns=period_ns
+            )
+        self._link.run_until(end_ns)
+
+    def stream(
+        self,
+        targets: Targets,
+        rate_hz: float,
+        *,
+        lead_us: int = DEFAULT_LEAD_US,
+        mode: Mode = "phases",
+        progress: Progress | None = None,
+    ) -> StreamReport:
+        """Display *targets* one after the other at *rate_hz*, each at its time.
+
+        Parameters
+        ----------
+        targets : (T, 3) array_like, sequence of Focus, or sequence of sequences of Focus
+            Positions in metres, or foci.
+        lead_us : int
+            How long before its time a frame is sent.
+        mode : str
+            ``phases`` and ``drives``: the host computes the drive; ``points``: the board does.
+        progress : callable, optional
+            Called with the number done and the total, about 20 times a second.
+
+        Raises
+        ------
+        ConfigurationError
+            Before the first byte: a rate that the line cannot carry, a lead that the board's queue
+            cannot hold, a target out of reach, a mode that the board does not have.
+        LinkError
+            The link broke; :attr:`intended` holds what was sent until then.
+        """
+        schedule = Schedule.at_rate(rate_hz, lead_us)
+        frames = self._builder.build(as_foci(targets), mode)
+        schedule.check(frames, self.identity, self._link.line.baudrate)
+        self._agree_on_air(mode)
+        stalls = self._link.stalls
+        stats, skipped, t0_us = self._streamer.stream(frames, schedule, progress)
+        self._collect_ring()
+        lateness_us = stats.lateness_us()
+        return StreamReport(
+            frames=len(frames),
+            skipped=tuple(skipped),
+            lateness_us=lateness_us,
+            late_ticks=int((lateness_us >= float(schedule.period_us)).sum()),
+            write_stalls=self._link.stalls - stalls,
+            clock_uncertainty_us=self.clock.uncertainty_us,
+            t0_us=t0_us,
+            status=self.status(),
+        )
+
+    def play(
+        self,
+        targets: Targets,
+        rate_hz: float,
+        *,
+        loops: int = 1,
+        kind: Mode = "phases",
+        lead_us: int = 100_000,
+        unattended_ms: int = 3000,
+        progress: Progress | None = None,
+    ) -> PlayReport:
+        """Upload *targets* as a sequence, play it on the board's clock, and wait for the end.
+
+        Parameters
+        ----------
+        loops : int
+            How often, 1 or more.
+        kind : str
+            ``phases`` or ``points``.
+        unattended_ms : int
+            How long the board plays on without hearing from this host.
+
+        Others and errors as in :meth:`stream`.
+        """
+        if kind == "drives":
+            raise ConfigurationError("sequences hold phases or points, not drives")
+        period_us = playback_period_us(rate_hz, self.identity)
+        frames = self._builder.build(as_foci(targets), kind)
+        timing = Timing(period_us, loops, lead_us, unattended_ms)
+        timing.check(self.identity)
+        self._agree_on_air(kind)
+        self._store(frames)
+        t0_us, end = self._player.play(frames, timing, self.intended, progress)
+        self._collect_ring()
+        return PlayReport(
+            frames=loops * len(frames),
+            latched=None if end is None else end.frames,
+            t0_us=t0_us,
+            clock_uncertainty_us=self.clock.uncertainty_us,
+            status=self.status(),
+        )
+
+    def _store(self, frames: list[Frame]) -> None:
+        """Upload *frames*; a board that fell silent meanwhile is armed again, as it was before."""
+        armed = self.status().state is OutputState.ARMED
+        self._player.store(frames)
+        if armed and self.status().reason is MuteReason.HOLD_EXPIRED:
+            self.arm()
+
+    def _agree_on_air(self, mode: Mode) -> None:
+        """Tell a board that computes drives which speed of sound the host assumes."""
+        speed_mm_s = sound_speed_mm_s(self.model)
+        if mode == "points" and self._config.sound_speed_mm_s != speed_mm_s:
+            self.configure(sound_speed_mm_s=speed_mm_s)
+
+    def _collect_ring(self) -> None:
+        if self._config.trace_mode is TraceMode.RING:
+            self.observations += self._traces.read_ring(self._link)
+
+
+def _session(nonce: int | None, seed: int | None) -> int:
+    if nonce is not None:
+        return nonce
+    if seed is not None:
+        return random.Random(seed).randint(1, 0xFFFF)
+    return secrets.randbelow(0xFFFF) + 1
