@@ -39,7 +39,7 @@ Vector: TypeAlias = tuple[float, float, float]
 _SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude step
 _MAX_STARTS: Final = 12
 _TRIM_ROUNDS: Final = 6
-_MIN_INLIERS: Final = 0.6
+_MIN_AGREEING: Final = 8  # twice the unknowns: fewer would agree on some point by chance
 _CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M  # a fit nearer to an element is no focus
 _REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a plane wave
 
@@ -107,7 +107,7 @@ class NotSingle:
     coherence : float
         |sum w_n g_n| / sum |w_n g_n| there.
     outliers : tuple of int
-        The elements that are off by more than a phase step, where the others (at least 60 %) agree
+        The elements that are off by more than a phase step, where the others (more than half) agree
         on one focus; empty where they do not.
     """
 
@@ -251,7 +251,8 @@ class Reconstructor:
         """Return a fit that all but some outliers agree on, or None.
 
         The elements that stick out by far are left out, and the fit is done again, until the
-        others are within half a step.
+        others are within half a step. At least half of them always stay: the limit is above their
+        median.
         """
         if fit.residual_rms_rad > HOPELESS_RAD:
             return None
@@ -259,7 +260,7 @@ class Reconstructor:
             deviation = np.abs(fit.residual_rad)
             typical = float(np.median(deviation[radiated.active]))
             used = radiated.active & (deviation <= max(2.0 * radiated.limit_rad, 3.0 * typical))
-            if used.sum() < max(5.0, _MIN_INLIERS * radiated.active.sum()):
+            if used.sum() < _MIN_AGREEING:
                 return None
             fit = self._fit(radiated, fit.position_m, used)
             if self._explains(fit, radiated):
