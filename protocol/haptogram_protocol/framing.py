@@ -175,7 +175,9 @@ class FrameDecoder:
         try:
             return decode_frame(encoded, self._unstuff)
         except RemoteProtocolError as error:
-            return error
+            # Its traceback would hold the caller's frame, and that the list which holds the error:
+            # a cycle for every damaged frame, in processes that switch the cycle collector off.
+            return error.with_traceback(None)
 
 
 def _oversize() -> RemoteProtocolError:

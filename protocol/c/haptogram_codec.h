@@ -1,0 +1,110 @@
+/* A portable codec of the Haptogram wire protocol: COBS, CRC-32, parser, frame builder.  C99.
+
+   No allocation and nothing of the C library but memcpy and memset.  The parser keeps at most
+   HG_MAX_ENCODED_BYTES, whatever comes; the builder writes where it is told and never further. */
+
+#ifndef HAPTOGRAM_CODEC_H
+#define HAPTOGRAM_CODEC_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "haptogram_messages.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Every check returns this, or the counter (enum hg_counter) of what is wrong. */
+#define HG_OK (-1)
+
+/* Bytes that COBS makes of `length` bytes, at most, and those of a frame around such a body. */
+#define HG_COBS_BOUND(length) ((length) + (length) / 254u + 1u)
+#define HG_FRAME_BOUND(body) (HG_COBS_BOUND((body) + HG_CRC_BYTES) + 2u)
+
+/* --- Bytes (SPEC.md chapter 2) ---------------------------------------------------------------- */
+
+/* CRC-32/ISO-HDLC of `data`, continuing `crc`, the value of what came before (0: nothing). */
+uint32_t hg_crc32(uint32_t crc, const uint8_t *data, size_t length);
+
+/* Stuff `from` into `to`, which has room for HG_COBS_BOUND(length) bytes; return their number. */
+size_t hg_cobs_encode(uint8_t *to, const uint8_t *from, size_t length);
+
+/* Undo it where it lies and set `*decoded`; HG_COUNTER_COBS if a code points past the end. */
+int hg_cobs_decode(uint8_t *data, size_t length, size_t *decoded);
+
+/* --- Frames out ------------------------------------------------------------------------------- */
+
+/* COBS and CRC-32 are computed as the bytes come, so a frame needs no second buffer. */
+struct hg_builder {
+    uint8_t *to;
+    size_t capacity;
+    size_t length;
+    size_t code_at; /* where the code byte of the open block goes */
+    unsigned run;   /* bytes in the open block and its code; 0: no block is open */
+    uint32_t crc;
+    int overflow;
+};
+
+void hg_build_begin(struct hg_builder *builder, uint8_t *to, size_t capacity);
+void hg_build_add(struct hg_builder *builder, const uint8_t *data, size_t length);
+
+/* Close the frame; return its bytes, both delimiters among them, or 0 if there was no room. */
+size_t hg_build_end(struct hg_builder *builder);
+
+/* All at once, for a payload that lies together. */
+size_t hg_build_frame(uint8_t *to, size_t capacity, const struct hg_header *header,
+                      const uint8_t *payload, size_t length);
+
+/* --- Frames in -------------------------------------------------------------------------------- */
+
+enum hg_parsed {
+    HG_PARSED_NOTHING, /* every byte was taken, no frame has ended */
+    HG_PARSED_FRAME,   /* CRC right; the message itself is yet to be checked */
+    HG_PARSED_DAMAGE   /* counted under `reason` */
+};
+
+/* Valid until the parser gets more bytes. */
+struct hg_frame {
+    struct hg_header header;
+    const uint8_t *body; /* header and payload */
+    size_t body_length;
+    const uint8_t *payload;
+    size_t payload_length;
+    int reason; /* HG_COUNTER_CRC, _COBS, _SHORT or _OVERSIZE */
+};
+
+struct hg_parser {
+    uint8_t buffer[HG_MAX_ENCODED_BYTES];
+    size_t length;
+    int discarding; /* too long: wait for the next delimiter */
+};
+
+void hg_parser_reset(struct hg_parser *parser);
+
+/* Take bytes up to the end of the next frame; set `*taken`, which may be less than `length`. */
+enum hg_parsed hg_parse(struct hg_parser *parser, const uint8_t *data, size_t length, size_t *taken,
+                        struct hg_frame *frame);
+
+/* --- Messages --------------------------------------------------------------------------------- */
+
+/* Check type, length and enumerations: HG_OK, HG_COUNTER_UNKNOWN_TYPE, _BAD_LENGTH or _BAD_VALUE;
+   `*offset` is the first byte of the wrong value in the payload. */
+int hg_check_message(uint8_t type, const uint8_t *payload, size_t length, size_t *offset);
+
+/* Bytes of the fixed part of a message, and the unit of its tail, 0 without one; 0 if unknown. */
+int hg_message_layout(uint8_t type, size_t *fixed, size_t *unit);
+
+/* Bytes that `count` phases of `bits` take. */
+size_t hg_packed_size(size_t count, unsigned bits);
+
+/* Unpack `count` phases of 8, 6 or 5 bits, the first in the lowest bits: HG_OK,
+   HG_COUNTER_BAD_LENGTH, or HG_COUNTER_BAD_VALUE if a spare bit is set. */
+int hg_unpack_phases(uint8_t *codes, size_t count, const uint8_t *packed, size_t length,
+                     unsigned bits);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
