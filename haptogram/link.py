@@ -160,7 +160,8 @@ class Link:
         come too late.
         """
         while self._unwritten or self.line.unsent_bytes(self.now_ns()) > len(wire):
-            self.turn(max(self.line.room_at_ns(len(wire)), self.now_ns() + 1))
+            wait_ns = _STALL_RETRY_NS if self._unwritten else 1
+            self.turn(max(self.line.room_at_ns(len(wire)), self.now_ns() + wait_ns))
         self._offer(wire)
 
     def transmission_ns(self, wire: bytes) -> int:

@@ -135,7 +135,7 @@ def _send_chunks(link: Link, data: bytes, size: int, progress: Progress | None) 
             if progress is not None:
                 progress(reply.received, len(data))
         if offset is not None or waiting:
-            link.turn(_next_turn_ns(link, size))
+            link.turn(_next_turn_ns(link, size, all_sent=offset is None))
 
 
 def _may_send(link: Link, size: int) -> bool:
@@ -144,9 +144,9 @@ def _may_send(link: Link, size: int) -> bool:
     return link.connection.chunks_free > 0 and unsent <= size
 
 
-def _next_turn_ns(link: Link, size: int) -> int:
-    """Return when to look again: when the line has room, if that is what is missing."""
+def _next_turn_ns(link: Link, size: int, *, all_sent: bool) -> int:
+    """Return when to look again: when the line has room, if that is all that is missing."""
     now_ns = link.now_ns()
-    if link.connection.chunks_free == 0:
+    if all_sent or link.connection.chunks_free == 0:
         return now_ns + _TURN_NS
     return max(link.line.room_at_ns(size), now_ns + 1)
