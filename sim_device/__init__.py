@@ -1,1 +1,51 @@
-"""The virtual board: an emulated ultrasonic phased array at the far end of a serial line."""
+"""The virtual board: an emulated ultrasonic phased array at the far end of a serial line.
+
+Names are imported when they are asked for: ``python -m sim_device`` has to settle the number of
+numerical threads before numpy is imported, and importing this package does nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from .board import Board, StreamFrame
+    from .latch import Latch
+    from .options import board_settings
+    from .protocol_haptogram import register_url_handler
+    from .reconstruction import ReconstructionWorker
+    from .recorder import InlineReconstruction
+    from .settings import BoardSettings
+    from .simulation import Simulation
+
+_HOME: Final = {
+    "Board": "board",
+    "BoardSettings": "settings",
+    "InlineReconstruction": "recorder",
+    "Latch": "latch",
+    "ReconstructionWorker": "reconstruction",
+    "Simulation": "simulation",
+    "StreamFrame": "board",
+    "board_settings": "options",
+    "register_url_handler": "protocol_haptogram",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+
+
+__all__ = [
+    "Board",
+    "BoardSettings",
+    "InlineReconstruction",
+    "Latch",
+    "ReconstructionWorker",
+    "Simulation",
+    "StreamFrame",
+    "board_settings",
+    "register_url_handler",
+]

@@ -1,0 +1,88 @@
+"""A name in the file system that one live process at a time may own."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from pathlib import Path
+
+from haptogram.errors import ConfigurationError
+
+
+class LinkName:
+    """A symbolic link that one live process at a time may own.
+
+    A lock on ``<link>.lock`` says who: the system drops it with the process, however that ends, so
+    a link whose lock is free is stale and may be replaced.
+
+    Raises
+    ------
+    ConfigurationError
+        If a live process holds the lock, or the place cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lock_path = path.with_name(path.name + ".lock")
+        self._target = ""
+        self._lock = self._take_lock()
+
+    def point_to(self, target: str) -> None:
+        """Make the link point to *target*, at once and never half."""
+        self._refuse_foreign()
+        fresh = self._path.with_name(f"{self._path.name}.{os.getpid()}")
+        try:
+            os.symlink(target, fresh)
+            os.replace(fresh, self._path)
+        except OSError as error:
+            raise ConfigurationError(f"cannot make the link {self._path}: {error}") from error
+        self._target = target
+
+    def release(self) -> None:
+        """Remove the link, if it is still ours, and then the lock."""
+        if self._lock < 0:
+            return
+        with contextlib.suppress(OSError):
+            if self._target and os.readlink(self._path) == self._target:
+                os.unlink(self._path)
+        with contextlib.suppress(OSError):
+            os.unlink(self._lock_path)
+        os.close(self._lock)
+        self._lock = -1
+
+    def _take_lock(self) -> int:
+        while True:
+            try:
+                lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            except OSError as error:
+                raise ConfigurationError(f"cannot make the link {self._path}: {error}") from error
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                owner = os.read(lock, 32).decode(errors="replace").strip()
+                os.close(lock)
+                text = f"link {self._path} is held by a live board (process {owner})"
+                raise ConfigurationError(text) from error
+            if self._is_current(lock):
+                os.truncate(lock, 0)
+                os.write(lock, f"{os.getpid()}\n".encode())
+                return lock
+            os.close(lock)  # its owner removed it between our two calls: try again
+
+    def _is_current(self, lock: int) -> bool:
+        try:
+            return os.path.samestat(os.fstat(lock), os.stat(self._lock_path))
+        except FileNotFoundError:
+            return False
+
+    def _refuse_foreign(self) -> None:
+        """Raise if what is there is no link of a board that has ended."""
+        if not os.path.lexists(self._path):
+            return
+        target = os.readlink(self._path) if self._path.is_symlink() else ""
+        if target.startswith("/dev/pts/") or (target and not self._path.exists()):
+            return
+        what = f"a link to {target}" if target else "no link"
+        self.release()
+        raise ConfigurationError(f"{self._path} exists and is {what}; it is left alone")

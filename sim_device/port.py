@@ -1,0 +1,304 @@
+"""Where the bytes come and go: pseudo-terminal, TCP, serial port.  Owns file descriptors.
+
+Every port is non-blocking and keeps what the other side does not take in a bounded buffer: while
+anything is ``pending``, the caller holds back, and the board's own output limit does the rest.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import pty
+import socket
+import tty
+from pathlib import Path
+from typing import Final
+
+import serial
+
+from haptogram.errors import ConfigurationError, HaptogramError
+
+from .link_name import LinkName
+
+_GONE: Final = (errno.EIO, errno.EPIPE, errno.ECONNRESET, errno.ENXIO, errno.ENODEV)
+
+
+class PortLostError(HaptogramError):
+    """The port went away and will not come back: a cable was pulled."""
+
+
+class Port:
+    """A file descriptor that bytes go through.
+
+    Attributes
+    ----------
+    description : str
+        What a host has to open.
+    """
+
+    def __init__(self, fd: int, description: str) -> None:
+        self._fd = fd
+        self._unsent = b""
+        self.description = description
+
+    @property
+    def pending(self) -> int:
+        """Bytes that the other side has not taken yet."""
+        return len(self._unsent)
+
+    def reading(self) -> list[int]:
+        """Return the file descriptors to wait on for input."""
+        return [self._fd]
+
+    def writing(self) -> list[int]:
+        """Return the file descriptors to wait on while something is pending."""
+        return [self._fd] if self._unsent else []
+
+    def read(self, limit: int) -> bytes:
+        """Return what has come, at most *limit* bytes; empty if nothing has.
+
+        Raises
+        ------
+        PortLostError
+            If the port is gone for good.
+        """
+        if limit <= 0:
+            return b""
+        try:
+            data = os.read(self._fd, limit)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            return self._lost(error)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Hand over *data*, or keep what is not taken; see :attr:`pending`."""
+        self._unsent += data
+        if not self._unsent:
+            return
+        try:
+            self._unsent = self._unsent[os.write(self._fd, self._unsent) :]
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(error)
+
+    def take_events(self) -> list[str]:
+        """Return, for a log, who came and went since the last call."""
+        return []
+
+    def close(self) -> None:
+        """Close the port and remove what it left in the file system."""
+        with contextlib.suppress(OSError):
+            os.close(self._fd)
+
+    def _lost(self, error: OSError) -> bytes:
+        """Decide what *error* means; here: the port is gone."""
+        raise PortLostError(f"{self.description}: {error.strerror}") from error
+
+
+class PtyPort(Port):
+    """A pseudo-terminal with a stable name.
+
+    The board keeps one descriptor of the slave side open, so that clients may come and go: without
+    it, reading would fail with EIO from the moment that the first one closes.
+
+    Parameters
+    ----------
+    link : path
+        Name of the symbolic link to the pseudo-terminal.
+
+    Raises
+    ------
+    ConfigurationError
+        If a live board holds the link, or something else is in its place.
+    """
+
+    def __init__(self, link: str | Path) -> None:
+        self._link = LinkName(Path(link))
+        master, self._slave = pty.openpty()
+        super().__init__(master, str(link))
+        for fd in (master, self._slave):
+            tty.setraw(fd)  # cooked, a terminal would echo, and turn 0A into 0D 0A
+        os.set_blocking(master, False)
+        try:
+            self._link.point_to(os.ttyname(self._slave))
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Remove the link, then close both sides."""
+        self._link.release()
+        super().close()
+        with contextlib.suppress(OSError):
+            os.close(self._slave)
+
+    def _lost(self, error: OSError) -> bytes:
+        if error.errno == errno.EIO:  # a client closed: only said where our slave did not count
+            return b""
+        return super()._lost(error)
+
+
+class TcpPort(Port):
+    """A TCP server for one client at a time; another one is turned away.
+
+    Parameters
+    ----------
+    host, port
+        Where to listen; port 0 takes any that is free.
+
+    Raises
+    ------
+    ConfigurationError
+        If the address cannot be used.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        try:
+            self._server = socket.create_server((host, port))
+        except (OSError, OverflowError) as error:
+            raise ConfigurationError(f"cannot listen on {host}:{port}: {error}") from error
+        self._server.setblocking(False)
+        self._client: socket.socket | None = None
+        self._events: list[str] = []
+        name = self._server.getsockname()
+        super().__init__(-1, f"socket://{name[0]}:{name[1]}")
+
+    def reading(self) -> list[int]:
+        """Return the server, and the client where there is one."""
+        return [self._server.fileno(), *([self._fd] if self._client else [])]
+
+    def read(self, limit: int) -> bytes:
+        """Take a client in where one waits, and return what the present one sent."""
+        self._accept()
+        if self._client is None or limit <= 0:
+            return b""
+        try:
+            data = self._client.recv(limit)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._drop_client()
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Hand over *data*; without a client it is lost, as on a cable without one."""
+        if self._client is not None:
+            super().write(data)
+
+    def take_events(self) -> list[str]:
+        """Return who came and went since the last call."""
+        taken, self._events = self._events, []
+        return taken
+
+    def close(self) -> None:
+        """Close the client and the server."""
+        if self._client is not None:
+            self._client.close()
+        self._server.close()
+
+    def _accept(self) -> None:
+        try:
+            client, address = self._server.accept()
+        except OSError:  # nobody waits, or who waited has gone
+            return
+        if self._client is not None:
+            self._events.append(f"client {address[0]}:{address[1]} turned away: there is one")
+            client.close()
+            return
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._client, self._fd = client, client.fileno()
+        self._events.append(f"client {address[0]}:{address[1]} connected")
+
+    def _drop_client(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client, self._fd, self._unsent = None, -1, b""
+            self._events.append("client gone")
+
+    def _lost(self, error: OSError) -> bytes:
+        if error.errno not in _GONE:
+            return super()._lost(error)
+        self._drop_client()
+        return b""
+
+
+class SerialPort(Port):
+    """A real serial port: the board sits at the far end of a cable.
+
+    Raises
+    ------
+    ConfigurationError
+        If the port cannot be opened.
+    """
+
+    def __init__(self, name: str, baud: int) -> None:
+        try:
+            self._serial = serial.Serial(name, baud, timeout=0, exclusive=True)
+        except (OSError, ValueError) as error:
+            raise ConfigurationError(f"cannot open {name}: {error}") from error
+        super().__init__(self._serial.fileno(), name)
+        os.set_blocking(self._fd, False)
+
+    def close(self) -> None:
+        """Close the port."""
+        self._serial.close()
+
+
+class UnixListener:
+    """A local socket whose clients only listen; see :class:`~sim_device.sink.SocketSink`.
+
+    Parameters
+    ----------
+    path : str
+        Name of the socket in the file system; one that nobody listens on is replaced.
+
+    Raises
+    ------
+    ConfigurationError
+        If the name cannot be used.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket.setblocking(False)
+        try:
+            _remove_stale_socket(path)
+            self._socket.bind(path)
+            self._socket.listen()
+        except OSError as error:
+            self._socket.close()
+            raise ConfigurationError(f"cannot listen on unix:{path}: {error}") from error
+
+    def accept(self) -> int | None:
+        """Return a non-blocking descriptor of a client that waits, or None."""
+        try:
+            client, _ = self._socket.accept()
+        except OSError:
+            return None
+        client.setblocking(False)
+        return client.detach()
+
+    def close(self) -> None:
+        """Stop listening and remove the name."""
+        self._socket.close()
+        with contextlib.suppress(OSError):
+            os.unlink(self._path)
+
+
+def _remove_stale_socket(path: str) -> None:
+    """Remove a socket that nobody listens on: its owner was killed."""
+    if not Path(path).is_socket():
+        return
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(path)
+        except ConnectionRefusedError:
+            os.unlink(path)

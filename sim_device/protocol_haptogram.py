@@ -1,0 +1,322 @@
+"""The URL ``haptogram://``: a virtual board inside any pyserial program.
+
+::
+
+    import serial, sim_device
+    sim_device.register_url_handler()
+    port = serial.serial_for_url("haptogram://?seed=1&array=8x8", timeout=1)
+
+There is no thread: every read, write and look at ``in_waiting`` lets the board catch up with the
+clock. With ``clock=virtual`` there is no wall clock either: time passes in a blocking read (to the
+next byte, or to its timeout), in a blocking write, and in :meth:`Serial.wait_until_ns`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Final
+from urllib.parse import parse_qsl, urlsplit
+
+import serial
+from serial.serialutil import to_bytes
+
+from haptogram.errors import ConfigurationError
+
+from .backdoor import Record, to_line
+from .options import board_settings
+from .reconstruction import ReconstructionWorker
+from .recorder import InlineReconstruction
+from .settings import BoardSettings
+from .simulation import HOST_BUFFER, Recorder, Simulation
+from .sink import RecordSink, open_sink
+
+_LONGEST_SLEEP_NS: Final = 50_000_000  # another thread may write meanwhile
+_CLOCKS: Final = ("wall", "virtual")
+
+
+def register_url_handler() -> None:
+    """Teach pyserial the URL ``haptogram://``; doing it twice does no harm."""
+    package = __name__.rpartition(".")[0]
+    if package not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append(package)
+
+
+def _number(kind: Callable[[str], Any]) -> Callable[[str, str], Any]:
+    def parse(name: str, text: str) -> Any:
+        try:
+            return kind(text)
+        except ValueError as error:
+            raise ConfigurationError(f"{name}={text} is not a number") from error
+
+    return parse
+
+
+def _choice(**meanings: object) -> Callable[[str, str], Any]:
+    def parse(name: str, text: str) -> Any:
+        if text not in meanings:
+            raise ConfigurationError(f"{name}={text}; known are {', '.join(meanings)}")
+        return meanings[text]
+
+    return parse
+
+
+def _text(_: str, text: str) -> str:
+    return text
+
+
+_PARAMETERS: Final[dict[str, Callable[[str, str], Any]]] = {
+    "seed": _number(int),
+    "clock": _choice(**{clock: clock for clock in _CLOCKS}),
+    "array": _text,
+    "pitch_mm": _number(float),
+    "temperature_c": _number(float),
+    "baud": _number(int),
+    "backdoor": _text,
+    "reconstruct": _choice(**{"0": False, "1": True}),
+}
+
+
+def parse_url(url: str) -> dict[str, Any]:
+    """Return the parameters of a ``haptogram://`` URL.
+
+    Raises
+    ------
+    ConfigurationError
+        For a parameter that is not known, or makes no sense.
+    """
+    parts = urlsplit(url)
+    if parts.scheme != "haptogram" or parts.netloc or parts.path.strip("/"):
+        raise ConfigurationError(f"{url}: must be haptogram://?name=value&...")
+    values = {}
+    for name, text in parse_qsl(parts.query, keep_blank_values=True):
+        if name not in _PARAMETERS:
+            raise ConfigurationError(f"{url}: no parameter {name!r}; known: {_known()}")
+        values[name] = _PARAMETERS[name](name, text)
+    return values
+
+
+def _known() -> str:
+    return ", ".join(_PARAMETERS)
+
+
+class Serial(serial.SerialBase):
+    """A pyserial port whose far end is a virtual board in this process.
+
+    Attributes
+    ----------
+    simulation : Simulation
+        The board and its line, while the port is open.
+    records : list of dict
+        Records of the back door, where ``reconstruct`` is given and no worker writes them.
+    """
+
+    simulation: Simulation
+    records: list[Record]
+
+    # pyserial keeps these, but its type stubs do not know them.
+    _port: str | None
+    _timeout: float | None
+    _write_timeout: float | None
+
+    # --- opening and closing -------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Power the board up.
+
+        Raises
+        ------
+        ConfigurationError
+            If the URL makes no sense.
+        """
+        if self._port is None:
+            raise serial.SerialException("Port must be configured before it can be used.")
+        if self.is_open:
+            raise serial.SerialException("Port is already open.")
+        options = parse_url(self._port)
+        self._is_virtual = options.pop("clock", "wall") == "virtual"
+        backdoor = options.pop("backdoor", None)
+        reconstruct = options.pop("reconstruct", None)
+        settings = board_settings(**options)
+        self.records = []
+        self._sink: RecordSink | None = None
+        self._worker: ReconstructionWorker | None = None
+        self._inline: InlineReconstruction | None = None
+        recorders = self._recorders(settings, backdoor, reconstruct)
+        self.simulation = Simulation(settings, *recorders)
+        self._start_ns = time.monotonic_ns()
+        self.is_open = True
+
+    def _recorders(
+        self, settings: BoardSettings, backdoor: str | None, reconstruct: bool | None
+    ) -> list[Recorder]:
+        """Return who takes down the records: nobody, unless somebody asked for them."""
+        if backdoor is None and reconstruct is None:
+            return []
+        wanted = reconstruct is not False
+        if backdoor is not None and not self._is_virtual:
+            self._worker = ReconstructionWorker(settings, backdoor, reconstruct=wanted)
+            return [self._worker]
+        write: Callable[[Record], object] = self.records.append
+        if backdoor is not None:
+            self._sink = sink = open_sink(backdoor)
+            write = lambda record: sink.write(to_line(record))  # noqa: E731  one line, used once
+        self._inline = InlineReconstruction(settings, write, reconstruct=wanted)
+        return [self._inline]
+
+    def close(self) -> None:
+        """Power the board down, and write the last record."""
+        if not self.is_open:
+            return
+        self.is_open = False
+        if self._inline is not None:
+            self._inline.finish()
+        if self._worker is not None:
+            self._worker.close()
+        if self._sink is not None:
+            self._sink.close()
+
+    def from_url(self, url: str) -> str:
+        """Return *url*: pyserial asks for a port's name."""
+        return url
+
+    # --- time ----------------------------------------------------------------------------------
+
+    def now_ns(self) -> int:
+        """Return the time of this port's clock: virtual, or the monotonic one."""
+        return self.simulation.now_ns if self._is_virtual else time.monotonic_ns()
+
+    def wait_until_ns(self, t_ns: int) -> None:
+        """Let time pass up to *t_ns* of this port's clock; bytes that come stay unread."""
+        while self.now_ns() < t_ns:
+            self._pass_time(t_ns)
+        self._catch_up()
+
+    def _catch_up(self) -> None:
+        """Advance the board to now."""
+        if not self.is_open:
+            raise serial.PortNotOpenError
+        if self._is_virtual:
+            self.simulation.advance_to(self.simulation.now_ns)
+        else:
+            # Up to whole microseconds, on which the board takes bytes: nothing is left over.
+            elapsed_ns = -(-(time.monotonic_ns() - self._start_ns) // 1000) * 1000
+            self.simulation.advance_to(max(elapsed_ns, self.simulation.now_ns))
+        if self._worker is not None:
+            self._worker.pump()
+
+    def _pass_time(self, until_ns: int | None) -> None:
+        """Let time pass to the next event, at most up to *until_ns* of this port's clock."""
+        next_ns = self.simulation.next_event_ns()
+        if self._is_virtual:
+            times = [t_ns for t_ns in (next_ns, until_ns) if t_ns is not None]
+            if not times:
+                raise serial.SerialException("nothing will ever come: the read has no timeout")
+            self.simulation.advance_to(max(min(times), self.simulation.now_ns))
+            return
+        now_ns = time.monotonic_ns()
+        waits = [_LONGEST_SLEEP_NS]
+        if next_ns is not None:
+            waits.append(next_ns + self._start_ns - now_ns)
+        if until_ns is not None:
+            waits.append(until_ns - now_ns)
+        time.sleep(max(0, min(waits)) / 1e9)
+        self._catch_up()
+
+    def _deadline_ns(self, timeout_s: float | None) -> int | None:
+        return None if timeout_s is None else self.now_ns() + round(timeout_s * 1e9)
+
+    def _is_over(self, deadline_ns: int | None) -> bool:
+        return deadline_ns is not None and self.now_ns() >= deadline_ns
+
+    # --- bytes ---------------------------------------------------------------------------------
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read without waiting."""
+        self._catch_up()
+        return self.simulation.host_waiting
+
+    def read(self, size: int = 1) -> bytes:
+        """Return *size* bytes, or fewer when the timeout has passed."""
+        self._catch_up()
+        deadline_ns = self._deadline_ns(self._timeout)
+        data = self.simulation.host_read(size)
+        while len(data) < size and not self._is_over(deadline_ns):
+            self._pass_time(deadline_ns)
+            data += self.simulation.host_read(size - len(data))
+        return data
+
+    def write(self, b: Any, /) -> int:
+        """Hand over bytes, and return how many were taken.
+
+        Without a write timeout that is all of them; with one of 0, what the line takes at once.
+
+        Raises
+        ------
+        serial.SerialTimeoutException
+            If a timeout above 0 passes first.
+        """
+        self._catch_up()
+        data = to_bytes(b)
+        deadline_ns = self._deadline_ns(self._write_timeout)
+        sent = self._put(data)
+        while sent < len(data) and self._write_timeout != 0:
+            if self._is_over(deadline_ns):
+                raise serial.SerialTimeoutException("Write timeout")
+            self._pass_time(deadline_ns)
+            sent += self._put(data[sent:])
+        return sent
+
+    def _put(self, data: bytes) -> int:
+        taken = self.simulation.host_write(data, self.simulation.now_ns)
+        self._catch_up()
+        return taken
+
+    def flush(self) -> None:
+        """Wait until the line has carried everything that was written."""
+        while self.simulation.host_unsent:
+            self._pass_time(None)
+
+    def reset_input_buffer(self) -> None:
+        """Discard what has come and was not read."""
+        self._catch_up()
+        self.simulation.host_read(HOST_BUFFER * 2)
+
+    def reset_output_buffer(self) -> None:
+        """Do nothing: what was written is on the line."""
+        self._catch_up()
+
+    # --- settings and modem lines, which a virtual line does not have --------------------------
+
+    def _reconfigure_port(self) -> None:
+        """Take any setting: the line is that of the URL."""
+
+    def _update_break_state(self) -> None:
+        pass
+
+    def _update_rts_state(self) -> None:
+        pass
+
+    def _update_dtr_state(self) -> None:
+        pass
+
+    @property
+    def cts(self) -> bool:
+        """Clear to send: always."""
+        return True
+
+    @property
+    def dsr(self) -> bool:
+        """Board ready: always."""
+        return True
+
+    @property
+    def ri(self) -> bool:
+        """Ring: never."""
+        return False
+
+    @property
+    def cd(self) -> bool:
+        """Carrier detected: always."""
+        return True

@@ -1,0 +1,301 @@
+"""Numerics and records in a process of their own, away from the path of the bytes.
+
+The board must never wait for numerics, a disc or a reader of the back door, so on the wall clock
+all three belong to a worker. In virtual time :class:`InlineReconstruction` does the same on the
+spot.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import pickle
+import selectors
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from haptogram.errors import ConfigurationError, HaptogramError
+
+from .backdoor import to_line
+from .latch import Latch, Notice
+from .recorder import InlineReconstruction
+from .settings import BoardSettings
+from .sink import RecordSink, open_sink
+
+QUEUE_LATCHES: Final = 16_384  # records that may wait for the worker: 16 s at 1 kHz
+START_TIMEOUT_S: Final = 60.0
+DRAIN_TIMEOUT_S: Final = 120.0
+LINGER_S: Final = 5.0  # for readers of the back door to take the last records
+
+_LENGTH: Final = struct.Struct("<I")
+_READ_BYTES: Final = 65_536
+_PIPE_BYTES: Final = 1 << 20
+_IDLE_S: Final = 0.05  # how long a client of the back door may wait for its first line
+_READY: Final = b"ready\n"
+_THREADS: Final = (
+    "OPENBLAS_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+
+
+# --- The board's side of the worker ------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """What a worker is started with."""
+
+    settings: BoardSettings
+    target: str
+    reconstruct: bool
+
+
+class ReconstructionWorker:
+    """A recorder that hands everything to a process of its own, and never waits for it.
+
+    Up to :data:`QUEUE_LATCHES` records wait; a latch that finds no room is counted in ``dropped``.
+    The worker ends when its input does, so it cannot outlive the board, however that ends.
+
+    Parameters
+    ----------
+    settings : BoardSettings
+        The board.
+    target : str
+        Where the records go, see :func:`~sim_device.sink.open_sink`.
+    reconstruct : bool, keyword-only
+        Whether the field is rebuilt.
+
+    Raises
+    ------
+    ConfigurationError
+        If the worker cannot write to *target*.
+    HaptogramError
+        If it does not start.
+    """
+
+    def __init__(self, settings: BoardSettings, target: str, *, reconstruct: bool = True) -> None:
+        self.dropped = self.notices_dropped = 0
+        self._waiting: deque[bytes] = deque()
+        self._alive = True
+        self._process = _start_process()
+        self._input.write(_packed(_Job(settings, target, reconstruct)))
+        self._input.flush()
+        self._await_ready()
+        _widen(self._input.fileno())
+        os.set_blocking(self._input.fileno(), False)
+
+    @property
+    def _input(self) -> Any:  # never None: the process was started with a pipe
+        return self._process.stdin
+
+    @property
+    def pending(self) -> int:
+        """Records that wait for the worker."""
+        return len(self._waiting)
+
+    def fileno(self) -> int:
+        """Return the file descriptor that is writable when :meth:`pump` can go on."""
+        return int(self._input.fileno())
+
+    def latch(self, latch: Latch) -> None:
+        """Take down a latch, or count it as dropped."""
+        if not self._alive or len(self._waiting) >= QUEUE_LATCHES:
+            self.dropped += 1
+            return
+        self._waiting.append(_packed(latch))
+        self.pump()
+
+    def notice(self, notice: Notice) -> None:
+        """Take down a change of the output; these have a quarter more room than latches."""
+        if not self._alive or len(self._waiting) >= QUEUE_LATCHES + QUEUE_LATCHES // 4:
+            self.notices_dropped += 1
+            return
+        self._waiting.append(_packed(notice))
+        self.pump()
+
+    def pump(self) -> None:
+        """Hand over what the worker takes now."""
+        while self._waiting and self._alive:
+            data = self._waiting[0]
+            try:
+                sent = os.write(self.fileno(), data)
+            except BlockingIOError:
+                return
+            except OSError:
+                self._lose()
+                return
+            if sent < len(data):
+                self._waiting[0] = data[sent:]
+                return
+            self._waiting.popleft()
+
+    def close(self, timeout_s: float = DRAIN_TIMEOUT_S) -> None:
+        """Let the worker write everything down and end; kill it if it takes too long."""
+        deadline_s = time.monotonic() + timeout_s
+        self._waiting.append(_packed(_End(self.dropped, self.notices_dropped)))
+        self._drain(deadline_s)
+        self._alive = False
+        for pipe in (self._input, self._process.stdout):
+            _close_quietly(pipe)
+        try:
+            self._process.wait(max(0.0, deadline_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _drain(self, deadline_s: float) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._input, selectors.EVENT_WRITE)
+            while self._waiting and self._alive and time.monotonic() < deadline_s:
+                selector.select(max(0.0, deadline_s - time.monotonic()))
+                self.pump()
+
+    def _lose(self) -> None:
+        """Go on without the worker, which is gone; count what it did not take."""
+        self._alive = False
+        self.dropped += len(self._waiting)
+        self._waiting.clear()
+
+    def _await_ready(self) -> None:
+        answer = _read_line(self._process.stdout, START_TIMEOUT_S)
+        if answer == _READY:
+            return
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._input, self._process.stdout):
+            _close_quietly(pipe)
+        if answer:
+            raise ConfigurationError(answer.decode(errors="replace").strip())
+        raise HaptogramError(f"the reconstruction worker did not start in {START_TIMEOUT_S:g} s")
+
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    """Nothing more comes; so many latches and notices were dropped on the way to the worker."""
+
+    dropped: int
+    notices_dropped: int
+
+
+def _start_process() -> subprocess.Popen[bytes]:
+    environment = {**os.environ, **dict.fromkeys(_THREADS, "1")}
+    environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    # Not multiprocessing: it would import the caller's main module again, and that may be anything.
+    command = [sys.executable, "-P", "-c", f"from {__name__} import run_worker; run_worker()"]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+
+
+def _packed(item: object) -> bytes:
+    data = pickle.dumps(item, protocol=pickle.HIGHEST_PROTOCOL)
+    return _LENGTH.pack(len(data)) + data
+
+
+def _widen(pipe: int) -> None:
+    """Make a pipe hold more, where the system can: every refused write costs a wake-up."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):  # 64 KiB, the usual size, will do
+            fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+
+
+def _read_line(pipe: Any, timeout_s: float) -> bytes:
+    """Return what came up to the first line feed, the end or the timeout."""
+    line, deadline_s = b"", time.monotonic() + timeout_s
+    with selectors.DefaultSelector() as selector:
+        selector.register(pipe, selectors.EVENT_READ)
+        while not line.endswith(b"\n"):
+            if not selector.select(max(0.0, deadline_s - time.monotonic())):
+                break
+            piece = os.read(pipe.fileno(), 4096)
+            if not piece:
+                break
+            line += piece
+    return line
+
+
+def _close_quietly(pipe: Any) -> None:
+    with contextlib.suppress(OSError):  # the worker closed its end first
+        pipe.close()
+
+
+# --- The worker's side -------------------------------------------------------------------------
+
+
+def run_worker() -> None:
+    """Be the worker: read from standard input until it ends, write the records."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # the board ends the worker, by closing its input
+    items = _items(_READ_BYTES)
+    job = next(item for item in items if item is not None)
+    try:
+        sink = open_sink(job.target)
+    except ConfigurationError as error:
+        os.write(1, f"{error}\n".encode())
+        return
+    try:
+        recorder = InlineReconstruction(
+            job.settings, lambda record: sink.write(to_line(record)), reconstruct=job.reconstruct
+        )
+        os.write(1, _READY)
+        _record_all(items, recorder, sink)
+        _linger(sink)
+    finally:
+        sink.close()
+
+
+def _record_all(items: Iterator[Any], recorder: InlineReconstruction, sink: RecordSink) -> None:
+    for item in items:
+        if isinstance(item, Latch):
+            recorder.latch(item)
+        elif isinstance(item, _End):
+            recorder.finish(dropped=item.dropped, notices_dropped=item.notices_dropped)
+            return
+        elif item is not None:
+            recorder.notice(item)
+        sink.serve()
+    recorder.finish(clean=False)  # the board ended without saying so
+
+
+def _linger(sink: RecordSink) -> None:
+    """Let slow readers take the last records."""
+    deadline_s = time.monotonic() + LINGER_S
+    while sink.pending and time.monotonic() < deadline_s:
+        time.sleep(_IDLE_S)
+        sink.serve()
+
+
+def _items(chunk: int) -> Iterator[Any]:
+    """Yield what the board sends, None now and then while it is silent; end when it has ended."""
+    buffer = bytearray()
+    with selectors.DefaultSelector() as selector:
+        selector.register(0, selectors.EVENT_READ)
+        while True:
+            if not selector.select(_IDLE_S):
+                yield None
+                continue
+            data = os.read(0, chunk)
+            if not data:
+                return
+            buffer += data
+            yield from _unpacked(buffer)
+
+
+def _unpacked(buffer: bytearray) -> Iterator[Any]:
+    """Yield the whole items at the front of *buffer*, and take them off it."""
+    size = _LENGTH.size
+    while len(buffer) >= size:
+        (length,) = _LENGTH.unpack_from(buffer)
+        if len(buffer) < size + length:
+            return
+        item = bytes(buffer[size : size + length])
+        del buffer[: size + length]
+        yield pickle.loads(item)

@@ -1,0 +1,75 @@
+"""What takes down what a board did, and where it focused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
+
+from .backdoor import Record, board_record, end_record, latch_record, output_record
+from .latch import Latch, Notice
+from .settings import BoardSettings
+
+
+class Estimator:
+    """Rebuilds the field of latch after latch; one memory for every resolution of the phases."""
+
+    def __init__(self, model: AcousticModel) -> None:
+        self._model = model
+        self._by_bits: dict[int, Reconstructor] = {}
+
+    def estimate(self, latch: Latch) -> Reconstruction:
+        """Return what the board radiated; it is not told what the host had wanted."""
+        bits = latch.commanded_bits
+        if bits not in self._by_bits:
+            self._by_bits[bits] = Reconstructor(self._model, bits)
+        return self._by_bits[bits].reconstruct(latch.radiated, ramping=latch.ramping)
+
+
+class InlineReconstruction:
+    """A recorder that makes every record at once.
+
+    Parameters
+    ----------
+    settings : BoardSettings
+        The board.
+    write : callable
+        Takes each record: a list's ``append``, for example.
+    reconstruct : bool, keyword-only
+        Whether the field is rebuilt.
+    """
+
+    def __init__(
+        self,
+        settings: BoardSettings,
+        write: Callable[[Record], object],
+        *,
+        reconstruct: bool = True,
+    ) -> None:
+        self._write = write
+        self._estimator = Estimator(settings.model) if reconstruct else None
+        self._latched = self._reconstructed = 0
+        write(board_record(settings))
+
+    def latch(self, latch: Latch) -> None:
+        """Take down a latch."""
+        self._latched += 1
+        estimate = self._estimator.estimate(latch) if self._estimator else None
+        self._reconstructed += estimate is not None
+        self._write(latch_record(latch, estimate))
+
+    def notice(self, notice: Notice) -> None:
+        """Take down a change of the output."""
+        self._write(output_record(notice))
+
+    def finish(self, *, dropped: int = 0, notices_dropped: int = 0, clean: bool = True) -> None:
+        """Write the totals; *dropped* latches and *notices_dropped* notices never came here."""
+        self._write(
+            end_record(
+                latched=self._latched + dropped,
+                reconstructed=self._reconstructed,
+                dropped=dropped,
+                notices_dropped=notices_dropped,
+                clean=clean,
+            )
+        )

@@ -1,0 +1,171 @@
+"""One board at the far end of one line: joins line, dialect, board and recorder.
+
+:class:`Simulation` knows no clock: times are nanoseconds since power-up, given by the caller, and
+it goes from event to event, so a run on the wall clock and one in virtual time are the same code.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+from haptogram_protocol.export import description_hash
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
+
+from .board import Board
+from .dialect import BoardDialect
+from .latch import Latch, Notice
+from .settings import BoardSettings
+from .uart import Line
+
+HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
+LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
+_LINE_CHUNK: Final = MAX_ENCODED_BYTES + 2  # handed to the line at a time: the longest frame
+_NS_PER_US: Final = 1_000
+
+
+class Recorder(Protocol):
+    """Takes down what the board does.  It must not block."""
+
+    def latch(self, latch: Latch) -> None:
+        """Take down a latch."""
+        ...
+
+    def notice(self, notice: Notice) -> None:
+        """Take down a change of the output."""
+        ...
+
+
+class Simulation:
+    """A virtual board with its line, from power-up at 0 ns on.
+
+    Parameters
+    ----------
+    settings : BoardSettings
+        The board; its ``baud`` is that of both directions of the line.
+    *recorders : Recorder
+        What takes down what the board does.
+
+    Raises
+    ------
+    ConfigurationError
+        If the line cannot be.
+    """
+
+    def __init__(self, settings: BoardSettings, *recorders: Recorder) -> None:
+        self.board = Board(settings)
+        self.dialect = BoardDialect(self.board, description_hash())
+        self._recorders = recorders
+        self._down, self._up = Line(settings.baud), Line(settings.baud)
+        self._unread = bytearray()
+        self._now_ns = 0
+
+    @property
+    def now_ns(self) -> int:
+        """Time up to which everything has happened."""
+        return self._now_ns
+
+    def device_us(self, t_ns: int) -> int:
+        """Return the unwrapped device time at *t_ns*, rounded up."""
+        return self.board.settings.boot_us - (-t_ns // _NS_PER_US)
+
+    # --- the host's side -----------------------------------------------------------------------
+
+    @property
+    def host_room(self) -> int:
+        """Bytes that the host may write now."""
+        return max(0, LINE_BUFFER - self._down.in_transit)
+
+    @property
+    def host_unsent(self) -> int:
+        """Bytes that the host has written and the line still carries."""
+        return self._down.in_transit
+
+    @property
+    def host_waiting(self) -> int:
+        """Bytes that the host may read now."""
+        return len(self._unread)
+
+    def host_write(self, data: bytes, t_ns: int) -> int:
+        """Put bytes of the host on the line at *t_ns*; return how many there was room for."""
+        self.advance_to(t_ns)
+        taken = data[: self.host_room]
+        self._down.send(taken, t_ns)
+        return len(taken)
+
+    def host_read(self, limit: int | None = None) -> bytes:
+        """Return bytes that have come from the board, at most *limit*."""
+        taken = bytes(self._unread[:limit])
+        del self._unread[: len(taken)]
+        self._feed_line()
+        return taken
+
+    def unplug(self) -> None:
+        """Lose what is on the line and what the host has not read: it has closed the port."""
+        self._down.cut()
+        self._up.cut()
+        self._unread.clear()
+
+    # --- time ----------------------------------------------------------------------------------
+
+    def next_event_ns(self) -> int | None:
+        """Return when something happens next by itself, or None."""
+        board_us = self.dialect.next_event_us()
+        times = (
+            None if board_us is None else self._ns(board_us),
+            _whole_us(self._down.next_delimiter_ns(DELIMITER)),
+            self._up.next_delimiter_ns(DELIMITER),
+            self._up.free_ns if self._can_feed else None,
+        )
+        first_ns = min((t_ns for t_ns in times if t_ns is not None), default=None)
+        return None if first_ns is None else max(first_ns, self._now_ns)
+
+    def advance_to(self, t_ns: int) -> None:
+        """Let everything happen that is due up to *t_ns*.
+
+        Raises
+        ------
+        ValueError
+            If time would run backwards.
+        """
+        if t_ns < self._now_ns:
+            raise ValueError(f"simulation is at {self._now_ns} ns, cannot go back to {t_ns} ns")
+        while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
+            self._step(next_ns)
+        self._now_ns = t_ns
+
+    def _step(self, t_ns: int) -> None:
+        self._now_ns = t_ns
+        t_us = self.board.settings.boot_us + t_ns // _NS_PER_US
+        if t_ns % _NS_PER_US == 0 and (data := self._down.receive(t_ns)):
+            self.dialect.receive(data, t_us)  # only on whole microseconds: never before it came
+        else:
+            self.dialect.advance_to(t_us)
+        self._record()
+        self._feed_line()
+        self._unread += self._up.receive(t_ns)
+
+    def _record(self) -> None:
+        notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
+        for recorder in self._recorders:
+            for notice in notices:
+                recorder.notice(notice)
+            for latch in latches:
+                recorder.latch(latch)
+
+    @property
+    def _can_feed(self) -> bool:
+        return self.dialect.output_bytes > 0 and len(self._unread) < HOST_BUFFER
+
+    def _feed_line(self) -> None:
+        """Give the line to the host more bytes, once it has sent the last ones."""
+        if self._can_feed and self._up.free_ns <= self._now_ns:
+            self._up.send(self.dialect.take_output(_LINE_CHUNK), self._now_ns)
+            self.dialect.line_free_us = self.device_us(self._up.free_ns)
+
+    def _ns(self, device_us: int) -> int:
+        return (device_us - self.board.settings.boot_us) * _NS_PER_US
+
+
+def _whole_us(t_ns: int | None) -> int | None:
+    """Return *t_ns* rounded up to the microseconds that the board counts in."""
+    return None if t_ns is None else -(-t_ns // _NS_PER_US) * _NS_PER_US
