@@ -103,10 +103,9 @@ int hg_cobs_decode(uint8_t *data, size_t length, size_t *decoded)
             return HG_COUNTER_COBS;
         if (zero_due)
             data[to++] = 0;
-        memmove(data + to, data + from + 1, code - 1);
-        to += code - 1;
-        from += code;
         zero_due = code != FULL_BLOCK;
+        for (from++; code > 1; code--) /* never overtakes: a code byte went before */
+            data[to++] = data[from++];
     }
     *decoded = to;
     return HG_OK;
