@@ -1,0 +1,304 @@
+"""Tactile objects: the points of a 3D shape, in an order that keeps jumps small.
+
+A focus that hops far leaves the transducers less time to follow (their envelope needs a good part
+of a millisecond), so neighbouring points follow each other: along a curve as it runs, over a
+surface ring by ring or, for a mesh, from each point to the nearest that is left.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Protocol, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    import trimesh
+
+Point3: TypeAlias = tuple[float, float, float]
+Points: TypeAlias = NDArray[np.float64]
+
+MAX_POINTS: Final = 200_000
+_LOWEST_RESOLUTION_M: Final = 1e-5
+_CANDIDATES_PER_POINT: Final = 8  # random points on a mesh, of which an even subset is kept
+
+
+class TactileObject(Protocol):
+    """Something that can be displayed point by point."""
+
+    def sample(self, resolution_m: float) -> Points:
+        """Return the (T, 3) points of one pass, in metres, neighbours about *resolution_m* apart.
+
+        Raises
+        ------
+        ConfigurationError
+            If the resolution is not positive, or coarser than the object.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A single point."""
+
+    position_m: Point3
+
+    def __post_init__(self) -> None:
+        _check_finite("position_m", self.position_m)
+
+    def sample(self, resolution_m: float) -> Points:
+        """Return the (1, 3) point, in metres."""
+        _check_resolution(resolution_m, math.inf)
+        return np.array([self.position_m])
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A straight line, there and back again so that the pass closes."""
+
+    start_m: Point3
+    end_m: Point3
+
+    def __post_init__(self) -> None:
+        _check_finite("start_m", self.start_m)
+        _check_finite("end_m", self.end_m)
+
+    def sample(self, resolution_m: float) -> Points:
+        """Return the (T, 3) points, in metres: out on the even ones, back on the odd ones."""
+        start, end = np.array(self.start_m), np.array(self.end_m)
+        length_m = float(np.linalg.norm(end - start))
+        _check_resolution(resolution_m, length_m)
+        steps = _count(length_m / resolution_m)
+        order = _there_and_back(steps + 1)
+        return start + (end - start) * (np.array(order)[:, None] / steps)
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """A circle in a plane parallel to the array."""
+
+    radius_m: float
+    center_m: Point3
+
+    def __post_init__(self) -> None:
+        _check_radius(self.radius_m)
+        _check_finite("center_m", self.center_m)
+
+    def sample(self, resolution_m: float) -> Points:
+        """Return the (T, 3) points, in metres, once round."""
+        _check_resolution(resolution_m, 2.0 * self.radius_m)
+        return np.array(self.center_m) + _ring(self.radius_m, 0.0, resolution_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """A whole sphere, ring by ring from the lower pole to the upper one."""
+
+    radius_m: float
+    center_m: Point3
+
+    def __post_init__(self) -> None:
+        _check_radius(self.radius_m)
+        _check_finite("center_m", self.center_m)
+
+    def sample(self, resolution_m: float) -> Points:
+        """Return the (T, 3) points, in metres."""
+        return np.array(self.center_m) + _cap(self.radius_m, math.pi, resolution_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Hemisphere:
+    """Half of a sphere, ring by ring from its pole to its rim.
+
+    Attributes
+    ----------
+    radius_m : float
+        Radius, in metres.
+    center_m : tuple of 3 float
+        Centre of the sphere, in metres.
+    lower : bool
+        Whether it is the half nearer to the array, as in the paper.
+    """
+
+    radius_m: float
+    center_m: Point3
+    lower: bool = True
+
+    def __post_init__(self) -> None:
+        _check_radius(self.radius_m)
+        _check_finite("center_m", self.center_m)
+
+    def sample(self, resolution_m: float) -> Points:
+        """Return the (T, 3) points, in metres."""
+        points = _cap(self.radius_m, math.pi / 2.0, resolution_m)
+        if not self.lower:
+            points[:, 2] = -points[:, 2]
+        return np.array(self.center_m) + points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshSurface:
+    """The surface of a triangle mesh; see :meth:`from_file`."""
+
+    mesh: trimesh.Trimesh
+
+    @classmethod
+    def from_file(
+        cls, path: str | Path, *, center_m: Point3 | None = None, unit_m: float = 1e-3
+    ) -> Self:
+        """Read an STL, OBJ or PLY file.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        center_m : tuple of 3 float, optional
+            Where the centre of its bounding box shall be, in metres; by default where the file
+            has it.
+        unit_m : float
+            Length of one unit of the file, in metres.  These formats hold none; millimetres are
+            usual.
+
+        Raises
+        ------
+        ConfigurationError
+            If the file cannot be read, holds no surface, or the extra ``mesh`` is not installed.
+        """
+        mesh = _read_mesh(Path(path))
+        mesh.apply_scale(unit_m)
+        if center_m is not None:
+            _check_finite("center_m", center_m)
+            mesh.apply_translation(np.array(center_m) - mesh.bounds.mean(axis=0))
+        return cls(mesh)
+
+    def sample(self, resolution_m: float) -> Points:
+        """Return (T, 3) points spread evenly over the surface, in metres; always the same ones."""
+        _check_resolution(resolution_m, float(np.ptp(self.mesh.bounds, axis=0).max()))
+        count = _count(float(self.mesh.area) / resolution_m**2)
+        return _nearest_first(_even_subset(self.mesh, count, resolution_m))
+
+
+def _there_and_back(count: int) -> list[int]:
+    """Return 0 .. count-1 so that neighbours, and last and first, are two apart at the most."""
+    return [*range(0, count, 2), *reversed(range(1, count, 2))]
+
+
+def _ring(radius_m: float, z_m: float, resolution_m: float, start_rad: float = 0.0) -> Points:
+    """Return points once round a circle about the z axis, beginning near *start_rad*."""
+    count = _count(2.0 * math.pi * radius_m / resolution_m)
+    angles = start_rad + 2.0 * math.pi * np.arange(count) / count
+    return np.stack(
+        [radius_m * np.cos(angles), radius_m * np.sin(angles), np.full(count, z_m)], axis=1
+    )
+
+
+def _cap(radius_m: float, opening_rad: float, resolution_m: float) -> Points:
+    """Return the points of a sphere from its lowest point to the polar angle *opening_rad*.
+
+    Rings a resolution apart along the meridian; each begins where the one before ended.
+    """
+    _check_resolution(resolution_m, 2.0 * radius_m)
+    _count(2.0 * math.pi * (1.0 - math.cos(opening_rad)) * (radius_m / resolution_m) ** 2)
+    rings = max(1, round(opening_rad * radius_m / resolution_m))
+    parts: list[Points] = []
+    start_rad = 0.0
+    for polar in opening_rad * np.arange(rings + 1) / rings:
+        around_m = abs(radius_m * math.sin(polar))
+        part = _ring(around_m, -radius_m * math.cos(polar), resolution_m, start_rad)
+        start_rad += 2.0 * math.pi * (len(part) - 1) / len(part)
+        parts.append(part)
+    return np.concatenate(parts)
+
+
+def _read_mesh(path: Path) -> trimesh.Trimesh:
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ConfigurationError(
+            f"{path}: meshes need the extra 'mesh': pip install 'haptogram[mesh]'"
+        ) from error
+    if not path.is_file():
+        raise ConfigurationError(f"{path}: no such file")
+    try:
+        mesh = trimesh.load_mesh(path)
+    except Exception as error:  # the parsers of the formats raise whatever they meet
+        raise ConfigurationError(f"{path}: not a mesh that can be read: {error}") from error
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces) or not mesh.area > 0.0:
+        raise ConfigurationError(f"{path}: the mesh has no surface")
+    if not np.isfinite(mesh.vertices).all():
+        raise ConfigurationError(f"{path}: the mesh has a vertex that is not finite")
+    return mesh
+
+
+def _even_subset(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> Points:
+    """Return about *count* points of the surface, none much nearer than a resolution to another."""
+    import trimesh
+
+    candidates, _ = trimesh.sample.sample_surface(mesh, _CANDIDATES_PER_POINT * count, seed=0)
+    points: Points = np.asarray(candidates, dtype=np.float64)
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(points)
+    # Half the covered area of hexagonal packing: thinning at random leaves holes in between.
+    least_m = 0.75 * resolution_m
+    dropped = np.zeros(len(points), dtype=np.bool_)
+    for index, neighbours in enumerate(tree.query_ball_point(points, least_m)):
+        if not dropped[index]:
+            dropped[[other for other in neighbours if other > index]] = True
+    return points[~dropped]
+
+
+def _nearest_first(points: Points) -> Points:
+    """Return *points* so that each is followed by the nearest that is left, from the lowest on."""
+    left = np.ones(len(points), dtype=np.bool_)
+    order = [int(np.lexsort((points[:, 0], points[:, 1], points[:, 2]))[0])]
+    left[order[0]] = False
+    for _ in range(len(points) - 1):
+        squared = np.square(points - points[order[-1]]).sum(axis=1)
+        order.append(int(np.argmin(np.where(left, squared, np.inf))))
+        left[order[-1]] = False
+    return points[order]
+
+
+def _count(wanted: float) -> int:
+    """Return a number of points, at least 1.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is more than :data:`MAX_POINTS`.
+    """
+    if wanted > MAX_POINTS:
+        raise ConfigurationError(
+            f"the object would have {wanted:.3g} points at this resolution, must be {MAX_POINTS} "
+            "or fewer"
+        )
+    return max(1, round(wanted))
+
+
+def _check_resolution(resolution_m: float, extent_m: float) -> None:
+    if not (math.isfinite(resolution_m) and resolution_m >= _LOWEST_RESOLUTION_M):
+        raise ConfigurationError(
+            f"resolution is {resolution_m * 1e3:g} mm, must be {_LOWEST_RESOLUTION_M * 1e3:g} mm "
+            "or more"
+        )
+    if resolution_m > extent_m:
+        raise ConfigurationError(
+            f"resolution is {resolution_m * 1e3:g} mm, must not be more than the object's "
+            f"{extent_m * 1e3:g} mm"
+        )
+
+
+def _check_radius(radius_m: float) -> None:
+    if not (math.isfinite(radius_m) and radius_m > 0.0):
+        raise ConfigurationError(f"radius is {radius_m * 1e3:g} mm, must be above 0")
+
+
+def _check_finite(name: str, point: Point3) -> None:
+    if len(point) != 3 or not all(math.isfinite(value) for value in point):
+        raise ConfigurationError(f"{name} is {point!r}, must be three finite numbers, in metres")
