@@ -150,7 +150,7 @@ class BoardDialect:
         """Let everything happen that is due up to *t_us*, and say so on the line."""
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
             self.board.advance_to(next_us)
-            self._report()
+            self.collect()
             if next_us == self._next_status_us:
                 self._send_status(next_us)
         self.board.advance_to(t_us)
@@ -161,7 +161,7 @@ class BoardDialect:
         self._link.receive_data(data, t_us)
         while (event := self._link.next_event()) is not NEED_DATA:
             self._dispatch(event)
-            self._report()
+            self.collect()
 
     def take_output(self, limit: int | None = None) -> bytes:
         """Return whole frames for the line, at most *limit* bytes if given."""
@@ -313,8 +313,8 @@ class BoardDialect:
 
     # --- events of the board -------------------------------------------------------------------
 
-    def _report(self) -> None:
-        """Tell the host what the board did since the last call."""
+    def collect(self) -> None:
+        """Take from the board what it did since the last call, and tell the host."""
         for latch in self.board.take_latches():
             self._latches.append(latch)
             self._trace(latch)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import os
 import pty
 import socket
@@ -21,6 +22,7 @@ from haptogram.errors import ConfigurationError, HaptogramError
 
 from .link_name import LinkName
 
+_LOG: Final = logging.getLogger(__name__)
 _GONE: Final = (errno.EIO, errno.EPIPE, errno.ECONNRESET, errno.ENXIO, errno.ENODEV)
 
 
@@ -85,9 +87,9 @@ class Port:
         except OSError as error:
             self._lost(error)
 
-    def take_events(self) -> list[str]:
-        """Return, for a log, who came and went since the last call."""
-        return []
+    def take_departure(self) -> bool:
+        """Return whether the client has gone since the last call, where that can be told."""
+        return False
 
     def close(self) -> None:
         """Close the port and remove what it left in the file system."""
@@ -163,7 +165,7 @@ class TcpPort(Port):
             raise ConfigurationError(f"cannot listen on {host}:{port}: {error}") from error
         self._server.setblocking(False)
         self._client: socket.socket | None = None
-        self._events: list[str] = []
+        self._departed = False
         name = self._server.getsockname()
         super().__init__(-1, f"socket://{name[0]}:{name[1]}")
 
@@ -191,10 +193,10 @@ class TcpPort(Port):
         if self._client is not None:
             super().write(data)
 
-    def take_events(self) -> list[str]:
-        """Return who came and went since the last call."""
-        taken, self._events = self._events, []
-        return taken
+    def take_departure(self) -> bool:
+        """Return whether a client has gone since the last call."""
+        departed, self._departed = self._departed, False
+        return departed
 
     def close(self) -> None:
         """Close the client and the server."""
@@ -208,19 +210,20 @@ class TcpPort(Port):
         except OSError:  # nobody waits, or who waited has gone
             return
         if self._client is not None:
-            self._events.append(f"client {address[0]}:{address[1]} turned away: there is one")
+            _LOG.info("client %s:%d turned away: there is one already", *address[:2])
             client.close()
             return
         client.setblocking(False)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client, self._fd = client, client.fileno()
-        self._events.append(f"client {address[0]}:{address[1]} connected")
+        _LOG.info("client %s:%d connected", *address[:2])
 
     def _drop_client(self) -> None:
         if self._client is not None:
             self._client.close()
             self._client, self._fd, self._unsent = None, -1, b""
-            self._events.append("client gone")
+            self._departed = True
+            _LOG.info("client gone")
 
     def _lost(self, error: OSError) -> bytes:
         if error.errno not in _GONE:

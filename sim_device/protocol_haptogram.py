@@ -19,7 +19,6 @@ from typing import Any, Final
 from urllib.parse import parse_qsl, urlsplit
 
 import serial
-from serial.serialutil import to_bytes
 
 from haptogram.errors import ConfigurationError
 
@@ -258,7 +257,7 @@ class Serial(serial.SerialBase):
             If a timeout above 0 passes first.
         """
         self._catch_up()
-        data = to_bytes(b)
+        data = bytes(b)
         deadline_ns = self._deadline_ns(self._write_timeout)
         sent = self._put(data)
         while sent < len(data) and self._write_timeout != 0:

@@ -2,10 +2,15 @@
 
 :class:`Simulation` knows no clock: times are nanoseconds since power-up, given by the caller, and
 it goes from event to event, so a run on the wall clock and one in virtual time are the same code.
+:class:`Heartbeat` is the wall clock's: it waits for the port or for the next event.
 """
 
 from __future__ import annotations
 
+import os
+import select
+import signal
+import time
 from typing import Final, Protocol
 
 from haptogram_protocol.export import description_hash
@@ -14,6 +19,9 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 from .board import Board
 from .dialect import BoardDialect
 from .latch import Latch, Notice
+from .log import CountLog
+from .port import Port
+from .reconstruction import ReconstructionWorker
 from .settings import BoardSettings
 from .uart import Line
 
@@ -44,6 +52,8 @@ class Simulation:
         The board; its ``baud`` is that of both directions of the line.
     *recorders : Recorder
         What takes down what the board does.
+    paced : bool, keyword-only
+        Whether the line takes its time; not, if the bytes come over a real one.
 
     Raises
     ------
@@ -51,11 +61,12 @@ class Simulation:
         If the line cannot be.
     """
 
-    def __init__(self, settings: BoardSettings, *recorders: Recorder) -> None:
+    def __init__(self, settings: BoardSettings, *recorders: Recorder, paced: bool = True) -> None:
         self.board = Board(settings)
         self.dialect = BoardDialect(self.board, description_hash())
         self._recorders = recorders
-        self._down, self._up = Line(settings.baud), Line(settings.baud)
+        baud = settings.baud if paced else None
+        self._down, self._up = Line(baud), Line(baud)
         self._unread = bytearray()
         self._now_ns = 0
 
@@ -104,6 +115,13 @@ class Simulation:
         self._down.cut()
         self._up.cut()
         self._unread.clear()
+
+    def power_down(self) -> None:
+        """Mute the board for good; recorders are told."""
+        self.board.mute()
+        self.dialect.advance_to(self.board.now_us)
+        self.dialect.collect()
+        self._record()
 
     # --- time ----------------------------------------------------------------------------------
 
@@ -169,3 +187,89 @@ class Simulation:
 def _whole_us(t_ns: int | None) -> int | None:
     """Return *t_ns* rounded up to the microseconds that the board counts in."""
     return None if t_ns is None else -(-t_ns // _NS_PER_US) * _NS_PER_US
+
+
+class Heartbeat:
+    """Runs a simulation on the wall clock, behind a port, until it is told to stop.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The board.
+    port : Port
+        Where the host's bytes come and go.
+    worker : ReconstructionWorker or None
+        Needs to be given time to hand over its records.
+    counts : CountLog or None
+        Says how the counters move on.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        port: Port,
+        worker: ReconstructionWorker | None = None,
+        counts: CountLog | None = None,
+    ) -> None:
+        self._simulation, self._port = simulation, port
+        self._worker, self._counts = worker, counts
+        self._stopping = False
+        self._wake_read, self._wake_write = os.pipe()
+        self._start_ns = time.monotonic_ns()
+
+    def stop(self) -> None:
+        """Make :meth:`run` return; may be called from a signal handler."""
+        self._stopping = True
+        os.write(self._wake_write, b"!")
+
+    def stop_on_signals(self) -> None:
+        """Let SIGINT, SIGTERM and SIGHUP stop the board in good order."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, lambda *_: self.stop())
+
+    def run(self) -> None:
+        """Serve the port until :meth:`stop`; then mute the board.
+
+        Raises
+        ------
+        PortLostError
+            If the port goes away for good.
+        """
+        try:
+            while not self._stopping:
+                self._turn()
+                self._wait()
+        finally:
+            self._simulation.power_down()
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+
+    def _turn(self) -> None:
+        simulation, port, now_ns = self._simulation, self._port, self._elapsed_ns()
+        simulation.advance_to(now_ns)
+        if data := port.read(simulation.host_room):
+            simulation.host_write(data, now_ns)
+            simulation.advance_to(now_ns)
+        if port.take_departure():
+            simulation.unplug()  # the next client must not get what this one left
+        port.write(b"" if port.pending else simulation.host_read())
+        if self._worker is not None:
+            self._worker.pump()
+        if self._counts is not None:
+            self._counts.update(simulation.dialect.counters, now_ns)
+
+    def _wait(self) -> None:
+        """Sleep until bytes come, the other side takes bytes, or something is due."""
+        reading = self._port.reading() if self._simulation.host_room else []
+        writing = self._port.writing()
+        if self._worker is not None and self._worker.pending:
+            writing = [*writing, self._worker.fileno()]
+        next_ns = self._simulation.next_event_ns()
+        timeout_s = None if next_ns is None else max(0, next_ns - self._elapsed_ns()) / 1e9
+        # select, because it alone waits for fractions of a millisecond everywhere.
+        select.select([self._wake_read, *reading], writing, [], timeout_s)
+
+    def _elapsed_ns(self) -> int:
+        """Return the time since power-up, in the whole microseconds on which bytes are taken."""
+        elapsed_ns = time.monotonic_ns() - self._start_ns
+        return -(-elapsed_ns // _NS_PER_US) * _NS_PER_US

@@ -1,0 +1,29 @@
+"""``python -m sim_device``: a virtual board on a pseudo-terminal, a TCP port or a serial port."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from typing import NoReturn
+
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def main() -> int:
+    """Settle what must be settled before numpy is imported, then run the board."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _leave)  # until the board runs: what is open is closed
+    # A real-time process that computes on two threads waits for the second one.
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    from .command import main as run
+
+    return run()
+
+
+def _leave(*_: object) -> NoReturn:
+    raise SystemExit(0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,147 @@
+"""The command line of the virtual board."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import logging
+import secrets
+import sys
+from typing import Final, NoReturn
+
+from haptogram.errors import ConfigurationError, HaptogramError
+
+from .log import CountLog, NoticeLog
+from .options import board_settings
+from .port import Port, PtyPort, SerialPort, TcpPort
+from .reconstruction import ReconstructionWorker
+from .settings import BoardSettings
+from .simulation import Heartbeat, Recorder, Simulation
+
+_LOG: Final = logging.getLogger(__name__)
+_SERIAL_BAUD: Final = 3_000_000
+_COUNTS_S: Final = 10
+_LOOPBACK: Final = "127.0.0.1"
+_EPILOG: Final = """\
+examples:
+  python -m sim_device --link /tmp/board            open /tmp/board as a serial port
+  python -m sim_device --tcp 7000                   open socket://127.0.0.1:7000
+  python -m sim_device --link /tmp/board --backdoor /tmp/board.jsonl
+
+It ends on SIGINT or SIGTERM: muted, every record written, the link removed.
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2 and one line."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="python -m sim_device",
+        description="A virtual ultrasonic phased array at the far end of a serial line.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("--link", metavar="PATH", help="pseudo-terminal with this stable name")
+    where.add_argument("--tcp", metavar="[HOST:]PORT", help="TCP server [host 127.0.0.1]")
+    where.add_argument("--serial", metavar="PORT", help="real serial port, at its far end")
+    parser.add_argument(
+        "--baud", type=int, metavar="N", help="pace of the line [none; --serial: 3000000]"
+    )
+    parser.add_argument("--array", default="16x16", help="NXxNY or a CSV file [%(default)s]")
+    parser.add_argument("--pitch-mm", type=float, default=10.0, metavar="MM", help="[%(default)s]")
+    parser.add_argument(
+        "--temperature-c", type=float, default=20.0, metavar="C", help="of the air [%(default)s]"
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="of the board [random]")
+    parser.add_argument(
+        "--backdoor", metavar="PATH|unix:PATH", help="what it really radiated, as JSON lines"
+    )
+    parser.add_argument(
+        "--no-reconstruct", action="store_true", help="leave the field out of the back door"
+    )
+    parser.add_argument("--quiet", action="store_true", help="log warnings only")
+    parser.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a board until it is told to stop; return the exit status.
+
+    0 after SIGINT or SIGTERM, 1 if the port was lost, 2 for arguments that cannot be used.
+    """
+    options = _parser().parse_args(arguments)
+    logging.basicConfig(
+        level=logging.WARNING if options.quiet else logging.INFO,
+        format="%(asctime)s %(message)s",
+        stream=sys.stderr,
+    )
+    try:
+        _run(options)
+    except HaptogramError as error:
+        sys.stderr.write(f"sim_device: {error}\n")
+        return 2 if isinstance(error, ConfigurationError) else 1
+    return 0
+
+
+def _run(options: argparse.Namespace) -> None:
+    settings = _settings(options)
+    port = _open_port(options)
+    worker = None
+    try:
+        worker = _start_worker(options, settings)
+        recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
+        simulation = Simulation(settings, *recorders, paced=options.serial is None)
+        counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
+        _serve(Heartbeat(simulation, port, worker, counts), port)
+    finally:
+        port.close()
+        if worker is not None:
+            worker.close()
+            if worker.dropped:
+                _LOG.warning("the back door lacks %d latches", worker.dropped)
+
+
+def _serve(heartbeat: Heartbeat, port: Port) -> None:
+    heartbeat.stop_on_signals()
+    gc.collect()
+    gc.freeze()  # what is there now stays: no later collection need look at it
+    sys.stdout.write(f"listening on {port.description}\n")
+    sys.stdout.flush()  # programs wait for this line
+    heartbeat.run()
+
+
+def _settings(options: argparse.Namespace) -> BoardSettings:
+    baud = options.baud
+    if options.serial is not None and baud is None:
+        baud = _SERIAL_BAUD
+    return board_settings(
+        array=options.array,
+        pitch_mm=options.pitch_mm,
+        temperature_c=options.temperature_c,
+        seed=secrets.randbits(32) if options.seed is None else options.seed,
+        baud=baud,
+    )
+
+
+def _open_port(options: argparse.Namespace) -> Port:
+    if options.link is not None:
+        return PtyPort(options.link)
+    if options.serial is not None:
+        return SerialPort(options.serial, options.baud or _SERIAL_BAUD)
+    host, _, port = options.tcp.rpartition(":")
+    if not port.isdecimal() or int(port) > 0xFFFF:
+        raise ConfigurationError(f"--tcp {options.tcp}: must be HOST:PORT, the port 0 to 65535")
+    return TcpPort(host.strip("[]") or _LOOPBACK, int(port))
+
+
+def _start_worker(
+    options: argparse.Namespace, settings: BoardSettings
+) -> ReconstructionWorker | None:
+    if options.backdoor is None:
+        return None
+    return ReconstructionWorker(settings, options.backdoor, reconstruct=not options.no_reconstruct)

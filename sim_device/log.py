@@ -1,0 +1,75 @@
+"""What a board has to say, one line per event."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Final
+
+from haptogram_protocol.state import MuteReason, OutputState
+
+from .latch import Latch, Notice, PlaybackEnd, RampBegan, RampEnded, SessionOpened, StateChange
+
+_LOG: Final = logging.getLogger(__name__)
+
+
+class NoticeLog:
+    """A recorder that logs every notice, and no latch."""
+
+    def latch(self, latch: Latch) -> None:
+        """Say nothing: there are a thousand a second."""
+
+    def notice(self, notice: Notice) -> None:
+        """Log a change of the output."""
+        _LOG.info("%s, at %d us", describe(notice), notice.t_us)
+
+
+class CountLog:
+    """Logs the counters that have moved, every so often.
+
+    Parameters
+    ----------
+    interval_ns : int
+        Time between two lines.
+    """
+
+    def __init__(self, interval_ns: int) -> None:
+        self._interval_ns = interval_ns
+        self._next_ns = interval_ns
+        self._last: dict[str, int] = {}
+
+    def update(self, counters: Mapping[str, int], now_ns: int) -> None:
+        """Log what has moved since the last line, if it is time."""
+        if now_ns < self._next_ns:
+            return
+        self._next_ns = now_ns + self._interval_ns
+        moved = [f"{name} {n}" for name, n in counters.items() if n != self._last.get(name, 0)]
+        self._last = dict(counters)
+        if moved:
+            _LOG.info("counts: %s", ", ".join(moved))
+
+
+def describe(notice: Notice) -> str:
+    """Return *notice* in words."""
+    if isinstance(notice, SessionOpened):
+        return f"session {notice.session:#06x} opened"
+    if isinstance(notice, StateChange):
+        return _state(notice.state, notice.reason)
+    if isinstance(notice, RampBegan):
+        return f"ramp to silence began: {_words(notice.reason)}"
+    if isinstance(notice, RampEnded):
+        return "ramp undone: full output" if notice.restored else "ramp ended: silence"
+    return _playback(notice)
+
+
+def _state(state: OutputState, reason: MuteReason) -> str:
+    return state.name.lower() + ("" if reason is MuteReason.NONE else f": {_words(reason)}")
+
+
+def _playback(ended: PlaybackEnd) -> str:
+    played = f"{ended.frames} frames, {ended.loops} whole loops"
+    return f"playback of sequence {ended.sequence} ended: {played}"
+
+
+def _words(reason: MuteReason) -> str:
+    return reason.name.lower().replace("_", " ")
