@@ -30,8 +30,8 @@ from haptogram.records import Focus, Intended, Observation
 from haptogram.streaming import Schedule, Streamer, StreamReport
 from haptogram.tracing import TraceReader
 from haptogram.transport import DEFAULT_BAUDRATE, Transport, open_transport
-from haptogram.upload import check_upload, upload
-from haptogram_protocol import HostConnection
+from haptogram.upload import SequenceData, check_upload, upload
+from haptogram_protocol import HostConnection, LocalProtocolError
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
 from haptogram_protocol.export import description_hash
 from haptogram_protocol.messages import (
@@ -271,7 +271,7 @@ class Driver:
         Raises
         ------
         ConfigurationError
-            If there is no such field.
+            If there is no such field, or a value does not fit it.
         DeviceError
             If the board refuses a value.
         """
@@ -281,7 +281,10 @@ class Driver:
                 f"configuration has no {unknown[0]!r}; it has {', '.join(sorted(known))}"
             )
         wanted = SetConfig(dataclasses.replace(self._config, **changes))
-        self._config = self._link.request(wanted, SetConfigReply).config
+        try:
+            self._config = self._link.request(wanted, SetConfigReply).config
+        except LocalProtocolError as error:
+            raise ConfigurationError(f"configuration {changes} does not fit: {error}") from error
         return self._config
 
     def correct_phases(self, codes: bytes) -> None:
@@ -369,6 +372,7 @@ class Driver:
         schedule = Schedule.at_rate(rate_hz, lead_us)
         frames = self._builder.build(as_foci(targets), mode)
         schedule.check(frames, self.identity, self._link.line.baudrate)
+        schedule.check_timers(self._config)
         self._agree_on_air(mode)
         stalls = self._link.stalls
         stats, skipped, t0_us = self._streamer.stream(frames, schedule, progress)
@@ -415,8 +419,10 @@ class Driver:
         frames = self._builder.build(as_foci(targets), kind)
         timing = Timing(period_us, loops, lead_us, unattended_ms)
         timing.check(self.identity)
+        data = SequenceData.of(frames)
+        data.check(self.identity)
         self._agree_on_air(kind)
-        self._store(frames)
+        self._store(data)
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
         self._collect_ring()
         return PlayReport(
@@ -427,10 +433,10 @@ class Driver:
             status=self.status(),
         )
 
-    def _store(self, frames: list[Frame]) -> None:
-        """Upload *frames*; a board that fell silent meanwhile is armed again, as it was before."""
+    def _store(self, data: SequenceData) -> None:
+        """Upload a sequence; a board that fell silent over it is armed again, as it was."""
         armed = self.status().state is OutputState.ARMED
-        self._player.store(frames)
+        self._player.store(data)
         if armed and self.status().reason is MuteReason.HOLD_EXPIRED:
             self.arm()
 
@@ -446,6 +452,8 @@ class Driver:
 
 
 def _session(nonce: int | None, seed: int | None) -> int:
+    if nonce is not None and not 1 <= nonce <= 0xFFFF:
+        raise ConfigurationError(f"nonce is {nonce}, must be 1 to 65535")
     if nonce is not None:
         return nonce
     if seed is not None:

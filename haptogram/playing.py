@@ -132,10 +132,8 @@ class Player:
         self._identity = identity
         self.ended: PlaybackEnded | None = None
 
-    def store(self, frames: list[Frame]) -> None:
-        """Upload *frames* as the sequence to play."""
-        data = SequenceData.of(frames)
-        data.check(self._identity)
+    def store(self, data: SequenceData) -> None:
+        """Upload the sequence to play."""
         points = data.points_per_frame
         upload(self._link, data.kind, SEQUENCE_ID, data.data, points_per_frame=points)
 

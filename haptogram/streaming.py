@@ -22,7 +22,7 @@ from haptogram.link import Link, Progress
 from haptogram.pinging import Pinger
 from haptogram.realtime import LoopStats, can_arrive, real_time
 from haptogram.records import FrameKey, Intended
-from haptogram_protocol.messages import HelloReply, StatusReply
+from haptogram_protocol.messages import Config, HelloReply, StatusReply
 
 US_PER_S: Final = 1_000_000
 _PROGRESS_HZ: Final = 20
@@ -133,6 +133,22 @@ class Schedule:
         if self.lead_us <= least_us:
             raise ConfigurationError(
                 f"lead is {self.lead_us} us; {size} bytes at {baudrate} baud take {least_us} us"
+            )
+
+    def check_timers(self, config: Config) -> None:
+        """Refuse a rate so low that the board's timers would mute it between two frames.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming the timers.
+        """
+        period_ms = float(self.period_us) / 1000
+        if period_ms >= min(config.hold_ms, config.host_timeout_ms):
+            raise ConfigurationError(
+                f"rate is {self.rate_hz:g} Hz, a frame every {period_ms:g} ms; the board mutes "
+                f"itself after hold_ms = {config.hold_ms}, host_timeout_ms = "
+                f"{config.host_timeout_ms}: configure both to be longer"
             )
 
 
