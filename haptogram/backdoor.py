@@ -1,0 +1,141 @@
+"""What a virtual board writes out of its back door, read as observations.
+
+The records are described in docs/backdoor.md.  They come from the board's latch and not over the
+line, so they are external evidence: no firmware vouches for itself here.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive, NoFocus, NotSingle, Reconstruction, SingleFocus
+from haptogram.errors import ConfigurationError
+from haptogram.records import Evidence, FrameKey, Intended, Observation
+from haptogram_protocol.messages import unwrap
+
+_KINDS: Final[Mapping[str, type[SingleFocus] | type[NoFocus] | type[NotSingle]]] = {
+    "single_focus": SingleFocus,
+    "no_focus": NoFocus,
+    "not_single": NotSingle,
+}
+
+
+class BackdoorFile:
+    """A file that a board appends records to while it runs.
+
+    Parameters
+    ----------
+    path : Path
+        It need not exist yet.
+
+    Attributes
+    ----------
+    records : list of dict
+        Everything that was read so far, in order.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.records: list[dict[str, Any]] = []
+        self._path = path
+        self._offset = 0
+
+    def read(self) -> int:
+        """Take the lines that are whole by now, and return how many records that made."""
+        if not self._path.exists():
+            return 0
+        with self._path.open("rb") as file:
+            file.seek(self._offset)
+            data = file.read()
+        whole = data[: data.rfind(b"\n") + 1]
+        self._offset += len(whole)
+        found = [json.loads(line) for line in whole.splitlines()]
+        self.records += found
+        return len(found)
+
+
+def observation_of(record: Mapping[str, Any]) -> Observation:
+    """Return the observation in a ``latch`` record.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no such record.
+    """
+    try:
+        return Observation(
+            key=_key(record),
+            t_latch_us=record["t_latch_us"],
+            late=record["late"],
+            evidence=Evidence.EXTERNAL,
+            drive=_drive(record),
+            drive_crc=record["drive_crc"],
+            reconstruction=_reconstruction(record["reconstruction"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigurationError(f"not a latch record of a back door: {error!r}") from error
+
+
+def observations_of(
+    records: Iterable[Mapping[str, Any]], session: int | None = None
+) -> list[Observation]:
+    """Return the latches among *records*, of one session or of all, in order."""
+    return [
+        observation_of(record)
+        for record in records
+        if record["kind"] == "latch" and session in (None, record["session"])
+    ]
+
+
+def is_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
+    """Tell whether *record* is of the latch with this *key*."""
+    return record["kind"] == "latch" and key == _key(record)
+
+
+def on_the_clock_of(
+    intended: Sequence[Intended], observations: Iterable[Observation]
+) -> list[Observation]:
+    """Return *observations* with their times counted as those of *intended* are.
+
+    The board counts the wraps of its 32-bit clock from its start, the host from when it came: the
+    two may be whole wraps apart.
+    """
+    due_us = next((i.t_apply_us for i in intended if i.t_apply_us is not None), None)
+    if due_us is None:
+        return list(observations)
+    return [
+        dataclasses.replace(o, t_latch_us=unwrap(o.t_latch_us, due_us, 32)) for o in observations
+    ]
+
+
+def _key(record: Mapping[str, Any]) -> FrameKey:
+    return FrameKey(record["session"], record["sequence"], record["loop"], record["index"])
+
+
+def _drive(record: Mapping[str, Any]) -> Drive:
+    phases, amplitudes = (
+        np.frombuffer(base64.b64decode(record[name]), dtype=np.uint8)
+        for name in ("phase_codes", "amplitude_codes")
+    )
+    return Drive(phases, amplitudes, record["phase_bits"])
+
+
+def _reconstruction(fields: Mapping[str, Any] | None) -> Reconstruction | None:
+    if fields is None:
+        return None
+    values = {name: _value(value) for name, value in fields.items() if name != "kind"}
+    return _KINDS[fields["kind"]](**values)
+
+
+def _value(value: Any) -> Any:
+    """Return a JSON value as the reconstruction holds it: tuples, and infinity for null."""
+    if isinstance(value, list):
+        return tuple(_value(item) for item in value)
+    return math.inf if value is None else value

@@ -1,0 +1,247 @@
+"""A virtual board in a process of its own, on a pseudo-terminal.
+
+with VirtualBoard() as board, Driver(board.url) as driver:
+    driver.arm()
+    driver.stream(points, rate_hz=1000)
+    print(board.verify(driver.intended))
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import haptogram
+import haptogram_protocol
+from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.backdoor import BackdoorFile, is_latch_of, observations_of, on_the_clock_of
+from haptogram.errors import ConfigurationError, LinkLostError
+from haptogram.records import Intended, Observation
+from haptogram.transport import DEFAULT_BAUDRATE
+
+if TYPE_CHECKING:
+    from haptogram.verification import RunVerdict
+
+_READY: Final = "listening on "
+_START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy machine
+_STOP_S: Final = 15.0
+_POLL_S: Final = 0.01
+_QUIET_S: Final = 5.0  # without a new record: the one that is waited for will not come
+
+
+class VirtualBoard:
+    """Starts ``python -m sim_device`` and cleans up after it.
+
+    Parameters
+    ----------
+    array : str
+        Grid such as ``16x16``, or a CSV file of positions in mm.
+    pitch_mm : float
+        Pitch of a grid.
+    temperature_c : float
+        Air over the board.
+    seed : int
+        Everything about the board that looks random follows from it.
+    baudrate : int or None
+        Rate at which its line carries bytes; None: as fast as they come.
+    reconstruct : bool
+        Whether it rebuilds the field of every latch.
+
+    Attributes
+    ----------
+    url : str
+        What a host opens.
+    model : AcousticModel
+        What the board radiates with.
+
+    Raises
+    ------
+    ConfigurationError
+        If the board does not come up; the text holds what it said.
+    """
+
+    def __init__(
+        self,
+        array: str = "16x16",
+        *,
+        pitch_mm: float = 10.0,
+        temperature_c: float = 20.0,
+        seed: int = 0,
+        baudrate: int | None = DEFAULT_BAUDRATE,
+        reconstruct: bool = True,
+    ) -> None:
+        self.model = AcousticModel(
+            TransducerArray.parse(array, pitch_m=pitch_mm / 1000),
+            Medium.air(temperature_c),
+            Transducer(),
+        )
+        self._folder = Path(tempfile.mkdtemp(prefix="haptogram-"))
+        self._backdoor = BackdoorFile(self._folder / "backdoor.jsonl")
+        self._log = self._folder / "log"
+        self.url = str(self._folder / "board")
+        options = {
+            "--link": self.url,
+            "--array": array,
+            "--pitch-mm": pitch_mm,
+            "--temperature-c": temperature_c,
+            "--seed": seed,
+            "--backdoor": self._folder / "backdoor.jsonl",
+        }
+        if baudrate is not None:
+            options["--baud"] = baudrate
+        arguments = [str(part) for option in options.items() for part in option]
+        self._process = self._start(arguments + ([] if reconstruct else ["--no-reconstruct"]))
+        try:
+            self._wait_until_ready()
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
+        # Into a file: a pipe that nobody empties would stop the board once it is full.
+        with self._log.open("wb") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", "sim_device", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=_environment(),
+                start_new_session=True,  # Ctrl-C is for the host: the board must hear its MUTE
+            )
+
+    def _wait_until_ready(self) -> None:
+        end_s = time.monotonic() + _START_S
+        while _READY not in self.log():
+            if self._process.poll() is not None:
+                said = self.log().strip() or "it said nothing"
+                raise ConfigurationError(
+                    f"the virtual board ended with status {self._process.returncode}: {said}"
+                )
+            if time.monotonic() > end_s:
+                raise ConfigurationError(
+                    f"the virtual board was not ready within {_START_S:g} s: {self.log().strip()}"
+                )
+            time.sleep(_POLL_S)
+
+    def log(self) -> str:
+        """Return what the board has printed so far."""
+        return self._log.read_text(errors="replace") if self._log.exists() else ""
+
+    # --- evidence ------------------------------------------------------------------------------
+
+    def records(self) -> list[dict[str, Any]]:
+        """Return everything that has come out of the back door; see docs/backdoor.md."""
+        self._backdoor.read()
+        return list(self._backdoor.records)
+
+    def wait_for(self, latches: int, timeout_s: float = 60.0) -> bool:
+        """Wait until the back door has shown so many latches; return whether it has."""
+        end_s = time.monotonic() + timeout_s
+        while sum(record["kind"] == "latch" for record in self.records()) < latches:
+            if time.monotonic() > end_s or self._ended:
+                return False
+            time.sleep(_POLL_S)
+        return True
+
+    def observations(self, session: int | None = None) -> list[Observation]:
+        """Return what was latched, in one session or in all of them."""
+        return observations_of(self.records(), session)
+
+    def settle(self, intended: Sequence[Intended]) -> None:
+        """Wait until the back door shows the last of *intended*, or falls silent.
+
+        The board latches first and rebuilds the field later: its records lag behind.
+        """
+        if not intended:
+            return
+        last, looked_at = intended[-1].key, 0
+        quiet_since_s = time.monotonic()
+        while not any(is_latch_of(record, last) for record in self.records()[looked_at:]):
+            if len(self._backdoor.records) > looked_at:
+                looked_at, quiet_since_s = len(self._backdoor.records), time.monotonic()
+            elif self._ended or time.monotonic() - quiet_since_s > _QUIET_S:
+                return
+            time.sleep(_POLL_S)
+
+    def verify(
+        self,
+        intended: Sequence[Intended],
+        *,
+        model: AcousticModel | None = None,
+        min_verified: float = 0.9,
+    ) -> RunVerdict:
+        """Join what was intended with what was latched, and judge every frame.
+
+        Parameters
+        ----------
+        model : AcousticModel, optional
+            What the host assumes; by default what the board radiates with.
+        min_verified : float
+            Share of the frames that must be verified for the run to pass.
+        """
+        # Late, because it is much: whoever only wants a board does not pay for it.
+        from haptogram.verification import verify_run
+
+        self.settle(intended)
+        session = intended[0].key.session if intended else None
+        observations = on_the_clock_of(intended, self.observations(session))
+        model = self.model if model is None else model
+        return verify_run(intended, observations, model=model, min_verified=min_verified)
+
+    @property
+    def _ended(self) -> bool:
+        """Whether the board is gone and everything that it wrote has been read."""
+        return self._process.poll() is not None and not self._backdoor.read()
+
+    # --- life ----------------------------------------------------------------------------------
+
+    def kill(self) -> None:
+        """End the board at once, as a power cut would."""
+        self._process.kill()
+        self._process.wait(_STOP_S)
+
+    def stop(self) -> int:
+        """End the board in order, so that its last records are written; return its status."""
+        self._process.terminate()
+        try:
+            return self._process.wait(_STOP_S)
+        except subprocess.TimeoutExpired as error:
+            self.kill()
+            raise LinkLostError(f"the virtual board did not end within {_STOP_S:g} s") from error
+
+    def close(self) -> None:
+        """End the board and remove everything that it left behind."""
+        try:
+            if self._process.poll() is None:
+                self.stop()
+        finally:
+            self._backdoor.read()
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _environment() -> dict[str, str]:
+    """Return an environment in which the child finds the packages that are running here."""
+    packages = (haptogram, haptogram_protocol)
+    places = {str(Path(str(package.__file__)).parent.parent): None for package in packages}
+    inherited = os.environ.get("PYTHONPATH", "")
+    paths = [*places, *inherited.split(os.pathsep)]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(path for path in paths if path)}
