@@ -102,7 +102,7 @@ class Board:
         self._silence = Drive.muted(settings.count)
         self._queue = StreamQueue(settings.queue_depth)
         self._safety = Safety(graded=bool(settings.features & Feature.AMPLITUDE))
-        self._focuser = PointFocuser(settings.model, self.config.sound_speed_mm_s)
+        self._focuser = PointFocuser(settings, self.config.sound_speed_mm_s)
         self._uploads = Uploads(settings)
         self._sequences: dict[int, Upload] = {}
         self._playback: Playback | None = None
@@ -187,9 +187,9 @@ class Board:
         self._enter(OutputInput.ARM, MuteReason.NONE)
         self.renew_lease()
 
-    def mute(self) -> None:
-        """Switch the output off, whatever the state."""
-        self._enter(OutputInput.MUTE, MuteReason.MUTE)
+    def mute(self, *, requested: bool = True) -> None:
+        """Switch the output off, whatever the state; *requested* by the host of the session."""
+        self._enter(OutputInput.MUTE, MuteReason.MUTE, requested=requested)
         self._silence_output()
 
     def disarm(self) -> None:
@@ -345,7 +345,7 @@ class Board:
         """
         check_config(config, self.settings)
         if config.sound_speed_mm_s != self.config.sound_speed_mm_s:
-            self._focuser = PointFocuser(self.settings.model, config.sound_speed_mm_s)
+            self._focuser = PointFocuser(self.settings, config.sound_speed_mm_s)
         self.config = config
         if self.state is OutputState.ARMED:
             self._safety.reconfigure(self._now_us, self._last_boundary_us, config)
@@ -355,7 +355,8 @@ class Board:
     def begin_upload(self, begin: UploadBegin) -> None:
         """Make room for an upload; see :meth:`Uploads.begin` for what is refused."""
         self._refuse_while_playing(begin.target)
-        self._uploads.begin(begin)
+        kept = sum(len(s.data) for n, s in self._sequences.items() if n != begin.target)
+        self._uploads.begin(begin, self.settings.max_stored_bytes - kept)
 
     def store_chunk(self, chunk: UploadChunk) -> int:
         """Store a piece of an upload; return the bytes from its start without a gap."""
@@ -365,10 +366,6 @@ class Board:
         """Take the upload, whole; return how many frames, or transducers, it holds."""
         self._refuse_while_playing(commit.target)
         upload = self._uploads.commit(commit)
-        others = (len(s.data) for n, s in self._sequences.items() if n != commit.target)
-        limit = self.settings.max_stored_bytes
-        if sum(others) + len(upload.data) > limit:
-            raise RefusalError(ErrorCode.TOO_LARGE, limit, "no memory left for sequences")
         if upload.begin.kind is UploadKind.CORRECTION:
             self.correction = upload.data
         else:

@@ -72,6 +72,7 @@ from .latch import Latch, Notice, PlaybackEnd, StateChange
 from .refusal import RefusalError
 
 _OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
+_STATUS_LIMIT: Final = _OUTPUT_LIMIT * 3 // 4  # the last quarter is for responses: HG-9.6
 _NEEDS: Final[dict[type[Message], Feature]] = {
     Drives: Feature.AMPLITUDE,
     Points: Feature.POINTS,
@@ -227,13 +228,11 @@ class BoardDialect:
 
     def _greet(self, hello: Hello, request: RequestReceived) -> None:
         self.board.open_session(hello.nonce)
-        self._latches += self.board.take_latches()
-        self._notices += self.board.take_notices()  # the new host is told nothing of the old one
         self._link.open_session(hello.nonce)
         self._traced = 0
         self._schedule_status()
         reply = readout.identity(self.board, self._link.description_hash)
-        self._link.reply(request, reply, self._first_byte_us)
+        self._link.reply(request, reply, self._first_byte_us)  # before any event of the session
 
     def _answer(self, request: RequestReceived) -> None:
         try:
@@ -268,8 +267,8 @@ class BoardDialect:
         self.board.arm()
         return ArmReply(self.board.state)
 
-    def _mute(self, _: Mute, __: RequestReceived) -> Message:
-        self.board.mute()
+    def _mute(self, _: Mute, request: RequestReceived) -> Message:
+        self.board.mute(requested=request.renews_lease)  # another session's surprises the host
         return MuteReply(self.board.state)
 
     def _disarm(self, _: Disarm, __: RequestReceived) -> Message:
@@ -349,7 +348,8 @@ class BoardDialect:
         self._next_status_us = self.board.now_us + period_us if period_us else None
 
     def _send_status(self, t_us: int) -> None:
-        self._link.send_event(Status(*self._status()), now_us=t_us)
+        if self._link.output_bytes < _STATUS_LIMIT:
+            self._link.send_event(Status(*self._status()), now_us=t_us)
         self._schedule_status()
 
     def _status(self) -> readout.StatusFields:

@@ -9,8 +9,10 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, Drive, superpose
-from haptogram_protocol.messages import FocalPoint
+from haptogram.acoustics import Drive, superpose
+from haptogram_protocol.messages import Feature, FocalPoint
+
+from .settings import BoardSettings
 
 REGISTER_BITS: Final = 8
 _FULL_POINT: Final = 65_535  # HG-5.4: amplitude of a focal point at its full share
@@ -42,16 +44,19 @@ def to_registers(drive: Drive) -> Drive:
 class PointFocuser:
     """Computes the drive of focal points: the naive superposition of HG-5.4."""
 
-    def __init__(self, model: AcousticModel, sound_speed_mm_s: int) -> None:
+    def __init__(self, settings: BoardSettings, sound_speed_mm_s: int) -> None:
+        model = settings.model
         medium = dataclasses.replace(model.medium, sound_speed_m_s=sound_speed_mm_s / 1000)
         self._model = dataclasses.replace(model, medium=medium)
+        self._graded = bool(settings.features & Feature.AMPLITUDE)
 
     def drive(self, points: Sequence[FocalPoint]) -> Drive:
         """Return the codes nearest to w_n = sum_i a_i e^{j psi_i} e^{-j k r_n(i)}."""
         positions_m = np.array([(p.x_um, p.y_um, p.z_um) for p in points]) * 1e-6
         amplitudes = np.array([p.amplitude for p in points]) / _FULL_POINT
         phases_rad = np.array([p.phase for p in points]) * (2 * math.pi / _TURN)
-        return Drive.from_weights(superpose(self._model, positions_m, amplitudes, phases_rad))
+        drive = Drive.from_weights(superpose(self._model, positions_m, amplitudes, phases_rad))
+        return drive if self._graded else full_amplitude(drive.phase_codes.tobytes(), REGISTER_BITS)
 
     def registers(self, content: Content) -> tuple[Drive, int]:
         """Return the register codes of *content*, and the resolution it was commanded in."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass
 
 from haptogram_protocol.messages import (
     ErrorCode,
@@ -25,32 +24,24 @@ _FEATURE = {
     UploadKind.POINTS: Feature.SEQUENCE_POINTS,
     UploadKind.CORRECTION: Feature.CORRECTION,
 }
-_MAX_RANGES: Final = 64  # far more than an upload window leaves; bounds the work of one chunk
 
 
-@dataclass(slots=True)
 class _Pending:
-    """An upload that has begun: its bytes, and the ranges of them that have come."""
+    """An upload that has begun: its bytes, and which of them have come."""
 
-    begin: UploadBegin
-    data: bytearray
-    ranges: list[tuple[int, int]] = field(default_factory=list)  # sorted, never touching
+    def __init__(self, begin: UploadBegin) -> None:
+        self.begin = begin
+        self.data = bytearray(begin.size)
+        self.received = 0  # bytes from the start without a gap
+        self._missing = bytearray(b"\x01" * begin.size)
 
     def store(self, offset: int, chunk: bytes) -> None:
-        self.data[offset : offset + len(chunk)] = chunk
-        low, high = offset, offset + len(chunk)
-        apart = []
-        for start, stop in self.ranges:
-            if stop < low or start > high:
-                apart.append((start, stop))
-            else:
-                low, high = min(low, start), max(high, stop)
-        self.ranges = sorted([*apart, (low, high)]) if high > low else apart
-
-    @property
-    def received(self) -> int:
-        """Bytes from the start without a gap."""
-        return self.ranges[0][1] if self.ranges and self.ranges[0][0] == 0 else 0
+        """Take a piece, wherever it belongs; what came before stays."""
+        stop = offset + len(chunk)
+        self.data[offset:stop] = chunk
+        self._missing[offset:stop] = bytes(len(chunk))
+        gap = self._missing.find(1, self.received)
+        self.received = self.begin.size if gap < 0 else gap
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +86,15 @@ class Uploads:
         """Forget an upload that was not committed."""
         self._pending = None
 
-    def begin(self, begin: UploadBegin) -> None:
-        """Make room.
+    def begin(self, begin: UploadBegin, room: int) -> None:
+        """Make ready for an upload.
+
+        Parameters
+        ----------
+        begin : UploadBegin
+            What is announced.
+        room : int
+            Bytes that the board has left to keep it in.
 
         Raises
         ------
@@ -106,8 +104,8 @@ class Uploads:
         if not _FEATURE[begin.kind] & self._settings.features:
             raise RefusalError(ErrorCode.UNSUPPORTED, begin.TYPE, f"no {begin.kind.name} uploads")
         self._check_target(begin)
-        self._check_size(begin)
-        self._pending = _Pending(begin, bytearray(begin.size))
+        self._check_size(begin, room)
+        self._pending = _Pending(begin)
 
     def chunk(self, chunk: UploadChunk) -> int:
         """Store a piece; return how many bytes from the start are there without a gap.
@@ -115,8 +113,7 @@ class Uploads:
         Raises
         ------
         RefusalError
-            BAD_STATE without an upload, BAD_VALUE past its end, BAD_LENGTH for a chunk too long,
-            BUSY when the chunks lie scattered.
+            BAD_STATE without an upload, BAD_VALUE past its end, BAD_LENGTH for a chunk too long.
         """
         pending = self._expect()
         if len(chunk.data) > self._settings.max_chunk:
@@ -127,8 +124,6 @@ class Uploads:
             raise RefusalError(
                 ErrorCode.BAD_VALUE, 0, f"chunk up to {end} of {pending.begin.size} bytes"
             )
-        if len(pending.ranges) > _MAX_RANGES:
-            raise RefusalError(ErrorCode.BUSY, 0, f"more than {_MAX_RANGES} gaps")
         pending.store(chunk.offset, chunk.data)
         return pending.received
 
@@ -170,10 +165,9 @@ class Uploads:
             text = f"{begin.kind.name} for {begin.target}"
             raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
 
-    def _check_size(self, begin: UploadBegin) -> None:
+    def _check_size(self, begin: UploadBegin, room: int) -> None:
         limits, frame = self._settings, self._frame_size(begin)
-        if begin.size > limits.max_upload_bytes:
-            limit = limits.max_upload_bytes
+        if begin.size > (limit := min(limits.max_upload_bytes, room)):
             raise RefusalError(ErrorCode.TOO_LARGE, limit, f"{begin.size} bytes, limit {limit}")
         if begin.size == 0 or begin.size % frame:
             text = f"{begin.size} bytes, not a multiple of {frame}"
