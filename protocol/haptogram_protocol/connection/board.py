@@ -146,15 +146,14 @@ class BoardConnection:
 
         Requests must be answered before the next event is asked for.
         """
-        while (found := self._inbox.next_frame()) is not None:
-            body, t_rx_us = found
-            if isinstance(body, RemoteProtocolError):
-                self.count(body.reason)
-                return FrameDropped(body.reason, str(body), t_rx_us)
-            event = self._judge(body, t_rx_us)
-            if event is not None:
-                return event
-        return NEED_DATA
+        found = self._inbox.next_frame()
+        if found is None:
+            return NEED_DATA
+        body, t_rx_us = found
+        if isinstance(body, RemoteProtocolError):
+            self.count(body.reason)
+            return FrameDropped(body.reason, str(body), t_rx_us)
+        return self._judge(body, t_rx_us)
 
     def count(self, reason: str, number: int = 1) -> None:
         """Count what the link, or the board behind it, found wrong with a stream frame.
@@ -409,7 +408,8 @@ class BoardConnection:
 
 
 def _unknown_flags(header: Header) -> int:
-    known = Flag.IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
+    # As a number: the complement of an IntFlag would hold none but its own bits.
+    known = int(Flag.IMMEDIATE) if header.type in _TAKES_IMMEDIATE else 0
     return header.flags & MUST_UNDERSTAND & ~known
 
 

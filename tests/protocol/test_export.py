@@ -1,0 +1,122 @@
+"""The description, its hash, and the command that rewrites SPEC.md."""
+
+import json
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import pytest
+
+from haptogram_protocol import export
+from haptogram_protocol.errors import LocalProtocolError
+from haptogram_protocol.messages import MESSAGES, FocalPoint, Header
+from haptogram_protocol.record import Record, record, wire
+
+
+def test_the_description_is_json_and_complete() -> None:
+    described = json.loads(json.dumps(export.description()))
+    assert {m["type"] for m in described["messages"].values()} == set(MESSAGES)
+    for name, number in (("HELLO", 8), ("HELLO_REPLY", 104), ("PLAY", 14)):
+        message = described["messages"][name]
+        assert message["size"] == number == sum(field["size"] for field in message["fields"])
+    header = described["records"]["Header"]["fields"]
+    assert [(f["name"], f["offset"], f["type"]) for f in header] == [
+        ("type", 0, "u8"),
+        ("flags", 1, "u8"),
+        ("seq", 2, "u16"),
+        ("time_us", 4, "u32"),
+        ("session", 8, "u16"),
+    ]
+    assert described["enumerations"]["ErrorCode"]["NOT_FOUND"]["value"] == 13
+    assert described["messages"]["POINTS"]["tail"] == {
+        "name": "points",
+        "unit": FocalPoint.LAYOUT.size,
+        "least": 1,
+        "record": "FocalPoint",
+        "doc": "focal points",
+    }
+
+
+def test_every_nested_record_is_described() -> None:
+    described = export.description()
+    used = {
+        field["type"]
+        for group in ("records", "messages")
+        for entry in described[group].values()
+        for field in entry["fields"]
+        if field["type"][0].isupper()
+    }
+    assert used <= set(described["records"])
+
+
+def test_the_hash_is_of_the_wire_and_not_of_the_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = export.description_hash()
+    assert before == export.description_hash()
+    plain = export.description()
+    reworded = json.loads(json.dumps(plain).replace("Open a session", "Say hello"))
+    rewired = json.loads(json.dumps(plain).replace('"u16"', '"i16"'))
+    assert reworded != plain != rewired
+    monkeypatch.setattr(export, "description", lambda: reworded)
+    assert export.description_hash() == before
+    monkeypatch.setattr(export, "description", lambda: rewired)
+    assert export.description_hash() != before
+
+
+def test_the_hash_is_a_crc_of_canonical_json(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(export, "description", lambda: {"b": [1, {"doc": "x", "a": 2}], "a": None})
+    assert export.description_hash() == zlib.crc32(b'{"a":null,"b":[1,{"a":2}]}')
+
+
+def test_layouts_follow_from_the_declared_fields() -> None:
+    @record
+    class Example(Record):
+        """An example."""
+
+        small: int = wire("B", "one byte")
+        large: int = wire("Q", "eight bytes")
+
+    assert {name: (f.offset, f.size) for name, f in Example.WIRE.items()} == {
+        "small": (0, 1),
+        "large": (1, 8),  # without padding
+    }
+    assert Header.LAYOUT.size == 10
+
+
+def test_a_marker_that_nothing_is_generated_for_is_refused() -> None:
+    with pytest.raises(LocalProtocolError, match="poem"):
+        export.update_spec("<!-- generated: poem -->\n<!-- end -->")
+
+
+def test_only_what_stands_between_markers_is_rewritten() -> None:
+    text = "before\n<!-- generated: record Arm -->\nold\n<!-- end -->\nafter <!-- end -->\n"
+    made = export.update_spec(text)
+    assert made.startswith("before\n<!-- generated: record Arm -->\n\n**`0x41` ARM**")
+    assert made.endswith("<!-- end -->\nafter <!-- end -->\n")
+    assert "old" not in made
+    assert export.update_spec(made) == made
+
+
+def test_the_command_rewrites_a_file(tmp_path: Path) -> None:
+    spec = tmp_path / "SPEC.md"
+    spec.write_text("λ\n<!-- generated: hash -->\nold\n<!-- end -->\n", "utf-8")
+    assert export.main(["--spec", str(spec)]) == 0
+    assert f"{export.description_hash():#010x}" in spec.read_text("utf-8")
+
+
+def test_the_command_prints_the_description(capsys: pytest.CaptureFixture[str]) -> None:
+    assert export.main(["--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == export.description()
+
+
+def test_the_command_runs_as_a_module() -> None:
+    root = Path(export.__file__).parents[1]
+    done = subprocess.run(
+        [sys.executable, "-m", "haptogram_protocol.export"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "--spec" in done.stderr
