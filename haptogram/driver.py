@@ -58,6 +58,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 DEFAULT_LEAD_US: Final = 20_000
 _MUTE_TIMEOUT_NS: Final = NS_PER_S  # to say goodbye: the board's own timers mute it soon after
+_PAUSES: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 _REFRESHES: Final = 4  # of a held focus within the shorter one of the two timers
 
 
@@ -131,6 +132,7 @@ class Driver:
         self.last_status: Status | None = None
         self._held: Frame | None = None
         self._closed = False
+        self._armed = False
         self._config = Config()
         try:
             self._connect(model, phase_bits)
@@ -233,15 +235,22 @@ class Driver:
     # --- output state --------------------------------------------------------------------------
 
     def arm(self) -> OutputState:
-        """Allow output; it stays silent until the first frame is latched."""
+        """Allow output; it stays silent until the first frame is latched.
+
+        A board mutes itself when it hears no frame for a while.  What is asked of the driver after
+        such a pause arms it again, until :meth:`mute` or :meth:`disarm`.
+        """
+        self._armed = True
         return self._link.request(Arm(), ArmReply).state
 
     def mute(self) -> OutputState:
         """Switch the output off, ahead of everything that waits."""
+        self._armed = False
         return self._link.mute(MuteReply, self._link.timeout_ns).state
 
     def disarm(self) -> OutputState:
         """Switch the output off and forbid it."""
+        self._armed = False
         return self._link.request(Disarm(), DisarmReply).state
 
     # --- questions -----------------------------------------------------------------------------
@@ -310,8 +319,9 @@ class Driver:
     def focus(self, target_m: ArrayLike | Focus, *, mode: Mode = "phases") -> Intended:
         """Focus on one point, as soon as the frame is complete, and return what was sent."""
         focus = target_m if isinstance(target_m, Focus) else Focus.at(target_m)
-        self._agree_on_air(mode)
         (frame,) = self._builder.build([(focus,)], mode)
+        self._agree_on_air(mode)
+        self._resume()
         self._held = frame
         return self._streamer.send_now(frame)
 
@@ -364,8 +374,9 @@ class Driver:
         Raises
         ------
         ConfigurationError
-            Before the first byte: a rate that the line cannot carry, a lead that the board's queue
-            cannot hold, a target out of reach, a mode that the board does not have.
+            Before the first frame: a rate that the line cannot carry, a lead that the board's queue
+            cannot hold, a target out of reach, a mode that the board does not have; a board that is
+            not armed.
         LinkError
             The link broke; :attr:`intended` holds what was sent until then.
         """
@@ -374,6 +385,7 @@ class Driver:
         schedule.check(frames, self.identity, self._link.line.baudrate)
         schedule.check_timers(self._config)
         self._agree_on_air(mode)
+        self._resume()
         stalls = self._link.stalls
         stats, skipped, t0_us = self._streamer.stream(frames, schedule, progress)
         self._collect_ring()
@@ -422,7 +434,9 @@ class Driver:
         data = SequenceData.of(frames)
         data.check(self.identity)
         self._agree_on_air(kind)
-        self._store(data)
+        self._resume()
+        self._player.store(data)
+        self._resume()  # an upload takes longer than a drive is held
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
         self._collect_ring()
         return PlayReport(
@@ -433,12 +447,21 @@ class Driver:
             status=self.status(),
         )
 
-    def _store(self, data: SequenceData) -> None:
-        """Upload a sequence; a board that fell silent over it is armed again, as it was."""
-        armed = self.status().state is OutputState.ARMED
-        self._player.store(data)
-        if armed and self.status().reason is MuteReason.HOLD_EXPIRED:
+    def _resume(self) -> None:
+        """Arm again a board whose timers muted it while this host had nothing to send.
+
+        Raises
+        ------
+        ConfigurationError
+            If it is not armed for any other reason.
+        """
+        status = self.status()
+        if self._armed and status.reason in _PAUSES:
             self.arm()
+        elif status.state is not OutputState.ARMED:
+            raise ConfigurationError(
+                f"the board is {status.state.name} ({status.reason.name}); arm it first"
+            )
 
     def _agree_on_air(self, mode: Mode) -> None:
         """Tell a board that computes drives which speed of sound the host assumes."""

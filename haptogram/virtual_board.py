@@ -25,7 +25,6 @@ from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArr
 from haptogram.backdoor import BackdoorFile, is_latch_of, observations_of, on_the_clock_of
 from haptogram.errors import ConfigurationError, LinkLostError
 from haptogram.records import Intended, Observation
-from haptogram.transport import DEFAULT_BAUDRATE
 
 if TYPE_CHECKING:
     from haptogram.verification import RunVerdict
@@ -51,7 +50,9 @@ class VirtualBoard:
     seed : int
         Everything about the board that looks random follows from it.
     baudrate : int or None
-        Rate at which its line carries bytes; None: as fast as they come.
+        Rate at which its line carries bytes; None: as fast as they come.  A driver keeps to its
+        own rate in any case.  With a rate here, what piles up while the board's process has to
+        wait for a processor is slow to catch up, as it would not be in a real board.
     reconstruct : bool
         Whether it rebuilds the field of every latch.
 
@@ -75,7 +76,7 @@ class VirtualBoard:
         pitch_mm: float = 10.0,
         temperature_c: float = 20.0,
         seed: int = 0,
-        baudrate: int | None = DEFAULT_BAUDRATE,
+        baudrate: int | None = None,
         reconstruct: bool = True,
     ) -> None:
         self.model = AcousticModel(

@@ -434,9 +434,34 @@ def test_play_after_a_stream_arms_again_what_fell_silent_during_the_upload():
         assert driver.play(CIRCLE, 1000).latched == 200
 
 
-def test_play_does_not_arm_a_board_that_was_not(port):
-    with Driver(port) as driver, pytest.raises(DeviceError, match="PLAY was refused: BAD_STATE"):
-        driver.play(CIRCLE, 1000)
+OUTPUTS = [
+    lambda driver: driver.focus((0, 0, 0.15)),
+    lambda driver: driver.stream(CIRCLE[:9], 1000),
+    lambda driver: driver.play(CIRCLE[:9], 1000),
+]
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_only_the_caller_arms_a_board(port, output):
+    with Driver(port) as driver:
+        with pytest.raises(ConfigurationError, match=r"DISARMED \(NEVER_ARMED\); arm it first"):
+            output(driver)
+        driver.arm()
+        driver.mute()
+        with pytest.raises(ConfigurationError, match=r"MUTED \(MUTE\); arm it first"):
+            output(driver)
+    assert port.latches == []
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("pause_ns", [300_000_000, 5_000_000_000])
+def test_a_pause_of_the_host_does_not_disarm(driver, port, output, pause_ns):
+    driver.focus((0, 0, 0.15))
+    port.stall(pause_ns)
+    assert port.board.state is OutputState.MUTED
+    output(driver)
+    driver.status()  # behind the last frame on the line
+    assert len(port.latches) == len(driver.intended) > 1
 
 
 @pytest.mark.parametrize(
