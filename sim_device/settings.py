@@ -11,6 +11,7 @@ from haptogram.errors import ConfigurationError
 from haptogram_protocol.messages import Feature, PhaseFormat
 
 BOOT_US: Final = 2**32 - 10_000_000  # the 32-bit clock of every run wraps 10 s after power-up
+MAX_BAUD: Final = 50_000_000
 ALL_FEATURES: Final = (
     Feature.AMPLITUDE
     | Feature.POINTS
@@ -81,9 +82,9 @@ class BoardSettings:
             raise ConfigurationError(
                 f"carrier of {carrier:g} Hz; its period must be a whole number of microseconds"
             )
-        for name, limit in _FIELD_LIMITS.items():
+        for name, limit in _LIMITS.items():
             value = getattr(self, name)
-            if not 1 <= value <= limit:
+            if value is not None and not 1 <= value <= limit:
                 raise ConfigurationError(f"{name} is {value}, must be 1 to {limit}")
 
     @property
@@ -107,7 +108,8 @@ class BoardSettings:
         return random.Random(self.seed).getrandbits(32)
 
 
-_FIELD_LIMITS: Final = {
+_LIMITS: Final = {
+    "baud": MAX_BAUD,
     "queue_depth": 0xFFFF,
     "max_horizon_us": 2**31 - 1,
     "trace_ring": 0xFFFF,

@@ -54,11 +54,6 @@ class Simulation:
         What takes down what the board does.
     paced : bool, keyword-only
         Whether the line takes its time; not, if the bytes come over a real one.
-
-    Raises
-    ------
-    ConfigurationError
-        If the line cannot be.
     """
 
     def __init__(self, settings: BoardSettings, *recorders: Recorder, paced: bool = True) -> None:

@@ -10,11 +10,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram.errors import ConfigurationError
-
 _BITS_PER_BYTE: Final = 10  # start bit, 8 data bits, stop bit
 _NS_PER_S: Final = 1_000_000_000
-MAX_BAUD: Final = 50_000_000
 
 
 @dataclass(slots=True)
@@ -33,16 +30,9 @@ class Line:
     ----------
     baud : int or None
         Bits per second; None: no time at all.
-
-    Raises
-    ------
-    ConfigurationError
-        If *baud* is not 1 to 50 million.
     """
 
     def __init__(self, baud: int | None) -> None:
-        if baud is not None and not 1 <= baud <= MAX_BAUD:
-            raise ConfigurationError(f"baud is {baud}, must be 1 to {MAX_BAUD}")
         self._baud = baud
         self._bursts: deque[_Burst] = deque()
         self._in_transit = 0
