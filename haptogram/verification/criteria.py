@@ -1,0 +1,138 @@
+"""The criteria S1 to S5 of one frame.
+
+S1  element residual: every latched phase is within half a step of the one that focuses on the
+    target, up to a phase that all share.
+S2  the focus that was reconstructed, without knowing the target, is where the target is, within
+    what the quantisation can do at the worst.
+S3  coherence at the target, |sum w_n g_n| / sum |A_n g_n| with the *intended* amplitudes A_n.
+S4  the peak of |p| across and along the beam is where diffraction puts it.
+S5  every latched amplitude is the intended one, within half a step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, Drive, SingleFocus, phase_step_rad
+from haptogram.acoustics.focus import wrap
+from haptogram.records import Intended
+
+from .target import (
+    LEAST_FRESNEL_NUMBER,
+    Complexes,
+    Direction,
+    Floats,
+    TargetField,
+    metric_length,
+    peak_offset_m,
+    predicted_shift_m,
+)
+
+ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
+#: S4: largest measured for correct boards of 4 to 8 bits, with 10 % amplitude and 0.2 rad phase
+#: noise, is 0.046 radians of phase; 1 mm beside the target it is 0.5 or more.
+PEAK_LIMIT_RAD: Final = 0.05
+_AMPLITUDE_STEP: Final = 1.0 / 255.0
+
+
+def allowed_codes(intended: Intended) -> int:
+    """Return by how many register codes the board may differ from the host, for its arithmetic."""
+    return 1 if intended.board_computed else 0
+
+
+def phase_limit_rad(intended: Intended) -> float:
+    """Return S1's limit: half a step, and one more step of 8 bits where the board computes."""
+    allowance_rad = allowed_codes(intended) * phase_step_rad(8)
+    return phase_step_rad(intended.phase_bits) / 2.0 + allowance_rad + ROUNDING_RAD
+
+
+def phase_error_rad(target: TargetField, latched: Drive, active: np.ndarray) -> float:
+    """S1: half the range of phi_n + k r_n(target) over the active elements, common phase out."""
+    arrival = np.angle(latched.weights()[active]) - target.phases_rad[active]
+    common = np.angle(np.exp(1j * arrival).sum())
+    return float(np.ptp(wrap(arrival - common))) / 2.0
+
+
+def focus_offset_m(target: TargetField, focus: SingleFocus) -> Floats:
+    """S2: return where the reconstructed focus is, seen from the target, (3,) in metres."""
+    return np.array(focus.position_m) - target.position_m
+
+
+def on_target(offset_m: Floats, bound_m: Floats) -> bool:
+    """S2: tell whether every coordinate that can be observed is within its bound."""
+    return bool((np.abs(offset_m) <= bound_m).all())
+
+
+def coherence(target: TargetField, latched: Complexes, intended: Complexes) -> float:
+    """S3: |sum w_n g_n| / sum |A_n g_n| at the target."""
+    largest = float(np.abs(intended * target.arrivals).sum())
+    return abs(complex((latched * target.arrivals).sum())) / largest if largest > 0.0 else 0.0
+
+
+def least_coherence(intended: Intended) -> float:
+    """Return S3's limit, cos(pi / 2^b) with the allowance of S1."""
+    return math.cos(min(phase_limit_rad(intended), math.pi)) - ROUNDING_RAD
+
+
+def peak_error_rad(
+    model: AcousticModel, target: TargetField, latched: Complexes, intended: Complexes
+) -> float | None:
+    """S4: return the larger distance of the peak from its place, across or along the beam.
+
+    In the metric of the focus (radians of phase); None where the array cannot tell.
+    """
+    errors = [
+        metric_length(
+            peak_offset_m(model, latched, target.position_m, direction)
+            - _expected_offset_m(model, target, intended, direction),
+            direction,
+        )
+        for direction in target.directions
+    ]
+    return max(errors, default=None)
+
+
+def _expected_offset_m(
+    model: AcousticModel, target: TargetField, intended: Complexes, direction: Direction
+) -> Floats:
+    """Return the predicted focal shift; where there is no prediction, that of an ideal drive."""
+    if target.fresnel_number >= LEAST_FRESNEL_NUMBER:
+        return predicted_shift_m(model, target, np.abs(intended), direction)
+    ideal = np.abs(intended) * np.exp(1j * target.phases_rad)
+    return peak_offset_m(model, ideal, target.position_m, direction)
+
+
+def amplitude_errors(intended: Intended, latched: Drive) -> np.ndarray:
+    """S5: tell which elements are off by more than half a step, (N,) of bool."""
+    difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
+    return np.abs(difference) > allowed_codes(intended)
+
+
+def several_foci_ok(intended: Intended, latched: Complexes, targets: list[TargetField]) -> bool:
+    """Judge several foci in one frame, each by the pressure at its point.
+
+    |p(t_i) - e^{j psi} p_ideal(t_i)| <= 2 sin(pi / 2^(b+1)) sum_n |a_n g_n(t_i)|, plus half an
+    amplitude step of every element; psi is the common phase that fits best.
+    """
+    ideal = _ideal_weights(intended, targets)
+    arrivals = np.array([target.arrivals for target in targets])
+    found, wanted = arrivals @ latched, arrivals @ ideal
+    common = np.exp(1j * np.angle(np.vdot(wanted, found)))
+    phase_limit = 2.0 * math.sin(phase_limit_rad(intended) / 2.0)
+    allowance = (0.5 + allowed_codes(intended)) * _AMPLITUDE_STEP
+    limit = phase_limit * (np.abs(arrivals) @ np.abs(ideal))
+    limit += allowance * np.abs(arrivals).sum(axis=1)
+    return bool((np.abs(found - common * wanted) <= limit).all())
+
+
+def _ideal_weights(intended: Intended, targets: list[TargetField]) -> Complexes:
+    """Return the naive superposition that the frame asks for, clipped at full amplitude."""
+    weights = sum(
+        focus.amplitude * np.exp(1j * (target.phases_rad + focus.phase_rad))
+        for focus, target in zip(intended.foci, targets, strict=True)
+    )
+    sound: Complexes = np.asarray(weights, dtype=np.complex128)
+    return sound / np.maximum(np.abs(sound), 1.0)

@@ -1,0 +1,246 @@
+"""From one intended frame and what was seen of it to a verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import (
+    AcousticModel,
+    Drive,
+    NoFocus,
+    Reconstruction,
+    Reconstructor,
+    SingleFocus,
+    pressure,
+)
+from haptogram.records import Focus, Intended, Observation
+
+from . import criteria
+from .faults import UNNAMED, name_faults
+from .target import Floats, TargetField
+from .verdict import Consequence, FrameStatus, FrameVerdict
+
+_REMEMBERED_TARGETS: Final = 16_384  # a pass of a fine object: a repeated one costs nothing new
+_MM: Final = 1e3
+
+
+class Judge:
+    """Judges frame after frame of one array.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air that the frames were radiated in: the truth, which the host may have missed.
+    carrier_us : int
+        Carrier period: a frame latches on the first of its multiples at or after its time.
+    """
+
+    def __init__(self, model: AcousticModel, *, carrier_us: int) -> None:
+        self._model = model
+        self._carrier_us = carrier_us
+        self._reconstructor: Reconstructor | None = None
+        self._target = functools.lru_cache(_REMEMBERED_TARGETS)(self._make_target)
+
+    def _make_target(self, focus: Focus, phase_bits: int) -> TargetField:
+        return TargetField.of(self._model, focus, phase_bits)
+
+    def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
+        """Return what became of a frame that was latched."""
+        seen = self._seen(intended, observation)
+        if _crc_differs(intended, observation):
+            return dataclasses.replace(
+                seen, status=FrameStatus.CORRUPT, faults=(_crc_fault(intended, observation),)
+            )
+        latched, note = _latched_drive(intended, observation)
+        if latched is None:
+            return dataclasses.replace(seen, note=note)
+        if latched.count != self._model.array.count:
+            note = f"a drive of {latched.count} elements; the array has {self._model.array.count}"
+            return dataclasses.replace(seen, note=note)
+        seen = dataclasses.replace(seen, note=note)
+        if len(intended.foci) > 1:
+            return self._judge_several(seen, intended, latched)
+        found = observation.reconstruction or self._reconstruct(latched)
+        if isinstance(found, NoFocus) and found.reason == "ramping":
+            return dataclasses.replace(seen, note="the output was ramping down when it was latched")
+        return self._judge_single(seen, intended, latched, found)
+
+    def _seen(self, intended: Intended, observation: Observation) -> FrameVerdict:
+        lateness_us = (
+            0 if intended.t_apply_us is None else observation.t_latch_us - intended.t_apply_us
+        )
+        return dataclasses.replace(
+            lost(intended),
+            status=FrameStatus.NOT_VERIFIED,
+            evidence=observation.evidence,
+            t_latch_us=observation.t_latch_us,
+            late=observation.late or lateness_us >= self._carrier_us,
+            early=lateness_us < 0,
+            latches=1,
+        )
+
+    def _reconstruct(self, latched: Drive) -> Reconstruction:
+        if self._reconstructor is None:
+            self._reconstructor = Reconstructor(self._model)
+        return self._reconstructor.reconstruct(latched)
+
+    def _judge_single(
+        self, seen: FrameVerdict, intended: Intended, latched: Drive, found: Reconstruction
+    ) -> FrameVerdict:
+        target = self._target(intended.foci[0], intended.phase_bits)
+        measures, verdicts = self._drive_criteria(intended, latched, target)
+        if isinstance(found, SingleFocus):
+            offset_m = criteria.focus_offset_m(target, found)
+            verdicts["S2"] = criteria.on_target(offset_m, target.bound_m + self._slack_m(intended))
+            measures |= _where(target, offset_m, found)
+        else:
+            verdicts["S2"] = False
+        faults = name_faults(self._model, intended, latched)
+        return dataclasses.replace(
+            seen,
+            status=_status(verdicts, faults, isinstance(found, SingleFocus)),
+            criteria=dict(sorted(verdicts.items())),
+            faults=faults,
+            bound_mm=_finite_mm(target.bound_m),
+            smallest_miss_mm=_MM * float(np.linalg.norm(_finite(target.bound_m))),
+            **measures,
+        )
+
+    def _slack_m(self, intended: Intended) -> Floats | float:
+        """Return what the board's own arithmetic may add to S2: one step of 8 bits per element."""
+        if not criteria.allowed_codes(intended):
+            return 0.0
+        return 2.0 * self._target(intended.foci[0], 8).bound_m
+
+    def _drive_criteria(
+        self, intended: Intended, latched: Drive, target: TargetField
+    ) -> tuple[dict[str, Any], dict[str, bool]]:
+        """Return measures and verdicts that need the drive alone: S1, S3, S4, S5."""
+        active = (latched.amplitude_codes > 0) & (intended.drive.amplitude_codes > 0)
+        s5 = not criteria.amplitude_errors(intended, latched).any()
+        if not active.any():
+            return {"coherence": 0.0}, {"S1": False, "S3": False, "S5": s5}
+        sounding, wanted = latched.weights(), np.abs(intended.drive.weights())
+        error_rad = criteria.phase_error_rad(target, latched, active)
+        coherence = criteria.coherence(target, sounding, wanted.astype(complex))
+        verdicts = {
+            "S1": error_rad <= criteria.phase_limit_rad(intended),
+            "S3": coherence >= criteria.least_coherence(intended),
+            "S5": s5,
+        }
+        measures: dict[str, Any] = {"phase_error_rad": error_rad, "coherence": coherence}
+        peak = criteria.peak_error_rad(self._model, target, sounding, wanted.astype(complex))
+        if peak is not None:
+            measures["peak_error"] = peak
+            verdicts["S4"] = peak <= criteria.PEAK_LIMIT_RAD
+        return measures, verdicts
+
+    def _judge_several(
+        self, seen: FrameVerdict, intended: Intended, latched: Drive
+    ) -> FrameVerdict:
+        targets = [self._target(focus, intended.phase_bits) for focus in intended.foci]
+        verdicts = {
+            "S3": criteria.several_foci_ok(intended, latched.weights(), targets),
+            "S5": not criteria.amplitude_errors(intended, latched).any(),
+        }
+        faults = name_faults(self._model, intended, latched)
+        return dataclasses.replace(
+            seen,
+            status=_status(verdicts, faults, focused=False),
+            criteria=verdicts,
+            faults=faults,
+            note=f"{len(targets)} foci, each judged by the pressure at its point",
+            pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
+        )
+
+    def consequence(self, intended: Intended, held: tuple[Intended, Drive] | None) -> Consequence:
+        """Return what it did that *intended* was not latched, while *held* still was."""
+        position = np.array(intended.foci[0].position_m)
+        wanted = self._pressure_rms_pa(intended.drive, position)
+        if held is None:
+            return Consequence(None, 0.0, wanted)
+        still, drive = held
+        away_m = float(np.linalg.norm(position - np.array(still.foci[0].position_m)))
+        return Consequence(_MM * away_m, self._pressure_rms_pa(drive, position), wanted)
+
+    def _pressure_rms_pa(self, drive: Drive, position: Floats) -> float:
+        found = pressure(self._model, drive.weights(), position[None, :])
+        return abs(complex(found[0])) / math.sqrt(2.0)
+
+
+def lost(intended: Intended) -> FrameVerdict:
+    """Return the verdict of a frame that nobody saw."""
+    return FrameVerdict(
+        number=intended.number,
+        key=intended.key,
+        status=FrameStatus.LOST,
+        evidence=None,
+        target_m=intended.foci[0].position_m,
+        t_apply_us=intended.t_apply_us,
+    )
+
+
+def _latched_drive(intended: Intended, observation: Observation) -> tuple[Drive | None, str]:
+    """Return the drive that was latched, as far as it was seen, and what to say about that."""
+    if observation.drive is not None:
+        return observation.drive, ""
+    if observation.drive_crc is None:
+        return None, "the latch was seen, but nothing of its drive"
+    if intended.board_computed:
+        return None, "the board computed the drive, and only its CRC was seen"
+    return intended.drive, "by the CRC of the drive, which is that of the intended one"
+
+
+def _crc_fault(intended: Intended, observation: Observation) -> str:
+    return (
+        f"another drive was latched: its CRC is {observation.drive_crc:08x}, that of the intended "
+        f"one {intended.drive.digest():08x}"
+    )
+
+
+def _crc_differs(intended: Intended, observation: Observation) -> bool:
+    """Tell whether the CRC alone proves that another drive was latched."""
+    return (
+        observation.drive is None
+        and observation.drive_crc is not None
+        and not intended.board_computed
+        and observation.drive_crc != intended.drive.digest()
+    )
+
+
+def _status(verdicts: dict[str, bool], faults: tuple[str, ...], focused: bool) -> FrameStatus:
+    if all(verdicts.values()):
+        return FrameStatus.CORRUPT if faults else FrameStatus.ON_TARGET
+    if focused and set(faults) <= {UNNAMED}:
+        return FrameStatus.OFF_TARGET  # a sound drive, for another point or in other air
+    return FrameStatus.WRONG_DRIVE
+
+
+def _where(target: TargetField, offset_m: Floats, found: SingleFocus) -> dict[str, Any]:
+    observable = np.array(found.observable) & np.isfinite(target.bound_m)
+    seen_m = np.where(observable, offset_m, 0.0)
+    across_m, along_m = target.split(seen_m)
+    axial = observable[np.abs(target.axis).argmax()]
+    return {
+        "measured_m": found.position_m,
+        "lateral_error_mm": _MM * across_m,
+        "axial_error_mm": _MM * along_m if axial else None,
+        "pressure_rms_pa": found.pressure_rms_pa,
+        "force_n": found.force_n,
+    }
+
+
+def _finite(values: Floats) -> Floats:
+    finite: Floats = values[np.isfinite(values)]
+    return finite
+
+
+def _finite_mm(bound_m: Floats) -> tuple[float | None, float | None, float | None]:
+    x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
+    return x, y, z
+

@@ -1,0 +1,287 @@
+"""A run: intended and latched joined by their keys, every frame accounted for."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, Drive
+from haptogram.errors import ConfigurationError
+from haptogram.records import FrameKey, Intended, Observation
+
+from .judge import Judge, lost
+from .verdict import JUDGED, WRONG, FrameStatus, FrameVerdict, Verdict
+
+_PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
+_NAMED_FRAMES: Final = 8  # in the summary; the JSON names all
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RunVerdict:
+    """What is known of a run.
+
+    Attributes
+    ----------
+    verdict : Verdict
+        pass, fail or inconclusive.
+    reasons : tuple of str
+        Why it is not a pass; empty if it is.
+    frames : list of FrameVerdict
+        One for every intended frame, in order.
+    unexpected : list of FrameKey
+        What was latched although nobody intended it.
+    min_verified : float
+        Share of frames that had to be verified.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    frames: list[FrameVerdict]
+    unexpected: list[FrameKey]
+    min_verified: float
+    counts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def exit_status(self) -> int:
+        """0 pass, 1 fail, 3 inconclusive."""
+        return self.verdict.exit_status
+
+    def values(self, name: str) -> np.ndarray:
+        """Return one measure of all frames that have it, e.g. ``"axial_error_mm"``."""
+        found = (getattr(frame, name) for frame in self.frames)
+        return np.array([value for value in found if value is not None], dtype=np.float64)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result for JSON: no host, date or duration, so that it repeats."""
+        coherence, pressure = self.values("coherence"), self.values("pressure_rms_pa")
+        force_mn = 1e3 * self.values("force_n")
+        evidence = sorted({str(f.evidence) for f in self.frames if f.evidence is not None})
+        return {
+            "verdict": str(self.verdict),
+            "reasons": list(self.reasons),
+            "evidence": evidence[0] if len(evidence) == 1 else evidence,
+            "min_verified": self.min_verified,
+            "frames": self.counts,
+            "lateral_error_mm": _percentiles(self.values("lateral_error_mm"), "p50 p99 max"),
+            "axial_error_mm": _percentiles(np.abs(self.values("axial_error_mm")), "p50 p99 max"),
+            "smallest_miss_mm": _largest(self.values("smallest_miss_mm")),
+            "coherence": {"min": _least(coherence)},
+            "pressure_rms_pa": _spread(pressure),
+            "force_mn": _spread(force_mn),
+            "lateness_us": _percentiles(self.values("lateness_us"), "p50 p99 p99.9 max"),
+            "not_on_target": [
+                _frame_dict(f) for f in self.frames if f.status is not FrameStatus.ON_TARGET
+            ],
+            "late": [_frame_dict(f) for f in self.frames if f.late],
+            "unexpected": [dataclasses.asdict(key) for key in self.unexpected],
+        }
+
+    def __str__(self) -> str:
+        """Return a summary that fits a screen."""
+        return "\n".join(_summary(self))
+
+
+def verify_run(
+    intended: Sequence[Intended],
+    observations: Iterable[Observation],
+    *,
+    model: AcousticModel,
+    min_verified: float = 1.0,
+    progress: Progress | None = None,
+) -> RunVerdict:
+    """Join what was intended with what was latched, by key, and judge every frame.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air that the drives were radiated in.
+    min_verified : float
+        Share of the intended frames that must be verified, 0 to 1.
+    progress : callable, optional
+        Called with the number of frames judged and their total.
+
+    Raises
+    ------
+    ConfigurationError
+        If *min_verified* is not 0 to 1, or two intended frames have one key.
+    """
+    if not 0.0 <= min_verified <= 1.0:
+        raise ConfigurationError(f"min_verified is {min_verified:g}, must be 0 to 1")
+    _check_keys(intended)
+    seen: dict[FrameKey, list[Observation]] = defaultdict(list)
+    for observation in observations:
+        seen[observation.key].append(observation)
+    judge = Judge(model, carrier_us=max(1, round(1e6 / model.frequency_hz)))
+    frames: list[FrameVerdict] = []
+    held: tuple[Intended, Drive] | None = None
+    for number, wanted in enumerate(intended):
+        latches = seen.pop(wanted.key, [])
+        if latches:
+            verdict = judge.judge(wanted, latches[0])
+            frames.append(dataclasses.replace(verdict, latches=len(latches)))
+            held = wanted, latches[0].drive or wanted.drive
+        else:
+            frames.append(
+                dataclasses.replace(lost(wanted), consequence=judge.consequence(wanted, held))
+            )
+        if progress is not None:
+            progress(number + 1, len(intended))
+    return _conclude(frames, sorted(seen), min_verified)
+
+
+def _check_keys(intended: Sequence[Intended]) -> None:
+    key, times = next(iter(Counter(frame.key for frame in intended).most_common(1)), (None, 0))
+    if times > 1:
+        raise ConfigurationError(f"{key} is intended {times} times; a key names one frame")
+
+
+def _conclude(
+    frames: list[FrameVerdict], unexpected: list[FrameKey], min_verified: float
+) -> RunVerdict:
+    counts = _counts(frames, unexpected)
+    wrong = [
+        f"{counts[name]} {text}"
+        for name, text in _FAILURES.items()
+        if counts[name]
+    ]
+    if wrong:
+        return RunVerdict(Verdict.FAIL, tuple(wrong), frames, unexpected, min_verified, counts)
+    sent, verified = counts["sent"], counts["verified"]
+    if not verified or verified < min_verified * sent:
+        share = f"{verified} of {sent} frames were verified; {min_verified:.4g} of them must be"
+        return RunVerdict(
+            Verdict.INCONCLUSIVE, (share,), frames, unexpected, min_verified, counts
+        )
+    return RunVerdict(Verdict.PASS, (), frames, unexpected, min_verified, counts)
+
+
+_FAILURES: Final = {
+    "off_target": "off target",
+    "wrong_drive": "with a wrong drive",
+    "corrupt": "damaged, but latched",
+    "early": "latched before their time",
+    "duplicated": "latched more than once",
+    "unexpected": "latched that nobody intended",
+}
+
+
+def _counts(frames: list[FrameVerdict], unexpected: list[FrameKey]) -> dict[str, int]:
+    by_status = Counter(frame.status for frame in frames)
+    return {
+        "sent": len(frames),
+        "latched": sum(frame.latches > 0 for frame in frames),
+        "verified": sum(frame.status in JUDGED for frame in frames),
+        "on_target": by_status[FrameStatus.ON_TARGET],
+        "off_target": by_status[FrameStatus.OFF_TARGET],
+        "wrong_drive": by_status[FrameStatus.WRONG_DRIVE],
+        "corrupt": by_status[FrameStatus.CORRUPT],
+        "not_verified": by_status[FrameStatus.NOT_VERIFIED],
+        "lost": by_status[FrameStatus.LOST],
+        "late": sum(frame.late for frame in frames),
+        "early": sum(frame.early for frame in frames),
+        "duplicated": sum(frame.latches > 1 for frame in frames),
+        "unexpected": len(unexpected),
+    }
+
+
+# --- Numbers and words -------------------------------------------------------------------------
+
+
+def _percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
+    if not len(values):
+        return dict.fromkeys(names.split())
+    return {name: float(np.percentile(values, _PERCENTILES[name])) for name in names.split()}
+
+
+def _spread(values: np.ndarray) -> dict[str, float | None]:
+    if not len(values):
+        return dict.fromkeys(("mean", "std", "min", "max"))
+    return {
+        "mean": float(values.mean()),
+        "std": float(values.std()),
+        "min": float(values.min()),
+        "max": float(values.max()),
+    }
+
+
+def _least(values: np.ndarray) -> float | None:
+    return float(values.min()) if len(values) else None
+
+
+def _largest(values: np.ndarray) -> float | None:
+    return float(values.max()) if len(values) else None
+
+
+def _frame_dict(frame: FrameVerdict) -> dict[str, Any]:
+    """Return what is known of one frame, without what is not."""
+    fields = dataclasses.asdict(frame) | {"status": str(frame.status)}
+    fields["evidence"] = None if frame.evidence is None else str(frame.evidence)
+    fields["lateness_us"] = frame.lateness_us
+    return {name: value for name, value in fields.items() if value not in (None, (), {}, "")}
+
+
+def _summary(run: RunVerdict) -> list[str]:
+    result, counts = run.as_dict(), run.counts
+    lines = [
+        f"{str(run.verdict).upper()}: " + ("; ".join(run.reasons) or "every focus is on target"),
+        f"  frames    {counts['sent']} sent, {counts['latched']} latched, "
+        f"{counts['verified']} verified, {counts['lost']} lost, {counts['late']} late",
+    ]
+    if result["lateral_error_mm"]["max"] is not None:
+        lines.append(_error_line(result))
+    if result["force_mn"]["mean"] is not None:
+        pressure, force = result["pressure_rms_pa"], result["force_mn"]
+        lines.append(
+            f"  field     {pressure['mean']:.0f} Pa RMS on average, force "
+            f"{force['mean']:.2f} ± {force['std']:.2f} mN, coherence {result['coherence']['min']:.5f} "
+            "or more"
+        )
+    lines.append(f"  evidence  {result['evidence'] or 'none: nothing was seen of what was latched'}")
+    odd = [f for f in run.frames if f.status is not FrameStatus.ON_TARGET or f.late]
+    lines += [f"  {_frame_line(frame)}" for frame in odd[:_NAMED_FRAMES]]
+    if len(odd) > _NAMED_FRAMES:
+        lines.append(f"  ... and {len(odd) - _NAMED_FRAMES} more, in the JSON file")
+    return lines
+
+
+def _error_line(result: dict[str, Any]) -> str:
+    lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
+    along = "not observable" if axial["max"] is None else f"{axial['p50']:.3f} / {axial['max']:.3f}"
+    return (
+        f"  focus     off by {lateral['p50']:.3f} / {lateral['max']:.3f} mm across, {along} mm "
+        f"along the beam (median / largest); a miss of {result['smallest_miss_mm']:.2f} mm or more "
+        "would show"
+    )
+
+
+def _frame_line(frame: FrameVerdict) -> str:
+    parts = [f"frame {frame.number}: {frame.status}"]
+    if frame.late and frame.lateness_us is not None:
+        parts.append(f"{frame.lateness_us} us late")
+    parts += frame.faults
+    if frame.status in WRONG and frame.lateral_error_mm is not None:
+        axial = f"{frame.axial_error_mm:.3f} mm along" if frame.axial_error_mm is not None else ""
+        parts.append(f"{frame.lateral_error_mm:.3f} mm across, {axial}".rstrip(", "))
+    if frame.consequence is not None:
+        parts.append(_consequence_text(frame))
+    if frame.note and frame.status is FrameStatus.NOT_VERIFIED:
+        parts.append(frame.note)
+    return "; ".join(parts)
+
+
+def _consequence_text(frame: FrameVerdict) -> str:
+    effect = frame.consequence
+    assert effect is not None  # the caller asked
+    if effect.focus_error_mm is None:
+        return f"silence instead of {effect.intended_pressure_rms_pa:.0f} Pa"
+    return (
+        f"the focus stayed {effect.focus_error_mm:.1f} mm away: {effect.pressure_rms_pa:.0f} Pa "
+        f"instead of {effect.intended_pressure_rms_pa:.0f} Pa"
+    )

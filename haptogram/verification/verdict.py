@@ -1,0 +1,146 @@
+"""What a verification says: of one frame, and of a run."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from haptogram.records import Evidence, FrameKey
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+class FrameStatus(enum.StrEnum):
+    """What became of one intended frame."""
+
+    ON_TARGET = "on target"
+    OFF_TARGET = "off target"  # a focus, but elsewhere
+    WRONG_DRIVE = "wrong drive"  # not the drive that was asked for, and the field shows it
+    CORRUPT = "corrupt"  # not the drive that was asked for, although the focus is in its place
+    NOT_VERIFIED = "not verified"  # latched, but what was seen of it does not suffice
+    LOST = "lost"  # nobody saw it latched
+
+
+JUDGED: frozenset[FrameStatus] = frozenset(
+    {
+        FrameStatus.ON_TARGET,
+        FrameStatus.OFF_TARGET,
+        FrameStatus.WRONG_DRIVE,
+        FrameStatus.CORRUPT,
+    }
+)
+WRONG: frozenset[FrameStatus] = JUDGED - {FrameStatus.ON_TARGET}
+
+
+class Verdict(enum.StrEnum):
+    """What a run came to, with the exit status that says so."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    INCONCLUSIVE = "inconclusive"
+
+    @property
+    def exit_status(self) -> int:
+        """0 pass, 1 fail, 3 inconclusive."""
+        return {Verdict.PASS: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}[self]
+
+
+@dataclass(frozen=True, slots=True)
+class Consequence:
+    """What it did in space that a frame was not latched.
+
+    Attributes
+    ----------
+    focus_error_mm : float or None
+        Distance of the focus that was held instead from the one intended; None: silence.
+    pressure_rms_pa, intended_pressure_rms_pa : float
+        Pressure at the intended point under the drive that was held, and as it should have been.
+    """
+
+    focus_error_mm: float | None
+    pressure_rms_pa: float
+    intended_pressure_rms_pa: float
+
+
+@dataclass(frozen=True, slots=True)
+class FrameVerdict:
+    """What is known of one intended frame.
+
+    Attributes
+    ----------
+    number, key
+        Which frame.
+    status : FrameStatus
+        What became of it.
+    evidence : Evidence or None
+        Who saw it; None if nobody did.
+    target_m : tuple
+        First focus that was intended, in metres.
+    measured_m : tuple or None
+        Where the focus was found.
+    lateral_error_mm, axial_error_mm : float or None
+        Distance of the two across, and signed along, the line from the array's centre to the
+        target; None where that direction cannot be observed.
+    bound_mm : tuple or None
+        S2: largest error per axis that quantisation can make; None for a direction that this array
+        cannot observe.
+    smallest_miss_mm : float or None
+        The shortest miss that S2 is certain to show.
+    phase_error_rad : float or None
+        S1: half the range of the element residuals.
+    coherence : float or None
+        S3: at the target, normalised by the intended amplitudes.
+    peak_error : float or None
+        S4: distance of the pressure peak from its prediction, in radians of phase.
+    pressure_rms_pa, force_n : float or None
+        At the focus that was found.
+    criteria : dict of str to bool
+        S1 to S5, those that were judged.
+    faults : tuple of str
+        What is wrong with the drive, by name.
+    note : str
+        Why it was not verified, or with what allowance it was.
+    t_apply_us, t_latch_us : int or None
+        Device times.
+    late : bool
+        Whether it was latched later than the first carrier boundary at or after its time.
+    early : bool
+        Whether it was latched before its time.
+    latches : int
+        How often it was latched.
+    consequence : Consequence or None
+        Of a lost frame.
+    """
+
+    number: int
+    key: FrameKey
+    status: FrameStatus
+    evidence: Evidence | None
+    target_m: Vector
+    measured_m: Vector | None = None
+    lateral_error_mm: float | None = None
+    axial_error_mm: float | None = None
+    bound_mm: tuple[float | None, float | None, float | None] | None = None
+    smallest_miss_mm: float | None = None
+    phase_error_rad: float | None = None
+    coherence: float | None = None
+    peak_error: float | None = None
+    pressure_rms_pa: float | None = None
+    force_n: float | None = None
+    criteria: dict[str, bool] = field(default_factory=dict)
+    faults: tuple[str, ...] = ()
+    note: str = ""
+    t_apply_us: int | None = None
+    t_latch_us: int | None = None
+    late: bool = False
+    early: bool = False
+    latches: int = 0
+    consequence: Consequence | None = None
+
+    @property
+    def lateness_us(self) -> int | None:
+        """Time from when it was due to when it was latched, in microseconds."""
+        if self.t_apply_us is None or self.t_latch_us is None:
+            return None
+        return self.t_latch_us - self.t_apply_us
