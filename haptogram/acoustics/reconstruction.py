@@ -217,6 +217,11 @@ class Reconstructor:
             tried.append(self._fit(radiated, self._last_focus, radiated.active))
             if self._explains(tried[0], radiated):
                 return self._single(tried[0], radiated, "warm")
+            jumped = self._acquisition_for(radiated.active).widening_fit(
+                radiated.phases_rad, radiated.active, radiated.phase_bits, self._last_focus
+            )
+            if self._explains(jumped, radiated):
+                return self._single(jumped, radiated, "warm")
             partial = self._fit_most(tried[0], radiated)
             if partial is not None:
                 return self._mostly_single(partial, radiated)
