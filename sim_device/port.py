@@ -12,6 +12,7 @@ import logging
 import os
 import pty
 import socket
+import termios
 import tty
 from pathlib import Path
 from typing import Final
@@ -73,7 +74,7 @@ class Port:
             return b""
         except OSError as error:
             return self._lost(error)
-        return data
+        return data or self._lost(OSError(errno.EIO, "the other side is gone"))
 
     def write(self, data: bytes) -> None:
         """Hand over *data*, or keep what is not taken; see :attr:`pending`."""
@@ -248,10 +249,18 @@ class SerialPort(Port):
             raise ConfigurationError(f"cannot open {name}: {error}") from error
         super().__init__(self._serial.fileno(), name)
         os.set_blocking(self._fd, False)
+        _tell_end_from_silence(self._fd)
 
     def close(self) -> None:
         """Close the port."""
         self._serial.close()
+
+
+def _tell_end_from_silence(fd: int) -> None:
+    """Let a read without data fail, not return nothing, which a pulled cable does as well."""
+    settings = termios.tcgetattr(fd)
+    settings[6][termios.VMIN] = 1
+    termios.tcsetattr(fd, termios.TCSANOW, settings)
 
 
 class UnixListener:

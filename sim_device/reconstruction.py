@@ -33,6 +33,7 @@ from .sink import RecordSink, open_sink
 QUEUE_LATCHES: Final = 16_384  # records that may wait for the worker: 16 s at 1 kHz
 START_TIMEOUT_S: Final = 60.0
 DRAIN_TIMEOUT_S: Final = 120.0
+HURRY_AFTER_S: Final = 20.0  # from then on the last records come without their field
 LINGER_S: Final = 5.0  # for readers of the back door to take the last records
 
 _LENGTH: Final = struct.Struct("<I")
@@ -143,7 +144,10 @@ class ReconstructionWorker:
         """Let the worker write everything down and end; kill it if it takes too long."""
         deadline_s = time.monotonic() + timeout_s
         self._waiting.append(_packed(_End(self.dropped, self.notices_dropped)))
-        self._drain(deadline_s)
+        self._drain(min(deadline_s, time.monotonic() + HURRY_AFTER_S))
+        if self._waiting and self._alive:  # every latch is written down, if not its field
+            self._waiting.insert(1, _packed(_Hurry()))  # the first one may be half sent
+            self._drain(deadline_s)
         self._alive = False
         for pipe in (self._input, self._process.stdout):
             _close_quietly(pipe)
@@ -185,6 +189,11 @@ class _End:
 
     dropped: int
     notices_dropped: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Hurry:
+    """Leave the field out of what comes after this."""
 
 
 def _start_process() -> subprocess.Popen[bytes]:
@@ -259,6 +268,8 @@ def _record_all(items: Iterator[Any], recorder: InlineReconstruction, sink: Reco
         elif isinstance(item, _End):
             recorder.finish(dropped=item.dropped, notices_dropped=item.notices_dropped)
             return
+        elif isinstance(item, _Hurry):
+            recorder.hurry()
         elif item is not None:
             recorder.notice(item)
         sink.serve()

@@ -2,28 +2,46 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable
+from typing import Final
 
-from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
+from haptogram.acoustics import AcousticModel, Drive, Reconstruction, Reconstructor
 
 from .backdoor import Record, board_record, end_record, latch_record, output_record
 from .latch import Latch, Notice
 from .settings import BoardSettings
 
+MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
+
 
 class Estimator:
-    """Rebuilds the field of latch after latch; one memory for every resolution of the phases."""
+    """Rebuilds the field of latch after latch; a drive that was seen lately costs nothing.
+
+    There is one :class:`Reconstructor` for every resolution of the phases, because each starts
+    its search at the last focus and judges by the rounding of the phases.
+    """
 
     def __init__(self, model: AcousticModel) -> None:
         self._model = model
         self._by_bits: dict[int, Reconstructor] = {}
+        self._seen: OrderedDict[tuple[Drive, int, bool], Reconstruction] = OrderedDict()
 
     def estimate(self, latch: Latch) -> Reconstruction:
         """Return what the board radiated; it is not told what the host had wanted."""
-        bits = latch.commanded_bits
+        key = latch.radiated, latch.commanded_bits, latch.ramping
+        if key in self._seen:
+            self._seen.move_to_end(key)
+        else:
+            self._seen[key] = self._reconstruct(*key)
+            if len(self._seen) > MEMORY_DRIVES:
+                self._seen.popitem(last=False)
+        return self._seen[key]
+
+    def _reconstruct(self, drive: Drive, bits: int, ramping: bool) -> Reconstruction:
         if bits not in self._by_bits:
             self._by_bits[bits] = Reconstructor(self._model, bits)
-        return self._by_bits[bits].reconstruct(latch.radiated, ramping=latch.ramping)
+        return self._by_bits[bits].reconstruct(drive, ramping=ramping)
 
 
 class InlineReconstruction:
@@ -57,6 +75,10 @@ class InlineReconstruction:
         estimate = self._estimator.estimate(latch) if self._estimator else None
         self._reconstructed += estimate is not None
         self._write(latch_record(latch, estimate))
+
+    def hurry(self) -> None:
+        """Leave the field out from now on: there is no time left for it."""
+        self._estimator = None
 
     def notice(self, notice: Notice) -> None:
         """Take down a change of the output."""
