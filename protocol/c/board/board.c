@@ -1,0 +1,153 @@
+/* Bytes, time and power of the board. */
+
+#include "board.h"
+
+#include <stdlib.h>
+
+static uint32_t geometry_hash(const struct board *board)
+{
+    uint32_t crc = 0;
+    uint8_t element[HG_SIZE_ELEMENT];
+    size_t n;
+
+    for (n = 0; n < board->count; n++) {
+        points_element(board, n, element);
+        crc = hg_crc32(crc, element, sizeof element);
+    }
+    return crc;
+}
+
+static void default_config(struct hg_config *config)
+{
+    memset(config, 0, sizeof *config);
+    config->hold_ms = 200;
+    config->ramp_ms = 50;
+    config->host_timeout_ms = 500;
+    config->status_period_ms = 100;
+    config->sound_speed_mm_s = 343200;
+    config->trace_mode = HG_TRACE_OFF;
+    config->amplitude_ceiling = 255;
+    config->trace_divider = 1;
+}
+
+void board_start(struct board *board, const struct array *array)
+{
+    memset(board, 0, sizeof *board);
+    board->array = *array;
+    board->count = (uint16_t)(array->nx * array->ny);
+    board->geometry_hash = geometry_hash(board);
+    board->now_us = BOARD_BOOT_US;
+    board->last_boundary_us = BOARD_BOOT_US - BOARD_CARRIER_US;
+    board->next_status_us = BOARD_NEVER;
+    board->state = HG_STATE_DISARMED;
+    board->reason = HG_REASON_NEVER_ARMED;
+    default_config(&board->config);
+    hg_parser_reset(&board->link.parser);
+}
+
+void board_stop(struct board *board)
+{
+    size_t i;
+
+    upload_abandon(board);
+    for (i = 0; i < BOARD_SEQUENCES; i++) {
+        free(board->sequences[i].data);
+        board->sequences[i].data = NULL;
+    }
+}
+
+void board_receive(struct board *board, const uint8_t *data, size_t length, int64_t t_us)
+{
+    board_advance(board, t_us);
+    while (length > 0) {
+        struct hg_frame frame;
+        size_t taken = 0;
+        enum hg_parsed what = hg_parse(&board->link.parser, data, length, &taken, &frame);
+
+        data += taken;
+        length -= taken;
+        if (what == HG_PARSED_DAMAGE)
+            link_count(board, frame.reason);
+        else if (what == HG_PARSED_FRAME)
+            link_judge(board, &frame, t_us);
+    }
+}
+
+static int64_t earlier(int64_t a, int64_t b)
+{
+    return a < b ? a : b;
+}
+
+static int64_t latch_us(const struct board *board)
+{
+    return board->queued > 0 ? board->queue[board->queue_first].t_latch_us : BOARD_NEVER;
+}
+
+int64_t board_next_event(const struct board *board)
+{
+    int64_t t_us = earlier(latch_us(board), playback_due_us(board));
+
+    t_us = earlier(t_us, output_end_us(board));
+    return earlier(t_us, board->next_status_us);
+}
+
+void board_schedule_status(struct board *board)
+{
+    int64_t period_us = (int64_t)board->config.status_period_ms * 1000;
+
+    board->next_status_us = period_us > 0 ? board->now_us + period_us : BOARD_NEVER;
+}
+
+static void send_status(struct board *board)
+{
+    uint8_t payload[HG_SIZE_STATUS];
+
+    readout_status(board, payload);
+    link_event(board, HG_TYPE_STATUS, payload, sizeof payload, board->now_us, 0, STATUS);
+    board_schedule_status(board);
+}
+
+/* At one moment latches come before timers, and STATUS tells of both. */
+static void happen(struct board *board, int64_t t_us)
+{
+    if (latch_us(board) <= t_us)
+        stream_latch(board);
+    else if (playback_due_us(board) <= t_us)
+        playback_latch(board);
+    else if (output_end_us(board) <= t_us)
+        output_time_out(board);
+    else
+        send_status(board);
+}
+
+void board_advance(struct board *board, int64_t t_us)
+{
+    int64_t next_us;
+
+    while ((next_us = board_next_event(board)) <= t_us) {
+        if (next_us > board->now_us)
+            board->now_us = next_us;
+        happen(board, next_us);
+    }
+    if (t_us > board->now_us)
+        board->now_us = t_us;
+}
+
+void board_sent(struct board *board, size_t length)
+{
+    size_t i;
+
+    board->output_length -= length;
+    for (i = 0; i < board->output_length; i++)
+        board->output[i] = board->output[i + length];
+}
+
+void board_find_fault(struct board *board)
+{
+    uint8_t before = board->state;
+
+    output_enter(board, FAULT_FOUND, HG_REASON_FAULT);
+    if (board->state != before)
+        output_tell(board);
+    output_silence(board);
+}

@@ -1,0 +1,185 @@
+/* Output state, the two timers, and the latch.  SPEC.md chapters 5, 6 and 12. */
+
+#include "board.h"
+
+#define REFUSED 0xFFu
+
+/* HG-6.2, without the inputs that change nothing where they are allowed. */
+static const uint8_t transitions[OUTPUT_INPUTS][4] = {
+    /*               DISARMED           ARMED              MUTED           FAULT */
+    [NEW_SESSION] = {HG_STATE_DISARMED, HG_STATE_DISARMED, HG_STATE_MUTED, HG_STATE_FAULT},
+    [ARM] = {HG_STATE_ARMED, HG_STATE_ARMED, HG_STATE_ARMED, REFUSED},
+    [MUTE] = {HG_STATE_MUTED, HG_STATE_MUTED, HG_STATE_MUTED, HG_STATE_FAULT},
+    [DISARM] = {HG_STATE_DISARMED, HG_STATE_DISARMED, HG_STATE_MUTED, HG_STATE_DISARMED},
+    [RAMP_ENDED] = {REFUSED, HG_STATE_MUTED, REFUSED, REFUSED},
+    [FAULT_FOUND] = {HG_STATE_FAULT, HG_STATE_FAULT, HG_STATE_FAULT, HG_STATE_FAULT},
+};
+
+/* Follow the table; 0 if it refuses. */
+int output_enter(struct board *board, enum output_input input, uint8_t reason)
+{
+    uint8_t state = transitions[input][board->state];
+
+    if (state == REFUSED)
+        return 0;
+    if (state != board->state) {
+        board->state = state;
+        board->reason = reason;
+    }
+    return 1;
+}
+
+void output_tell(struct board *board)
+{
+    uint8_t payload[HG_SIZE_STATE_CHANGED];
+    struct hg_state_changed changed;
+
+    changed.state = board->state;
+    changed.reason = board->reason;
+    hg_write_state_changed(payload, &changed);
+    link_event(board, HG_TYPE_STATE_CHANGED, payload, sizeof payload, board->now_us, 0, OTHER);
+}
+
+void output_silence(struct board *board)
+{
+    stream_flush(board);
+    playback_end(board);
+    board->lease.burning = board->hold.burning = 0;
+    board->sounding = 0;
+}
+
+/* --- Timers (HG-12) --------------------------------------------------------------------------- */
+
+static void light(struct board *board, struct fuse *fuse, int64_t deadline_us, uint8_t reason)
+{
+    fuse->burning = 1;
+    fuse->deadline_us = deadline_us;
+    fuse->ramp_us = (int64_t)board->config.ramp_ms * 1000;
+    fuse->reason = reason;
+}
+
+void output_renew_lease(struct board *board)
+{
+    int plays = board->playback.sequence != NULL;
+    int64_t alone_ms = plays ? board->playback.unattended_ms : board->config.host_timeout_ms;
+
+    if (board->state == HG_STATE_ARMED)
+        light(board, &board->lease, board->now_us + alone_ms * 1000,
+              plays ? HG_REASON_UNATTENDED : HG_REASON_HOST_SILENT);
+}
+
+/* A hold that has not run out gets its new length; a ramp that has begun goes on (HG-7.1/3). */
+void output_reconfigure(struct board *board)
+{
+    int64_t deadline_us = board->last_boundary_us + (int64_t)board->config.hold_ms * 1000;
+
+    if (board->state != HG_STATE_ARMED)
+        return;
+    if (board->hold.burning && board->hold.deadline_us > board->now_us)
+        light(board, &board->hold, deadline_us > board->now_us ? deadline_us : board->now_us,
+              HG_REASON_HOLD_EXPIRED);
+    output_renew_lease(board);
+    board_advance(board, board->now_us);
+}
+
+static int64_t end_us(const struct fuse *fuse)
+{
+    return fuse->burning ? fuse->deadline_us + fuse->ramp_us : BOARD_NEVER;
+}
+
+int64_t output_end_us(const struct board *board)
+{
+    int64_t lease_us = end_us(&board->lease);
+    int64_t hold_us = end_us(&board->hold);
+
+    if (board->state != HG_STATE_ARMED)
+        return BOARD_NEVER;
+    return lease_us < hold_us ? lease_us : hold_us;
+}
+
+void output_time_out(struct board *board)
+{
+    int by_lease = end_us(&board->lease) <= end_us(&board->hold);
+
+    board->counters[HG_COUNTER_TIMEOUTS]++;
+    output_enter(board, RAMP_ENDED, by_lease ? board->lease.reason : board->hold.reason);
+    output_tell(board);
+    output_silence(board);
+}
+
+/* --- Latch (HG-5.8) --------------------------------------------------------------------------- */
+
+/* The first free carrier boundary at or after a time, and not before now. */
+int64_t output_boundary_us(const struct board *board, int64_t t_us)
+{
+    int64_t free_us = board->last_boundary_us + BOARD_CARRIER_US;
+    int64_t from_us = t_us > board->now_us ? t_us : board->now_us;
+    int64_t boundary_us = (from_us + BOARD_CARRIER_US - 1) / BOARD_CARRIER_US * BOARD_CARRIER_US;
+
+    return boundary_us > free_us ? boundary_us : free_us;
+}
+
+static void remember(struct board *board, const struct latch *latch)
+{
+    size_t place = (board->ring_first + board->ring_count) % BOARD_RING;
+
+    board->ring[place] = *latch;
+    if (board->ring_count < BOARD_RING)
+        board->ring_count++;
+    else
+        board->ring_first = (board->ring_first + 1) % BOARD_RING;
+}
+
+void output_latch(struct board *board, const struct hg_latch_key *key, const struct drive *drive,
+                  int late)
+{
+    struct latch *latch = &board->latest;
+
+    board->latched = *drive;
+    board->sounding = board->has_latched = 1;
+    board->last_boundary_us = board->now_us;
+    light(board, &board->hold, board->now_us + (int64_t)board->config.hold_ms * 1000,
+          HG_REASON_HOLD_EXPIRED);
+    latch->key = *key;
+    latch->number = board->latches++;
+    latch->t_us = board->now_us;
+    latch->crc = readout_drive_crc(board, drive);
+    latch->late = late;
+    board->counters[HG_COUNTER_LATCHED]++;
+    if (board->config.trace_mode == HG_TRACE_RING)
+        remember(board, latch);
+    readout_report(board, latch);
+}
+
+/* --- What leaves the transducers (HG-7.9, HG-6.11) -------------------------------------------- */
+
+static uint8_t faded(const struct board *board, const struct fuse *fuse, uint8_t amplitude)
+{
+    int64_t left_us = end_us(fuse) - board->now_us;
+
+    if (!fuse->burning || board->now_us < fuse->deadline_us)
+        return amplitude;
+    if (left_us <= 0)
+        return 0;
+    return (uint8_t)((2 * amplitude * left_us + fuse->ramp_us) / (2 * fuse->ramp_us));
+}
+
+void output_radiated(const struct board *board, struct drive *drive)
+{
+    size_t n;
+
+    memset(drive, 0, sizeof *drive);
+    if (!board->sounding)
+        return;
+    for (n = 0; n < board->count; n++) {
+        uint8_t amplitude = board->latched.amplitude[n];
+        uint8_t by_lease, by_hold;
+
+        if (amplitude > board->config.amplitude_ceiling)
+            amplitude = board->config.amplitude_ceiling;
+        by_lease = faded(board, &board->lease, amplitude);
+        by_hold = faded(board, &board->hold, amplitude);
+        drive->phase[n] = (uint8_t)(board->latched.phase[n] + board->correction[n]);
+        drive->amplitude[n] = by_lease < by_hold ? by_lease : by_hold;
+    }
+}

@@ -1,0 +1,130 @@
+/* Sequences on the board's clock.  SPEC.md HG-7.6 to HG-7.8. */
+
+#include "board.h"
+
+static uint32_t bad_value(const struct board *board, const struct hg_play *play, int64_t start_us,
+                          int *is_bad)
+{
+    int64_t ahead_us = start_us - board->now_us;
+
+    *is_bad = 1;
+    if ((uint64_t)play->period_us * BOARD_PLAYBACK_HZ < 1000000u)
+        return HG_OFFSET_PLAY_PERIOD_US;
+    if (play->unattended_ms == 0 || play->unattended_ms > BOARD_UNATTENDED_MS)
+        return HG_OFFSET_PLAY_UNATTENDED_MS;
+    *is_bad = ahead_us < 0 || ahead_us > BOARD_HORIZON_US;
+    return 0; /* of the start, which is in the header */
+}
+
+static uint32_t stored_sequences(const struct board *board)
+{
+    uint32_t count = 0;
+    size_t i;
+
+    for (i = 0; i < BOARD_SEQUENCES; i++)
+        count += board->sequences[i].id != 0;
+    return count;
+}
+
+void playback_play(struct board *board, const struct request *request)
+{
+    struct playback *playback = &board->playback;
+    const struct sequence *sequence;
+    struct hg_play play;
+    int immediate = (request->header.flags & HG_FLAG_IMMEDIATE) != 0;
+    int32_t ahead_us = hg_ahead_u32(request->header.time_us, (uint32_t)board->now_us);
+    int64_t start_us = board->now_us + (immediate ? 0 : ahead_us);
+    uint32_t offset;
+    int is_bad;
+
+    hg_read_play(&play, request->payload);
+    if (board->state != HG_STATE_ARMED || playback->sequence != NULL) {
+        link_refuse(board, request, HG_ERROR_BAD_STATE, board->state);
+        return;
+    }
+    sequence = play.sequence == 0 ? NULL : upload_find(board, play.sequence);
+    if (sequence == NULL) {
+        link_refuse(board, request, HG_ERROR_NOT_FOUND, stored_sequences(board));
+        return;
+    }
+    offset = bad_value(board, &play, start_us, &is_bad);
+    if (is_bad) {
+        link_refuse(board, request, HG_ERROR_BAD_VALUE, offset);
+        return;
+    }
+    stream_flush(board);
+    playback->sequence = sequence;
+    playback->start_us = start_us;
+    playback->period_us = play.period_us;
+    playback->loops = play.loops;
+    playback->unattended_ms = play.unattended_ms;
+    playback->played = 0;
+    output_renew_lease(board);
+    link_reply(board, request, &board->state, HG_SIZE_PLAY_REPLY);
+    board_advance(board, board->now_us); /* its first frame may be due at once */
+}
+
+void playback_end(struct board *board)
+{
+    struct playback *playback = &board->playback;
+    uint8_t payload[HG_SIZE_PLAYBACK_ENDED];
+    struct hg_playback_ended ended;
+
+    if (playback->sequence == NULL)
+        return;
+    ended.sequence = playback->sequence->id;
+    ended.loops = (uint32_t)(playback->played / playback->sequence->frames);
+    ended.frames = (uint32_t)playback->played;
+    playback->sequence = NULL;
+    hg_write_playback_ended(payload, &ended);
+    link_event(board, HG_TYPE_PLAYBACK_ENDED, payload, sizeof payload, board->now_us, 0, OTHER);
+}
+
+/* From here on the host timeout counts again. */
+void playback_stop(struct board *board)
+{
+    if (board->playback.sequence == NULL)
+        return;
+    playback_end(board);
+    output_renew_lease(board);
+}
+
+int64_t playback_due_us(const struct board *board)
+{
+    const struct playback *playback = &board->playback;
+
+    if (playback->sequence == NULL)
+        return BOARD_NEVER;
+    return output_boundary_us(board, playback->start_us
+                                         + (int64_t)playback->played * playback->period_us);
+}
+
+static void take_drive(const struct board *board, const struct sequence *sequence, uint32_t index,
+                       struct drive *drive)
+{
+    const uint8_t *frame = sequence->data + (size_t)index * sequence->frame_bytes;
+
+    if (sequence->kind == HG_UPLOAD_POINTS) {
+        points_drive(board, frame, sequence->points, drive);
+        return;
+    }
+    memcpy(drive->phase, frame, board->count);
+    memset(drive->amplitude, 255, board->count);
+}
+
+void playback_latch(struct board *board)
+{
+    struct playback *playback = &board->playback;
+    const struct sequence *sequence = playback->sequence;
+    struct hg_latch_key key;
+    struct drive drive;
+
+    key.sequence = sequence->id;
+    key.loop = (uint32_t)(playback->played / sequence->frames);
+    key.index = (uint32_t)(playback->played % sequence->frames);
+    take_drive(board, sequence, key.index, &drive);
+    output_latch(board, &key, &drive, 0);
+    playback->played++;
+    if (playback->loops > 0 && playback->played >= (uint64_t)playback->loops * sequence->frames)
+        playback_stop(board);
+}

@@ -1,0 +1,259 @@
+/* What only reads the board: identity, status, geometry, drive, trace.  SPEC.md chapters 4 to 9. */
+
+#include "board.h"
+
+/* Bytes that one frame leaves for the tail of a reply. */
+#define ROOM(fixed) (HG_MAX_BODY_BYTES - HG_HEADER_BYTES - (fixed))
+
+static size_t least(size_t a, size_t b)
+{
+    return a < b ? a : b;
+}
+
+/* --- Identity and status ---------------------------------------------------------------------- */
+
+void readout_identity(const struct board *board, struct hg_hello_reply *reply)
+{
+    static const char firmware[] = "haptogram-c99 1";
+
+    memset(reply, 0, sizeof *reply);
+    reply->major = HG_VERSION_MAJOR;
+    reply->minor = HG_VERSION_MINOR;
+    reply->nonce = board->link.session;
+    reply->description_hash = HG_DESCRIPTION_HASH;
+    reply->features = HG_FEATURE_AMPLITUDE | HG_FEATURE_POINTS | HG_FEATURE_SEQUENCE_PHASES
+                      | HG_FEATURE_SEQUENCE_POINTS | HG_FEATURE_CONFIG | HG_FEATURE_CORRECTION
+                      | HG_FEATURE_READ_LATCHED | HG_FEATURE_READ_RADIATED | HG_FEATURE_TRACE
+                      | HG_FEATURE_TRACE_DRIVE | HG_FEATURE_TRACE_RING;
+    reply->clock_hz = 1000000;
+    reply->clock_ppm = 50;
+    reply->carrier_hz = BOARD_CARRIER_HZ;
+    reply->transducers = board->count;
+    reply->grid_nx = board->array.nx;
+    reply->grid_ny = board->array.ny;
+    reply->pitch_um = board->array.pitch_um;
+    reply->geometry_hash = board->geometry_hash;
+    reply->sound_speed_mm_s = board->config.sound_speed_mm_s;
+    reply->phase_formats = 7;
+    reply->max_points = BOARD_MAX_POINTS;
+    reply->banks = 1;
+    reply->state = board->state;
+    reply->queue_depth = BOARD_QUEUE;
+    reply->trace_ring = BOARD_RING;
+    reply->max_horizon_us = BOARD_HORIZON_US;
+    reply->rx_window = BOARD_RX_WINDOW;
+    reply->max_frame_rate_hz = BOARD_CARRIER_HZ;
+    reply->max_sequence_frames = BOARD_SEQUENCE_FRAMES;
+    reply->max_upload_bytes = BOARD_UPLOAD_BYTES;
+    reply->max_playback_rate_hz = BOARD_PLAYBACK_HZ;
+    reply->max_unattended_ms = BOARD_UNATTENDED_MS;
+    reply->upload_window = BOARD_UPLOAD_WINDOW;
+    reply->max_chunk = BOARD_CHUNK_BYTES;
+    reply->boot_id = board->array.boot_id;
+    reply->config_crc = readout_config_crc(board);
+    memcpy(reply->firmware, firmware, sizeof firmware);
+}
+
+uint32_t readout_config_crc(const struct board *board)
+{
+    uint8_t config[HG_SIZE_CONFIG];
+
+    hg_write_config(config, &board->config);
+    return hg_crc32(hg_crc32(0, config, sizeof config), board->correction, board->count);
+}
+
+static int32_t clipped(int64_t value)
+{
+    if (value > INT32_MAX)
+        return INT32_MAX;
+    return value < INT32_MIN ? INT32_MIN : (int32_t)value;
+}
+
+/* Rounded down, below zero too. */
+static int64_t mean(const struct margins *margins)
+{
+    int64_t count = margins->count;
+    int64_t quotient;
+
+    if (count == 0)
+        return 0;
+    quotient = margins->total_us / count;
+    return margins->total_us % count < 0 ? quotient - 1 : quotient;
+}
+
+void readout_status(struct board *board, uint8_t *payload)
+{
+    struct margins *margins = &board->margins;
+    struct hg_status status;
+    size_t i;
+
+    memset(&status, 0, sizeof status);
+    status.state = board->state;
+    status.reason = board->reason;
+    status.queued = (uint16_t)board->queued;
+    status.free_bytes = BOARD_RX_WINDOW; /* bytes are taken as they come */
+    status.last_seq = board->last_index;
+    status.last_latch_us = board->has_latched ? (uint32_t)board->latest.t_us : 0;
+    status.margins = (uint16_t)least(margins->count, 0xFFFF);
+    status.margin_min_us = clipped(margins->count != 0 ? margins->least_us : 0);
+    status.margin_mean_us = clipped(mean(margins));
+    status.config_crc = readout_config_crc(board);
+    memset(margins, 0, sizeof *margins);
+    hg_write_status(payload, &status);
+    for (i = 0; i < HG_COUNTERS; i++)
+        hg_put_u32(payload + HG_OFFSET_STATUS_COUNTERS + 4 * i, board->counters[i]);
+}
+
+/* --- Geometry and drive ----------------------------------------------------------------------- */
+
+/* Set how many of the transducers asked for a reply shows; 0 if there is no such transducer. */
+static int span(struct board *board, const struct request *request, uint16_t first, uint16_t asked,
+                size_t fits, size_t *count)
+{
+    if (first >= board->count) {
+        link_refuse(board, request, HG_ERROR_NOT_FOUND, board->count);
+        return 0;
+    }
+    *count = least(least(asked, fits), (size_t)(board->count - first));
+    return 1;
+}
+
+void readout_geometry(struct board *board, const struct request *request)
+{
+    struct hg_get_geometry asked;
+    struct hg_geometry_reply reply;
+    size_t count, i;
+
+    hg_read_get_geometry(&asked, request->payload);
+    if (!span(board, request, asked.first, asked.count,
+              ROOM(HG_SIZE_GEOMETRY_REPLY) / HG_SIZE_ELEMENT, &count))
+        return;
+    reply.total = board->count;
+    reply.first = asked.first;
+    hg_write_geometry_reply(board->scratch, &reply);
+    for (i = 0; i < count; i++)
+        points_element(board, asked.first + i,
+                       board->scratch + HG_SIZE_GEOMETRY_REPLY + i * HG_SIZE_ELEMENT);
+    link_reply(board, request, board->scratch, HG_SIZE_GEOMETRY_REPLY + count * HG_SIZE_ELEMENT);
+}
+
+void readout_drive(struct board *board, const struct request *request)
+{
+    uint8_t *data = board->scratch + HG_SIZE_DRIVE_REPLY;
+    struct hg_read_drive asked;
+    struct hg_drive_reply reply;
+    struct drive drive = board->latched;
+    size_t count;
+
+    hg_read_read_drive(&asked, request->payload);
+    if (!span(board, request, asked.first, asked.count, ROOM(HG_SIZE_DRIVE_REPLY) / 2, &count))
+        return;
+    if (asked.kind == HG_DRIVE_RADIATED)
+        output_radiated(board, &drive);
+    reply.kind = asked.kind;
+    reply.bits = 8;
+    reply.key = board->latest.key;
+    reply.t_latch_us = (uint32_t)board->latest.t_us;
+    reply.first = asked.first;
+    hg_write_drive_reply(board->scratch, &reply);
+    memcpy(data, drive.phase + asked.first, count);
+    memcpy(data + count, drive.amplitude + asked.first, count);
+    link_reply(board, request, board->scratch, HG_SIZE_DRIVE_REPLY + 2 * count);
+}
+
+uint32_t readout_drive_crc(const struct board *board, const struct drive *drive)
+{
+    uint32_t crc = hg_crc32(0, drive->phase, board->count);
+
+    return hg_crc32(crc, drive->amplitude, board->count);
+}
+
+/* --- Trace (chapter 8) ------------------------------------------------------------------------ */
+
+static void send_trace(struct board *board, uint8_t type, const struct latch *latch,
+                       const uint8_t *payload, size_t length)
+{
+    uint8_t flags = latch->late ? HG_FLAG_LATE : 0;
+
+    if (!link_event(board, type, payload, length, latch->t_us, flags, TRACE))
+        board->counters[HG_COUNTER_TRACE_DROPPED]++;
+}
+
+static void report_drive(struct board *board, const struct latch *latch)
+{
+    uint8_t *payload = board->scratch;
+    size_t count = board->count;
+    struct hg_trace_drive trace;
+
+    if (board->traced++ % board->config.trace_divider != 0)
+        return;
+    trace.key = latch->key;
+    trace.bits = 8;
+    hg_write_trace_drive(payload, &trace);
+    memcpy(payload + HG_SIZE_TRACE_DRIVE, board->latched.phase, count);
+    memcpy(payload + HG_SIZE_TRACE_DRIVE + count, board->latched.amplitude, count);
+    send_trace(board, HG_TYPE_TRACE_DRIVE, latch, payload, HG_SIZE_TRACE_DRIVE + 2 * count);
+}
+
+static void report_crc(struct board *board, const struct latch *latch)
+{
+    uint8_t payload[HG_SIZE_TRACE_PLAYBACK];
+    struct hg_trace_playback playback;
+    struct hg_trace trace;
+
+    if (latch->key.sequence != 0) {
+        playback.key = latch->key;
+        playback.crc = latch->crc;
+        hg_write_trace_playback(payload, &playback);
+        send_trace(board, HG_TYPE_TRACE_PLAYBACK, latch, payload, HG_SIZE_TRACE_PLAYBACK);
+        return;
+    }
+    trace.index = latch->key.index;
+    trace.crc = latch->crc;
+    hg_write_trace(payload, &trace);
+    send_trace(board, HG_TYPE_TRACE, latch, payload, HG_SIZE_TRACE);
+}
+
+void readout_report(struct board *board, const struct latch *latch)
+{
+    if (board->config.trace_mode == HG_TRACE_DRIVE)
+        report_drive(board, latch);
+    else if (board->config.trace_mode == HG_TRACE_CRC)
+        report_crc(board, latch);
+}
+
+static void write_record(uint8_t *to, const struct latch *latch)
+{
+    struct hg_trace_record record;
+
+    record.number = latch->number;
+    record.key = latch->key;
+    record.t_latch_us = (uint32_t)latch->t_us;
+    record.crc = latch->crc;
+    record.flags = latch->late ? HG_FLAG_LATE : 0;
+    hg_write_trace_record(to, &record);
+}
+
+void readout_trace(struct board *board, const struct request *request)
+{
+    struct hg_read_trace asked;
+    struct hg_trace_reply reply;
+    size_t length = HG_SIZE_TRACE_REPLY;
+    size_t i;
+
+    hg_read_read_trace(&asked, request->payload);
+    reply.next = board->latches;
+    reply.oldest = board->ring_count > 0 ? board->ring[board->ring_first].number : board->latches;
+    hg_write_trace_reply(board->scratch, &reply);
+    for (i = 0; i < board->ring_count; i++) {
+        const struct latch *latch = &board->ring[(board->ring_first + i) % BOARD_RING];
+
+        if (latch->number < asked.first
+            || latch->number >= (uint64_t)asked.first + asked.count
+            || length + HG_SIZE_TRACE_RECORD > HG_SIZE_TRACE_REPLY + ROOM(HG_SIZE_TRACE_REPLY))
+            continue;
+        write_record(board->scratch + length, latch);
+        length += HG_SIZE_TRACE_RECORD;
+    }
+    link_reply(board, request, board->scratch, length);
+}

@@ -1,0 +1,150 @@
+/* Stream frames and the queue between their arrival and their latch.  SPEC.md chapter 5. */
+
+#include "board.h"
+
+static struct entry *at(struct board *board, size_t place)
+{
+    return &board->queue[(board->queue_first + place) % BOARD_QUEUE];
+}
+
+void stream_flush(struct board *board)
+{
+    board->counters[HG_COUNTER_FLUSHED] += (uint32_t)board->queued;
+    board->queued = 0;
+}
+
+/* --- What a frame carries --------------------------------------------------------------------- */
+
+static int take_phases(const struct board *board, const struct hg_frame *frame, struct drive *drive)
+{
+    unsigned bits = frame->payload[HG_OFFSET_PHASES_BITS];
+    const uint8_t *codes = frame->payload + HG_SIZE_PHASES;
+    size_t length = frame->payload_length - HG_SIZE_PHASES;
+    int reason = hg_unpack_phases(drive->phase, board->count, codes, length, bits);
+    size_t n;
+
+    if (reason != HG_OK)
+        return reason;
+    if (frame->payload[HG_OFFSET_PHASES_BANK] != 0)
+        return HG_COUNTER_BAD_VALUE;
+    for (n = 0; n < board->count; n++) {
+        drive->phase[n] = (uint8_t)(drive->phase[n] << (8 - bits)); /* HG-5.2/7 */
+        drive->amplitude[n] = 255;
+    }
+    return HG_OK;
+}
+
+static int take_drives(const struct board *board, const struct hg_frame *frame, struct drive *drive)
+{
+    const uint8_t *codes = frame->payload + HG_SIZE_DRIVES;
+
+    if (frame->payload_length - HG_SIZE_DRIVES != 2u * board->count)
+        return HG_COUNTER_BAD_LENGTH;
+    if (frame->payload[HG_OFFSET_DRIVES_BITS] != 8 || frame->payload[HG_OFFSET_DRIVES_BANK] != 0)
+        return HG_COUNTER_BAD_VALUE;
+    memcpy(drive->phase, codes, board->count);
+    memcpy(drive->amplitude, codes + board->count, board->count);
+    return HG_OK;
+}
+
+static int take_points(const struct board *board, const struct hg_frame *frame, struct drive *drive)
+{
+    size_t count = frame->payload_length / HG_SIZE_FOCAL_POINT;
+
+    if (count > BOARD_MAX_POINTS)
+        return HG_COUNTER_BAD_VALUE;
+    points_drive(board, frame->payload, count, drive);
+    return HG_OK;
+}
+
+static int take_drive(const struct board *board, const struct hg_frame *frame, struct drive *drive)
+{
+    switch (frame->header.type) {
+    case HG_TYPE_PHASES:
+        return take_phases(board, frame, drive);
+    case HG_TYPE_DRIVES:
+        return take_drives(board, frame, drive);
+    default:
+        return take_points(board, frame, drive);
+    }
+}
+
+/* --- Queue (HG-5.7) --------------------------------------------------------------------------- */
+
+static void add_margin(struct margins *margins, int64_t margin_us)
+{
+    if (margins->count == 0 || margin_us < margins->least_us)
+        margins->least_us = margin_us;
+    margins->total_us += margin_us;
+    margins->count++;
+}
+
+/* Steps 12 to 16 of HG-3.8. */
+static int refusal(struct board *board, int immediate, int64_t t_apply_us)
+{
+    int64_t margin_us = t_apply_us - board->now_us;
+
+    if (board->state != HG_STATE_ARMED || board->playback.sequence != NULL)
+        return HG_COUNTER_DROPPED_STATE;
+    if (immediate)
+        return HG_OK;
+    add_margin(&board->margins, margin_us);
+    if (board->queued > 0 && at(board, board->queued - 1)->t_apply_us >= t_apply_us)
+        return HG_COUNTER_DROPPED_ORDER;
+    if (board->queued == BOARD_QUEUE)
+        return HG_COUNTER_DROPPED_FULL;
+    if (margin_us > BOARD_HORIZON_US)
+        return HG_COUNTER_DROPPED_FUTURE;
+    return -margin_us > (int64_t)board->config.late_window_us ? HG_COUNTER_DROPPED_LATE : HG_OK;
+}
+
+/* HG-5.8/3: of two frames on one carrier period the later replaces the earlier. */
+static struct entry *make_room(struct board *board, int64_t t_latch_us)
+{
+    if (board->queued > 0 && at(board, board->queued - 1)->t_latch_us == t_latch_us)
+        board->counters[HG_COUNTER_FLUSHED]++;
+    else
+        board->queued++;
+    return at(board, board->queued - 1);
+}
+
+void stream_submit(struct board *board, const struct hg_frame *frame, uint32_t index)
+{
+    int immediate = (frame->header.flags & HG_FLAG_IMMEDIATE) != 0;
+    int32_t ahead_us = hg_ahead_u32(frame->header.time_us, (uint32_t)board->now_us);
+    int64_t t_apply_us = board->now_us + (immediate ? 0 : ahead_us);
+    struct drive drive;
+    struct entry *entry;
+    int reason = take_drive(board, frame, &drive);
+
+    if (reason == HG_OK)
+        reason = refusal(board, immediate, t_apply_us);
+    if (reason != HG_OK) {
+        link_count(board, reason);
+        return;
+    }
+    if (immediate)
+        stream_flush(board);
+    entry = make_room(board, output_boundary_us(board, t_apply_us));
+    entry->t_latch_us = output_boundary_us(board, t_apply_us);
+    entry->index = index;
+    entry->t_apply_us = t_apply_us;
+    entry->late = t_apply_us < board->now_us;
+    entry->drive = drive;
+    board_advance(board, board->now_us); /* its boundary may be this very moment */
+}
+
+void stream_latch(struct board *board)
+{
+    const struct entry *entry = at(board, 0);
+    struct hg_latch_key key;
+
+    board->queue_first = (board->queue_first + 1) % BOARD_QUEUE;
+    board->queued--;
+    key.sequence = 0;
+    key.loop = 0;
+    key.index = entry->index;
+    board->last_index = entry->index;
+    board->counters[HG_COUNTER_LATE] += (uint32_t)entry->late;
+    output_latch(board, &key, &entry->drive, entry->late);
+}

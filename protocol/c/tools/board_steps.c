@@ -1,0 +1,66 @@
+/* The board in virtual time: one step for each line of standard input.
+
+   rx TIME HEX   bytes whose last one is complete TIME microseconds after power-up
+   at TIME       let everything happen up to then
+   fault TIME    a hardware fault
+   reset         power down and up again
+
+   After each step the bytes that the board sent, in hex, on a line of their own ("-": none).
+   board_steps [NXxNY]: the grid, 16x16 unless told. */
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "../board/board.h"
+#include "hex.h"
+
+enum { LINE = 1 << 17 };
+
+static char text[LINE];
+static uint8_t data[LINE / 2];
+
+static void step(struct board *board, const char *word, int64_t t_us, const char *hex)
+{
+    if (strcmp(word, "reset") == 0) {
+        struct array array = board->array;
+
+        board_stop(board);
+        board_start(board, &array);
+    } else if (strcmp(word, "rx") == 0) {
+        board_receive(board, data, hex_read(data, sizeof data, hex), BOARD_BOOT_US + t_us);
+    } else {
+        board_advance(board, BOARD_BOOT_US + t_us);
+        if (strcmp(word, "fault") == 0)
+            board_find_fault(board);
+    }
+    hex_print(board->output, board->output_length);
+    printf("\n");
+    board_sent(board, board->output_length);
+}
+
+int main(int count, char **values)
+{
+    struct array array = {16, 16, 10000, 1};
+    struct board *board = malloc(sizeof *board);
+    unsigned nx, ny;
+
+    if (board == NULL)
+        return 2;
+    if (count > 1 && sscanf(values[1], "%ux%u", &nx, &ny) == 2 && nx * ny <= HG_MAX_TRANSDUCERS) {
+        array.nx = (uint16_t)nx;
+        array.ny = (uint16_t)ny;
+    }
+    board_start(board, &array);
+    while (fgets(text, sizeof text, stdin) != NULL) {
+        char word[8] = "";
+        int64_t t_us = 0;
+        int hex = 0;
+
+        sscanf(text, "%7s %" SCNd64 " %n", word, &t_us, &hex);
+        step(board, word, t_us, text + hex);
+    }
+    board_stop(board);
+    free(board);
+    return 0;
+}

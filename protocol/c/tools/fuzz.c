@@ -1,0 +1,243 @@
+/* Fuzz the codec and the board: fuzz [INPUTS [SEED]], by its own seeded mutator.
+
+   Built with -DHG_LIBFUZZER it is a libFuzzer target instead: clang -fsanitize=fuzzer,address.
+   Whatever comes, three things hold: the parser finds the same in one piece as byte by byte, what
+   it took for a frame is a frame when it is built again, and the board counts every frame once. */
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "../board/board.h"
+
+enum { LONGEST = 12000 };
+
+#define DEMAND(condition)                                                                          \
+    do {                                                                                           \
+        if (!(condition)) {                                                                        \
+            fprintf(stderr, "fuzz: not so: %s\n", #condition);                                     \
+            abort();                                                                               \
+        }                                                                                          \
+    } while (0)
+
+/* --- What must hold --------------------------------------------------------------------------- */
+
+static void check_again(const struct hg_frame *frame)
+{
+    static uint8_t wire[BOARD_FRAME];
+    static struct hg_parser parser;
+    struct hg_frame again;
+    size_t taken;
+    size_t length = hg_build_frame(wire, sizeof wire, &frame->header, frame->payload,
+                                   frame->payload_length);
+
+    DEMAND(length > 2);
+    hg_parser_reset(&parser);
+    DEMAND(hg_parse(&parser, wire, length, &taken, &again) == HG_PARSED_FRAME);
+    DEMAND(taken == length && again.body_length == frame->body_length);
+    DEMAND(memcmp(again.body, frame->body, frame->body_length) == 0);
+}
+
+/* A number that stands for everything that was found. */
+static uint32_t digest(const uint8_t *data, size_t length, size_t chunk)
+{
+    static struct hg_parser parser;
+    uint32_t crc = 0;
+    size_t at = 0;
+
+    hg_parser_reset(&parser);
+    while (at < length) {
+        size_t part = length - at < chunk ? length - at : chunk;
+        struct hg_frame frame;
+        size_t taken, offset;
+        enum hg_parsed what = hg_parse(&parser, data + at, part, &taken, &frame);
+
+        DEMAND(taken >= 1 && taken <= part && parser.length <= HG_MAX_ENCODED_BYTES);
+        at += taken;
+        if (what == HG_PARSED_FRAME) {
+            crc = hg_crc32(crc, frame.body, frame.body_length);
+            hg_check_message(frame.header.type, frame.payload, frame.payload_length, &offset);
+            if (chunk == 1)
+                check_again(&frame);
+        } else if (what == HG_PARSED_DAMAGE) {
+            uint8_t reason = (uint8_t)frame.reason;
+            crc = hg_crc32(crc, &reason, 1);
+        }
+    }
+    return crc;
+}
+
+/* HG-3.9/2, with the frames that went on into the queue. */
+static uint32_t explained(const uint32_t *counters)
+{
+    static const uint8_t terms[] = {
+        HG_COUNTER_REQUESTS,      HG_COUNTER_REPEATED,      HG_COUNTER_DUPLICATE,
+        HG_COUNTER_STALE_SESSION, HG_COUNTER_BAD_LENGTH,    HG_COUNTER_BAD_VALUE,
+        HG_COUNTER_UNKNOWN_TYPE,  HG_COUNTER_UNSUPPORTED,   HG_COUNTER_DROPPED_STATE,
+        HG_COUNTER_DROPPED_ORDER, HG_COUNTER_DROPPED_FULL,  HG_COUNTER_DROPPED_FUTURE,
+        HG_COUNTER_DROPPED_LATE,
+    };
+    uint32_t sum = 0;
+    size_t i;
+
+    for (i = 0; i < sizeof terms; i++)
+        sum += counters[terms[i]];
+    return sum;
+}
+
+static void check_board(const uint8_t *data, size_t length)
+{
+    static struct board board;
+    static const struct array array = {4, 4, 10000, 1};
+    int64_t t_us = BOARD_BOOT_US;
+    size_t at = 0;
+
+    board_start(&board, &array);
+    while (at < length) {
+        size_t part = data[at] % 97u + 1u;
+
+        part = part < length - at ? part : length - at;
+        t_us += data[at] * 64;
+        board_receive(&board, data + at, part, t_us);
+        DEMAND(board.queued <= BOARD_QUEUE && board.output_length <= BOARD_OUTPUT);
+        DEMAND(explained(board.counters) <= board.counters[HG_COUNTER_FRAMES]);
+        DEMAND(board.state == HG_STATE_ARMED || !board.sounding);
+        if (data[at] & 1)
+            board_sent(&board, board.output_length);
+        at += part;
+    }
+    board_advance(&board, t_us + 60 * 1000000);
+    DEMAND(board.state != HG_STATE_ARMED);
+    DEMAND(explained(board.counters) + board.counters[HG_COUNTER_LATCHED]
+               + board.counters[HG_COUNTER_FLUSHED] >= board.counters[HG_COUNTER_FRAMES]);
+    board_stop(&board);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t length);
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t length)
+{
+    DEMAND(digest(data, length, length) == digest(data, length, 1));
+    DEMAND(digest(data, length, 7) == digest(data, length, 1));
+    check_board(data, length);
+    return 0;
+}
+
+/* --- A mutator of our own --------------------------------------------------------------------- */
+
+#ifndef HG_LIBFUZZER
+
+static uint32_t state;
+
+static uint32_t next(uint32_t below)
+{
+    state ^= state << 13; /* Marsaglia's xorshift */
+    state ^= state >> 17;
+    state ^= state << 5;
+    return state % below;
+}
+
+static const struct {
+    uint8_t type;
+    uint16_t fixed, unit;
+} layouts[] = {
+#define LAYOUT(name, type, fixed, unit, least) {type, fixed, unit},
+    HG_MESSAGES(LAYOUT)
+#undef LAYOUT
+};
+
+static void fill(uint8_t *to, size_t length)
+{
+    static const uint8_t edges[] = {0, 1, 2, 8, 0x7F, 0x80, 0xFE, 0xFF};
+    size_t i;
+
+    for (i = 0; i < length; i++)
+        to[i] = (uint8_t)(next(3) != 0 ? edges[next(sizeof edges)] : next(256));
+}
+
+/* A frame that gets far: right length, the session of the others, numbers going up. */
+static size_t add_frame(uint8_t *to, size_t room, uint16_t *seq, uint16_t *index)
+{
+    uint8_t payload[300];
+    size_t which = next(sizeof layouts / sizeof layouts[0]);
+    size_t length = layouts[which].fixed;
+    struct hg_header header;
+
+    if (layouts[which].type == HG_TYPE_HELLO || layouts[which].type >= 0x80)
+        which = 4; /* ARM: most of the others need it */
+    length = layouts[which].fixed;
+    header.type = layouts[which].type;
+    header.flags = next(2) != 0 && header.type < 0x40 ? HG_FLAG_IMMEDIATE : 0;
+    header.seq = header.type < 0x40 ? (*index)++ : (*seq)++;
+    header.time_us = (uint32_t)BOARD_BOOT_US + next(200000);
+    header.session = 7;
+    if (layouts[which].unit != 0)
+        length += layouts[which].unit * (next(2) != 0 ? next(8) : 16u);
+    fill(payload, length);
+    if (header.type == HG_TYPE_PHASES || header.type == HG_TYPE_DRIVES)
+        payload[0] = 8, payload[1] = 0;
+    return hg_build_frame(to, room, &header, payload, length);
+}
+
+static size_t add_hello(uint8_t *to, size_t room)
+{
+    static const uint8_t payload[HG_SIZE_HELLO] = {HG_VERSION_MAJOR, HG_VERSION_MINOR, 7, 0};
+    struct hg_header header;
+
+    memset(&header, 0, sizeof header);
+    header.type = HG_TYPE_HELLO;
+    return hg_build_frame(to, room, &header, payload, sizeof payload);
+}
+
+static size_t mutate(uint8_t *data, size_t length)
+{
+    size_t at = next((uint32_t)length);
+    size_t count = next(64) + 1;
+
+    switch (next(5)) {
+    case 0:
+        data[at] ^= (uint8_t)(1u << next(8));
+        return length;
+    case 1: /* cut off */
+        return at + 1;
+    case 2: /* drop a piece */
+        count = count < length - at ? count : length - at;
+        memmove(data + at, data + at + count, length - at - count);
+        return length - count > 0 ? length - count : 1;
+    case 3: /* junk over a piece */
+        fill(data + at, count < length - at ? count : length - at);
+        return length;
+    default: /* a long run without a zero */
+        count = next(LONGEST - (uint32_t)length);
+        memset(data + length, 0x55, count);
+        return length + count;
+    }
+}
+
+static size_t make_input(uint8_t *data)
+{
+    uint16_t seq = 1, index = HG_FIRST_STREAM_SEQ;
+    size_t length = add_hello(data, LONGEST);
+    uint32_t count = next(24) + 1;
+
+    while (count-- > 0 && length < LONGEST / 2)
+        length += add_frame(data + length, LONGEST - length, &seq, &index);
+    for (count = next(4); count > 0; count--)
+        length = mutate(data, length);
+    return length;
+}
+
+int main(int count, char **values)
+{
+    static uint8_t data[LONGEST + 64];
+    unsigned long inputs = count > 1 ? strtoul(values[1], NULL, 10) : 10000;
+    unsigned long i;
+
+    state = (uint32_t)(count > 2 ? strtoul(values[2], NULL, 10) : 1);
+    state = state != 0 ? state : 1; /* xorshift stays at 0 */
+    for (i = 0; i < inputs; i++)
+        LLVMFuzzerTestOneInput(data, make_input(data));
+    printf("%lu inputs\n", inputs);
+    return 0;
+}
+
+#endif
