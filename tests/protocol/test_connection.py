@@ -278,6 +278,20 @@ def test_upload_chunks_and_mute_are_done_every_time_and_forget_nothing() -> None
     assert bench.connection.counters["repeated"] == 1
 
 
+def test_a_strangers_mute_uses_up_no_number_of_the_session() -> None:
+    bench = _opened_board()
+    bench.receive(wire(Mute(), seq=30_000, session=0) + wire(Ping(1), seq=1, session=NONCE), 0)
+    assert bench.carried_out == [Mute(), Ping(1)]
+
+
+def test_a_late_copy_of_a_chunk_does_not_make_used_numbers_free() -> None:
+    bench = _opened_board()
+    chunk = wire(UploadChunk(0, b"abc"), seq=1, session=NONCE)
+    bench.receive(chunk + wire(Ping(2), seq=3, session=NONCE) + chunk, 0)
+    ((_, error),) = _replies(bench.receive(wire(Ping(3), seq=2, session=NONCE), 0))
+    assert error.code == ErrorCode.SEQUENCE_REUSED
+
+
 def test_play_carries_its_start_time() -> None:
     bench = _opened_board()
     play = Play(1, 1000, 1, 1)
@@ -548,6 +562,15 @@ def test_a_mute_does_not_wait_for_a_backed_off_timer() -> None:
     assert link.host.next_deadline_us() == link.now_us + INITIAL_RTO_US
 
 
+def test_a_mute_names_the_session_only_if_there_is_one() -> None:
+    host = HostConnection(nonce=NONCE, description_hash=HASH)
+    host.send_mute(0)
+    opened = _opened_host()
+    opened.send_mute(0)
+    sent = [_replies(each.data_to_send())[0][0].session for each in (host, opened)]
+    assert sent == [0, NONCE]  # HG-3.7/1
+
+
 def test_nothing_is_sent_again_before_its_time() -> None:
     host = HostConnection(nonce=NONCE, description_hash=HASH)
     host.send_hello(10)
@@ -566,6 +589,14 @@ def test_the_first_round_trip_gives_three_of_itself() -> None:
     timer = RoundTripTimer()
     timer.add_sample(100_000)
     assert timer.rto_us == 300_000  # SRTT = R, RTTVAR = R / 2, RTO = SRTT + 4 RTTVAR
+
+
+def test_the_second_round_trip_counts_for_an_eighth_and_a_quarter() -> None:
+    timer = RoundTripTimer()
+    timer.add_sample(100_000)
+    timer.add_sample(180_000)
+    # RTTVAR = 3/4 50 ms + 1/4 |100 ms - 180 ms|, SRTT = 7/8 100 ms + 1/8 180 ms
+    assert timer.rto_us == 110_000 + 4 * 57_500
 
 
 def test_equal_round_trips_bring_the_timeout_down_to_them() -> None:

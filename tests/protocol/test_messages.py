@@ -16,6 +16,7 @@ from haptogram_protocol.messages import (
     RESPONSE_OFFSET,
     ArmReply,
     Config,
+    ConfigReply,
     Drives,
     Error,
     Feature,
@@ -42,6 +43,7 @@ from haptogram_protocol.messages import (
     unpack_phases,
     unwrap,
 )
+from haptogram_protocol.record import Record, record, repeated, wire
 from haptogram_protocol.state import OutputState
 from strategies_protocol import headers, messages, records
 from wire_oracles import frame_bytewise
@@ -215,6 +217,30 @@ def test_the_offset_of_a_value_in_a_nested_record_is_that_in_the_payload() -> No
     with pytest.raises(RemoteProtocolError) as caught:
         SetConfig.deserialize(bytes(payload))
     assert caught.value.offset == 16 == Config.WIRE["trace_mode"].offset
+    with pytest.raises(RemoteProtocolError) as caught:
+        ConfigReply.deserialize(bytes(4) + payload)
+    assert caught.value.offset == 20
+
+
+@record
+class _Inner(Record):
+    state: OutputState = wire("B", "output state", enum=OutputState)
+
+
+@record
+class _Outer(Record):
+    number: int = wire("H", "any")
+    states: tuple[_Inner, ...] = repeated(_Inner, "states")
+
+
+def test_the_offset_of_a_value_in_a_tail_is_that_in_the_payload() -> None:
+    assert _Outer.unpack(b"\1\0\0\3").states == (
+        _Inner(OutputState.DISARMED),
+        _Inner(OutputState.FAULT),
+    )
+    with pytest.raises(RemoteProtocolError) as caught:
+        _Outer.unpack(b"\1\0\0\3\4\1")
+    assert caught.value.offset == 4
 
 
 @given(records(HelloReply))

@@ -388,7 +388,7 @@ class BoardConnection:
 
     def _answer(self, request: RequestReceived, message: Message, now_us: int) -> None:
         wire = self._response(message, request.seq, now_us)
-        if request.renews_lease and request.message.TYPE not in _IDEMPOTENT:
+        if request.message.TYPE not in _IDEMPOTENT:
             self._answered = _Answered(request.seq, request.crc, wire)
         self._queue(wire, self._output_limit)
 
