@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics._validation import ComplexArray, FloatArray, as_points
+from haptogram.acoustics.directivities import OrientedDirectivity
 from haptogram.acoustics.drive import as_weights
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -73,9 +74,7 @@ def propagators(model: AcousticModel, points_m: ArrayLike) -> ComplexArray:
     x, y, z = (points[:, None, i] - model.array.positions_m[:, i] for i in range(3))
     distance = np.sqrt(x * x + y * y + z * z)
     _check_distance(distance)
-    normal_x, normal_y, normal_z = model.array.normals.T
-    cosine = (x * normal_x + y * normal_y + z * normal_z) / distance
-    gain = model.transducer.directivity.gain(cosine, model.wavenumber)
+    gain = _gain(model, (x, y, z), distance)
     strength = math.sqrt(2.0) * model.transducer.source_strength_pa_m
     magnitude = strength * gain * np.exp(-model.medium.absorption_np_m * distance) / distance
     turns = distance / model.wavelength_m
@@ -117,6 +116,18 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
     for chunk in _chunks(points, model.array.count):
         result[..., chunk] = drives @ propagators(model, points[chunk]).T
     return result
+
+
+def _gain(
+    model: AcousticModel, offsets: tuple[FloatArray, ...], distance: FloatArray
+) -> FloatArray:
+    """Return the directivity of each element toward each point, from its own normal."""
+    normals, directivity = model.array.normals, model.transducer.directivity
+    if isinstance(directivity, OrientedDirectivity):
+        directions = np.stack(offsets, axis=-1) / distance[..., None]
+        return directivity.gain_towards(directions, normals, model.wavenumber)
+    along = sum(offset * normals[:, axis] for axis, offset in enumerate(offsets))
+    return directivity.gain(along / distance, model.wavenumber)
 
 
 def _chunks(points: FloatArray, count: int) -> Iterator[slice]:
