@@ -8,39 +8,30 @@ everything that was due then.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
-from haptogram.acoustics import Drive
-from haptogram_protocol.errors import LocalProtocolError
 from haptogram_protocol.messages import (
     Config,
     ErrorCode,
-    Feature,
     LatchKey,
     Play,
-    TraceMode,
     UploadBegin,
     UploadChunk,
     UploadCommit,
     UploadKind,
 )
-from haptogram_protocol.state import MuteReason, OutputInput, OutputState, next_output_state
+from haptogram_protocol.state import MuteReason, OutputInput, OutputState
 
-from .configuration import check_config, config_crc, initial_config
-from .counters import BoardCounters, Drop, Margins
-from .drives import Content, PointFocuser, radiated_drive
-from .latch import Latch, Notice, PlaybackEnd, RampBegan, RampEnded, SessionOpened, StateChange
+from .configuration import check_config, config_crc
+from .counters import Drop, Margins
+from .drives import Content, PointFocuser
+from .latch import PlaybackEnd, SessionOpened
+from .output import Due, OutputStage
 from .playback import Playback
 from .refusal import RefusalError
-from .safety import Safety
 from .settings import BoardSettings
 from .stream_queue import Entry, StreamQueue
 from .uploads import Upload, Uploads
-
-_Due: TypeAlias = tuple[int, Callable[[], None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,60 +53,28 @@ class StreamFrame:
     content: Content
 
 
-class Board:
+class Board(OutputStage):
     """One virtual board, from its power-up on.
 
     Attributes
     ----------
-    settings : BoardSettings
-        What it is.
-    config : Config
-        What the host set.
-    state, reason
-        Output state, and what led to it.
-    session : int
-        Session that is open, 0: none.
-    latched : Latch or None
-        The last latch of this session.
-    counters : BoardCounters
-        Counts since power-up.
     margins : Margins
         Arrival margin of stream frames.
+    last_stream_index : int
+        Unwrapped sequence number of the last latched stream frame, 0: none in this session.
     """
 
     def __init__(self, settings: BoardSettings) -> None:
-        self.settings = settings
-        self.config = initial_config(settings)
-        self.correction = bytes(settings.count)
-        self.state = OutputState.DISARMED
-        self.reason = MuteReason.NEVER_ARMED
-        self.session = 0
-        self.latched: Latch | None = None
-        self.counters = BoardCounters()
+        super().__init__(settings)
         self.margins = Margins()
-        self._now_us = settings.boot_us
-        self._sounding = False
-        self._ramping = False
-        self._latches = 0
-        self._last_boundary_us = settings.boot_us - settings.carrier_us
-        self._last_stream_index = 0
-        self._silence = Drive.muted(settings.count)
+        self.last_stream_index = 0
         self._queue = StreamQueue(settings.queue_depth)
-        self._safety = Safety(graded=bool(settings.features & Feature.AMPLITUDE))
         self._focuser = PointFocuser(settings, self.config.sound_speed_mm_s)
         self._uploads = Uploads(settings)
         self._sequences: dict[int, Upload] = {}
         self._playback: Playback | None = None
-        self._ring: deque[Latch] = deque(maxlen=settings.trace_ring)
-        self._new_latches: list[Latch] = []
-        self._new_notices: list[Notice] = []
 
     # --- time ----------------------------------------------------------------------------------
-
-    @property
-    def now_us(self) -> int:
-        """Device time up to which everything has happened."""
-        return self._now_us
 
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
@@ -137,9 +96,9 @@ class Board:
             due[1]()
         self._now_us = t_us
 
-    def _next_due(self) -> _Due | None:
+    def _next_due(self) -> Due | None:
         """Return what happens next; at one time, latches come before timers."""
-        due: list[_Due] = []
+        due: list[Due] = []
         if (head := self._queue.head) is not None:
             due.append((head.t_latch_us, self._latch_stream))
         if self._playback is not None:
@@ -148,23 +107,7 @@ class Board:
             due += self._timers()
         return min(due, key=lambda event: event[0], default=None)
 
-    def _timers(self) -> list[_Due]:
-        due: list[_Due] = []
-        first = self._safety.first_deadline()
-        if first is not None and first.deadline_us is not None and not self._ramping:
-            due.append((first.deadline_us, self._begin_ramp))
-        first = self._safety.first_end()
-        if first is not None and first.end_us is not None:
-            due.append((first.end_us, self._time_out))
-        return due
-
-    def _boundary_us(self, t_us: int) -> int:
-        """Return the first free carrier boundary at or after *t_us* and now."""
-        carrier_us = self.settings.carrier_us
-        boundary_us = -(-max(t_us, self._now_us) // carrier_us) * carrier_us
-        return max(boundary_us, self._last_boundary_us + carrier_us)
-
-    # --- session and output state --------------------------------------------------------------
+    # --- session -------------------------------------------------------------------------------
 
     def open_session(self, nonce: int) -> None:
         """Begin a session: output off, queue and trace empty; sequences and settings stay."""
@@ -172,83 +115,15 @@ class Board:
         self._silence_output()
         self._uploads.abandon()
         self.session, self.latched = nonce, None
-        self._latches = self._last_stream_index = 0
+        self._latches = self.last_stream_index = 0
         self._ring.clear()
         self._new_notices.append(SessionOpened(self._now_us, nonce))
 
-    def arm(self) -> None:
-        """Allow output; it stays silent until the first latch.
-
-        Raises
-        ------
-        RefusalError
-            BAD_STATE in FAULT.
-        """
-        self._enter(OutputInput.ARM, MuteReason.NONE)
-        self.renew_lease()
-
-    def mute(self, *, requested: bool = True) -> None:
-        """Switch the output off, whatever the state; *requested* by the host of the session."""
-        self._enter(OutputInput.MUTE, MuteReason.MUTE, requested=requested)
-        self._silence_output()
-
-    def disarm(self) -> None:
-        """Switch the output off and forbid it."""
-        self._enter(OutputInput.DISARM, MuteReason.DISARM)
-        self._silence_output()
-
-    def find_fault(self) -> None:
-        """Behave as after a hardware fault: output off until DISARM."""
-        self._enter(OutputInput.FAULT_FOUND, MuteReason.FAULT, requested=False)
-        self._silence_output()
-
-    def renew_lease(self) -> None:
-        """Take note that the host is there: a valid frame of its session came."""
-        if self.state is OutputState.ARMED:
-            unattended_ms = self._playback.unattended_ms if self._playback else None
-            self._safety.renew_lease(self._now_us, self.config, unattended_ms)
-            self._end_ramp_if_restored()
-
-    def _enter(self, event: OutputInput, reason: MuteReason, *, requested: bool = True) -> None:
-        try:
-            state = next_output_state(self.state, event)
-        except LocalProtocolError as error:
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), str(error)) from error
-        if state is not self.state:
-            self.state, self.reason = state, reason
-            self._new_notices.append(StateChange(self._now_us, state, reason, requested))
-
     def _silence_output(self) -> None:
-        """Empty both buffers and stop whatever could fill them."""
+        """Stop radiating, and whatever could begin to: queue and playback."""
         self.counters.flushed += self._queue.flush()
         self._end_playback()
-        self._safety.disarm()
-        self._sounding = False
-        if self._ramping:
-            self._ramping = False
-            self._new_notices.append(RampEnded(self._now_us, restored=False))
-
-    # --- timers --------------------------------------------------------------------------------
-
-    def _begin_ramp(self) -> None:
-        first = self._safety.first_deadline()
-        if first is not None:
-            self._ramping = True
-            self._new_notices.append(RampBegan(self._now_us, first.reason))
-
-    def _end_ramp_if_restored(self) -> None:
-        first = self._safety.first_deadline()
-        burning = first is not None and (first.deadline_us or 0) <= self._now_us
-        if self._ramping and not burning:
-            self._ramping = False
-            self._new_notices.append(RampEnded(self._now_us, restored=True))
-
-    def _time_out(self) -> None:
-        first = self._safety.first_end()
-        if first is not None:
-            self.counters.timeouts += 1
-            self._enter(OutputInput.RAMP_ENDED, first.reason, requested=False)
-            self._silence_output()
+        super()._silence_output()
 
     # --- stream --------------------------------------------------------------------------------
 
@@ -298,35 +173,10 @@ class Board:
 
     def _latch_stream(self) -> None:
         entry = self._queue.pop()
-        self._last_stream_index = entry.index
+        self.last_stream_index = entry.index
         self.counters.late += entry.late
         key = LatchKey(sequence=0, loop=0, index=entry.index)
         self._latch(key, entry.drive, entry.commanded_bits, late=entry.late)
-
-    def _latch(self, key: LatchKey, drive: Drive, bits: int, *, late: bool) -> None:
-        """Swap the buffers: *drive* is at the transducers from now on."""
-        self._enter(OutputInput.LATCH, MuteReason.NONE)
-        self._sounding = True
-        self._safety.latched(self._now_us, self.config)
-        self._end_ramp_if_restored()
-        latch = Latch(
-            key=key,
-            session=self.session,
-            number=self._latches,
-            t_latch_us=self._now_us,
-            late=late,
-            drive=drive,
-            commanded_bits=bits,
-            radiated=self._radiate(drive, self._now_us),
-            ramping=self._safety.gain(self._now_us) < 1.0,
-        )
-        self.latched = latch
-        self._last_boundary_us = self._now_us
-        self._latches += 1
-        self.counters.latched += 1
-        self._new_latches.append(latch)
-        if self.config.trace_mode is TraceMode.RING:
-            self._ring.append(latch)
 
     # --- settings and sequences ----------------------------------------------------------------
 
@@ -407,6 +257,7 @@ class Board:
         start_us = self._now_us if start_us is None else start_us
         self.counters.flushed += self._queue.flush()
         self._playback = Playback(sequence, frames, start_us, period_us, loops, unattended_ms)
+        self._unattended_ms = unattended_ms
         self.renew_lease()
         self.advance_to(self._now_us)
 
@@ -441,44 +292,7 @@ class Board:
 
     def _end_playback(self) -> None:
         if (ended := self._playback) is not None:
-            self._playback = None
+            self._playback, self._unattended_ms = None, None
             self._new_notices.append(
                 PlaybackEnd(self._now_us, ended.sequence, ended.loops_done, ended.played)
             )
-
-    # --- evidence ------------------------------------------------------------------------------
-
-    @property
-    def last_stream_index(self) -> int:
-        """Unwrapped sequence number of the last latched stream frame, 0: none."""
-        return self._last_stream_index
-
-    @property
-    def latches(self) -> int:
-        """Latches in this session: the number that the next one will get."""
-        return self._latches
-
-    @property
-    def ring(self) -> list[Latch]:
-        """The latches that the trace ring holds, oldest first."""
-        return list(self._ring)
-
-    def radiated(self, t_us: int) -> Drive:
-        """Return what leaves the transducers at *t_us*, now or before the next event."""
-        if not self._sounding or self.latched is None:
-            return self._silence
-        return self._radiate(self.latched.drive, t_us)
-
-    def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        gain = self._safety.gain(t_us)
-        return radiated_drive(drive, self.correction, self.config.amplitude_ceiling, gain)
-
-    def take_latches(self) -> list[Latch]:
-        """Return the latches since the last call, in order."""
-        taken, self._new_latches = self._new_latches, []
-        return taken
-
-    def take_notices(self) -> list[Notice]:
-        """Return changes of the output and ends of playback since the last call, in order."""
-        taken, self._new_notices = self._new_notices, []
-        return taken
