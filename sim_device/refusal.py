@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from haptogram.errors import HaptogramError
 from haptogram_protocol.messages import ErrorCode
 
 
-class RefusalError(Exception):
+class RefusalError(HaptogramError):
     """A request that the board does not carry out; nothing has changed.
 
     Attributes
