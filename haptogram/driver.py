@@ -1,58 +1,36 @@
 """The driver of a board: connect, arm, focus, stream, play, read back; and mute, always.
 
-with Driver("/dev/ttyUSB0") as driver:
-    driver.arm()
-    driver.focus((0.0, 0.0, 0.15))
-    driver.stream(points, rate_hz=1000)
+::
+
+    with Driver("/dev/ttyUSB0") as driver:
+        driver.arm()
+        driver.focus((0.0, 0.0, 0.15))
+        driver.stream(points, rate_hz=1000)
 """
 
 from __future__ import annotations
 
-import dataclasses
-import random
-import secrets
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Final
 
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics import AcousticModel, TransducerArray
-from haptogram.clocksync import ClockEstimate
-from haptogram.errors import ConfigurationError, HaptogramError, LinkError, WrongProtocolError
+from haptogram.acoustics import AcousticModel
+from haptogram.errors import ConfigurationError
 from haptogram.frames import Frame, FrameBuilder, Mode, Targets, as_foci, sound_speed_mm_s
-from haptogram.handshake import open_session
-from haptogram.identity import check_model, model_of, read_array, read_geometry
-from haptogram.link import NS_PER_S, Link, Progress
-from haptogram.pinging import Pinger
+from haptogram.link import NS_PER_S, Progress
 from haptogram.playing import Player, PlayReport, Timing, playback_period_us
 from haptogram.realtime import next_deadline_ns
-from haptogram.records import Focus, Intended, Observation
+from haptogram.records import Focus, Intended
+from haptogram.session import Session
 from haptogram.streaming import Schedule, Streamer, StreamReport
-from haptogram.tracing import TraceReader
-from haptogram.transport import DEFAULT_BAUDRATE, Transport, open_transport
-from haptogram.upload import SequenceData, check_upload, upload
-from haptogram_protocol import HostConnection, LocalProtocolError
-from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
-from haptogram_protocol.export import description_hash
+from haptogram.transport import DEFAULT_BAUDRATE, Transport
+from haptogram.upload import SequenceData
 from haptogram_protocol.messages import (
     Arm,
     ArmReply,
-    Config,
-    ConfigReply,
     Disarm,
     DisarmReply,
-    DriveKind,
-    GetConfig,
-    GetStatus,
-    HelloReply,
-    MuteReply,
-    PlaybackEnded,
-    SetConfig,
-    SetConfigReply,
-    Status,
-    StatusReply,
     TraceMode,
-    UploadKind,
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -62,7 +40,7 @@ _PAUSES: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 _REFRESHES: Final = 4  # of a held focus within the shorter one of the two timers
 
 
-class Driver:
+class Driver(Session):
     """A session with one board.
 
     Parameters
@@ -122,115 +100,26 @@ class Driver:
         model: AcousticModel | None = None,
         trace: TraceMode | None = None,
     ) -> None:
-        self.session = _session(nonce, seed)
-        connection = HostConnection(nonce=self.session, description_hash=description_hash())
-        transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
-        self._link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s)
+        super().__init__(
+            port,
+            baudrate=baudrate,
+            nonce=nonce,
+            seed=seed,
+            timeout_s=timeout_s,
+            model=model,
+            trace=trace,
+        )
         self.intended: list[Intended] = []
-        self.observations: list[Observation] = []
-        self.events: list[EventReceived] = []
-        self.last_status: Status | None = None
-        self._held: Frame | None = None
-        self._closed = False
         self._armed = False
-        self._config = Config()
+        self._held: Frame | None = None
         try:
-            self._connect(model, phase_bits)
-            if trace is not None:
-                self.configure(trace_mode=trace)
-        except BaseException:
+            self._builder = FrameBuilder(self.model, self.identity, phase_bits)
+        except ConfigurationError:
             self._link.close()
             raise
-
-    def _connect(self, model: AcousticModel | None, phase_bits: int) -> None:
-        link = self._link
-        self.identity: HelloReply = open_session(link)
-        self.warnings = list(link.connection.warnings)
-        if model is None:
-            model = model_of(read_array(link, self.identity), self.identity)
-        self.model = model
-        self.warnings += check_model(model, self.identity)
-        self._builder = FrameBuilder(model, self.identity, phase_bits)
-        self.clock = ClockEstimate(self.identity.clock_ppm)
-        self._pinger = Pinger(link, self.clock)
-        self._traces = TraceReader(self.session, self.identity.transducers, self.clock)
-        self._streamer = Streamer(link, self._pinger, self.identity, intended=self.intended)
-        self._player = Player(link, self._pinger, self.identity)
-        link.handler = self._take
-        self._pinger.synchronise()
-        self._config = link.request(GetConfig(), ConfigReply).config
-
-    def _take(self, event: EventReceived | ReplyReceived | FrameDropped) -> None:
-        """Take what the board sent while nobody waited for it."""
-        if isinstance(event, ReplyReceived):
-            self._pinger.take(event)
-        elif isinstance(event, EventReceived):
-            self._take_event(event)
-
-    def _take_event(self, event: EventReceived) -> None:
-        if isinstance(event.message, Status):
-            self.last_status = event.message
-            return
-        try:
-            observation = self._traces.take(event)
-        except WrongProtocolError as error:
-            self.warnings.append(str(error))
-            return
-        if observation is not None:
-            self.observations.append(observation)
-            return
-        self.events.append(event)
-        if isinstance(event.message, PlaybackEnded):
-            self._player.ended = event.message
-
-    # --- life ----------------------------------------------------------------------------------
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        try:
-            self.close()
-        except HaptogramError as unmuted:
-            if error is None:
-                raise
-            error.add_note(str(unmuted))  # the first error is the one that tells more
-
-    def close(self) -> None:
-        """Mute the board and close the port, in bounded time.  Closing twice does no harm.
-
-        Raises
-        ------
-        LinkError
-            If the board did not confirm that it is mute; its own timers will mute it.
-        """
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            self._link.mute(MuteReply, min(_MUTE_TIMEOUT_NS, self._link.timeout_ns))
-        except HaptogramError as error:
-            raise LinkError(
-                f"{self.url}: the board did not confirm that it is mute; it mutes itself after "
-                f"{max(self._config.hold_ms, self._config.host_timeout_ms)} ms without a host"
-            ) from error
-        finally:
-            self._link.close()
-
-    @property
-    def url(self) -> str:
-        """What the port was opened by."""
-        return self._link.url
-
-    @property
-    def link_counters(self) -> dict[str, int]:
-        """What the host counted of the frames from the board."""
-        return dict(self._link.connection.counters)
+        link, pinger, identity = self._link, self._pinger, self.identity
+        self._streamer = Streamer(link, pinger, identity, intended=self.intended)
+        self._player = Player(link, pinger, identity, events=self.events)
 
     # --- output state --------------------------------------------------------------------------
 
@@ -246,73 +135,12 @@ class Driver:
     def mute(self) -> OutputState:
         """Switch the output off, ahead of everything that waits."""
         self._armed = False
-        return self._link.mute(MuteReply, self._link.timeout_ns).state
+        return super().mute()
 
     def disarm(self) -> OutputState:
         """Switch the output off and forbid it."""
         self._armed = False
         return self._link.request(Disarm(), DisarmReply).state
-
-    # --- questions -----------------------------------------------------------------------------
-
-    def status(self) -> StatusReply:
-        """Return the board's counters and arrival margin; the margin then starts anew."""
-        return self._link.request(GetStatus(), StatusReply)
-
-    def ping(self) -> float:
-        """Measure the device clock anew and return the error that is left, in microseconds."""
-        self._pinger.synchronise()
-        return self.clock.uncertainty_us
-
-    def config(self) -> Config:
-        """Return the board's configuration."""
-        self._config = self._link.request(GetConfig(), ConfigReply).config
-        return self._config
-
-    def configure(self, **changes: Any) -> Config:
-        """Change fields of the board's configuration and return what is in force then.
-
-        Parameters
-        ----------
-        **changes
-            Fields of :class:`~haptogram_protocol.messages.Config`.
-
-        Raises
-        ------
-        ConfigurationError
-            If there is no such field, or a value does not fit it.
-        DeviceError
-            If the board refuses a value.
-        """
-        known = {field.name for field in dataclasses.fields(Config)}
-        if unknown := sorted(set(changes) - known):
-            raise ConfigurationError(
-                f"configuration has no {unknown[0]!r}; it has {', '.join(sorted(known))}"
-            )
-        wanted = SetConfig(dataclasses.replace(self._config, **changes))
-        try:
-            self._config = self._link.request(wanted, SetConfigReply).config
-        except LocalProtocolError as error:
-            raise ConfigurationError(f"configuration {changes} does not fit: {error}") from error
-        return self._config
-
-    def correct_phases(self, codes: bytes) -> None:
-        """Set the phase correction of every transducer, in 1/256 turns."""
-        if len(codes) != self.identity.transducers:
-            raise ConfigurationError(
-                f"{len(codes)} phase corrections; the board has {self.identity.transducers} "
-                "transducers"
-            )
-        check_upload(self.identity, UploadKind.CORRECTION, len(codes))
-        upload(self._link, UploadKind.CORRECTION, 0, codes)
-
-    def geometry(self) -> TransducerArray:
-        """Return the board's array, read element by element."""
-        return read_geometry(self._link, self.identity)
-
-    def read_drive(self, kind: DriveKind = DriveKind.LATCHED) -> Observation:
-        """Return the drive at the transducers now; see :class:`TraceReader`."""
-        return self._traces.read_drive(self._link, kind)
 
     # --- output --------------------------------------------------------------------------------
 
@@ -468,17 +296,3 @@ class Driver:
         speed_mm_s = sound_speed_mm_s(self.model)
         if mode == "points" and self._config.sound_speed_mm_s != speed_mm_s:
             self.configure(sound_speed_mm_s=speed_mm_s)
-
-    def _collect_ring(self) -> None:
-        if self._config.trace_mode is TraceMode.RING:
-            self.observations += self._traces.read_ring(self._link)
-
-
-def _session(nonce: int | None, seed: int | None) -> int:
-    if nonce is not None and not 1 <= nonce <= 0xFFFF:
-        raise ConfigurationError(f"nonce is {nonce}, must be 1 to 65535")
-    if nonce is not None:
-        return nonce
-    if seed is not None:
-        return random.Random(seed).randint(1, 0xFFFF)
-    return secrets.randbelow(0xFFFF) + 1

@@ -12,6 +12,7 @@ from haptogram.link import Link, Progress
 from haptogram.pinging import PING_PERIOD_NS, Pinger
 from haptogram.records import FrameKey, Intended
 from haptogram.upload import SequenceData, upload
+from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.messages import (
     HelloReply,
     Play,
@@ -119,18 +120,18 @@ class Player:
         Its clock has an estimate.
     identity : HelloReply
         The board's limits, carrier and session.
-
-    Attributes
-    ----------
-    ended : PlaybackEnded or None
-        What the board said of the end of the last playback; whoever takes its events sets it.
+    events : list of EventReceived
+        What the board reports while the link is served: among it the end of playback.
     """
 
-    def __init__(self, link: Link, pinger: Pinger, identity: HelloReply) -> None:
+    def __init__(
+        self, link: Link, pinger: Pinger, identity: HelloReply, *, events: list[EventReceived]
+    ) -> None:
         self._link = link
         self._pinger = pinger
         self._identity = identity
-        self.ended: PlaybackEnded | None = None
+        self._events = events
+        self._news = 0  # where the events since the start of playback begin
 
     def store(self, data: SequenceData) -> None:
         """Upload the sequence to play."""
@@ -148,7 +149,7 @@ class Player:
 
         *intended* grows by what is to be latched; if the wait is cut short, by what was due then.
         """
-        self.ended = None
+        self._news = len(self._events)
         t0_us = self._start(timing)
         first = len(intended)
         intended += self._intended(frames, timing, t0_us, first)
@@ -172,14 +173,19 @@ class Player:
         """Wait for the end of playback, and keep the lease meanwhile."""
         end_us = t0_us + total * timing.period_us
         last_ns = self._pinger.clock.to_host_ns(end_us) + self._link.timeout_ns
-        while self.ended is None and (now_ns := self._link.now_ns()) < last_ns:
+        while (end := self._ended()) is None and (now_ns := self._link.now_ns()) < last_ns:
             if progress is not None:
                 progress(min(self._due(timing, t0_us), total), total)
             self._pinger.keep()
             self._link.turn(min(now_ns + _TURN_NS, last_ns))
         if progress is not None:
             progress(total, total)
-        return self.ended
+        return end
+
+    def _ended(self) -> PlaybackEnded | None:
+        """Return what the board said of the end, among its events since the start."""
+        news = (event.message for event in self._events[self._news :])
+        return next((m for m in news if isinstance(m, PlaybackEnded)), None)
 
     def _due(self, timing: Timing, t0_us: int) -> int:
         """Return how many frames were due by now."""

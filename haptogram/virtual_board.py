@@ -1,9 +1,11 @@
 """A virtual board in a process of its own, on a pseudo-terminal.
 
-with VirtualBoard() as board, Driver(board.url) as driver:
-    driver.arm()
-    driver.stream(points, rate_hz=1000)
-    print(board.verify(driver.intended))
+::
+
+    with VirtualBoard() as board, Driver(board.url) as driver:
+        driver.arm()
+        driver.stream(points, rate_hz=1000)
+        print(board.verify(driver.intended))
 """
 
 from __future__ import annotations
