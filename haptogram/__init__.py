@@ -1,3 +1,68 @@
-"""Host of the Haptogram harness: drives an ultrasonic phased array and verifies what it radiated."""
+"""Host of the Haptogram harness: drives an ultrasonic phased array and verifies what it radiated.
+
+Names are imported when they are asked for: whoever wants only the acoustics pays for no more.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from .driver import Driver
+    from .errors import ConfigurationError, DeviceError, HaptogramError, LinkError
+    from .records import Evidence, Focus, Intended, Observation
+    from .tactile import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
+    from .verification import RunVerdict, verify_run
+    from .virtual_board import VirtualBoard
 
 __version__ = "0.1.0"
+
+_HOME: Final = {
+    "Circle": "tactile",
+    "ConfigurationError": "errors",
+    "DeviceError": "errors",
+    "Driver": "driver",
+    "Evidence": "records",
+    "Focus": "records",
+    "HaptogramError": "errors",
+    "Hemisphere": "tactile",
+    "Intended": "records",
+    "Line": "tactile",
+    "LinkError": "errors",
+    "MeshSurface": "tactile",
+    "Observation": "records",
+    "Point": "tactile",
+    "RunVerdict": "verification",
+    "Sphere": "tactile",
+    "VirtualBoard": "virtual_board",
+    "verify_run": "verification",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+
+
+__all__ = [
+    "Circle",
+    "ConfigurationError",
+    "DeviceError",
+    "Driver",
+    "Evidence",
+    "Focus",
+    "HaptogramError",
+    "Hemisphere",
+    "Intended",
+    "Line",
+    "LinkError",
+    "MeshSurface",
+    "Observation",
+    "Point",
+    "RunVerdict",
+    "Sphere",
+    "VirtualBoard",
+    "verify_run",
+]

@@ -16,6 +16,7 @@ MODES: Final = ("phases", "points", "sequence")
 PHASE_BITS: Final = (8, 6, 5)
 SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
 MESH_SUFFIXES: Final = (".stl", ".obj", ".ply")
+DEFAULT_ARRAY: Final = "16x16"
 _SECTION: Final = "verify"
 
 
@@ -41,7 +42,7 @@ class VerifyConfig:
     repeat: int = dataclasses.field(default=1, metadata=_limits(1, 1_000_000))
     mode: str = "phases"
     phase_bits: int = 8
-    array: str = "16x16"
+    array: str | None = None
     pitch_mm: float = dataclasses.field(default=10.0, metadata=_limits(1.0, 100.0))
     temperature_c: float = dataclasses.field(default=20.0, metadata=_limits(-20.0, 50.0))
     board_temperature_c: float | None = dataclasses.field(
@@ -74,11 +75,22 @@ class VerifyConfig:
             )
 
     @property
+    def virtual_array(self) -> str:
+        """Array of the virtual board; a real one brings its own."""
+        return self.array or DEFAULT_ARRAY
+
+    @property
     def least_verified(self) -> float:
-        """Share of frames that must be verified: every one in virtual time, 0.9 on the wall clock."""
+        """Share of frames that must be verified: all in virtual time, 0.9 on the wall clock."""
         if self.min_verified is not None:
             return self.min_verified
         return 1.0 if self.virtual_time else 0.9
+
+    @property
+    def air_over_board_c(self) -> float:
+        """Temperature of the air that the virtual board radiates into."""
+        board_c = self.board_temperature_c
+        return self.temperature_c if board_c is None else board_c
 
     def job(self) -> dict[str, Any]:
         """Return what decides the result, for the report: no output path, JSON types only."""

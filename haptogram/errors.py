@@ -3,7 +3,7 @@
 ::
 
     HaptogramError
-    +-- ConfigurationError        an argument, a file or a target that cannot be used (exit status 2)
+    +-- ConfigurationError        an argument, a file or a target that cannot be used
     +-- LinkError                 the line between host and board
     |   +-- PortNotFoundError     there is no such port
     |   +-- PortBusyError         another program holds the port
@@ -22,7 +22,7 @@ class HaptogramError(Exception):
 
 
 class ConfigurationError(HaptogramError, ValueError):
-    """An argument, a file or a target that cannot be used; the text names the value and the limit."""
+    """An argument, a file or a target that cannot be used; names the value and the limit."""
 
 
 class LinkError(HaptogramError):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,8 @@ class Line:
         _check_resolution(resolution_m, length_m)
         steps = _count(length_m / resolution_m)
         order = _there_and_back(steps + 1)
-        return start + (end - start) * (np.array(order)[:, None] / steps)
+        points: Points = start + (end - start) * (np.array(order)[:, None] / steps)
+        return points
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +170,7 @@ class MeshSurface:
         ConfigurationError
             If the file cannot be read, holds no surface, or the extra ``mesh`` is not installed.
         """
-        mesh = _read_mesh(Path(path))
+        mesh: Any = _read_mesh(Path(path))  # its type hints are not complete
         mesh.apply_scale(unit_m)
         if center_m is not None:
             _check_finite("center_m", center_m)
@@ -225,7 +226,7 @@ def _read_mesh(path: Path) -> trimesh.Trimesh:
     if not path.is_file():
         raise ConfigurationError(f"{path}: no such file")
     try:
-        mesh = trimesh.load_mesh(path)
+        mesh: Any = trimesh.load_mesh(path)  # points or paths have no faces
     except Exception as error:  # the parsers of the formats raise whatever they meet
         raise ConfigurationError(f"{path}: not a mesh that can be read: {error}") from error
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces) or not mesh.area > 0.0:
@@ -300,5 +301,6 @@ def _check_radius(radius_m: float) -> None:
 
 
 def _check_finite(name: str, point: Point3) -> None:
-    if len(point) != 3 or not all(math.isfinite(value) for value in point):
+    values = np.asarray(point, dtype=np.float64)
+    if values.shape != (3,) or not np.isfinite(values).all():
         raise ConfigurationError(f"{name} is {point!r}, must be three finite numbers, in metres")

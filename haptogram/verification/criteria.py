@@ -15,6 +15,7 @@ import math
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, SingleFocus, phase_step_rad
 from haptogram.acoustics.focus import wrap
@@ -49,7 +50,7 @@ def phase_limit_rad(intended: Intended) -> float:
     return phase_step_rad(intended.phase_bits) / 2.0 + allowance_rad + ROUNDING_RAD
 
 
-def phase_error_rad(target: TargetField, latched: Drive, active: np.ndarray) -> float:
+def phase_error_rad(target: TargetField, latched: Drive, active: NDArray[np.bool_]) -> float:
     """S1: half the range of phi_n + k r_n(target) over the active elements, common phase out."""
     arrival = np.angle(latched.weights()[active]) - target.phases_rad[active]
     common = np.angle(np.exp(1j * arrival).sum())
@@ -105,10 +106,10 @@ def _expected_offset_m(
     return peak_offset_m(model, ideal, target.position_m, direction)
 
 
-def amplitude_errors(intended: Intended, latched: Drive) -> np.ndarray:
-    """S5: tell which elements are off by more than half a step, (N,) of bool."""
+def amplitudes_ok(intended: Intended, latched: Drive) -> bool:
+    """S5: tell whether no amplitude is off by more than half a step."""
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
-    return np.abs(difference) > allowed_codes(intended)
+    return int(np.abs(difference).max()) <= allowed_codes(intended)
 
 
 def several_foci_ok(intended: Intended, latched: Complexes, targets: list[TargetField]) -> bool:

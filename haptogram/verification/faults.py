@@ -225,9 +225,7 @@ def _single_elements(
         yield f"{_elements(model, numbers)} {'inverted' if inverted else f'off by {step:+d} LSB'}"
 
 
-def _stuck_columns(
-    model: AcousticModel, found: Codes, off: NDArray[np.bool_]
-) -> list[str]:
+def _stuck_columns(model: AcousticModel, found: Codes, off: NDArray[np.bool_]) -> list[str]:
     if model.array.grid_shape is None:
         return []
     grid, wrong = found.reshape(model.array.grid_shape), off.reshape(model.array.grid_shape)

@@ -122,7 +122,7 @@ class Judge:
     ) -> tuple[dict[str, Any], dict[str, bool]]:
         """Return measures and verdicts that need the drive alone: S1, S3, S4, S5."""
         active = (latched.amplitude_codes > 0) & (intended.drive.amplitude_codes > 0)
-        s5 = not criteria.amplitude_errors(intended, latched).any()
+        s5 = criteria.amplitudes_ok(intended, latched)
         if not active.any():
             return {"coherence": 0.0}, {"S1": False, "S3": False, "S5": s5}
         sounding, wanted = latched.weights(), np.abs(intended.drive.weights())
@@ -146,7 +146,7 @@ class Judge:
         targets = [self._target(focus, intended.phase_bits) for focus in intended.foci]
         verdicts = {
             "S3": criteria.several_foci_ok(intended, latched.weights(), targets),
-            "S5": not criteria.amplitude_errors(intended, latched).any(),
+            "S5": criteria.amplitudes_ok(intended, latched),
         }
         faults = name_faults(self._model, intended, latched)
         return dataclasses.replace(
@@ -243,4 +243,3 @@ def _finite(values: Floats) -> Floats:
 def _finite_mm(bound_m: Floats) -> tuple[float | None, float | None, float | None]:
     x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
     return x, y, z
-

@@ -94,6 +94,7 @@ def verify_run(
     *,
     model: AcousticModel,
     min_verified: float = 1.0,
+    cut_short: str | None = None,
     progress: Progress | None = None,
 ) -> RunVerdict:
     """Join what was intended with what was latched, by key, and judge every frame.
@@ -104,6 +105,8 @@ def verify_run(
         Array and air that the drives were radiated in.
     min_verified : float
         Share of the intended frames that must be verified, 0 to 1.
+    cut_short : str, optional
+        Why the run did not come to its end: then it can fail, but not pass.
     progress : callable, optional
         Called with the number of frames judged and their total.
 
@@ -133,7 +136,7 @@ def verify_run(
             )
         if progress is not None:
             progress(number + 1, len(intended))
-    return _conclude(frames, sorted(seen), min_verified)
+    return _conclude(frames, sorted(seen), min_verified, cut_short)
 
 
 def _check_keys(intended: Sequence[Intended]) -> None:
@@ -143,23 +146,19 @@ def _check_keys(intended: Sequence[Intended]) -> None:
 
 
 def _conclude(
-    frames: list[FrameVerdict], unexpected: list[FrameKey], min_verified: float
+    frames: list[FrameVerdict],
+    unexpected: list[FrameKey],
+    min_verified: float,
+    cut_short: str | None,
 ) -> RunVerdict:
     counts = _counts(frames, unexpected)
-    wrong = [
-        f"{counts[name]} {text}"
-        for name, text in _FAILURES.items()
-        if counts[name]
-    ]
-    if wrong:
-        return RunVerdict(Verdict.FAIL, tuple(wrong), frames, unexpected, min_verified, counts)
+    wrong = [f"{counts[name]} {text}" for name, text in _FAILURES.items() if counts[name]]
+    missing = [] if cut_short is None else [cut_short]
     sent, verified = counts["sent"], counts["verified"]
     if not verified or verified < min_verified * sent:
-        share = f"{verified} of {sent} frames were verified; {min_verified:.4g} of them must be"
-        return RunVerdict(
-            Verdict.INCONCLUSIVE, (share,), frames, unexpected, min_verified, counts
-        )
-    return RunVerdict(Verdict.PASS, (), frames, unexpected, min_verified, counts)
+        missing.append(f"{verified} of {sent} frames were verified; {min_verified:.0%} must be")
+    verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
+    return RunVerdict(verdict, (*wrong, *missing), frames, unexpected, min_verified, counts)
 
 
 _FAILURES: Final = {
@@ -239,11 +238,10 @@ def _summary(run: RunVerdict) -> list[str]:
     if result["force_mn"]["mean"] is not None:
         pressure, force = result["pressure_rms_pa"], result["force_mn"]
         lines.append(
-            f"  field     {pressure['mean']:.0f} Pa RMS on average, force "
-            f"{force['mean']:.2f} ± {force['std']:.2f} mN, coherence {result['coherence']['min']:.5f} "
-            "or more"
+            f"  field     {pressure['mean']:.0f} Pa RMS on average, force {force['mean']:.2f} ± "
+            f"{force['std']:.2f} mN, coherence {result['coherence']['min']:.5f} or more"
         )
-    lines.append(f"  evidence  {result['evidence'] or 'none: nothing was seen of what was latched'}")
+    lines.append(f"  evidence  {result['evidence'] or 'none: no latch was seen'}")
     odd = [f for f in run.frames if f.status is not FrameStatus.ON_TARGET or f.late]
     lines += [f"  {_frame_line(frame)}" for frame in odd[:_NAMED_FRAMES]]
     if len(odd) > _NAMED_FRAMES:

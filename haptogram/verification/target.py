@@ -170,7 +170,7 @@ def _stencil(count: int) -> Floats:
     for axis in np.eye(count):
         steps += [axis, -axis]
     if count == 2:
-        steps += [np.array(corner) for corner in ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))]
+        steps += [np.array(corner) for corner in ((1, 1), (-1, -1), (1, -1), (-1, 1))]
     return _STENCIL_M * np.array(steps)
 
 

@@ -1,0 +1,78 @@
+"""Command line: parses, wires, prints, returns the exit status.
+
+The only module of the host that may import the virtual board: everything else meets a board
+through a port.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlencode
+
+from . import __version__
+from .commands import verify
+from .commands.exit_status import EXIT_STATUS, USAGE
+from .errors import HaptogramError
+
+if TYPE_CHECKING:
+    from .boards import BoardUnderTest
+    from .config import VerifyConfig
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line *argv* and return its exit status."""
+    # One thread each: two threads of a linear algebra library ruin the loop on a busy machine.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    arguments = _parser().parse_args(argv)
+    try:
+        return int(arguments.run(arguments))
+    except HaptogramError as error:
+        print(f"haptogram: {error}", file=sys.stderr)
+    except KeyboardInterrupt:  # before there was anything to keep
+        print("haptogram: interrupted", file=sys.stderr)
+    return USAGE
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="haptogram",
+        description="Hardware-in-the-loop test harness for ultrasonic phased arrays.",
+        epilog=EXIT_STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"haptogram {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    verify.add(commands, _board_in_virtual_time)
+    return parser
+
+
+@contextlib.contextmanager
+def _board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
+    """Make a virtual board in this program, behind the same bytes as any other."""
+    import serial
+
+    import sim_device
+
+    from .boards import InProcessBoard
+    from .transport import PyserialTransport
+
+    sim_device.register_url_handler()
+    options = {
+        "clock": "virtual",
+        "array": config.virtual_array,
+        "pitch_mm": config.pitch_mm,
+        "temperature_c": config.air_over_board_c,
+        "baud": config.link_baud,
+        "seed": config.seed,
+        "reconstruct": 1,
+    }
+    url = f"haptogram://?{urlencode(options)}"
+    virtual: Any = serial.serial_for_url(url, timeout=0)  # the stubs know no URL handler
+    with contextlib.closing(virtual) as port:
+        model = port.simulation.board.settings.model
+        yield InProcessBoard(PyserialTransport(port, url), lambda: port.records, model)

@@ -1,0 +1,179 @@
+"""``haptogram verify``: display an object, learn where every focus really was."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import functools
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from haptogram.config import VerifyConfig, load_config
+
+from .exit_status import EXIT_STATUS
+from .verify_options import add_options
+
+if TYPE_CHECKING:
+    from haptogram.boards import BoardUnderTest
+    from haptogram.job import Measured, Progress
+    from haptogram.verification import RunVerdict
+
+InProcess: TypeAlias = "Callable[[VerifyConfig], AbstractContextManager[BoardUnderTest]]"
+
+_EXAMPLES: Final = """\
+examples:
+  haptogram verify
+      the hemisphere at 1 kHz on a virtual board, over a pty
+  haptogram verify --virtual-time --resolution-mm 2
+      the same job, finer, without a wall clock: exact and repeatable
+  haptogram verify --port /dev/ttyUSB0
+      a real board, by its own trace
+  haptogram verify --object shape.stl --mode sequence --report out.html
+      a mesh, uploaded once and played on the board's clock
+"""
+
+
+def add(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser], in_process: InProcess
+) -> None:
+    """Add the command; *in_process* makes the virtual board that has no wall clock."""
+    verify = commands.add_parser(
+        "verify",
+        help="display a tactile object and verify where every focus really is",
+        description="Display a tactile object point by point and verify, frame by frame, where the "
+        "focus of what the board latched really is.",
+        epilog=_EXAMPLES + "\n" + EXIT_STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verify.set_defaults(run=functools.partial(run, in_process=in_process))
+    add_options(verify)
+
+
+def run(arguments: argparse.Namespace, in_process: InProcess) -> int:
+    """Run the job, write and print its result, and return the exit status."""
+    from haptogram import report
+    from haptogram.job import measure
+    from haptogram.verification import verify_run
+
+    names = {field.name for field in dataclasses.fields(VerifyConfig)}
+    given = {name: value for name, value in vars(arguments).items() if name in names}
+    config = load_config(arguments.config, given)
+    quiet = arguments.quiet
+    with _board(config, in_process) as board, _bar("displaying", quiet=quiet) as progress:
+        found = measure(config, board, progress)
+    with _bar("verifying", quiet=quiet) as progress:
+        verdict = verify_run(
+            found.intended,
+            found.observations,
+            model=found.model,
+            min_verified=config.least_verified,
+            cut_short=found.cut_short,
+            progress=progress,
+        )
+    result = report.result_dict(
+        verdict,
+        configuration=config.job(),
+        seed=config.seed,
+        board=_board_dict(found),
+        warnings=found.warnings,
+        cut_short=found.cut_short,
+        host=_host_dict(found),
+        environment=None if config.virtual_time else report.environment(),
+    )
+    _write(config, verdict, result, found)
+    print(verdict)
+    for warning in found.warnings:
+        print(f"  warning   {warning}")
+    return verdict.exit_status
+
+
+@contextlib.contextmanager
+def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTest]:
+    """Give the board that the settings ask for, and clean up after it."""
+    from haptogram.boards import PortBoard, ProcessBoard
+    from haptogram.virtual_board import VirtualBoard
+
+    if config.port is not None:
+        yield PortBoard(
+            config.port,
+            baudrate=config.link_baud,
+            rate_hz=config.rate_hz,
+            board_computes=config.mode == "points",
+        )
+    elif config.virtual_time:
+        with in_process(config) as board:
+            yield board
+    else:
+        with VirtualBoard(
+            config.virtual_array,
+            pitch_mm=config.pitch_mm,
+            temperature_c=config.air_over_board_c,
+            seed=config.seed,
+            baudrate=config.link_baud,
+        ) as virtual:
+            yield ProcessBoard(virtual)
+
+
+@contextlib.contextmanager
+def _bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
+    """Show a progress bar on standard error, from the thread that works, 20 times a second."""
+    if quiet:
+        yield None
+        return
+    from tqdm import tqdm
+
+    # No monitor thread: it would run beside the 1 kHz loop.
+    tqdm.monitor_interval = 0
+    with tqdm(desc=what, unit=" frames", leave=False, dynamic_ncols=True, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show
+
+
+def _board_dict(found: Measured) -> dict[str, object]:
+    return {
+        "is": found.board,
+        "firmware": found.identity.firmware,
+        "protocol": f"{found.identity.major}.{found.identity.minor}",
+        "transducers": found.identity.transducers,
+        "carrier_hz": found.identity.carrier_hz,
+        "sound_speed_m_s": found.model.medium.sound_speed_m_s,
+    }
+
+
+def _host_dict(found: Measured) -> dict[str, object] | None:
+    """Return how the host's side went, if the run came to its end."""
+    from haptogram.streaming import StreamReport
+
+    if not isinstance(found.report, StreamReport):
+        return None
+    lateness = found.report.lateness_us
+    return {
+        "skipped": list(found.report.skipped),
+        "late_ticks": found.report.late_ticks,
+        "tick_lateness_us_max": float(lateness.max()),
+        "write_stalls": found.report.write_stalls,
+        "clock_uncertainty_us": found.report.clock_uncertainty_us,
+    }
+
+
+def _write(
+    config: VerifyConfig, verdict: RunVerdict, result: dict[str, object], found: Measured
+) -> None:
+    from haptogram import report
+
+    if config.json is not None:
+        report.write_json(config.json, result)
+    if config.junit is not None:
+        report.write_junit(config.junit, verdict, result)
+    if config.report is not None:
+        report.write_html(config.report, verdict, result, found.model)
+    for path in (config.json, config.junit, config.report):
+        if path is not None:
+            print(f"wrote {path}", file=sys.stderr)

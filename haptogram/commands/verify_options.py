@@ -1,0 +1,143 @@
+"""The options of ``haptogram verify``; names, units and defaults are those of its settings."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from haptogram.config import MESH_SUFFIXES, MODES, PHASE_BITS, SHAPES, VerifyConfig
+
+
+def add_options(verify: argparse.ArgumentParser) -> None:
+    """Add every option; one that is not given is None, so that a file can set it."""
+    default = VerifyConfig()
+
+    shape = verify.add_argument_group("what is displayed")
+    shape.add_argument(
+        "--object",
+        metavar="SHAPE",
+        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}, in mm) "
+        f"[{default.object}]",
+    )
+    shape.add_argument(
+        "--resolution-mm",
+        type=float,
+        metavar="MM",
+        help=f"spacing of the points [{default.resolution_mm:g}]",
+    )
+    shape.add_argument(
+        "--radius-mm",
+        type=float,
+        metavar="MM",
+        help=f"radius of the shape; half the length of a line [{default.radius_mm:g}]",
+    )
+    shape.add_argument(
+        "--center-mm",
+        type=_triple,
+        metavar="X,Y,Z",
+        help="centre of the shape above the array [0,0,100]",
+    )
+    shape.add_argument(
+        "--rate-hz",
+        type=float,
+        metavar="HZ",
+        help=f"points per second [{default.rate_hz:g}]",
+    )
+    shape.add_argument(
+        "--repeat",
+        type=int,
+        metavar="N",
+        help=f"how often the object is displayed [{default.repeat}]",
+    )
+
+    array = verify.add_argument_group("array and air")
+    array.add_argument(
+        "--array",
+        metavar="NXxNY|FILE",
+        help="grid, or a CSV file of positions in mm "
+        f"[virtual board: {default.virtual_array}; --port: what the board says]",
+    )
+    array.add_argument(
+        "--pitch-mm", type=float, metavar="MM", help=f"pitch of the grid [{default.pitch_mm:g}]"
+    )
+    array.add_argument(
+        "--temperature-c",
+        type=float,
+        metavar="C",
+        help=f"air temperature that the host assumes [{default.temperature_c:g}]",
+    )
+    array.add_argument(
+        "--board-temperature-c",
+        type=float,
+        metavar="C",
+        help="air temperature over the virtual board [the host's]",
+    )
+
+    link = verify.add_argument_group("board and link")
+    link.add_argument(
+        "--port",
+        metavar="URL",
+        help="a board on any pyserial URL (/dev/ttyUSB0, /dev/pts/7, socket://...); "
+        "without it a virtual board is started on a pty in a process of its own",
+    )
+    link.add_argument(
+        "--link-baud",
+        type=int,
+        metavar="BAUD",
+        help=f"speed of the line [{default.link_baud}]",
+    )
+    link.add_argument(
+        "--mode",
+        choices=MODES,
+        help="phases: the host computes every drive; points: the board does; "
+        f"sequence: uploaded once, played on the board's clock [{default.mode}]",
+    )
+    link.add_argument(
+        "--phase-bits",
+        type=int,
+        choices=PHASE_BITS,
+        help=f"bits per phase on the wire [{default.phase_bits}]",
+    )
+    link.add_argument(
+        "--lead-ms",
+        type=float,
+        metavar="MS",
+        help=f"how long before its time a frame is sent [{default.lead_ms:g}]",
+    )
+    link.add_argument(
+        "--virtual-time",
+        action="store_true",
+        default=None,
+        help="no wall clock at all: the same inputs give the same result, byte for byte",
+    )
+    link.add_argument(
+        "--seed", type=int, metavar="N", help=f"seed of everything random [{default.seed}]"
+    )
+
+    result = verify.add_argument_group("result")
+    result.add_argument(
+        "--min-verified",
+        type=float,
+        metavar="SHARE",
+        help="share of frames that must be verified [1 in virtual time, else 0.9]",
+    )
+    result.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    result.add_argument("--junit", type=Path, metavar="FILE", help="write the result as JUnit XML")
+    result.add_argument(
+        "--report", type=Path, metavar="FILE", help="write the result as HTML with pictures"
+    )
+    verify.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="TOML file with a [verify] table of these options",
+    )
+    verify.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def _triple(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,Z in mm") from None
+    return x, y, z

@@ -1,0 +1,150 @@
+"""One verification run: object -> driver -> what was latched -> what to judge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram import tactile
+from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.boards import BoardUnderTest
+from haptogram.config import VerifyConfig
+from haptogram.driver import Driver
+from haptogram.errors import LinkError
+from haptogram.playing import PlayReport
+from haptogram.records import Intended, Observation
+from haptogram.streaming import StreamReport
+from haptogram_protocol.messages import HelloReply
+
+Progress: TypeAlias = Callable[[int, int], None]
+
+
+@dataclass(slots=True)
+class Measured:
+    """What a run gave, whole or interrupted.
+
+    Attributes
+    ----------
+    board : str
+        What it ran on.
+    model : AcousticModel
+        Array and air that it radiated into, as far as anybody knows.
+    intended, observations
+        To be joined by their keys.
+    identity : HelloReply
+        What the board said of itself.
+    report : StreamReport, PlayReport or None
+        The host's side; None if the run did not come to its end.
+    cut_short : str or None
+        Why the run did not come to its end.
+    warnings : list of str
+        What was odd.
+    """
+
+    board: str
+    model: AcousticModel
+    identity: HelloReply
+    intended: list[Intended] = field(default_factory=list)
+    observations: list[Observation] = field(default_factory=list)
+    report: StreamReport | PlayReport | None = None
+    cut_short: str | None = None
+    warnings: list[str] = field(default_factory=list)
+
+
+def host_model(config: VerifyConfig, array: TransducerArray | None = None) -> AcousticModel:
+    """Return the array and the air that the host assumes; by default the virtual board's array."""
+    if array is None:
+        array = TransducerArray.parse(config.virtual_array, pitch_m=config.pitch_mm / 1e3)
+    transducer = Transducer()
+    air = Medium.air(config.temperature_c, frequency_hz=transducer.frequency_hz)
+    return AcousticModel(array, air, transducer)
+
+
+def sample_object(config: VerifyConfig) -> NDArray[np.float64]:
+    """Return the (T, 3) points to display, in metres, in the order of one pass.
+
+    Raises
+    ------
+    ConfigurationError
+        A resolution that the object cannot have, or a mesh that cannot be read.
+    """
+    return _shape(config).sample(config.resolution_mm / 1e3)
+
+
+def _shape(config: VerifyConfig) -> tactile.TactileObject:
+    radius_m = config.radius_mm / 1e3
+    x, y, z = (coordinate / 1e3 for coordinate in config.center_mm)
+    center_m = (x, y, z)
+    match config.object:
+        case "point":
+            return tactile.Point(center_m)
+        case "line":
+            return tactile.Line((x - radius_m, y, z), (x + radius_m, y, z))
+        case "circle":
+            return tactile.Circle(radius_m, center_m)
+        case "sphere":
+            return tactile.Sphere(radius_m, center_m)
+        case "hemisphere":
+            return tactile.Hemisphere(radius_m, center_m)
+    return tactile.MeshSurface.from_file(config.object, center_m=center_m)
+
+
+def measure(config: VerifyConfig, board: BoardUnderTest, progress: Progress | None) -> Measured:
+    """Display the object on *board* and collect what it latched.
+
+    An interrupt (Ctrl-C) or a link that breaks ends the run early, not in vain: what was measured
+    until then is returned, and says why it is not all.
+    """
+    points = sample_object(config)
+    known = None if config.port and config.array is None else host_model(config)
+    driver = Driver(
+        board.port,
+        baudrate=config.link_baud,
+        seed=config.seed if config.virtual_time else None,
+        phase_bits=config.phase_bits,
+        model=known,
+    )
+    truth = board.model or driver.model
+    found = Measured(board.label, truth, driver.identity, warnings=driver.warnings)
+    found.intended = driver.intended
+    try:
+        board.prepare(driver)
+        driver.arm()
+        found.report = _display(config, driver, points, progress)
+    except KeyboardInterrupt:
+        found.cut_short = f"interrupted after {len(driver.intended)} frames"
+    except LinkError as error:
+        found.cut_short = str(error)
+    finally:
+        _say_goodbye(driver, found)
+    found.observations = board.observations(driver)
+    return found
+
+
+def _display(
+    config: VerifyConfig,
+    driver: Driver,
+    points: NDArray[np.float64],
+    progress: Progress | None,
+) -> StreamReport | PlayReport:
+    if config.mode == "sequence":
+        return driver.play(points, config.rate_hz, loops=config.repeat, progress=progress)
+    return driver.stream(
+        np.tile(points, (config.repeat, 1)),
+        config.rate_hz,
+        lead_us=round(config.lead_ms * 1e3),
+        mode="points" if config.mode == "points" else "phases",
+        progress=progress,
+    )
+
+
+def _say_goodbye(driver: Driver, found: Measured) -> None:
+    """Mute the board; if it does not answer, that is a warning and not the end of the results."""
+    try:
+        driver.close()
+    except LinkError as error:
+        found.warnings.append(str(error))
