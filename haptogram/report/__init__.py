@@ -1,0 +1,10 @@
+"""The result of a run for machines and for people: JSON, JUnit XML and an HTML page with pictures.
+
+Each file is written as a whole or not at all.  Given a run in virtual time, nothing here adds a
+date, a host name or a duration: the same run gives the same bytes.
+"""
+
+from .junit import write_junit
+from .result import concluded, environment, result_dict, write_json
+
+__all__ = ["concluded", "environment", "result_dict", "write_json", "write_junit"]

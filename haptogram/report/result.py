@@ -1,0 +1,132 @@
+"""The result of a run as JSON: what was found, and all that is needed to find it again."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import importlib.metadata
+import json
+import math
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import haptogram
+from haptogram.verification import RunVerdict, Verdict
+
+from .files import write_atomically
+
+_PACKAGES = ("numpy", "scipy", "pyserial")
+
+
+def concluded(run: RunVerdict, cut_short: str | None) -> RunVerdict:
+    """Return *run* as it counts: a run that did not come to its end never passes."""
+    if cut_short is None or cut_short in run.reasons:
+        return run
+    verdict = Verdict.INCONCLUSIVE if run.verdict is Verdict.PASS else run.verdict
+    return dataclasses.replace(run, verdict=verdict, reasons=(*run.reasons, cut_short))
+
+
+def result_dict(
+    run: RunVerdict,
+    *,
+    configuration: Mapping[str, Any],
+    seed: int,
+    board: Mapping[str, Any],
+    warnings: list[str],
+    cut_short: str | None,
+    host: Mapping[str, Any] | None,
+    environment: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """Return the result for JSON, in a fixed order, of JSON types only.
+
+    Parameters
+    ----------
+    run : RunVerdict
+        What was found; if it was *cut_short*, its pass becomes inconclusive.
+    configuration : mapping
+        What was asked for.
+    seed : int
+        Seed of everything random.
+    board : mapping
+        What the board said of itself.
+    warnings : list of str
+        What was odd.
+    cut_short : str or None
+        Why the run did not come to its end.
+    host, environment : mapping or None
+        What the host measured on its own clock, and :func:`environment`.  None leaves them out: in
+        virtual time the result must not know when or where it was made.
+    """
+    result = concluded(run, cut_short).as_dict() | {
+        "cut_short": cut_short,
+        "warnings": warnings,
+        "seed": seed,
+        "board": board,
+        "configuration": configuration,
+    }
+    measured_here = {"host": host, "environment": environment}
+    result |= {name: value for name, value in measured_here.items() if value is not None}
+    plain: dict[str, Any] = _plain(result)
+    return plain
+
+
+def environment() -> dict[str, str | int | None]:
+    """Return the versions and the machine; no host name, no user, no date."""
+    return {
+        "haptogram": haptogram.__version__,
+        "python": platform.python_version(),
+        **{name: _version(name) for name in _PACKAGES},
+        "platform": platform.platform(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+    }
+
+
+def write_json(path: Path, result: Mapping[str, Any]) -> None:
+    """Write *result*, indented by 2; a number that is not finite becomes null.
+
+    Raises
+    ------
+    ConfigurationError
+        If *path* cannot be written.
+    """
+    text = json.dumps(_plain(result), indent=2, allow_nan=False)
+    write_atomically(path, f"{text}\n".encode("ascii"))
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _plain(value: Any) -> Any:
+    """Return *value* in JSON's own types: JSON knows no numpy, no tuple and no NaN."""
+    match value:
+        case None | bool():
+            return value
+        case enum.Enum():
+            return _plain(value.value)
+        case str():
+            return str(value)
+        case int() | np.integer():
+            return int(value)
+        case float() | np.floating():
+            return float(value) if math.isfinite(value) else None
+        case np.bool_():
+            return bool(value)
+        case np.ndarray():
+            return _plain(value.tolist())
+        case Mapping():
+            return {str(name): _plain(item) for name, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case set() | frozenset():
+            return sorted(_plain(item) for item in value)
+    return str(value)

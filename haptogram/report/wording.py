@@ -1,0 +1,76 @@
+"""Frames in words and figures, for people: every number with its unit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from haptogram.verification import Consequence, FrameStatus, FrameVerdict
+
+NOTHING = "–"
+
+
+def figure(value: float | None, digits: int = 3, unit: str = "") -> str:
+    """Return *value* with *digits* decimals and its unit; a dash if there is none."""
+    if value is None:
+        return NOTHING
+    return f"{value:.{digits}f} {unit}".rstrip()
+
+
+def count(number: int, noun: str) -> str:
+    """Return "1 frame", "2 frames"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def describe(frame: FrameVerdict) -> str:
+    """Return which frame it is, when, what is wrong with it and what that did, in one line."""
+    return "; ".join([f"frame {frame.number} {_when(frame)}: {frame.status}", *_findings(frame)])
+
+
+def _when(frame: FrameVerdict) -> str:
+    place = f"(sequence {frame.key.sequence}, loop {frame.key.loop}, index {frame.key.index})"
+    if frame.key.sequence == 0:
+        place = f"(stream index {frame.key.index})"
+    due = "as soon as complete" if frame.t_apply_us is None else f"due at {frame.t_apply_us} us"
+    return f"{place}, {due}"
+
+
+def _findings(frame: FrameVerdict) -> Iterator[str]:
+    if (frame.late or frame.early) and frame.lateness_us is not None:
+        yield f"latched {timeliness(frame)}"
+    if frame.latches > 1:
+        yield f"latched {frame.latches} times"
+    yield from frame.faults
+    failed = [name for name, passed in frame.criteria.items() if not passed]
+    if failed:
+        yield f"{', '.join(failed)} failed"
+    if frame.status is not FrameStatus.ON_TARGET and frame.lateral_error_mm is not None:
+        yield f"focus {where(frame)}"
+    if frame.consequence is not None:
+        yield effect(frame.consequence)
+    if frame.note:
+        yield frame.note
+
+
+def timeliness(frame: FrameVerdict) -> str:
+    """Return how long before or after its time a frame was latched."""
+    if frame.lateness_us is None:
+        return NOTHING
+    return f"{abs(frame.lateness_us)} us {'early' if frame.lateness_us < 0 else 'late'}"
+
+
+def where(frame: FrameVerdict) -> str:
+    """Return how far from its target the focus was found."""
+    if frame.lateral_error_mm is None:
+        return NOTHING
+    axial = frame.axial_error_mm
+    along = "" if axial is None else f", {axial:+.3f} mm along the beam"
+    return f"{frame.lateral_error_mm:.3f} mm across{along}"
+
+
+def effect(consequence: Consequence) -> str:
+    """Return what it did in space that a frame was not latched in time."""
+    wanted = f"instead of {consequence.intended_pressure_rms_pa:.0f} Pa"
+    if consequence.focus_error_mm is None:
+        return f"silence {wanted}"
+    away = f"the focus stayed {consequence.focus_error_mm:.1f} mm away"
+    return f"{away}: {consequence.pressure_rms_pa:.0f} Pa {wanted}"
