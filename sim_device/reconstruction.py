@@ -39,6 +39,7 @@ LINGER_S: Final = 5.0  # for readers of the back door to take the last records
 _LENGTH: Final = struct.Struct("<I")
 _READ_BYTES: Final = 65_536
 _PIPE_BYTES: Final = 1 << 20
+_NICENESS: Final = 19
 _IDLE_S: Final = 0.05  # how long a client of the back door may wait for its first line
 _READY: Final = b"ready\n"
 _THREADS: Final = (
@@ -243,6 +244,8 @@ def run_worker() -> None:
     """Be the worker: read from standard input until it ends, write the records."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # the board ends the worker, by closing its input
+    with contextlib.suppress(OSError):  # the field can wait, the board and its host cannot
+        os.nice(_NICENESS)
     items = _items(_READ_BYTES)
     job = next(item for item in items if item is not None)
     try:

@@ -59,7 +59,7 @@ class BoardSettings:
     seed: int = 0
     features: Feature = ALL_FEATURES
     phase_formats: tuple[PhaseFormat, ...] = tuple(PhaseFormat)
-    queue_depth: int = 32
+    queue_depth: int = 128
     max_horizon_us: int = 10_000_000
     boot_us: int = BOOT_US
     baud: int | None = None
