@@ -112,7 +112,7 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
             pitch_mm=config.pitch_mm,
             temperature_c=config.air_over_board_c,
             seed=config.seed,
-            baudrate=config.link_baud,
+            baudrate=None,  # the driver paces itself; twice would count every stall twice
         ) as virtual:
             yield ProcessBoard(virtual)
 
