@@ -60,6 +60,7 @@ PLANTS = [
         {"sim_device/simulation.py": "", "sim_device/board.py": "from . import simulation"},
     ),
     ("simulator-clock", {"sim_device/board.py": "import time"}),
+    ("board-knows-no-bytes", {"sim_device/board.py": "import haptogram_protocol.framing"}),
 ]
 
 
