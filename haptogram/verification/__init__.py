@@ -4,14 +4,12 @@ Every verdict is one of physics (criteria S1 to S5, see :mod:`.criteria`), says 
 rests on, and names the smallest miss that it could have shown.
 """
 
-from .criteria import PEAK_LIMIT_RAD
 from .faults import name_faults
 from .judge import Judge
 from .run import RunVerdict, verify_run
 from .verdict import Consequence, FrameStatus, FrameVerdict, Verdict
 
 __all__ = [
-    "PEAK_LIMIT_RAD",
     "Consequence",
     "FrameStatus",
     "FrameVerdict",

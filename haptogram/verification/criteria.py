@@ -12,17 +12,19 @@ S5  every latched amplitude is the intended one, within half a step.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import AcousticModel, Drive, SingleFocus, phase_step_rad
+from haptogram.acoustics import AcousticModel, Drive, SingleFocus, fit_focus, phase_step_rad
 from haptogram.acoustics.focus import wrap
 from haptogram.records import Intended
 
 from .target import (
     LEAST_FRESNEL_NUMBER,
+    PREDICTION_SHARE,
     Complexes,
     Direction,
     Floats,
@@ -33,9 +35,9 @@ from .target import (
 )
 
 ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
-#: S4: largest measured for correct boards of 4 to 8 bits, with 10 % amplitude and 0.2 rad phase
-#: noise, is 0.046 radians of phase; 1 mm beside the target it is 0.5 or more.
-PEAK_LIMIT_RAD: Final = 0.05
+#: S4: what the search for a peak may miss it by, in radians of phase, on top of rounding and of the
+#: prediction; 1 mm beside the target of a 16 x 16 array is 0.5 or more.
+PEAK_SLACK_RAD: Final = 0.02
 _AMPLITUDE_STEP: Final = 1.0 / 255.0
 
 
@@ -67,6 +69,18 @@ def on_target(offset_m: Floats, bound_m: Floats) -> bool:
     return bool((np.abs(offset_m) <= bound_m).all())
 
 
+def explains(
+    model: AcousticModel, intended: Intended, latched: Drive, position_m: ArrayLike
+) -> bool:
+    """Tell whether the latched phases suit a focus at *position_m* within the rounding."""
+    active = latched.amplitude_codes > 0
+    phases = np.angle(latched.weights())
+    fit = fit_focus(model, phases, position_m, phase_bits=intended.phase_bits, active=active)
+    # A fit that runs off to the target says nothing about the place where it was started.
+    stayed = bool((np.abs(fit.position_m - np.asarray(position_m)) <= fit.bound_m).all())
+    return stayed and fit.residual_rms_rad <= phase_limit_rad(intended)
+
+
 def coherence(target: TargetField, latched: Complexes, intended: Complexes) -> float:
     """S3: |sum w_n g_n| / sum |A_n g_n| at the target."""
     largest = float(np.abs(intended * target.arrivals).sum())
@@ -78,32 +92,69 @@ def least_coherence(intended: Intended) -> float:
     return math.cos(min(phase_limit_rad(intended), math.pi)) - ROUNDING_RAD
 
 
-def peak_error_rad(
-    model: AcousticModel, target: TargetField, latched: Complexes, intended: Complexes
-) -> float | None:
-    """S4: return the larger distance of the peak from its place, across or along the beam.
+@dataclass(frozen=True, slots=True)
+class PeakError:
+    """S4 in one direction: how far the peak is from its place, and how far it may be.
 
-    In the metric of the focus (radians of phase); None where the array cannot tell.
+    Both in the metric of the focus, radians of phase.
     """
-    errors = [
-        metric_length(
-            peak_offset_m(model, latched, target.position_m, direction)
-            - _expected_offset_m(model, target, intended, direction),
-            direction,
-        )
+
+    error_rad: float
+    limit_rad: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether the peak is where it belongs."""
+        return self.error_rad <= self.limit_rad
+
+
+def peak_errors(
+    model: AcousticModel,
+    target: TargetField,
+    latched: Complexes,
+    amplitudes: Floats,
+    phase_limit: float,
+) -> list[PeakError]:
+    """S4: return the errors of the peak across and along the beam; none where nothing can tell.
+
+    Rounding moves the peak by (k^2 C)^-1 sum_n s_n k (u_n - u) d_n, s_n the shares of the elements
+    and |d_n| <= *phase_limit*: by Cauchy and Schwarz at most sqrt(D) times that, for D directions.
+    """
+    return [
+        _peak_error(model, target, latched, amplitudes, phase_limit, direction)
         for direction in target.directions
     ]
-    return max(errors, default=None)
+
+
+def _peak_error(
+    model: AcousticModel,
+    target: TargetField,
+    latched: Complexes,
+    amplitudes: Floats,
+    phase_limit: float,
+    direction: Direction,
+) -> PeakError:
+    found_m = peak_offset_m(model, latched, target.position_m, direction)
+    expected_m, tolerance_rad = _expected_offset_m(model, target, amplitudes, direction)
+    rounding_rad = math.sqrt(len(direction.axes)) * phase_limit
+    return PeakError(
+        metric_length(found_m - expected_m, direction),
+        PEAK_SLACK_RAD + rounding_rad + tolerance_rad,
+    )
 
 
 def _expected_offset_m(
-    model: AcousticModel, target: TargetField, intended: Complexes, direction: Direction
-) -> Floats:
-    """Return the predicted focal shift; where there is no prediction, that of an ideal drive."""
+    model: AcousticModel, target: TargetField, amplitudes: Floats, direction: Direction
+) -> tuple[Floats, float]:
+    """Return where the peak belongs, and the tolerance of that in radians.
+
+    Where the focal shift is small, the predicted one; else the peak of an ideal drive.
+    """
     if target.fresnel_number >= LEAST_FRESNEL_NUMBER:
-        return predicted_shift_m(model, target, np.abs(intended), direction)
-    ideal = np.abs(intended) * np.exp(1j * target.phases_rad)
-    return peak_offset_m(model, ideal, target.position_m, direction)
+        shift_m = predicted_shift_m(model, target, amplitudes, direction)
+        return shift_m, PREDICTION_SHARE * metric_length(shift_m, direction)
+    ideal = amplitudes * np.exp(1j * target.phases_rad)
+    return peak_offset_m(model, ideal, target.position_m, direction), 0.0
 
 
 def amplitudes_ok(intended: Intended, latched: Drive) -> bool:

@@ -6,7 +6,7 @@ symmetry plane) is a correct drive.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -66,22 +66,24 @@ def _silences(model: AcousticModel, silent: NDArray[np.bool_]) -> Iterator[str]:
     if silent.all():
         yield "the whole array is silent"
         return
-    yield from _by_column(model, silent, "dead")
+    yield from _by_line(model, silent, "dead")
 
 
-def _by_column(model: AcousticModel, wrong: NDArray[np.bool_], what: str) -> Iterator[str]:
-    """Name whole columns of the grid first, then what is left."""
+def _by_line(model: AcousticModel, wrong: NDArray[np.bool_], what: str) -> Iterator[str]:
+    """Name whole columns (one ix) and rows (one iy) of the grid first, then what is left."""
     left = wrong.copy()
     if model.array.grid_shape is not None:
-        grid = left.reshape(model.array.grid_shape)  # a view: columns are taken out of `left`
-        for column in np.flatnonzero(grid.all(axis=1)) if grid.shape[1] > 1 else []:
-            yield f"column {column} {what}"
-            grid[column] = False
+        grid = left.reshape(model.array.grid_shape)  # a view: lines are taken out of `left`
+        for name, lines in (("column", grid), ("row", grid.T)):
+            for number in np.flatnonzero(lines.all(axis=1)) if lines.shape[1] > 1 else []:
+                yield f"{name} {number} {what}"
+                lines[number] = False
     if left.any():
-        yield f"{_elements(model, np.flatnonzero(left))} {what}"
+        yield f"{named_elements(model, np.flatnonzero(left))} {what}"
 
 
-def _elements(model: AcousticModel, numbers: NDArray[np.intp]) -> str:
+def named_elements(model: AcousticModel, numbers: Sequence[int] | NDArray[np.intp]) -> str:
+    """Return "element 17 (1, 1)", with the place in the grid where there is one."""
     if len(numbers) > _NAMED_ELEMENTS:
         return f"{len(numbers)} elements"
     names = ", ".join(_element(model, int(number)) for number in numbers)
@@ -114,19 +116,31 @@ def _phase_faults(
     step = _TURN >> intended.phase_bits
     if not allowance and _equal(found, _rounded_down(model, intended)):
         return ["phases rounded down instead of to the nearest code"]
-    for name, candidate in _candidates(model, intended, wanted):
-        # A board that mixes up the elements may round the halves its own way: a step is allowed.
-        # What is within a step of the right drive proves nothing.
-        if _same(found, candidate, step) and not _same(wanted, candidate, step):
-            return [name]
     difference = _signed(found - wanted)
-    pair = _swapped(model, wanted, found, off)
-    if pair:
-        return [pair]
-    if off.mean() <= _FEW:
-        return list(_single_elements(model, difference, off))
-    stuck = _stuck_columns(model, found, off)
-    return stuck or [UNNAMED]
+    if _same(found, wanted, allowance):
+        return [f"all phases off by {_steps(int(difference[off][0]), step)}, the focus is not"]
+    few = off.mean() <= _FEW
+    named = _swapped(model, wanted, found, off) or _stuck(model, found, off)
+    if not named and not few:
+        named = _mixed_up(model, intended, wanted, found)
+    if not named and few:
+        named = list(_single_elements(model, difference, off, step))
+    return named or [UNNAMED]
+
+
+def _mixed_up(model: AcousticModel, intended: Intended, wanted: Codes, found: Codes) -> list[str]:
+    """Name the mistake in the order, the sign or the packing that would make this drive."""
+    # A board that mixes up the elements may round the halves its own way: then a step is allowed.
+    for allowance in (0, _TURN >> intended.phase_bits):
+        for name, candidate in _candidates(model, intended, wanted):
+            # What is that near to the right drive proves nothing.
+            if _same(found, candidate, allowance) and not _same(wanted, candidate, allowance):
+                return [name]
+        for sign, suffix in ((1, ""), (-1, ", and opposite sign")):
+            shift = _roll(found, sign * wanted, allowance)
+            if shift is not None:
+                return [f"elements rolled by {shift:+d}{suffix}"]
+    return []
 
 
 def _equal(found: Codes, candidate: Codes | None) -> bool:
@@ -179,9 +193,20 @@ def _orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
         ]
         for name, turn in turns:
             yield name, np.ascontiguousarray(turn(grid)).ravel()
-    for shift in range(1, len(wanted)):
-        signed = shift if shift <= len(wanted) // 2 else shift - len(wanted)
-        yield f"elements rolled by {signed:+d}", np.roll(wanted, shift)
+
+
+def _roll(found: Codes, wanted: Codes, allowance: int) -> int | None:
+    """Return by how many places the elements were shifted, the shortest way round; None: not so."""
+    count = len(wanted)
+    start = np.arange(1, count)
+    # Three elements tell almost every shift apart; only what passes is compared as a whole.
+    probes = np.array([0, count // 3, count // 2])
+    error = _signed(found[probes] - wanted[(probes - start[:, None]) % count])
+    likely = start[(np.abs(_signed(error - error[:, :1])) <= 2 * allowance).all(axis=1)]
+    for shift in sorted(likely, key=lambda shift: min(shift, count - shift)):
+        if _same(found, np.roll(wanted, shift), allowance):
+            return int(shift if shift <= count // 2 else shift - count)
+    return None
 
 
 def _serpentine(grid: Codes) -> Codes:
@@ -205,31 +230,44 @@ def _packings(wanted: Codes, bits: int) -> Iterator[tuple[str, Codes]]:
 
 def _swapped(
     model: AcousticModel, wanted: Codes, found: Codes, off: NDArray[np.bool_]
-) -> str | None:
+) -> list[str]:
     numbers = np.flatnonzero(off)
     if len(numbers) != 2:
-        return None
+        return []
     first, second = numbers
     if found[first] == wanted[second] and found[second] == wanted[first]:
-        return f"{_elements(model, numbers)} swapped"
-    return None
+        return [f"{named_elements(model, numbers)} swapped"]
+    return []
 
 
 def _single_elements(
-    model: AcousticModel, difference: Codes, off: NDArray[np.bool_]
+    model: AcousticModel, difference: Codes, off: NDArray[np.bool_], step: int
 ) -> Iterator[str]:
     """Name elements that are wrong one by one, those with the same error together."""
-    for step in sorted({int(d) for d in difference[off]}, key=abs):
-        numbers = np.flatnonzero(off & (difference == step))
-        inverted = step == -_TURN // 2
-        yield f"{_elements(model, numbers)} {'inverted' if inverted else f'off by {step:+d} LSB'}"
+    errors = sorted({int(d) for d in difference[off]}, key=abs)
+    if len(errors) > _NAMED_ELEMENTS:
+        yield f"{int(off.sum())} elements off, by up to {_steps(errors[-1], step)}"
+        return
+    for error in errors:
+        numbers = np.flatnonzero(off & (difference == error))
+        inverted = error == -_TURN // 2
+        what = "inverted" if inverted else f"off by {_steps(error, step)}"
+        yield f"{named_elements(model, numbers)} {what}"
 
 
-def _stuck_columns(model: AcousticModel, found: Codes, off: NDArray[np.bool_]) -> list[str]:
+def _steps(error: int, step: int) -> str:
+    """Return an error of 8-bit codes in steps of the phases on the wire."""
+    return f"{error // step:+d} LSB" if error % step == 0 else f"{error:+d}/{_TURN} of a turn"
+
+
+def _stuck(model: AcousticModel, found: Codes, off: NDArray[np.bool_]) -> list[str]:
+    """Name columns or rows whose elements all have one phase, if that explains all errors."""
     if model.array.grid_shape is None:
         return []
     grid, wrong = found.reshape(model.array.grid_shape), off.reshape(model.array.grid_shape)
-    same = (grid == grid[:, :1]).all(axis=1) & wrong.any(axis=1)
-    if not same.any() or wrong[~same].any():
-        return []
-    return [f"column {column} stuck at phase {grid[column, 0]}" for column in np.flatnonzero(same)]
+    for name, codes, errors in (("column", grid, wrong), ("row", grid.T, wrong.T)):
+        same = (codes == codes[:, :1]).all(axis=1) & (errors.sum(axis=1) > 1)
+        if same.any() and not errors[~same].any():
+            lines = np.flatnonzero(same)
+            return [f"{name} {line} stuck at phase {codes[line, 0]}" for line in lines]
+    return []

@@ -13,6 +13,7 @@ from haptogram.acoustics import (
     AcousticModel,
     Drive,
     NoFocus,
+    NotSingle,
     Reconstruction,
     Reconstructor,
     SingleFocus,
@@ -21,12 +22,16 @@ from haptogram.acoustics import (
 from haptogram.records import Focus, Intended, Observation
 
 from . import criteria
-from .faults import UNNAMED, name_faults
+from .faults import UNNAMED, name_faults, named_elements
 from .target import Floats, TargetField
 from .verdict import Consequence, FrameStatus, FrameVerdict
 
 _REMEMBERED_TARGETS: Final = 16_384  # a pass of a fine object: a repeated one costs nothing new
 _MM: Final = 1e3
+_AMBIGUOUS: Final = (
+    "the phases suit the target, but a search that is not told the target finds another point or "
+    "none: S2 is not judged"
+)
 
 
 class Judge:
@@ -43,7 +48,7 @@ class Judge:
     def __init__(self, model: AcousticModel, *, carrier_us: int) -> None:
         self._model = model
         self._carrier_us = carrier_us
-        self._reconstructor: Reconstructor | None = None
+        self._reconstructors: dict[int, Reconstructor] = {}
         self._target = functools.lru_cache(_REMEMBERED_TARGETS)(self._make_target)
 
     def _make_target(self, focus: Focus, phase_bits: int) -> TargetField:
@@ -65,7 +70,7 @@ class Judge:
         seen = dataclasses.replace(seen, note=note)
         if len(intended.foci) > 1:
             return self._judge_several(seen, intended, latched)
-        found = observation.reconstruction or self._reconstruct(latched)
+        found = observation.reconstruction or self._reconstruct(latched, intended.phase_bits)
         if isinstance(found, NoFocus) and found.reason == "ramping":
             return dataclasses.replace(seen, note="the output was ramping down when it was latched")
         return self._judge_single(seen, intended, latched, found)
@@ -84,23 +89,27 @@ class Judge:
             latches=1,
         )
 
-    def _reconstruct(self, latched: Drive) -> Reconstruction:
-        if self._reconstructor is None:
-            self._reconstructor = Reconstructor(self._model)
-        return self._reconstructor.reconstruct(latched)
+    def _reconstruct(self, latched: Drive, phase_bits: int) -> Reconstruction:
+        # The registers have 8 bits; how well the phases fit a focus depends on those of the wire.
+        if phase_bits not in self._reconstructors:
+            self._reconstructors[phase_bits] = Reconstructor(self._model, phase_bits)
+        return self._reconstructors[phase_bits].reconstruct(latched)
 
     def _judge_single(
         self, seen: FrameVerdict, intended: Intended, latched: Drive, found: Reconstruction
     ) -> FrameVerdict:
         target = self._target(intended.foci[0], intended.phase_bits)
         measures, verdicts = self._drive_criteria(intended, latched, target)
-        if isinstance(found, SingleFocus):
-            offset_m = criteria.focus_offset_m(target, found)
-            verdicts["S2"] = criteria.on_target(offset_m, target.bound_m + self._slack_m(intended))
-            measures |= _where(target, offset_m, found)
-        else:
-            verdicts["S2"] = False
         faults = name_faults(self._model, intended, latched)
+        if verdicts["S1"] and self._ambiguous(intended, latched, target, found):
+            measures["note"] = "; ".join(filter(None, (seen.note, _AMBIGUOUS)))
+        else:
+            verdicts["S2"] = self._in_place(intended, target, found)
+            if isinstance(found, SingleFocus):
+                measures |= _where(target, criteria.focus_offset_m(target, found), found)
+            elif isinstance(found, NotSingle):
+                faults += _radiated_otherwise(self._model, found, faults)
+                measures["note"] = "; ".join(filter(None, (seen.note, _no_focus(found))))
         return dataclasses.replace(
             seen,
             status=_status(verdicts, faults, isinstance(found, SingleFocus)),
@@ -110,6 +119,31 @@ class Judge:
             smallest_miss_mm=_MM * float(np.linalg.norm(_finite(target.bound_m))),
             **measures,
         )
+
+    def _in_place(self, intended: Intended, target: TargetField, found: Reconstruction) -> bool:
+        """S2."""
+        if not isinstance(found, SingleFocus):
+            return False
+        bound_m = target.bound_m + self._slack_m(intended)
+        return criteria.on_target(criteria.focus_offset_m(target, found), bound_m)
+
+    def _ambiguous(
+        self, intended: Intended, latched: Drive, target: TargetField, found: Reconstruction
+    ) -> bool:
+        """Tell whether the latched phases, which suit the target, suit what was found as well.
+
+        Few elements with few bits can fit two points, or a search that is not told the target none;
+        S2 then says nothing about the drive.
+        """
+        if self._in_place(intended, target, found):
+            return False
+        if isinstance(found, SingleFocus):
+            return criteria.explains(self._model, intended, latched, found.position_m)
+        if not isinstance(found, NotSingle) or found.outliers:
+            return False
+        if found.residual_rms_rad <= criteria.phase_limit_rad(intended):
+            return True  # one point does explain all phases: the search gave up too early
+        return isinstance(self._reconstruct(latched, intended.phase_bits), NotSingle)
 
     def _slack_m(self, intended: Intended) -> Floats | float:
         """Return what the board's own arithmetic may add to S2: one step of 8 bits per element."""
@@ -134,10 +168,11 @@ class Judge:
             "S5": s5,
         }
         measures: dict[str, Any] = {"phase_error_rad": error_rad, "coherence": coherence}
-        peak = criteria.peak_error_rad(self._model, target, sounding, wanted.astype(complex))
-        if peak is not None:
-            measures["peak_error"] = peak
-            verdicts["S4"] = peak <= criteria.PEAK_LIMIT_RAD
+        limit_rad = criteria.phase_limit_rad(intended)
+        peaks = criteria.peak_errors(self._model, target, sounding, wanted, limit_rad)
+        if peaks:
+            measures["peak_error"] = max(peak.error_rad for peak in peaks)
+            verdicts["S4"] = all(peak.ok for peak in peaks)
         return measures, verdicts
 
     def _judge_several(
@@ -219,6 +254,23 @@ def _status(verdicts: dict[str, bool], faults: tuple[str, ...], focused: bool) -
     if focused and set(faults) <= {UNNAMED}:
         return FrameStatus.OFF_TARGET  # a sound drive, for another point or in other air
     return FrameStatus.WRONG_DRIVE
+
+
+def _radiated_otherwise(
+    model: AcousticModel, found: NotSingle, faults: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Name the elements that radiated what was not latched, where the drive shows no fault."""
+    if faults or not found.outliers:
+        return ()
+    return (f"{named_elements(model, found.outliers)} radiated otherwise than latched",)
+
+
+def _no_focus(found: NotSingle) -> str:
+    x, y, z = (_MM * coordinate for coordinate in found.position_m)
+    return (
+        f"no single focus; the most that was found is {found.pressure_rms_pa:.0f} Pa at "
+        f"({x:.1f}, {y:.1f}, {z:.1f}) mm"
+    )
 
 
 def _where(target: TargetField, offset_m: Floats, found: SingleFocus) -> dict[str, Any]:

@@ -80,6 +80,7 @@ class RunVerdict:
                 _frame_dict(f) for f in self.frames if f.status is not FrameStatus.ON_TARGET
             ],
             "late": [_frame_dict(f) for f in self.frames if f.late],
+            "duplicated": [_frame_dict(f) for f in self.frames if f.latches > 1],
             "unexpected": [dataclasses.asdict(key) for key in self.unexpected],
         }
 
@@ -126,14 +127,13 @@ def verify_run(
     held: tuple[Intended, Drive] | None = None
     for number, wanted in enumerate(intended):
         latches = seen.pop(wanted.key, [])
+        verdict = judge.judge(wanted, latches[0]) if latches else lost(wanted)
+        if not latches or verdict.late:
+            effect = judge.consequence(wanted, held)
+            verdict = dataclasses.replace(verdict, consequence=effect)
+        frames.append(dataclasses.replace(verdict, latches=len(latches)))
         if latches:
-            verdict = judge.judge(wanted, latches[0])
-            frames.append(dataclasses.replace(verdict, latches=len(latches)))
             held = wanted, latches[0].drive or wanted.drive
-        else:
-            frames.append(
-                dataclasses.replace(lost(wanted), consequence=judge.consequence(wanted, held))
-            )
         if progress is not None:
             progress(number + 1, len(intended))
     return _conclude(frames, sorted(seen), min_verified, cut_short)
@@ -242,11 +242,15 @@ def _summary(run: RunVerdict) -> list[str]:
             f"{force['std']:.2f} mN, coherence {result['coherence']['min']:.5f} or more"
         )
     lines.append(f"  evidence  {result['evidence'] or 'none: no latch was seen'}")
-    odd = [f for f in run.frames if f.status is not FrameStatus.ON_TARGET or f.late]
+    odd = [f for f in run.frames if f.status is not FrameStatus.ON_TARGET or _untimely(f)]
     lines += [f"  {_frame_line(frame)}" for frame in odd[:_NAMED_FRAMES]]
     if len(odd) > _NAMED_FRAMES:
         lines.append(f"  ... and {len(odd) - _NAMED_FRAMES} more, in the JSON file")
     return lines
+
+
+def _untimely(frame: FrameVerdict) -> bool:
+    return frame.late or frame.early or frame.latches > 1
 
 
 def _error_line(result: dict[str, Any]) -> str:
@@ -254,15 +258,17 @@ def _error_line(result: dict[str, Any]) -> str:
     along = "not observable" if axial["max"] is None else f"{axial['p50']:.3f} / {axial['max']:.3f}"
     return (
         f"  focus     off by {lateral['p50']:.3f} / {lateral['max']:.3f} mm across, {along} mm "
-        f"along the beam (median / largest); a miss of {result['smallest_miss_mm']:.2f} mm or more "
-        "would show"
+        f"along the beam (median / largest); rounding of the phases could make it "
+        f"{result['smallest_miss_mm']:.2f} mm"
     )
 
 
 def _frame_line(frame: FrameVerdict) -> str:
     parts = [f"frame {frame.number}: {frame.status}"]
-    if frame.late and frame.lateness_us is not None:
-        parts.append(f"{frame.lateness_us} us late")
+    if (frame.late or frame.early) and frame.lateness_us is not None:
+        parts.append(f"{abs(frame.lateness_us)} us {'late' if frame.late else 'early'}")
+    if frame.latches > 1:
+        parts.append(f"latched {frame.latches} times")
     parts += frame.faults
     if frame.status in WRONG and frame.lateral_error_mm is not None:
         axial = f"{frame.axial_error_mm:.3f} mm along" if frame.axial_error_mm is not None else ""

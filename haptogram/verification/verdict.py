@@ -48,7 +48,7 @@ class Verdict(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Consequence:
-    """What it did in space that a frame was not latched.
+    """What it did in space that a frame was not latched, or not in time.
 
     Attributes
     ----------
@@ -86,13 +86,13 @@ class FrameVerdict:
         S2: largest error per axis that quantisation can make; None for a direction that this array
         cannot observe.
     smallest_miss_mm : float or None
-        The shortest miss that S2 is certain to show.
+        Length of that bound: a shorter miss cannot be told from rounding.
     phase_error_rad : float or None
         S1: half the range of the element residuals.
     coherence : float or None
         S3: at the target, normalised by the intended amplitudes.
     peak_error : float or None
-        S4: distance of the pressure peak from its prediction, in radians of phase.
+        S4: largest distance of the pressure peak from its place, in radians of phase.
     pressure_rms_pa, force_n : float or None
         At the focus that was found.
     criteria : dict of str to bool
@@ -110,7 +110,7 @@ class FrameVerdict:
     latches : int
         How often it was latched.
     consequence : Consequence or None
-        Of a lost frame.
+        Of a lost frame, or of a late one until it was latched.
     """
 
     number: int
