@@ -1,0 +1,124 @@
+"""The vectors: up to date, complete, and what the Python side makes of them."""
+
+import re
+from pathlib import Path
+
+import pytest
+from protocol_vectors.vector_files import FOLDER, FRAME_FILES, outcome, play, read, vectors
+
+from haptogram.acoustics import AcousticModel
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.export import description_hash
+from haptogram_protocol.export_vectors import FILES, text, write_vectors
+from haptogram_protocol.export_vectors.__main__ import main
+from haptogram_protocol.framing import FrameDecoder, encode_frame
+from haptogram_protocol.messages import MESSAGES, pack_phases, unpack_phases
+from sim_device.board import Board
+from sim_device.dialect import BoardDialect
+from sim_device.settings import BoardSettings
+
+SPEC = Path(__file__).resolve().parents[2] / "protocol" / "SPEC.md"
+EVERY = vectors(*FILES)
+FRAMES = vectors(*FRAME_FILES)
+DIALOGUES = vectors("dialogues.json")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_is_what_the_messages_make_of_it(name):
+    assert (FOLDER / name).read_text("utf-8") == text(name), (
+        "run: python -m haptogram_protocol.export_vectors"
+    )
+
+
+def test_the_command_writes_every_file(tmp_path, capsys):
+    assert main([str(tmp_path)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == set(FILES)
+    assert capsys.readouterr().out.split() == [str(tmp_path / name) for name in FILES]
+    with pytest.raises(SystemExit):
+        main([str(tmp_path / "missing")])
+
+
+def test_writing_twice_changes_nothing(tmp_path):
+    first = [path.read_bytes() for path in write_vectors(tmp_path)]
+    assert [path.read_bytes() for path in write_vectors(tmp_path)] == first
+
+
+def test_there_are_enough_vectors_and_each_has_its_own_name():
+    names = [vector["id"] for vector in EVERY]
+    assert len(names) == len(set(names)) >= 300
+    assert len(DIALOGUES) >= 60
+
+
+def test_every_message_is_taken_and_every_kind_of_damage_is_named():
+    outcomes = [found for vector in FRAMES for found in vector["outcome"]]
+    taken = {found["frame"]["message"] for found in outcomes if "frame" in found}
+    assert taken == {kind.TYPE.name for kind in MESSAGES.values()}
+    reasons = {found.get("drop", found.get("reject")) for found in outcomes} - {None}
+    damage = {"crc", "cobs", "short", "oversize"}
+    assert reasons == damage | {"bad_length", "bad_value", "unknown_type"}
+
+
+def test_every_clause_is_one_of_the_spec():
+    known = set(re.findall(r"HG-\d+\.\d+/\d+", SPEC.read_text("utf-8")))
+    assert len(known) > 100
+    assert {clause for vector in EVERY for clause in vector["clauses"]} - known == set()
+
+
+@pytest.mark.parametrize("size", [1, 7, 1 << 20])
+def test_the_python_decoder_agrees(size):
+    for vector in FRAMES:
+        line, decoder, found = bytes.fromhex(vector["line"]), FrameDecoder(), []
+        for start in range(0, len(line), size):
+            found += decoder.feed(line[start : start + size])
+        assert [outcome(item) for item in found] == vector["outcome"], vector["id"]
+
+
+def test_the_python_encoder_gives_the_bytes_of_valid_frames():
+    for vector in vectors("frames-valid.json"):
+        (found,) = vector["outcome"]
+        assert encode_frame(bytes.fromhex(found["frame"]["body"])).hex() == vector["line"]
+
+
+@pytest.mark.parametrize("vector", vectors("packing.json"), ids=lambda vector: vector["id"])
+def test_python_packs_and_unpacks_alike(vector):
+    packed, bits, count = bytes.fromhex(vector["packed"]), vector["bits"], vector["count"]
+    if "reject" in vector:
+        with pytest.raises(RemoteProtocolError) as caught:
+            unpack_phases(packed, bits, count)
+        assert caught.value.reason == vector["reject"]
+    else:
+        assert unpack_phases(packed, bits, count).hex() == vector["codes"]
+        assert pack_phases(bytes.fromhex(vector["codes"]), bits) == packed
+
+
+@pytest.mark.parametrize("dialogue", DIALOGUES, ids=lambda dialogue: dialogue["id"])
+def test_the_virtual_board_answers_as_the_dialogue_says(dialogue):
+    assert play(dialogue, virtual_board(**dialogue["board"])) == []
+
+
+def virtual_board(*, grid_nx, grid_ny, pitch_um, **limits):
+    """A virtual board as a callable of microseconds after power-up and bytes."""
+    model = AcousticModel.default(grid_nx, grid_ny, pitch_m=pitch_um * 1e-6)
+    board = Board(BoardSettings(model=model, **limits))
+    dialect, boot_us = BoardDialect(board, description_hash()), board.now_us
+
+    def step(at_us, data):
+        dialect.receive(data, boot_us + at_us)
+        return dialect.take_output()
+
+    return step
+
+
+def test_a_dialogue_can_fail():
+    dialogue = next(d for d in DIALOGUES if d["id"] == "dialogue/states")
+    assert play(dialogue, lambda at_us, data: b"") != []
+    deaf = virtual_board(**dialogue["board"])
+    assert play(dialogue, lambda at_us, data: deaf(at_us, b"")) != []
+    silent = {"expect": [], "at_us": 0} | {"send": dialogue["steps"][0]["send"]}
+    board = virtual_board(**dialogue["board"])
+    assert play({"steps": [silent]}, board) != [], "an answer that nobody expected"
+
+
+def test_the_document_says_what_it_is():
+    for name in FILES:
+        assert read(name)["$schema"] == "schema.json"
