@@ -1,8 +1,8 @@
 """Tactile objects: the points of a 3D shape, in an order that keeps jumps small.
 
 A focus that hops far leaves the transducers less time to follow (their envelope needs a good part
-of a millisecond), so neighbouring points follow each other: along a curve as it runs, over a
-surface ring by ring or, for a mesh, from each point to the nearest that is left.
+of a millisecond), so neighbouring points follow each other: along a curve as it runs, over a sphere
+ring by ring, over a mesh in steps of a few resolutions (:mod:`haptogram.surface`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.errors import ConfigurationError
+from haptogram.surface import even_points, read_mesh, round_trip
 
 if TYPE_CHECKING:
     import trimesh
@@ -25,7 +26,6 @@ Points: TypeAlias = NDArray[np.float64]
 
 MAX_POINTS: Final = 200_000
 _LOWEST_RESOLUTION_M: Final = 1e-5
-_CANDIDATES_PER_POINT: Final = 8  # random points on a mesh, of which an even subset is kept
 
 
 class TactileObject(Protocol):
@@ -170,7 +170,9 @@ class MeshSurface:
         ConfigurationError
             If the file cannot be read, holds no surface, or the extra ``mesh`` is not installed.
         """
-        mesh: Any = _read_mesh(Path(path))  # its type hints are not complete
+        if not (math.isfinite(unit_m) and unit_m > 0.0):
+            raise ConfigurationError(f"unit_m is {unit_m:g} m, must be finite and above 0")
+        mesh: Any = read_mesh(Path(path))  # its type hints are not complete
         mesh.apply_scale(unit_m)
         if center_m is not None:
             _check_finite("center_m", center_m)
@@ -178,10 +180,14 @@ class MeshSurface:
         return cls(mesh)
 
     def sample(self, resolution_m: float) -> Points:
-        """Return (T, 3) points spread evenly over the surface, in metres; always the same ones."""
+        """Return (T, 3) points spread evenly over the surface, in metres; always the same ones.
+
+        Their order closes: the first is next to the last.
+        """
         _check_resolution(resolution_m, float(np.ptp(self.mesh.bounds, axis=0).max()))
         count = _count(float(self.mesh.area) / resolution_m**2)
-        return _nearest_first(_even_subset(self.mesh, count, resolution_m))
+        points = even_points(self.mesh, count, resolution_m)
+        return points[round_trip(points)]
 
 
 def _there_and_back(count: int) -> list[int]:
@@ -214,56 +220,6 @@ def _cap(radius_m: float, opening_rad: float, resolution_m: float) -> Points:
         start_rad += 2.0 * math.pi * (len(part) - 1) / len(part)
         parts.append(part)
     return np.concatenate(parts)
-
-
-def _read_mesh(path: Path) -> trimesh.Trimesh:
-    try:
-        import trimesh
-    except ImportError as error:
-        raise ConfigurationError(
-            f"{path}: meshes need the extra 'mesh': pip install 'haptogram[mesh]'"
-        ) from error
-    if not path.is_file():
-        raise ConfigurationError(f"{path}: no such file")
-    try:
-        mesh: Any = trimesh.load_mesh(path)  # points or paths have no faces
-    except Exception as error:  # the parsers of the formats raise whatever they meet
-        raise ConfigurationError(f"{path}: not a mesh that can be read: {error}") from error
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces) or not mesh.area > 0.0:
-        raise ConfigurationError(f"{path}: the mesh has no surface")
-    if not np.isfinite(mesh.vertices).all():
-        raise ConfigurationError(f"{path}: the mesh has a vertex that is not finite")
-    return mesh
-
-
-def _even_subset(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> Points:
-    """Return about *count* points of the surface, none much nearer than a resolution to another."""
-    import trimesh
-
-    candidates, _ = trimesh.sample.sample_surface(mesh, _CANDIDATES_PER_POINT * count, seed=0)
-    points: Points = np.asarray(candidates, dtype=np.float64)
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(points)
-    # Half the covered area of hexagonal packing: thinning at random leaves holes in between.
-    least_m = 0.75 * resolution_m
-    dropped = np.zeros(len(points), dtype=np.bool_)
-    for index, neighbours in enumerate(tree.query_ball_point(points, least_m)):
-        if not dropped[index]:
-            dropped[[other for other in neighbours if other > index]] = True
-    return points[~dropped]
-
-
-def _nearest_first(points: Points) -> Points:
-    """Return *points* so that each is followed by the nearest that is left, from the lowest on."""
-    left = np.ones(len(points), dtype=np.bool_)
-    order = [int(np.lexsort((points[:, 0], points[:, 1], points[:, 2]))[0])]
-    left[order[0]] = False
-    for _ in range(len(points) - 1):
-        squared = np.square(points - points[order[-1]]).sum(axis=1)
-        order.append(int(np.argmin(np.where(left, squared, np.inf))))
-        left[order[-1]] = False
-    return points[order]
 
 
 def _count(wanted: float) -> int:

@@ -1,0 +1,148 @@
+"""Triangle meshes: reading, points spread evenly over the surface, a short way round them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    import trimesh
+    from scipy.sparse import csr_array
+
+Points: TypeAlias = NDArray[np.float64]
+Indices: TypeAlias = NDArray[np.intp]
+
+_CANDIDATES_PER_POINT: Final = 8  # random points, of which an even subset is kept
+_LEAST_SPACING: Final = 0.75  # of the resolution; thinning at random then leaves one per square
+_NEIGHBOURS: Final = 8  # on an even surface all that matter to the shortest tree
+
+
+def read_mesh(path: Path) -> trimesh.Trimesh:
+    """Return the mesh in an STL, OBJ or PLY file, in the unit of the file.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, holds no surface, or the extra ``mesh`` is not installed.
+    """
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ConfigurationError(
+            f"{path}: meshes need the extra 'mesh': pip install 'haptogram[mesh]'"
+        ) from error
+    if not path.is_file():
+        raise ConfigurationError(f"{path}: no such file")
+    try:
+        # Unprocessed: processing drops triangles that are not finite without a word.
+        mesh: Any = trimesh.load_mesh(path, process=False)  # a cloud of points has no faces
+    except Exception as error:  # the parsers of the formats raise whatever they meet
+        raise ConfigurationError(f"{path}: not a mesh that can be read: {error}") from error
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+        raise ConfigurationError(f"{path}: the mesh has no surface")
+    if not np.isfinite(mesh.vertices).all():
+        raise ConfigurationError(f"{path}: the mesh has a vertex that is not finite")
+    if not mesh.area > 0.0:
+        raise ConfigurationError(f"{path}: the mesh has no surface: its area is {mesh.area:g}")
+    return mesh
+
+
+def even_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> Points:
+    """Return about *count* points of the surface, none much nearer than a resolution to another.
+
+    Random points, always the same ones, are taken in turn, unless one that is already there is too
+    near (dart throwing).
+    """
+    import trimesh
+    from scipy.spatial import cKDTree
+
+    sampled, _ = trimesh.sample.sample_surface(mesh, _CANDIDATES_PER_POINT * count, seed=0)
+    candidates: Points = np.asarray(sampled, dtype=np.float64)
+    tree = cKDTree(candidates)
+    free = np.ones(len(candidates), dtype=np.bool_)
+    kept: list[int] = []
+    for index in range(len(candidates)):
+        if free[index]:
+            kept.append(index)
+            free[tree.query_ball_point(candidates[index], _LEAST_SPACING * resolution_m)] = False
+    return candidates[kept]
+
+
+def round_trip(points: Points) -> Indices:
+    """Return an order of (T, 3) points without long jumps, back to the first one at the end.
+
+    Going through a tree, visiting the nodes of even depth before what hangs on them and those of
+    odd depth after it, takes at most three edges per step (Knuth, The Art of Computer Programming
+    7.2.1.6, "prepostorder").  No tree has shorter edges than the shortest one that spans the
+    points: over an even surface the longest step is about three resolutions.  Going to the nearest
+    point that is left is shorter on average, but leaves jumps of half the object.
+    """
+    edges = _spanning_tree(points)
+    neighbours: list[list[int]] = [[] for _ in points]
+    for one, other in edges:
+        neighbours[one].append(other)
+        neighbours[other].append(one)
+    lowest = int(np.lexsort((points[:, 0], points[:, 1], points[:, 2]))[0])
+    return np.fromiter(_prepostorder(neighbours, lowest), dtype=np.intp, count=len(points))
+
+
+def _prepostorder(neighbours: list[list[int]], root: int) -> Iterator[int]:
+    # Node, where it hangs, whether its depth is odd, whether all that hangs on it has been visited.
+    to_do = [(root, root, False, False)]
+    while to_do:
+        node, parent, odd, finished = to_do.pop()
+        if finished:
+            yield node
+            continue
+        if odd:
+            to_do.append((node, parent, odd, True))
+        else:
+            yield node
+        to_do += [(n, node, not odd, False) for n in neighbours[node] if n != parent]
+
+
+def _spanning_tree(points: Points) -> list[tuple[int, int]]:
+    """Return the edges of the shortest tree over *points*; bodies apart are joined afterwards."""
+    from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+
+    graph = _neighbour_graph(points)
+    bodies, body_of = connected_components(graph, directed=False)
+    tree = minimum_spanning_tree(graph).tocoo()
+    edges = list(zip(tree.row.tolist(), tree.col.tolist(), strict=True))
+    if bodies > 1:
+        edges += _bridges(points, [np.flatnonzero(body_of == body) for body in range(bodies)])
+    return edges
+
+
+def _neighbour_graph(points: Points) -> csr_array:
+    from scipy.sparse import csr_array
+    from scipy.spatial import cKDTree
+
+    count = len(points)
+    near = min(_NEIGHBOURS + 1, count)  # each point is its own nearest
+    distances, others = cKDTree(points).query(points, k=np.arange(1, near + 1))
+    rows = np.repeat(np.arange(count), near)
+    return csr_array((distances.ravel(), (rows, others.ravel())), shape=(count, count))
+
+
+def _bridges(points: Points, bodies: list[Indices]) -> Iterator[tuple[int, int]]:
+    """Yield an edge from every body but the first to the nearest of those before it.
+
+    The nearest by their centres, and then by their points.
+    """
+    from scipy.spatial import cKDTree
+
+    centres = np.array([points[body].mean(axis=0) for body in bodies])
+    trees = [cKDTree(points[body]) for body in bodies]
+    for number in range(1, len(bodies)):
+        apart = np.linalg.norm(centres[:number] - centres[number], axis=1)
+        nearest = int(apart.argmin())
+        distances, others = trees[nearest].query(points[bodies[number]])
+        best = int(distances.argmin())
+        yield int(bodies[number][best]), int(bodies[nearest][others[best]])
