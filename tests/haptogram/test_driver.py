@@ -274,7 +274,7 @@ def test_a_mute_waits_for_no_more_than_two_frames(writes):
         ({"rate_hz": 0}, "rate is 0 Hz"),
         ({"rate_hz": float("nan")}, "rate is nan Hz"),
         ({"lead_us": 0}, "lead is 0 us"),
-        ({"lead_us": 50_000}, "keeps 50 frames waiting; the board's queue holds 32"),
+        ({"lead_us": 150_000}, "keeps 150 frames waiting; the board's queue holds 128"),
         ({"rate_hz": 1, "lead_us": 11_000_000}, "10000000 us ahead"),
         ({"lead_us": 100}, "lead is 100 us"),
         ({"mode": "colours"}, "mode is 'colours'"),

@@ -1,0 +1,7 @@
+"""``python -m haptogram``: the command line."""
+
+import sys
+
+from .cli import main
+
+sys.exit(main())

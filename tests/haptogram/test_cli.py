@@ -1,0 +1,73 @@
+"""The command line: what it refuses, in one line and with exit status 2."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from haptogram.cli import main
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--rate-hz", "nan"], "rate_hz is nan; it can be 1 to 40000"),
+        (["--rate-hz", "2000"], "carry 1086 frames/s, 2000 Hz asked"),
+        (["--link-baud", "115200"], "bytes a frame at 115200 baud carry 41 frames/s"),
+        (["--resolution-mm", "0"], "resolution_mm is 0"),
+        (["--center-mm", "0,0,-100"], "must be at least"),
+        (["--object", "absent.stl"], "absent.stl"),
+        (["--object", "teapot"], "object is 'teapot'; known are hemisphere"),
+        (["--array", "0x16"], "0x16"),
+        (["--config", "absent.toml"], "absent.toml"),
+        (["--min-verified", "2"], "min_verified is 2; it can be 0 to 1"),
+    ],
+)
+def test_a_wrong_argument_is_one_line_and_status_2(
+    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", "--virtual-time", "--quiet", *words]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert told in said.err
+    assert said.err.startswith("haptogram: ")
+    assert said.err.count("\n") == 1
+
+
+def test_a_port_that_is_not_there_is_status_2(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", "--quiet", "--port", "/dev/absent"]) == 2
+    assert capsys.readouterr().err == "haptogram: /dev/absent: there is no such port\n"
+
+
+def test_a_word_that_is_no_number_is_status_2() -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["verify", "--rate-hz", "fast"])
+    assert ended.value.code == 2
+
+
+@pytest.mark.parametrize("words", [["--help"], ["verify", "--help"]])
+def test_help_names_the_exit_status(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+    assert "3  inconclusive" in capsys.readouterr().out
+
+
+def test_help_is_quick_and_imports_nothing_heavy() -> None:
+    code = "import sys, haptogram.cli as c\ntry: c.main(['--help'])\nexcept SystemExit: pass\n"
+    code += "sys.exit(sorted({'numpy', 'scipy', 'serial', 'sim_device'} & set(sys.modules)) != [])"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert ended.returncode == 0
+
+
+def test_a_result_that_cannot_be_written_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    words = ["--object", "point", "--quiet", "--json", str(blocked / "result.json")]
+    assert main(["verify", "--virtual-time", *words]) == 2
+    assert str(blocked) in capsys.readouterr().err

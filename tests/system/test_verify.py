@@ -1,0 +1,128 @@
+"""The main job, whole: over a real pty and a board in its own process, and in virtual time."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptogram.boards import ProcessBoard
+from haptogram.cli import main
+from haptogram.config import VerifyConfig
+from haptogram.job import measure
+from haptogram.verification import Verdict, verify_run
+from haptogram.virtual_board import VirtualBoard
+
+_CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "2", "--quiet"]
+
+
+def _verify(tmp_path: Path, *words: str) -> tuple[int, dict[str, Any]]:
+    path = tmp_path / "result.json"
+    status = main(["verify", *words, "--json", str(path)])
+    return status, json.loads(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.pty
+def test_over_a_pty_every_frame_that_is_latched_is_verified(tmp_path: Path) -> None:
+    # A slow rate: this test is about the chain, on a machine that may be busy.
+    status, result = _verify(tmp_path, *_CIRCLE, "--rate-hz", "200", "--min-verified", "0.5")
+    assert (status, result["verdict"]) == (0, "pass")
+    frames = result["frames"]
+    assert frames["sent"] == 63
+    assert frames["latched"] == frames["verified"] == frames["on_target"]
+    assert frames["latched"] + frames["lost"] == frames["sent"]
+    assert result["evidence"] == "external"
+    assert result["lateral_error_mm"]["max"] < 0.15
+    assert result["environment"]["python"]
+
+
+@pytest.mark.parametrize("mode", ["phases", "points", "sequence"])
+@pytest.mark.parametrize("bits", ["8", "5"])
+def test_in_virtual_time_every_frame_is_on_target(tmp_path: Path, mode: str, bits: str) -> None:
+    status, result = _verify(
+        tmp_path, *_CIRCLE, "--virtual-time", "--mode", mode, "--phase-bits", bits
+    )
+    assert (status, result["verdict"]) == (0, "pass")
+    assert result["frames"]["verified"] == result["frames"]["sent"] == 63
+    assert result["lateness_us"]["max"] < 25.0
+
+
+def test_in_virtual_time_the_result_repeats_byte_for_byte(tmp_path: Path) -> None:
+    texts = []
+    for name in ("first.json", "second.json"):
+        path = tmp_path / name
+        words = ["--virtual-time", "--seed", "7", "--repeat", "2", "--json", str(path)]
+        assert main(["verify", *_CIRCLE, *words]) == 0
+        texts.append(path.read_bytes())
+    assert texts[0] == texts[1]
+
+
+def test_air_that_the_host_does_not_know_puts_the_focus_off_target(tmp_path: Path) -> None:
+    status, result = _verify(tmp_path, *_CIRCLE, "--virtual-time", "--board-temperature-c", "40")
+    assert (status, result["verdict"]) == (1, "fail")
+    assert result["frames"]["off_target"] == 63
+    # Warmer air is faster, so the waves meet further out; the array sees no other error.
+    assert result["axial_error_mm"]["p50"] > 1.0
+
+
+_PATHS = {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+
+
+@pytest.mark.pty
+def test_an_interrupted_run_keeps_what_it_measured_and_leaves_nothing_behind(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "result.json"
+    words = ["--rate-hz", "100", "--repeat", "1000", "--json", str(path)]
+    environment = os.environ | _PATHS | {"TMPDIR": str(tmp_path)}
+    run = subprocess.Popen(
+        [sys.executable, "-m", "haptogram", "verify", *_CIRCLE, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment,
+    )
+    _wait_for_latches(tmp_path, 20)
+    run.send_signal(signal.SIGINT)
+    said, _ = run.communicate(timeout=60)
+    assert run.returncode == 3
+    assert b"interrupted after" in said
+    result = json.loads(path.read_text(encoding="utf-8"))
+    assert result["verdict"] == "inconclusive"
+    assert result["frames"]["verified"] >= 20
+    assert [entry.name for entry in tmp_path.iterdir()] == ["result.json"]
+
+
+def _wait_for_latches(folder: Path, count: int) -> None:
+    end_s = time.monotonic() + 60.0
+    while time.monotonic() < end_s:
+        for backdoor in folder.glob("haptogram-*/backdoor.jsonl"):
+            if backdoor.read_bytes().count(b'"latch"') >= count:
+                return
+        time.sleep(0.02)
+    raise AssertionError(f"no {count} latches within 60 s")
+
+
+@pytest.mark.pty
+def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
+    config = VerifyConfig(object="circle", radius_mm=20, resolution_mm=2, rate_hz=200, repeat=20)
+    with VirtualBoard(baudrate=None) as board:
+
+        def kill_at_half(done: int, total: int) -> None:
+            if done * 2 >= total:
+                board.kill()
+
+        found = measure(config, ProcessBoard(board), kill_at_half)
+    assert found.cut_short is not None
+    run = verify_run(
+        found.intended, found.observations, model=found.model, cut_short=found.cut_short
+    )
+    assert run.verdict is Verdict.INCONCLUSIVE
+    assert run.counts["verified"] > 0
+    assert found.cut_short in run.reasons
