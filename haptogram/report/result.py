@@ -11,16 +11,15 @@ import os
 import platform
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-import haptogram
 from haptogram.verification import RunVerdict, Verdict
 
 from .files import write_atomically
 
-_PACKAGES = ("numpy", "scipy", "pyserial")
+_PACKAGES: Final = ("haptogram", "numpy", "scipy", "pyserial")
 
 
 def concluded(run: RunVerdict, cut_short: str | None) -> RunVerdict:
@@ -78,7 +77,6 @@ def result_dict(
 def environment() -> dict[str, str | int | None]:
     """Return the versions and the machine; no host name, no user, no date."""
     return {
-        "haptogram": haptogram.__version__,
         "python": platform.python_version(),
         **{name: _version(name) for name in _PACKAGES},
         "platform": platform.platform(),

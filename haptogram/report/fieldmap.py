@@ -1,0 +1,181 @@
+"""|p| in two planes through one focus, as a whole and close up."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from haptogram.acoustics import AcousticModel, Drive, focus_phases, pressure
+from haptogram.verification import FrameVerdict, RunVerdict
+
+from .series import Floats, Vector, measured_mm, worst
+
+_SIDE_MM: Final = 160.0
+_STEP_MM: Final = 1.0
+_LOWEST_MM: Final = 10.0  # above the array: nearer, single elements outshine the field
+_ABOVE_FOCUS_MM: Final = 50.0
+_CLOSE_SIDE_MM: Final = 30.0
+_CLOSE_STEP_MM: Final = 0.25
+_CLEARANCE_M: Final = 2e-3  # nearer to an element the model of the field does not hold
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldMap:
+    """RMS pressure on a grid in one plane.
+
+    Attributes
+    ----------
+    axes : tuple of int
+        Which coordinates (0 x, 1 y, 2 z) run across and up.
+    across_mm, up_mm : (A,), (U,) numpy.ndarray
+        Coordinates of the grid.
+    pressure_kpa : (U, A) numpy.ndarray
+        RMS; NaN where a point lies in an element.
+    """
+
+    axes: tuple[int, int]
+    across_mm: Floats
+    up_mm: Floats
+    pressure_kpa: Floats
+
+    @property
+    def peak_mm(self) -> tuple[float, float]:
+        """Grid point of the highest pressure."""
+        up, across = np.unravel_index(int(np.nanargmax(self.pressure_kpa)), self.pressure_kpa.shape)
+        return float(self.across_mm[across]), float(self.up_mm[up])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldPicture:
+    """One focus in both planes.
+
+    Attributes
+    ----------
+    frame : FrameVerdict
+        Whose focus.
+    latched : bool
+        Whether the field is that of a drive that was given, else of the target's ideal one.
+    phase_bits : int
+        Of the phases of that drive.
+    level, upright : FieldMap
+        The plane z = target, and the vertical one through the target along the array's longer side.
+    close_level, close_upright : FieldMap
+        The same around the target.
+    """
+
+    frame: FrameVerdict
+    latched: bool
+    phase_bits: int
+    level: FieldMap
+    upright: FieldMap
+    close_level: FieldMap
+    close_upright: FieldMap
+
+    @property
+    def most_kpa(self) -> float:
+        """Highest pressure of all maps."""
+        maps = self.level, self.upright, self.close_level, self.close_upright
+        return max(float(np.nanmax(plane.pressure_kpa)) for plane in maps)
+
+    @property
+    def marks_mm(self) -> tuple[Floats, Floats]:
+        """Target and measured focus, (3,) each."""
+        return 1e3 * np.array(self.frame.target_m), measured_mm(self.frame)
+
+
+def picture_field(
+    run: RunVerdict,
+    model: AcousticModel,
+    drives: Mapping[int, Drive] | None,
+    phase_bits: int,
+) -> FieldPicture | None:
+    """Return the field of one frame of *run*: of a wrong one if its drive is known.
+
+    Parameters
+    ----------
+    drives : mapping of int to Drive, or None
+        Drives that were latched, by frame number.  A frame without one is shown with the focus
+        phases of its target, rounded to *phase_bits*, at full amplitude.
+
+    Returns
+    -------
+    FieldPicture or None
+        None if no frame was sent.
+    """
+    frame = _choose(run, drives or {})
+    if frame is None:
+        return None
+    drive = (drives or {}).get(frame.number)
+    latched = drive is not None
+    if drive is None:
+        phases_rad = focus_phases(model, np.array(frame.target_m))
+        drive = Drive.from_weights(np.exp(1j * phases_rad), phase_bits)
+    return FieldPicture(frame, latched, drive.phase_bits, *_maps(model, drive, frame.target_m))
+
+
+def _choose(run: RunVerdict, drives: Mapping[int, Drive]) -> FrameVerdict | None:
+    candidates = worst(run, len(run.frames)) or run.frames
+    shown = [frame for frame in candidates if frame.number in drives] or [
+        # An ideal drive would belie a frame that was wrong.
+        *(frame for frame in candidates if all(frame.criteria.values()) and not frame.faults),
+        *candidates,
+    ]
+    return shown[0] if shown else None
+
+
+def _maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[FieldMap]:
+    """Yield the level and the upright plane, then both close up."""
+    half_extent = model.array.half_extent_m
+    side = 1 if half_extent[1] > half_extent[0] else 0
+    planes = (0, 1), (side, 2)
+    wide = [
+        _height(model, target_m) if axis == 2 else _window(model, target_m, axis)
+        for axis in range(3)
+    ]
+    close = [_range(1e3 * middle, _CLOSE_SIDE_MM, _CLOSE_STEP_MM) for middle in target_m]
+    for grids in (wide, close):
+        for across, up in planes:
+            yield _sample(model, drive, target_m, (across, up), grids[across], grids[up])
+
+
+def _height(model: AcousticModel, target_m: Vector) -> Floats:
+    """Return grid heights from just above the array to well above the target."""
+    bottom = 1e3 * float(model.array.centre_m[2])
+    top = max(bottom + _SIDE_MM, 1e3 * target_m[2] + _ABOVE_FOCUS_MM)
+    return np.arange(bottom + _LOWEST_MM, top + _STEP_MM / 2.0, _STEP_MM)
+
+
+def _window(model: AcousticModel, target_m: Vector, axis: int) -> Floats:
+    """Return grid coordinates around the array's middle, or the target if it is not near it."""
+    middle, target = 1e3 * float(model.array.centre_m[axis]), 1e3 * target_m[axis]
+    if abs(target - middle) > 0.75 * _SIDE_MM / 2.0:
+        middle = target
+    return _range(middle, _SIDE_MM, _STEP_MM)
+
+
+def _range(middle: float, side: float, step: float) -> Floats:
+    return np.arange(middle - side / 2.0, middle + (side + step) / 2.0, step)
+
+
+def _sample(
+    model: AcousticModel,
+    drive: Drive,
+    target_m: Vector,
+    axes: tuple[int, int],
+    across_mm: Floats,
+    up_mm: Floats,
+) -> FieldMap:
+    shape = len(up_mm), len(across_mm)
+    points = np.tile(np.array(target_m), (shape[0] * shape[1], 1))
+    up, across = np.meshgrid(up_mm, across_mm, indexing="ij")
+    points[:, axes[0]], points[:, axes[1]] = 1e-3 * across.ravel(), 1e-3 * up.ravel()
+    free = KDTree(model.array.positions_m).query(points)[0] > _CLEARANCE_M
+    values = np.full(len(points), np.nan)
+    peak_pa = np.abs(pressure(model, drive.weights(), points[free]))
+    values[free] = peak_pa / math.sqrt(2.0) / 1e3
+    return FieldMap(axes, across_mm, up_mm, values.reshape(shape))

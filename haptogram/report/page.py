@@ -1,0 +1,247 @@
+"""The result as one HTML file that needs nothing else: no script, no font, no picture beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from haptogram.acoustics import AcousticModel, Drive
+from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
+
+from . import pictures, prose
+from .checks import NAMED_FRAMES, checks
+from .fieldmap import FieldPicture, picture_field
+from .files import write_atomically
+from .markup import Html, element, listing, picture, section, table, text
+from .result import concluded
+from .series import relative_error, worst
+from .style import CSS
+from .wording import NOTHING, effect, figure, timeliness
+
+HOW_TO_GET_PICTURES: Final = "pip install 'haptogram[report]'"
+
+_WORST: Final = 10
+_BITS: Final = 8
+
+
+def write_html(
+    path: Path,
+    run: RunVerdict,
+    result: Mapping[str, Any],
+    model: AcousticModel,
+    *,
+    drives: Mapping[int, Drive] | None = None,
+) -> None:
+    """Write the result as a page for people, with pictures where matplotlib is installed.
+
+    Parameters
+    ----------
+    run : RunVerdict
+        What was found.
+    result : mapping
+        What :func:`result_dict` made of it.
+    model : AcousticModel
+        Array and air that the drives were radiated in.
+    drives : mapping of int to Drive, optional
+        Drives that were latched, by frame number, for the picture of the field.
+
+    Raises
+    ------
+    ConfigurationError
+        If *path* cannot be written.
+    """
+    page = "".join(_document(concluded(run, result["cut_short"]), result, model, drives))
+    # A port may be named by bytes that are no text; they become question marks.
+    write_atomically(path, page.encode("utf-8", errors="replace"))
+
+
+def _document(
+    run: RunVerdict,
+    result: Mapping[str, Any],
+    model: AcousticModel,
+    drives: Mapping[int, Drive] | None,
+) -> Iterator[str]:
+    title = f"Haptogram: {run.verdict}, {result['frames']['sent']} frames"
+    yield '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+    yield '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+    yield f"<title>{text(title)}</title>\n<style>{CSS}</style>\n</head>\n<body>\n"
+    yield _banner(run, result)
+    yield section("Key figures", _key_figures(result))
+    yield section("Checks", _checks(run, result))
+    yield section("Pictures", *_pictures(run, result, model, drives))
+    yield section("Frames with the largest errors", _worst_frames(run))
+    yield section("Lost and late frames", _missing_frames(run))
+    yield section("Evidence", listing(prose.evidence(result)))
+    yield section("What this does not show", listing(prose.limits(result)))
+    if result["warnings"]:
+        yield section("Warnings", listing(result["warnings"]))
+    yield from _circumstances(result)
+    yield "</body>\n</html>\n"
+
+
+def _banner(run: RunVerdict, result: Mapping[str, Any]) -> Html:
+    lines = (element("p", line) for line in prose.summary(result))
+    headline = element("h1", prose.HEADLINES[run.verdict])
+    return Html(element("header", headline, *lines, class_=f"verdict {run.verdict}") + "\n")
+
+
+# --- Tables ------------------------------------------------------------------------------------
+
+
+def _key_figures(result: Mapping[str, Any]) -> Html:
+    lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
+    late, pressure, force = result["lateness_us"], result["pressure_rms_pa"], result["force_mn"]
+    rows = [
+        ("error across the beam, median", figure(lateral["p50"], 4), "mm"),
+        ("error across the beam, 99th percentile", figure(lateral["p99"], 4), "mm"),
+        ("error across the beam, largest", figure(lateral["max"], 4), "mm"),
+        ("error along the beam, median", figure(axial["p50"], 4), "mm"),
+        ("error along the beam, 99th percentile", figure(axial["p99"], 4), "mm"),
+        ("error along the beam, largest", figure(axial["max"], 4), "mm"),
+        ("smallest miss that every frame would show", figure(result["smallest_miss_mm"]), "mm"),
+        ("coherence at the target, lowest", figure(result["coherence"]["min"], 5), ""),
+        ("pressure at the focus, mean", figure(pressure["mean"], 0), "Pa RMS"),
+        ("pressure at the focus, standard deviation", figure(pressure["std"], 0), "Pa RMS"),
+        ("force on a disc of 10 mm radius, mean", figure(force["mean"], 2), "mN"),
+        ("force, standard deviation", figure(force["std"], 2), "mN"),
+        ("latched after its time, median", figure(late["p50"], 0), "µs"),
+        ("latched after its time, 99.9th percentile", figure(late["p99.9"], 0), "µs"),
+        ("latched after its time, largest", figure(late["max"], 0), "µs"),
+    ]
+    return table(("figure", "value", "unit"), rows, numbers=1)
+
+
+def _checks(run: RunVerdict, result: Mapping[str, Any]) -> Html:
+    answers = checks(run, result["cut_short"])
+    rows = [(check.statement, str(check.outcome), check.message) for check in answers]
+    return table(("check", "outcome", "found"), rows)
+
+
+def _worst_frames(run: RunVerdict) -> Html:
+    frames = worst(run, _WORST)
+    if not frames:
+        return element("p", "No frame could be judged.")
+    head = ("frame", "target x, y, z (mm)", "across (mm)", "along (mm)", "error / bound")
+    rows = [
+        (
+            frame.number,
+            _place(frame),
+            figure(frame.lateral_error_mm, 4),
+            figure(frame.axial_error_mm, 4),
+            figure(relative_error(frame)),
+            str(frame.status),
+            "; ".join([*frame.faults, *_failed(frame)]) or NOTHING,
+        )
+        for frame in frames
+    ]
+    return table((*head, "status", "what is wrong"), rows, numbers=4)
+
+
+def _failed(frame: FrameVerdict) -> list[str]:
+    failed = [name for name, passed in frame.criteria.items() if not passed]
+    return [f"{', '.join(failed)} failed"] if failed else []
+
+
+def _missing_frames(run: RunVerdict) -> Html:
+    odd = [frame for frame in run.frames if frame.status is FrameStatus.LOST or frame.late]
+    if not odd:
+        return element("p", "None.")
+    rows = [
+        (
+            frame.number,
+            _place(frame),
+            NOTHING if frame.t_apply_us is None else frame.t_apply_us,
+            timeliness(frame) if frame.late else str(frame.status),
+            NOTHING if frame.consequence is None else effect(frame.consequence),
+        )
+        for frame in odd[: 5 * NAMED_FRAMES]
+    ]
+    head = ("frame", "target x, y, z (mm)", "due (µs, board's clock)", "", "consequence")
+    more = len(odd) - len(rows)
+    tail = element("p", f"... and {more} more, in the JSON file.") if more else Html()
+    return Html(table(head, rows, numbers=2) + tail)
+
+
+def _place(frame: FrameVerdict) -> str:
+    return ", ".join(f"{1e3 * value:.1f}" for value in frame.target_m)
+
+
+def _circumstances(result: Mapping[str, Any]) -> Iterator[Html]:
+    parts = {
+        "Configuration": {**result["configuration"], "seed": result["seed"]},
+        "Board": result["board"],
+        "Host": result.get("host"),
+        "Environment": result.get("environment"),
+    }
+    for title, values in parts.items():
+        if values:
+            rows = [(name, element("code", _setting(value))) for name, value in values.items()]
+            yield section(title, table((), rows))
+
+
+def _setting(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+# --- Pictures ----------------------------------------------------------------------------------
+
+
+def _pictures(
+    run: RunVerdict,
+    result: Mapping[str, Any],
+    model: AcousticModel,
+    drives: Mapping[int, Drive] | None,
+) -> list[Html]:
+    bits = result["configuration"].get("phase_bits", _BITS)
+    try:
+        return list(_drawn(run, model, picture_field(run, model, drives, bits)))
+    except ImportError as error:
+        reason = f"No pictures, because they could not be drawn ({error}). To get them: "
+        return [element("p", reason, element("code", HOW_TO_GET_PICTURES))]
+
+
+def _drawn(run: RunVerdict, model: AcousticModel, shown: FieldPicture | None) -> Iterator[Html]:
+    yield picture(
+        pictures.foci(run, model),
+        "Intended and measured foci over the array.",
+        "The colour is the error of a focus over the largest one that the rounding of the phases "
+        "can make, on the axis where that is worst; beyond 1 it is off target (where the "
+        "board computes the drive, its own rounding is allowed on top).",
+    )
+    yield picture(
+        pictures.errors(run, model),
+        "How the errors are distributed.",
+        "Grey: from the smallest to the largest error that the rounding of the phases can make, "
+        "which differs from target to target. Smaller errors than 10 nm are drawn as 10 nm.",
+    )
+    yield picture(pictures.field(shown, model), "Pressure around one focus.", _field_caption(shown))
+    yield picture(
+        pictures.along_object(run),
+        "Pressure and force along the object.",
+        "Left in the order of display, right as seen from above the array.",
+    )
+    yield picture(
+        pictures.lateness(run, model),
+        "How long after its time each frame was latched.",
+        "On the board's clock. A frame latches at the first carrier period after its time; from "
+        "one whole period on it is late.",
+    )
+
+
+def _field_caption(shown: FieldPicture | None) -> str:
+    if shown is None:
+        return "There is none: no frame was sent."
+    source = (
+        f"the drive that was latched, with phases of {shown.phase_bits} bits"
+        if shown.latched
+        else f"the ideal drive of its target, at full amplitude with phases of {shown.phase_bits} "
+        "bits, and not what was latched"
+    )
+    return (
+        f"Frame {shown.frame.number}, target {_place(shown.frame)} mm. Above: the plane z = target "
+        "and the vertical plane through the target; below: close-ups of the white frames. "
+        f"Calculated from {source}. The peak need not sit on the focus: diffraction shifts it, "
+        "mostly towards the array."
+    )

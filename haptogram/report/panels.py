@@ -1,0 +1,293 @@
+"""Single panels of the pictures, each drawn on axes that it is given."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel
+from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
+
+from .fieldmap import FieldMap, FieldPicture
+from .series import ErrorSeries, Floats, measured_mm, relative_error, targets_mm, thinned
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+    Paper: TypeAlias = Figure | SubFigure
+
+# Blue, vermilion and grey of Okabe and Ito, which colour-blind people tell apart.
+BLUE: Final = "#0072b2"
+RED: Final = "#d55e00"
+GREY: Final = "#888888"
+
+MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
+_LEAST_ERROR_MM: Final = 1e-5  # a smaller one is drawn as this
+_LEAST_RATIO: Final = 1e-3  # likewise
+_AXES: Final = "xyz"
+
+
+def nothing(axes: Any, text: str) -> None:
+    """Say why a panel is empty."""
+    axes.set_axis_off()
+    place = axes.text2D if hasattr(axes, "text2D") else axes.text
+    place(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
+
+
+# --- Foci --------------------------------------------------------------------------------------
+
+
+def foci_panel(figure: Paper, axes: Any, run: RunVerdict, model: AcousticModel) -> None:
+    """Draw intended and measured foci over the array; *axes* has three dimensions."""
+    frames = thinned(run.frames, MOST_POINTS)
+    elements = 1e3 * model.array.positions_m
+    targets = targets_mm(frames)
+    axes.scatter(*elements.T, s=5, c=GREY, marker="s", linewidths=0, label="transducers")
+    size = float(np.clip(4000.0 / max(len(frames), 1), 3.0, 30.0))
+    if len(targets):
+        style = {"facecolors": "none", "edgecolors": GREY, "linewidths": 0.5}
+        axes.scatter(*targets.T, s=3.0 * size, label="intended focus", **style)
+    found = [(measured_mm(f), relative_error(f)) for f in frames]
+    seen = [(point, error) for point, error in found if error is not None]
+    if seen:
+        _measured(figure, axes, seen, size)
+    _troubled(axes, frames)
+    _equal_scales(axes, np.concatenate([elements, targets, *(p[None] for p, _ in seen)]))
+    axes.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
+    figure.legend(loc="outside lower center", ncols=4)
+    axes.view_init(elev=17.0, azim=-58.0)
+
+
+def _measured(figure: Paper, axes: Any, seen: list[tuple[Floats, float]], size: float) -> None:
+    from matplotlib.colors import LogNorm
+
+    points = np.array([point for point, _ in seen])
+    errors = np.array([error for _, error in seen])
+    norm = LogNorm(vmin=_LEAST_RATIO, vmax=1.0)
+    dots = axes.scatter(
+        *points.T,
+        s=size,
+        c=np.maximum(errors, _LEAST_RATIO),
+        norm=norm,
+        linewidths=0,
+        depthshade=False,
+    )
+    dots.set_label("measured focus")
+    figure.colorbar(
+        dots,
+        ax=axes,
+        label="error / bound of quantisation",
+        extend="max" if errors.max() > 1.0 else "neither",
+        shrink=0.5,
+        aspect=25,
+        pad=0.13,
+    )
+
+
+def _troubled(axes: Any, frames: list[FrameVerdict]) -> None:
+    """Mark what did not come out right, each kind by a sign of its own."""
+    signs = {
+        FrameStatus.OFF_TARGET: "x",
+        FrameStatus.WRONG_DRIVE: "*",
+        FrameStatus.CORRUPT: "D",
+        FrameStatus.LOST: "v",
+    }
+    for status, marker in signs.items():
+        points = targets_mm([frame for frame in frames if frame.status is status])
+        if len(points):
+            axes.scatter(*points.T, s=36, c=RED, marker=marker, depthshade=False, label=str(status))
+
+
+def _equal_scales(axes: Any, points: Floats) -> None:
+    """One millimetre is as long on every axis; none is so short that its labels collide."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    span = np.maximum(high - low, 0.25 * float((high - low).max()) + 1.0) * 1.06
+    middle = (low + high) / 2.0
+    for name, centre, width in zip(_AXES, middle, span, strict=True):
+        getattr(axes, f"set_{name}lim")(centre - width / 2.0, centre + width / 2.0)
+        count = 3 + round(3 * float(width / span.max()))
+        getattr(axes, f"{name}axis").get_major_locator().set_params(nbins=count)
+    axes.set_box_aspect(span, zoom=1.08)
+
+
+# --- Errors ------------------------------------------------------------------------------------
+
+
+def error_panel(axes: Axes, series: ErrorSeries) -> None:
+    """Draw a histogram of the errors, on a logarithmic scale that also holds their bounds."""
+    axes.set_title(f"{series.name} error")
+    if not len(series.errors_mm):
+        nothing(axes, f"no {series.name} error\nwas measured")
+        return
+    errors = np.maximum(series.errors_mm, _LEAST_ERROR_MM)
+    least, most = series.bounds_mm.min(), series.bounds_mm.max()
+    low = 10.0 ** np.floor(np.log10(errors.min()))
+    high = 2.0 * max(float(errors.max()), float(most))
+    edges = np.geomspace(low, high, 41)
+    within = series.errors_mm <= series.bounds_mm * (1.0 + 1e-9)
+    axes.hist(
+        [errors[within], errors[~within]],
+        bins=edges.tolist(),
+        stacked=True,
+        color=[BLUE, RED],
+        label=["within its bound", "beyond its bound" if (~within).any() else "_"],
+    )
+    axes.axvline(float(least), color="black", lw=1.0, ls="--", label="smallest bound of all frames")
+    axes.axvspan(
+        float(least), float(most), color="#d8d8d8", lw=0, zorder=0, label="bounds of quantisation"
+    )
+    axes.set(xscale="log", xlim=(low, high), xlabel=f"{series.name} error (mm)")
+    axes.margins(y=0.35)  # room for the legend
+    axes.legend(loc="upper left")
+
+
+# --- Field -------------------------------------------------------------------------------------
+
+
+def map_panel(
+    axes: Axes, field: FieldMap, shown: FieldPicture, model: AcousticModel, *, close: bool
+) -> Any:
+    """Draw |p| in one plane, return the image.
+
+    Close up with target, measured focus and peak; else with the frame of the close-up.
+    """
+    across, up = field.across_mm, field.up_mm
+    half = (across[1] - across[0]) / 2.0
+    image = axes.imshow(
+        field.pressure_kpa,
+        origin="lower",
+        extent=(across[0] - half, across[-1] + half, up[0] - half, up[-1] + half),
+        vmin=0.0,
+        vmax=shown.most_kpa,
+        interpolation="bilinear",
+    )
+    axes.set(xlabel=f"{_AXES[field.axes[0]]} (mm)", ylabel=f"{_AXES[field.axes[1]]} (mm)")
+    axes.grid(visible=False)
+    if close:
+        _mark_foci(axes, field, shown)
+        return image
+    if field.axes[1] == 2:
+        _ground(axes, model, field.axes[0], across)
+    _mark_window(axes, shown.close_upright if field.axes[1] == 2 else shown.close_level)
+    fixed = next(axis for axis in range(3) if axis not in field.axes)
+    axes.set_title(f"{_AXES[fixed]} = {shown.marks_mm[0][fixed]:.1f} mm")
+    axes.set_xlim(across[0], across[-1])
+    return image
+
+
+def _mark_window(axes: Axes, window: FieldMap) -> None:
+    from matplotlib.patches import Rectangle
+
+    left, bottom = window.across_mm[0], window.up_mm[0]
+    sides = window.across_mm[-1] - left, window.up_mm[-1] - bottom
+    axes.add_patch(Rectangle((left, bottom), *sides, fill=False, ec="white", lw=0.8))
+
+
+def _mark_foci(axes: Axes, field: FieldMap, shown: FieldPicture) -> None:
+    first, second = field.axes
+    target, measured = shown.marks_mm
+    _mark(axes, target[first], target[second], "+", "target", 13.0)
+    if shown.frame.measured_m is not None:
+        _mark(axes, measured[first], measured[second], "o", "fitted focus", 8.0)
+    _mark(axes, *field.peak_mm, "x", "pressure peak in the plane", 6.0)
+
+
+def _mark(axes: Axes, across: float, up: float, marker: str, name: str, size: float) -> None:
+    from matplotlib.patheffects import withStroke
+
+    (line,) = axes.plot(
+        [across],
+        [up],
+        marker,
+        markersize=size,
+        color="white",
+        markerfacecolor="none",
+        markeredgewidth=1.1,
+        label=name,
+    )
+    line.set_path_effects([withStroke(linewidth=2.2, foreground="black")])
+
+
+def _ground(axes: Axes, model: AcousticModel, side: int, across: Floats) -> None:
+    """Draw the elements that lie below a vertical plane."""
+    places = 1e3 * model.array.positions_m
+    near = places[(places[:, side] >= across[0]) & (places[:, side] <= across[-1])]
+    axes.plot(near[:, side], near[:, 2], "s", color=GREY, markersize=2.5, zorder=3)
+    lowest = float(near[:, 2].min()) if len(near) else 0.0
+    axes.set_ylim(bottom=lowest - 4.0)
+
+
+# --- Along the object --------------------------------------------------------------------------
+
+
+def along_panel(axes: Axes, run: RunVerdict, measure: str, factor: float, label: str) -> None:
+    """Draw one measure of every frame in the order of display."""
+    pairs = [(f.number, getattr(f, measure)) for f in run.frames]
+    table = np.array([pair for pair in pairs if pair[1] is not None], dtype=np.float64)
+    if not len(table):
+        nothing(axes, f"{label.partition(' (')[0]}: not measured")
+        return
+    numbers, values = table[:, 0], factor * table[:, 1]
+    axes.plot(numbers, values, ".", color=BLUE, markersize=2.5 if len(table) > 100 else 5.0)
+    axes.set_ylabel(label)
+    axes.margins(x=0.02)
+    if np.ptp(values) < 0.02 * abs(float(values.mean())):  # else noise fills the axis
+        axes.set_ylim(0.9 * float(values.min()), 1.1 * float(values.max()))
+    for kind, colour in (("lost", RED), ("late", GREY)):
+        _rug(axes, run, kind, colour)
+
+
+def _rug(axes: Axes, run: RunVerdict, kind: str, colour: str) -> None:
+    """Mark the frames that were lost or late at the foot of the panel."""
+    chosen = [
+        frame.number
+        for frame in run.frames
+        if (frame.late if kind == "late" else frame.status is FrameStatus.LOST)
+    ]
+    if chosen:
+        axes.plot(
+            chosen,
+            np.full(len(chosen), 0.03),
+            "|",
+            transform=axes.get_xaxis_transform(),
+            color=colour,
+            markersize=8.0,
+            label=kind,
+        )
+        axes.legend(loc="best")
+
+
+def object_panel(figure: Paper, axes: Axes, run: RunVerdict) -> None:
+    """Draw the pressure at the focus, seen from above."""
+    frames = [f for f in thinned(run.frames, MOST_POINTS) if f.pressure_rms_pa is not None]
+    if not frames:
+        nothing(axes, "no pressure was measured")
+        return
+    points = targets_mm(frames)
+    values = np.array([f.pressure_rms_pa for f in frames], dtype=np.float64) / 1e3
+    size = float(np.clip(8000.0 / len(frames), 4.0, 60.0))
+    dots = axes.scatter(points[:, 0], points[:, 1], s=size, c=values, linewidths=0)
+    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08)
+    figure.colorbar(dots, ax=axes, label="pressure (kPa RMS)", shrink=0.8)
+
+
+# --- Time --------------------------------------------------------------------------------------
+
+
+def lateness_panel(axes: Axes, run: RunVerdict, period_us: float) -> None:
+    """Draw a histogram of t_latch - t_apply, with logarithmic counts."""
+    values = run.values("lateness_us")
+    if not len(values):
+        nothing(axes, "no frame had a time to be latched at")
+        return
+    low, high = float(min(values.min(), 0.0)), float(max(values.max(), period_us))
+    step = max(1.0, np.ceil((high - low) / 80.0))
+    edges = np.arange(low, high + 2.0 * step, step) - 0.5  # between whole microseconds
+    axes.hist(values, bins=edges.tolist(), color=BLUE)
+    axes.axvline(period_us, color="black", lw=1.0, ls="--", label="one carrier period")
+    axes.set(yscale="log", xlabel="latched after its time (µs)", ylabel="frames", ylim=(0.7, None))
+    axes.legend(loc="upper center")

@@ -1,0 +1,81 @@
+"""What the page says in words: the verdict, what it rests on, and what it does not show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from haptogram.records import Evidence
+from haptogram.verification import Verdict
+
+from .wording import count
+
+HEADLINES: Final = {
+    Verdict.PASS: "Pass: every focus that was verified is on its target",
+    Verdict.FAIL: "Fail: the board did not radiate what it was asked for",
+    Verdict.INCONCLUSIVE: "Inconclusive: too little was seen for a verdict",
+}
+
+EVIDENCE: Final = {
+    Evidence.EXTERNAL: "External: what was radiated was recorded beside the board's own answers "
+    "(the back door of the virtual board, or a capture of the drive pins).",
+    Evidence.SELF_REPORTED: "Self-reported: the board's firmware says what it latched. A firmware "
+    "that reports one drive and outputs another would not be found out.",
+    Evidence.WIRE: "Wire: the frames were seen on the line. Whether the board latched them was not "
+    "seen.",
+}
+
+_LIMITS: Final = (
+    "The field is computed from the latched drive, in linear acoustics and a free field: no hand, "
+    "no reflections, no streaming, no nonlinear losses. No pressure was measured in air.",
+    "Every transducer is taken to be the one of the model. How real ones scatter in phase and "
+    "level, or fail after the driver stage, does not show in what was latched.",
+    "Positions of the elements and the state of the air are those of the configuration or of the "
+    "board's own description.",
+    "The force is an estimate: the radiation pressure on a rigid, reflecting disc of 10 mm radius "
+    "at the focus. What a person feels is not part of it.",
+    "Times are those of the board's clock.",
+)
+
+
+def summary(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what the run came to, sentence by sentence."""
+    frames = result["frames"]
+    yield (
+        f"{count(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
+        f"{frames['verified']} verified, {frames['on_target']} of them on target."
+    )
+    yield from (f"{reason[0].upper()}{reason[1:]}." for reason in result["reasons"] if reason)
+    lateral, axial = result["lateral_error_mm"]["max"], result["axial_error_mm"]["max"]
+    if lateral is not None:
+        along = "" if axial is None else f" and {axial:.3f} mm along the beam"
+        yield f"The largest distance from a target was {lateral:.3f} mm across{along}."
+    if result["smallest_miss_mm"] is not None:
+        yield f"A miss of {result['smallest_miss_mm']:.2f} mm or more would have shown."
+    if frames["lost"] or frames["late"]:
+        yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
+
+
+def evidence(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what the verdict rests on."""
+    found = result["evidence"]
+    kinds = [found] if isinstance(found, str) else found
+    if not kinds:
+        yield "None: nobody saw what the board latched."
+    yield from (EVIDENCE[Evidence(kind)] for kind in kinds)
+
+
+def limits(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what the result does not show, what belongs to this run first."""
+    frames = result["frames"]
+    unseen = frames["sent"] - frames["verified"]
+    if unseen:
+        yield f"{count(unseen, 'frame')} of {frames['sent']} could not be verified at all."
+    if result["smallest_miss_mm"] is not None:
+        yield (
+            f"A focus that is off by less than {result['smallest_miss_mm']:.2f} mm cannot be told "
+            "from one that rounding of the phases explains."
+        )
+    if result["axial_error_mm"]["max"] is None and result["lateral_error_mm"]["max"] is not None:
+        yield "The error along the beam: this array cannot observe it."
+    yield from _LIMITS
