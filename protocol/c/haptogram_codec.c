@@ -140,7 +140,7 @@ size_t hg_build_frame(uint8_t *to, size_t capacity, const struct hg_header *head
     struct hg_builder builder;
     uint8_t head[HG_HEADER_BYTES];
 
-    hg_write_header(head, header);
+    hg_header_write(head, header);
     hg_build_begin(&builder, to, capacity);
     hg_build_add(&builder, head, sizeof head);
     hg_build_add(&builder, payload, length);
@@ -170,7 +170,7 @@ static int decode(struct hg_parser *parser, struct hg_frame *frame)
     length -= HG_CRC_BYTES;
     if (hg_crc32(0, body, length) != hg_get_u32(body + length))
         return HG_COUNTER_CRC;
-    hg_read_header(&frame->header, body);
+    hg_header_read(&frame->header, body);
     frame->body = body;
     frame->body_length = length;
     frame->payload = body + HG_HEADER_BYTES;

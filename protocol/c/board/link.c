@@ -42,7 +42,7 @@ static size_t error(const struct board *board, uint8_t *wire, const struct reque
     value.request = request->header.type;
     value.code = code;
     value.detail = detail;
-    hg_write_error(payload, &value);
+    hg_error_write(payload, &value);
     return response(board, wire, HG_TYPE_ERROR, request, session, payload, sizeof payload);
 }
 
@@ -156,7 +156,7 @@ static void open_session(struct board *board, const struct request *request, uin
     link_open(board, nonce, request->header.seq);
     board_schedule_status(board);
     readout_identity(board, &reply);
-    hg_write_hello_reply(board->link.greeting, &reply);
+    hg_hello_reply_write(board->link.greeting, &reply);
     greet(board, request);
 }
 
@@ -164,7 +164,7 @@ static void judge_hello(struct board *board, const struct request *request)
 {
     struct hg_hello hello;
 
-    hg_read_hello(&hello, request->payload);
+    hg_hello_read(&hello, request->payload);
     if (hello.major != HG_VERSION_MAJOR) {
         refuse_unseen(board, request, HG_COUNTER_UNSUPPORTED, HG_ERROR_VERSION, HG_VERSION_MAJOR);
     } else if (hello.nonce == 0) {

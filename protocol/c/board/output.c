@@ -36,7 +36,7 @@ void output_tell(struct board *board)
 
     changed.state = board->state;
     changed.reason = board->reason;
-    hg_write_state_changed(payload, &changed);
+    hg_state_changed_write(payload, &changed);
     link_event(board, HG_TYPE_STATE_CHANGED, payload, sizeof payload, board->now_us, 0, OTHER);
 }
 

@@ -37,7 +37,7 @@ void playback_play(struct board *board, const struct request *request)
     uint32_t offset;
     int is_bad;
 
-    hg_read_play(&play, request->payload);
+    hg_play_read(&play, request->payload);
     if (board->state != HG_STATE_ARMED || playback->sequence != NULL) {
         link_refuse(board, request, HG_ERROR_BAD_STATE, board->state);
         return;
@@ -76,7 +76,7 @@ void playback_end(struct board *board)
     ended.loops = (uint32_t)(playback->played / playback->sequence->frames);
     ended.frames = (uint32_t)playback->played;
     playback->sequence = NULL;
-    hg_write_playback_ended(payload, &ended);
+    hg_playback_ended_write(payload, &ended);
     link_event(board, HG_TYPE_PLAYBACK_ENDED, payload, sizeof payload, board->now_us, 0, OTHER);
 }
 

@@ -25,7 +25,7 @@ void points_element(const struct board *board, size_t number, uint8_t *to)
     element.x_um = (int32_t)floor(x_um + 0.5);
     element.y_um = (int32_t)floor(y_um + 0.5);
     element.nz = 32767;
-    hg_write_element(to, &element);
+    hg_element_write(to, &element);
 }
 
 static void quantise(double real, double imaginary, uint8_t *phase, uint8_t *amplitude)
@@ -45,7 +45,7 @@ void points_drive(const struct board *board, const uint8_t *points, size_t count
     size_t n, i;
 
     for (i = 0; i < count; i++)
-        hg_read_focal_point(&focus[i], points + i * HG_SIZE_FOCAL_POINT);
+        hg_focal_point_read(&focus[i], points + i * HG_SIZE_FOCAL_POINT);
     for (n = 0; n < board->count; n++) {
         double real = 0, imaginary = 0, x_um, y_um;
 

@@ -58,7 +58,7 @@ uint32_t readout_config_crc(const struct board *board)
 {
     uint8_t config[HG_SIZE_CONFIG];
 
-    hg_write_config(config, &board->config);
+    hg_config_write(config, &board->config);
     return hg_crc32(hg_crc32(0, config, sizeof config), board->correction, board->count);
 }
 
@@ -99,7 +99,7 @@ void readout_status(struct board *board, uint8_t *payload)
     status.margin_mean_us = clipped(mean(margins));
     status.config_crc = readout_config_crc(board);
     memset(margins, 0, sizeof *margins);
-    hg_write_status(payload, &status);
+    hg_status_write(payload, &status);
     for (i = 0; i < HG_COUNTERS; i++)
         hg_put_u32(payload + HG_OFFSET_STATUS_COUNTERS + 4 * i, board->counters[i]);
 }
@@ -124,13 +124,13 @@ void readout_geometry(struct board *board, const struct request *request)
     struct hg_geometry_reply reply;
     size_t count, i;
 
-    hg_read_get_geometry(&asked, request->payload);
+    hg_get_geometry_read(&asked, request->payload);
     if (!span(board, request, asked.first, asked.count,
               ROOM(HG_SIZE_GEOMETRY_REPLY) / HG_SIZE_ELEMENT, &count))
         return;
     reply.total = board->count;
     reply.first = asked.first;
-    hg_write_geometry_reply(board->scratch, &reply);
+    hg_geometry_reply_write(board->scratch, &reply);
     for (i = 0; i < count; i++)
         points_element(board, asked.first + i,
                        board->scratch + HG_SIZE_GEOMETRY_REPLY + i * HG_SIZE_ELEMENT);
@@ -145,7 +145,7 @@ void readout_drive(struct board *board, const struct request *request)
     struct drive drive = board->latched;
     size_t count;
 
-    hg_read_read_drive(&asked, request->payload);
+    hg_read_drive_read(&asked, request->payload);
     if (!span(board, request, asked.first, asked.count, ROOM(HG_SIZE_DRIVE_REPLY) / 2, &count))
         return;
     if (asked.kind == HG_DRIVE_RADIATED)
@@ -155,7 +155,7 @@ void readout_drive(struct board *board, const struct request *request)
     reply.key = board->latest.key;
     reply.t_latch_us = (uint32_t)board->latest.t_us;
     reply.first = asked.first;
-    hg_write_drive_reply(board->scratch, &reply);
+    hg_drive_reply_write(board->scratch, &reply);
     memcpy(data, drive.phase + asked.first, count);
     memcpy(data + count, drive.amplitude + asked.first, count);
     link_reply(board, request, board->scratch, HG_SIZE_DRIVE_REPLY + 2 * count);
@@ -189,7 +189,7 @@ static void report_drive(struct board *board, const struct latch *latch)
         return;
     trace.key = latch->key;
     trace.bits = 8;
-    hg_write_trace_drive(payload, &trace);
+    hg_trace_drive_write(payload, &trace);
     memcpy(payload + HG_SIZE_TRACE_DRIVE, board->latched.phase, count);
     memcpy(payload + HG_SIZE_TRACE_DRIVE + count, board->latched.amplitude, count);
     send_trace(board, HG_TYPE_TRACE_DRIVE, latch, payload, HG_SIZE_TRACE_DRIVE + 2 * count);
@@ -204,13 +204,13 @@ static void report_crc(struct board *board, const struct latch *latch)
     if (latch->key.sequence != 0) {
         playback.key = latch->key;
         playback.crc = latch->crc;
-        hg_write_trace_playback(payload, &playback);
+        hg_trace_playback_write(payload, &playback);
         send_trace(board, HG_TYPE_TRACE_PLAYBACK, latch, payload, HG_SIZE_TRACE_PLAYBACK);
         return;
     }
     trace.index = latch->key.index;
     trace.crc = latch->crc;
-    hg_write_trace(payload, &trace);
+    hg_trace_write(payload, &trace);
     send_trace(board, HG_TYPE_TRACE, latch, payload, HG_SIZE_TRACE);
 }
 
@@ -231,7 +231,7 @@ static void write_record(uint8_t *to, const struct latch *latch)
     record.t_latch_us = (uint32_t)latch->t_us;
     record.crc = latch->crc;
     record.flags = latch->late ? HG_FLAG_LATE : 0;
-    hg_write_trace_record(to, &record);
+    hg_trace_record_write(to, &record);
 }
 
 void readout_trace(struct board *board, const struct request *request)
@@ -241,10 +241,10 @@ void readout_trace(struct board *board, const struct request *request)
     size_t length = HG_SIZE_TRACE_REPLY;
     size_t i;
 
-    hg_read_read_trace(&asked, request->payload);
+    hg_read_trace_read(&asked, request->payload);
     reply.next = board->latches;
     reply.oldest = board->ring_count > 0 ? board->ring[board->ring_first].number : board->latches;
-    hg_write_trace_reply(board->scratch, &reply);
+    hg_trace_reply_write(board->scratch, &reply);
     for (i = 0; i < board->ring_count; i++) {
         const struct latch *latch = &board->ring[(board->ring_first + i) % BOARD_RING];
 

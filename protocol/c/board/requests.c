@@ -45,7 +45,7 @@ static void ping(struct board *board, const struct request *request)
     pong.echo = hg_get_u64(request->payload);
     pong.t_rx_us = (uint32_t)request->t_rx_us;
     pong.t_tx_us = (uint32_t)board->now_us;
-    hg_write_pong(payload, &pong);
+    hg_pong_write(payload, &pong);
     link_reply(board, request, payload, sizeof payload);
 }
 
@@ -66,7 +66,7 @@ static void reply_config(struct board *board, const struct request *request)
 
     reply.config_crc = readout_config_crc(board);
     reply.config = board->config;
-    hg_write_config_reply(payload, &reply);
+    hg_config_reply_write(payload, &reply);
     link_reply(board, request, payload, sizeof payload);
 }
 
@@ -105,7 +105,7 @@ static void set_config(struct board *board, const struct request *request)
     struct hg_set_config message;
     uint32_t offset;
 
-    hg_read_set_config(&message, request->payload);
+    hg_set_config_read(&message, request->payload);
     if (!config_fits(&message.config, &offset)) {
         link_refuse(board, request, HG_ERROR_BAD_VALUE, offset);
         return;

@@ -102,7 +102,7 @@ void upload_begin(struct board *board, const struct request *request)
     uint8_t code = HG_ERROR_BAD_STATE;
     uint8_t *data;
 
-    hg_read_upload_begin(&begin, request->payload);
+    hg_upload_begin_read(&begin, request->payload);
     if (!is_playing(board, begin.target))
         code = refusal(board, &begin, &detail);
     if (code != 0) {

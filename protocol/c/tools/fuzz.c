@@ -66,21 +66,22 @@ static uint32_t digest(const uint8_t *data, size_t length, size_t chunk)
     return crc;
 }
 
-/* HG-3.9/2, with the frames that went on into the queue. */
-static uint32_t explained(const uint32_t *counters)
+/* HG-3.9/2; a stream frame that was taken waits, was latched or was flushed. */
+static uint32_t explained(const struct board *board)
 {
     static const uint8_t terms[] = {
+        HG_COUNTER_LATCHED,       HG_COUNTER_FLUSHED,
         HG_COUNTER_REQUESTS,      HG_COUNTER_REPEATED,      HG_COUNTER_DUPLICATE,
         HG_COUNTER_STALE_SESSION, HG_COUNTER_BAD_LENGTH,    HG_COUNTER_BAD_VALUE,
         HG_COUNTER_UNKNOWN_TYPE,  HG_COUNTER_UNSUPPORTED,   HG_COUNTER_DROPPED_STATE,
         HG_COUNTER_DROPPED_ORDER, HG_COUNTER_DROPPED_FULL,  HG_COUNTER_DROPPED_FUTURE,
         HG_COUNTER_DROPPED_LATE,
     };
-    uint32_t sum = 0;
+    uint32_t sum = (uint32_t)board->queued;
     size_t i;
 
     for (i = 0; i < sizeof terms; i++)
-        sum += counters[terms[i]];
+        sum += board->counters[terms[i]];
     return sum;
 }
 
@@ -99,16 +100,18 @@ static void check_board(const uint8_t *data, size_t length)
         t_us += data[at] * 64;
         board_receive(&board, data + at, part, t_us);
         DEMAND(board.queued <= BOARD_QUEUE && board.output_length <= BOARD_OUTPUT);
-        DEMAND(explained(board.counters) <= board.counters[HG_COUNTER_FRAMES]);
+        if (upload_stored(&board) == 0) /* what was played was no frame */
+            DEMAND(explained(&board) == board.counters[HG_COUNTER_FRAMES]);
         DEMAND(board.state == HG_STATE_ARMED || !board.sounding);
         if (data[at] & 1)
             board_sent(&board, board.output_length);
         at += part;
     }
-    board_advance(&board, t_us + 60 * 1000000);
-    DEMAND(board.state != HG_STATE_ARMED);
-    DEMAND(explained(board.counters) + board.counters[HG_COUNTER_LATCHED]
-               + board.counters[HG_COUNTER_FLUSHED] >= board.counters[HG_COUNTER_FRAMES]);
+    board_advance(&board, t_us + 30 * 1000000);
+    if (board.state == HG_STATE_ARMED) /* a playback may go on longer than any other timer */
+        board_advance(&board, t_us + 700 * (int64_t)1000000);
+    DEMAND(board.state != HG_STATE_ARMED && board.queued == 0);
+    DEMAND(explained(&board) >= board.counters[HG_COUNTER_FRAMES]);
     board_stop(&board);
 }
 
@@ -166,6 +169,8 @@ static size_t add_frame(uint8_t *to, size_t room, uint16_t *seq, uint16_t *index
         which = 4; /* ARM: most of the others need it */
     length = layouts[which].fixed;
     header.type = layouts[which].type;
+    if (next(16) == 0)
+        header.type = (uint8_t)next(256);
     header.flags = next(2) != 0 && header.type < 0x40 ? HG_FLAG_IMMEDIATE : 0;
     header.seq = header.type < 0x40 ? (*index)++ : (*seq)++;
     header.time_us = (uint32_t)BOARD_BOOT_US + next(200000);
@@ -186,6 +191,67 @@ static size_t add_hello(uint8_t *to, size_t room)
     memset(&header, 0, sizeof header);
     header.type = HG_TYPE_HELLO;
     return hg_build_frame(to, room, &header, payload, sizeof payload);
+}
+
+/* The payload comes from the caller, the rest is as it should be. */
+static size_t add_request(uint8_t *to, size_t room, uint16_t *seq, uint8_t type, uint8_t flags,
+                          const uint8_t *payload, size_t length)
+{
+    struct hg_header header;
+
+    memset(&header, 0, sizeof header);
+    header.type = type;
+    header.flags = flags;
+    header.seq = (*seq)++;
+    header.session = 7;
+    return hg_build_frame(to, room, &header, payload, length);
+}
+
+/* An upload that is played: so much does not happen by chance. */
+static size_t add_playback(uint8_t *to, size_t room, uint16_t *seq)
+{
+    uint8_t chunk[HG_SIZE_UPLOAD_CHUNK + 48] = {0};
+    struct hg_upload_begin begin = {HG_UPLOAD_PHASES, 0, 1, 48, 0};
+    struct hg_play play = {1, 100 + next(500), next(3), 1 + next(600)};
+    uint8_t payload[16];
+    size_t length = 0;
+
+    fill(chunk + HG_SIZE_UPLOAD_CHUNK, 48);
+    begin.crc = hg_crc32(0, chunk + HG_SIZE_UPLOAD_CHUNK, 48);
+    if (next(2) != 0) { /* 16 bytes each are three frames of phases, or three points */
+        begin.kind = HG_UPLOAD_POINTS;
+        begin.points_per_frame = 1;
+    }
+    hg_upload_begin_write(payload, &begin);
+    length += add_request(to + length, room - length, seq, HG_TYPE_UPLOAD_BEGIN, 0, payload,
+                          HG_SIZE_UPLOAD_BEGIN);
+    length += add_request(to + length, room - length, seq, HG_TYPE_UPLOAD_CHUNK, 0, chunk,
+                          sizeof chunk);
+    hg_put_u16(payload, 1);
+    length += add_request(to + length, room - length, seq, HG_TYPE_UPLOAD_COMMIT, 0, payload,
+                          HG_SIZE_UPLOAD_COMMIT);
+    length += add_request(to + length, room - length, seq, HG_TYPE_ARM, 0, payload, 0);
+    hg_play_write(payload, &play);
+    length += add_request(to + length, room - length, seq, HG_TYPE_PLAY, HG_FLAG_IMMEDIATE, payload,
+                          HG_SIZE_PLAY);
+    return length;
+}
+
+/* More frames than the queue holds, each later than the one before. */
+static size_t add_stream(uint8_t *to, size_t room, uint16_t *seq, uint16_t *index)
+{
+    uint8_t payload[HG_SIZE_PHASES + 16] = {8, 0};
+    uint32_t count = next(2 * BOARD_QUEUE) + 1;
+    struct hg_header header = {HG_TYPE_PHASES, 0, 0, (uint32_t)BOARD_BOOT_US + 300000, 7};
+    size_t length = add_request(to, room, seq, HG_TYPE_ARM, 0, payload, 0);
+
+    while (count-- > 0) {
+        fill(payload + HG_SIZE_PHASES, 16);
+        header.seq = (*index)++;
+        header.time_us += next(100);
+        length += hg_build_frame(to + length, room - length, &header, payload, sizeof payload);
+    }
+    return length;
 }
 
 static size_t mutate(uint8_t *data, size_t length)
@@ -219,6 +285,10 @@ static size_t make_input(uint8_t *data)
     size_t length = add_hello(data, LONGEST);
     uint32_t count = next(24) + 1;
 
+    if (next(4) == 0)
+        length += add_playback(data + length, LONGEST - length, &seq);
+    if (next(4) == 0)
+        length += add_stream(data + length, LONGEST - length, &seq, &index);
     while (count-- > 0 && length < LONGEST / 2)
         length += add_frame(data + length, LONGEST - length, &seq, &index);
     for (count = next(4); count > 0; count--)

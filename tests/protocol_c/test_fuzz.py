@@ -1,0 +1,45 @@
+"""The fuzzer: a bounded number of inputs, and planted faults that it must find."""
+
+import pytest
+from protocol_c.building import compiler, make, run, spoilt
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_codec_and_board_survive_bad_input(programs, seed):
+    assert run(programs / "fuzz", 500, seed) == (0, "500 inputs\n")
+
+
+def test_the_same_seed_gives_the_same_inputs(programs):
+    assert run(programs / "fuzz", 20, 5) == run(programs / "fuzz", 20, 5)
+
+
+# File, what stands there, what is planted, and whether it takes a sanitizer to see it.
+PLANTED = {
+    "buffer-overrun": (
+        "haptogram_codec.c",
+        "if (parser->length < HG_MAX_ENCODED_BYTES)",
+        "if (parser->length <= HG_MAX_ENCODED_BYTES)",
+        True,
+    ),
+    "queue-overrun": ("board/stream.c", "board->queued == BOARD_QUEUE", "0", False),
+    "dropped-and-not-counted": (
+        "board/link.c",
+        "link_count(board, HG_COUNTER_UNKNOWN_TYPE);",
+        "(void)0;",
+        False,
+    ),
+    "timer-that-never-ends": ("board/output.c", "lease_us < hold_us", "lease_us > hold_us", False),
+}
+
+
+@pytest.mark.parametrize("planted", PLANTED)
+def test_a_planted_fault_is_found(tmp_path, planted):
+    *change, sanitized = PLANTED[planted]
+    name, folder = compiler(), tmp_path / "build"
+    source = spoilt(tmp_path, *change)
+    settings = {"CC": name, "CFLAGS": "-O0 -w"} | ({"SANITIZE": 1} if sanitized else {})
+    status, output = make(folder, folder / "fuzz", source=source, **settings)
+    assert status == 0, output
+    status, output = run(folder / "fuzz", 1000, 1)
+    assert status != 0
+    assert "runtime error" in output if sanitized else "not so" in output

@@ -1,0 +1,100 @@
+"""The generated C99 headers: up to date, compiled strictly, and with asserts that bite."""
+
+import enum
+import shutil
+
+import pytest
+from protocol_c.building import FOLDER, compiler, compilers, run, spoilt
+
+from haptogram_protocol.errors import LocalProtocolError
+from haptogram_protocol.export_c import HEADERS
+from haptogram_protocol.export_c.__main__ import main
+from haptogram_protocol.export_c.names import enumerated, member_name
+from haptogram_protocol.messages import DriveKind, GeometryReply, Message
+from haptogram_protocol.record import Record, record, repeated, wire
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion")
+PROGRAM = '#include "haptogram_messages.h"\nint main(void) { return 0; }\n'
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_a_header_is_what_the_messages_make_of_it(name):
+    assert (FOLDER / name).read_text("utf-8") == HEADERS[name](), (
+        "run: python -m haptogram_protocol.export_c"
+    )
+
+
+def test_the_command_writes_every_header(tmp_path, capsys):
+    assert main([str(tmp_path)]) == 0
+    assert {path.name: path.read_text("utf-8") for path in tmp_path.iterdir()} == {
+        name: make() for name, make in HEADERS.items()
+    }
+    assert capsys.readouterr().out.split() == [str(tmp_path / name) for name in HEADERS]
+    with pytest.raises(SystemExit):
+        main([str(tmp_path / "missing")])
+
+
+def compiled(tmp_path, include, *command):
+    source = tmp_path / "program.c"
+    source.write_text(PROGRAM)
+    return run(*command, f"-I{include}", source, "-o", tmp_path / "program")
+
+
+def test_the_headers_compile_without_a_warning(tmp_path):
+    compiler()
+    for name in compilers():
+        assert compiled(tmp_path, FOLDER, name, *STRICT) == (0, "")
+
+
+def test_the_headers_compile_as_cplusplus(tmp_path):
+    compiler()
+    for name in [name for name in ("g++", "clang++") if shutil.which(name)]:
+        flags = ("-std=c++11", *STRICT[1:], "-x", "c++")
+        assert compiled(tmp_path, FOLDER, name, *flags) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("uint8_t nonce[2];", "uint8_t nonce[4];"),
+        ("uint8_t t_rx_us[4];", ""),
+        ("sizeof(struct hg_wire_hello) == 8", "sizeof(struct hg_wire_hello) == 12"),
+    ],
+)
+def test_a_layout_that_is_not_the_wire_does_not_compile(tmp_path, old, new):
+    name = compiler()
+    source = spoilt(tmp_path, "haptogram.h", old, new)
+    status, output = compiled(tmp_path, source, name, *STRICT)
+    assert status != 0
+    assert "hg_assert_" in output or "no member" in output
+
+
+def test_a_field_is_never_called_by_a_keyword():
+    assert [member_name(name) for name in ("short", "shorter", "crc")] == ["short_", "shorter", "crc"]
+
+
+def test_enumerations_that_c_could_not_check_are_refused():
+    @record
+    class Inner(Record):
+        kind: DriveKind = wire("B", "kind", enum=DriveKind)
+
+    @record
+    class Outer(Message):
+        items: tuple[Inner, ...] = repeated(Inner, "items")
+
+    with pytest.raises(LocalProtocolError):
+        list(enumerated(Outer))
+    assert list(enumerated(Inner)) == [(0, 0b11)]
+    assert list(enumerated(GeometryReply)) == []
+
+
+def test_values_without_a_bit_are_refused():
+    class Wide(enum.IntEnum):
+        LARGE = 40
+
+    @record
+    class Odd(Record):
+        value: Wide = wire("B", "value", enum=Wide)
+
+    with pytest.raises(LocalProtocolError):
+        list(enumerated(Odd))
