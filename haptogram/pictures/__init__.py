@@ -1,0 +1,36 @@
+"""Pictures of fields: planes, cuts, iso-surfaces and spectra (needs the extra ``report``).
+
+Axes in millimetres, a unit on every colour bar, the target and the peak marked.  The colour maps
+keep their order for colour-blind readers and in grey print: cividis for magnitudes, twilight,
+which closes on itself, for phases.
+"""
+
+from haptogram.pictures.cuts import draw_cuts
+from haptogram.pictures.isosurface import draw_isosurfaces, isosurface
+from haptogram.pictures.planes import (
+    QUANTITIES,
+    Plane,
+    PlaneField,
+    draw_plane,
+    force_values,
+    sample_mean,
+    sample_plane,
+)
+from haptogram.pictures.spectra import draw_spectrum
+from haptogram.pictures.style import as_data_uri, save
+
+__all__ = [
+    "QUANTITIES",
+    "Plane",
+    "PlaneField",
+    "as_data_uri",
+    "draw_cuts",
+    "draw_isosurfaces",
+    "draw_plane",
+    "draw_spectrum",
+    "force_values",
+    "isosurface",
+    "sample_mean",
+    "sample_plane",
+    "save",
+]

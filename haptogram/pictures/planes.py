@@ -1,0 +1,306 @@
+"""A plane of the field: where it lies, what is on it, and its picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics import FieldEngine, radiation_pressure_pa
+from haptogram.acoustics.average import mean_square_pressure
+from haptogram.acoustics.dynamics import Resonator
+from haptogram.errors import ConfigurationError
+from haptogram.pictures.style import MAGNITUDE_MAP, PHASE_MAP, mark, new_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FloatArray: TypeAlias = NDArray[np.float64]
+ComplexArray: TypeAlias = NDArray[np.complex128]
+Progress: TypeAlias = Callable[[int, int], None]
+
+ORIENTATIONS: Final = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+QUANTITIES: Final = ("pressure", "phase", "force")
+MAX_POINTS: Final = 4_000_000
+_POINTS_PER_CALL: Final = 4096
+_CLEARANCE_M: Final = 2e-3  # closer to an element the far-field model says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A rectangle parallel to two of the axes.
+
+    Attributes
+    ----------
+    orientation : str
+        "xy", "xz" or "yz": its horizontal and vertical axis.
+    through_m : (float, float, float)
+        A point of it; only the coordinate along its normal counts.
+    horizontal_m, vertical_m : (float, float)
+        Ranges of its two axes.
+    step_m : float
+        Spacing of the samples.
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown orientation, an empty range, or more than 4 million points.
+    """
+
+    orientation: str
+    through_m: tuple[float, float, float]
+    horizontal_m: tuple[float, float]
+    vertical_m: tuple[float, float]
+    step_m: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.orientation not in ORIENTATIONS:
+            raise ConfigurationError(
+                f"plane is {self.orientation!r}, must be one of {', '.join(ORIENTATIONS)}"
+            )
+        if not (math.isfinite(self.step_m) and self.step_m > 0.0):
+            raise ConfigurationError(f"step_m is {self.step_m:g}, must be finite and above 0")
+        sides = (self.horizontal_m, self.vertical_m)
+        for low, high in sides:
+            if not (math.isfinite(low) and math.isfinite(high) and low < high):
+                raise ConfigurationError(f"range is {low:g} to {high:g} m, must ascend")
+        points = math.prod((high - low) / self.step_m + 1.0 for low, high in sides)
+        if points > MAX_POINTS:
+            raise ConfigurationError(
+                f"a plane of {points:.3g} points, must be at most {MAX_POINTS}; take a larger step"
+            )
+
+    @property
+    def axes(self) -> tuple[int, int]:
+        """Indices of the horizontal and the vertical axis."""
+        return ORIENTATIONS[self.orientation]
+
+    @property
+    def normal_axis(self) -> int:
+        """Index of the axis that the plane is perpendicular to."""
+        return 3 - sum(self.axes)
+
+    def coordinates_m(self) -> tuple[FloatArray, FloatArray]:
+        """Return the samples of the horizontal and of the vertical axis."""
+        first, second = (
+            np.linspace(low, high, round((high - low) / self.step_m) + 1)
+            for low, high in (self.horizontal_m, self.vertical_m)
+        )
+        return first, second
+
+    def points_m(self) -> FloatArray:
+        """Return the (V * H, 3) points, the horizontal axis running fastest."""
+        across, up = self.coordinates_m()
+        points = np.empty((len(up), len(across), 3))
+        points[...] = self.through_m
+        points[..., self.axes[0]] = across
+        points[..., self.axes[1]] = up[:, None]
+        return points.reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PlaneField:
+    """Values on a plane.
+
+    Attributes
+    ----------
+    plane : Plane
+        Where.
+    values : (V, H) numpy.ndarray
+        Complex peak pressure of one drive, or real RMS pressure of a sequence, in pascals; NaN
+        within 2 mm of an element.
+    """
+
+    plane: Plane
+    values: NDArray[Any]
+
+    def peak_m(self) -> tuple[float, float, float]:
+        """Return where the magnitude is largest."""
+        index = int(np.nanargmax(np.abs(self.values)))
+        x, y, z = self.plane.points_m()[index].tolist()
+        return x, y, z
+
+
+def sample_plane(
+    engine: FieldEngine, weights: ArrayLike, plane: Plane, progress: Progress | None = None
+) -> PlaneField:
+    """Return the complex pressure of one drive on a plane; *progress* is told (done, of)."""
+    return PlaneField(
+        plane,
+        _sample(engine, plane, lambda points: engine.pressure(weights, points), progress),
+    )
+
+
+def sample_mean(
+    engine: FieldEngine,
+    weights: ArrayLike,
+    plane: Plane,
+    frame_s: float,
+    resonator: Resonator | None = None,
+    progress: Progress | None = None,
+) -> PlaneField:
+    """Return the RMS pressure of a repeated sequence of drives (F, N) on a plane."""
+
+    def rms(points: FloatArray) -> FloatArray:
+        square = mean_square_pressure(engine, weights, points, frame_s, resonator)
+        root: FloatArray = np.sqrt(square)
+        return root
+
+    return PlaneField(plane, _sample(engine, plane, rms, progress))
+
+
+def _sample(
+    engine: FieldEngine,
+    plane: Plane,
+    function: Callable[[FloatArray], NDArray[np.generic]],
+    progress: Progress | None,
+) -> NDArray[np.generic]:
+    points = plane.points_m()
+    clear = np.flatnonzero(_is_clear(engine, points))
+    if not len(clear):
+        raise ConfigurationError("every point of the plane is within 2 mm of an element")
+    parts = []
+    for start in range(0, len(clear), _POINTS_PER_CALL):
+        chunk = clear[start : start + _POINTS_PER_CALL]
+        parts.append(function(points[chunk]))
+        if progress is not None:
+            progress(min(start + _POINTS_PER_CALL, len(clear)), len(clear))
+    found = np.concatenate(parts)
+    values = np.full(len(points), np.nan, dtype=found.dtype)
+    values[clear] = found
+    across, up = plane.coordinates_m()
+    return values.reshape(len(up), len(across))
+
+
+def _is_clear(engine: FieldEngine, points: FloatArray) -> NDArray[np.bool_]:
+    """Return which points are more than the clearance away from every element."""
+    clear = np.ones(len(points), dtype=np.bool_)
+    for position in engine.model.array.positions_m:
+        near = np.abs(points - position).max(axis=1) < _CLEARANCE_M
+        clear[near] &= np.linalg.norm(points[near] - position, axis=1) >= _CLEARANCE_M
+    return clear
+
+
+def force_values(engine: FieldEngine, field: PlaneField) -> FloatArray:
+    """Return the radiation pressure on a totally reflecting wall, in pascals, (V, H)."""
+    values = field.values
+    # A sequence holds RMS values already; the formula takes peak ones.
+    peak = values if np.iscomplexobj(values) else math.sqrt(2.0) * values.astype(np.float64)
+    return radiation_pressure_pa(peak, engine.model.medium)
+
+
+def draw_plane(
+    engine: FieldEngine,
+    field: PlaneField,
+    *,
+    quantity: str = "pressure",
+    targets_m: ArrayLike = (),
+    title: str = "",
+    peak: bool = True,
+) -> Figure:
+    """Return the picture of a plane.
+
+    Parameters
+    ----------
+    quantity : str
+        "pressure" (RMS), "phase", or "force" (radiation pressure on a reflecting wall).
+    targets_m : (T, 3) array_like
+        Targets to mark: those within 1 mm of the plane, at most one hundred.
+    peak : bool
+        Whether to mark the largest value of the plane.
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown quantity, the phase of a time average, or no matplotlib.
+    """
+    values, label, colours, limits = _picture_of(engine, field, quantity)
+    figure = new_figure(*_size(field.plane))
+    with styled():
+        axes = figure.add_subplot()
+        across, up = field.plane.coordinates_m()
+        half = 0.5e3 * field.plane.step_m
+        image = axes.imshow(
+            values,
+            origin="lower",
+            extent=(
+                across[0] * 1e3 - half,
+                across[-1] * 1e3 + half,
+                up[0] * 1e3 - half,
+                up[-1] * 1e3 + half,
+            ),
+            cmap=colours,
+            vmin=limits[0],
+            vmax=limits[1],
+            interpolation="nearest",
+            aspect="equal",
+        )
+        bar = figure.colorbar(image, ax=axes, label=label, shrink=0.92)
+        if quantity == "phase":
+            bar.set_ticks([-math.pi, -math.pi / 2, 0, math.pi / 2, math.pi])
+            bar.set_ticklabels(["−π", "−π/2", "0", "π/2", "π"])
+        first, second = field.plane.axes
+        axes.set_xlabel(f"{'xyz'[first]} (mm)")
+        axes.set_ylabel(f"{'xyz'[second]} (mm)")
+        for target in _marked(field.plane, targets_m):
+            mark(axes, target[first] * 1e3, target[second] * 1e3, "target")
+        if peak:
+            place = field.peak_m()
+            mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
+        _legend(figure)
+        axes.set_title(title or _title(field.plane))
+    return figure
+
+
+def _picture_of(
+    engine: FieldEngine, field: PlaneField, quantity: str
+) -> tuple[FloatArray, str, str, tuple[float, float | None]]:
+    """Return the values to show, their label, colour map and limits."""
+    if quantity == "phase":
+        if not np.iscomplexobj(field.values):
+            raise ConfigurationError("a time average has no phase; choose pressure or force")
+        angles: FloatArray = np.angle(field.values)
+        return angles, "phase of p (rad)", PHASE_MAP, (-math.pi, math.pi)
+    if quantity == "force":
+        label = "radiation pressure, total reflection (Pa)"
+        return force_values(engine, field), label, MAGNITUDE_MAP, (0.0, None)
+    if quantity != "pressure":
+        raise ConfigurationError(
+            f"quantity is {quantity!r}, must be one of {', '.join(QUANTITIES)}"
+        )
+    rms = np.abs(field.values) / (math.sqrt(2.0) if np.iscomplexobj(field.values) else 1.0)
+    unit, scale = ("kPa", 1e-3) if np.nanmax(rms) >= 1e3 else ("Pa", 1.0)
+    return rms * scale, f"sound pressure, RMS ({unit})", MAGNITUDE_MAP, (0.0, None)
+
+
+def _size(plane: Plane) -> tuple[float, float]:
+    """Return the size of a figure, in inches, that fits the shape of the plane."""
+    (left, right), (low, high) = plane.horizontal_m, plane.vertical_m
+    ratio = (high - low) / (right - left)
+    width = 5.0 if ratio <= 1.0 else max(2.4, 5.0 / ratio)
+    return width + 1.6, min(max(width * ratio, 1.2), 5.2) + 1.0
+
+
+def _marked(plane: Plane, targets_m: ArrayLike) -> list[list[float]]:
+    targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
+    near = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis]) <= 1e-3
+    shown: list[list[float]] = targets[near].tolist()
+    return shown if len(shown) <= 100 else []
+
+
+def _legend(figure: Figure) -> None:
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    if unique:
+        figure.legend(
+            list(unique.values()), list(unique.keys()), loc="outside lower center", ncols=2
+        )
+
+
+def _title(plane: Plane) -> str:
+    axis = plane.normal_axis
+    return f"{'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm"
