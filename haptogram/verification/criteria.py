@@ -19,11 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, SingleFocus, fit_focus, phase_step_rad
+from haptogram.acoustics.drive import FULL_AMPLITUDE
 from haptogram.acoustics.focus import wrap
 from haptogram.records import Intended
 
 from .target import (
     LEAST_FRESNEL_NUMBER,
+    LONGEST_SHIFT_RAD,
     PREDICTION_SHARE,
     Complexes,
     Direction,
@@ -37,8 +39,8 @@ from .target import (
 ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
 #: S4: what the search for a peak may miss it by, in radians of phase, on top of rounding and of the
 #: prediction; 1 mm beside the target of a 16 x 16 array is 0.5 or more.
-PEAK_SLACK_RAD: Final = 0.02
-_AMPLITUDE_STEP: Final = 1.0 / 255.0
+PEAK_SLACK_RAD: Final = 0.01
+_AMPLITUDE_STEP: Final = 1.0 / FULL_AMPLITUDE
 
 
 def allowed_codes(intended: Intended) -> int:
@@ -87,9 +89,16 @@ def coherence(target: TargetField, latched: Complexes, intended: Complexes) -> f
     return abs(complex((latched * target.arrivals).sum())) / largest if largest > 0.0 else 0.0
 
 
-def least_coherence(intended: Intended) -> float:
-    """Return S3's limit, cos(pi / 2^b) with the allowance of S1."""
-    return math.cos(min(phase_limit_rad(intended), math.pi)) - ROUNDING_RAD
+def least_coherence(target: TargetField, intended: Intended) -> float:
+    """Return S3's limit, cos(pi / 2^b), with the allowances of S1 and S5 where the board computes.
+
+    With one amplitude step less, sum |a_n g_n| falls short by that step's share of it.
+    """
+    loudness = np.abs(target.arrivals)
+    largest = float(np.abs(intended.drive.weights()) @ loudness)
+    missing = allowed_codes(intended) * _AMPLITUDE_STEP * float(loudness.sum())
+    share = max(0.0, 1.0 - missing / largest) if largest > 0.0 else 0.0
+    return math.cos(min(phase_limit_rad(intended), math.pi)) * share - ROUNDING_RAD
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,41 +129,27 @@ def peak_errors(
     Rounding moves the peak by (k^2 C)^-1 sum_n s_n k (u_n - u) d_n, s_n the shares of the elements
     and |d_n| <= *phase_limit*: by Cauchy and Schwarz at most sqrt(D) times that, for D directions.
     """
-    return [
-        _peak_error(model, target, latched, amplitudes, phase_limit, direction)
-        for direction in target.directions
-    ]
-
-
-def _peak_error(
-    model: AcousticModel,
-    target: TargetField,
-    latched: Complexes,
-    amplitudes: Floats,
-    phase_limit: float,
-    direction: Direction,
-) -> PeakError:
-    found_m = peak_offset_m(model, latched, target.position_m, direction)
-    expected_m, tolerance_rad = _expected_offset_m(model, target, amplitudes, direction)
-    rounding_rad = math.sqrt(len(direction.axes)) * phase_limit
-    return PeakError(
-        metric_length(found_m - expected_m, direction),
-        PEAK_SLACK_RAD + rounding_rad + tolerance_rad,
-    )
+    errors = []
+    for direction in target.directions:
+        expected_m = _expected_offset_m(model, target, amplitudes, direction)
+        shift_rad = metric_length(expected_m, direction)
+        if shift_rad > LONGEST_SHIFT_RAD:
+            continue
+        found_m = peak_offset_m(model, latched, target.position_m, direction)
+        rounding_rad = math.sqrt(len(direction.axes)) * phase_limit
+        limit_rad = PEAK_SLACK_RAD + rounding_rad + PREDICTION_SHARE * shift_rad
+        errors.append(PeakError(metric_length(found_m - expected_m, direction), limit_rad))
+    return errors
 
 
 def _expected_offset_m(
     model: AcousticModel, target: TargetField, amplitudes: Floats, direction: Direction
-) -> tuple[Floats, float]:
-    """Return where the peak belongs, and the tolerance of that in radians.
-
-    Where the focal shift is small, the predicted one; else the peak of an ideal drive.
-    """
+) -> Floats:
+    """Return the predicted focal shift; where there is no prediction, that of an ideal drive."""
     if target.fresnel_number >= LEAST_FRESNEL_NUMBER:
-        shift_m = predicted_shift_m(model, target, amplitudes, direction)
-        return shift_m, PREDICTION_SHARE * metric_length(shift_m, direction)
+        return predicted_shift_m(model, target, amplitudes, direction)
     ideal = amplitudes * np.exp(1j * target.phases_rad)
-    return peak_offset_m(model, ideal, target.position_m, direction), 0.0
+    return peak_offset_m(model, ideal, target.position_m, direction)
 
 
 def amplitudes_ok(intended: Intended, latched: Drive) -> bool:
@@ -181,10 +176,16 @@ def several_foci_ok(intended: Intended, latched: Complexes, targets: list[Target
 
 
 def _ideal_weights(intended: Intended, targets: list[TargetField]) -> Complexes:
-    """Return the naive superposition that the frame asks for, clipped at full amplitude."""
+    """Return the naive superposition that the frame asks for, clipped at full amplitude.
+
+    A frame that holds phases only drives every element in full: the phases of that superposition.
+    """
     weights = sum(
         focus.amplitude * np.exp(1j * (target.phases_rad + focus.phase_rad))
         for focus, target in zip(intended.foci, targets, strict=True)
     )
     sound: Complexes = np.asarray(weights, dtype=np.complex128)
+    if (intended.drive.amplitude_codes == FULL_AMPLITUDE).all():
+        in_full: Complexes = np.exp(1j * np.angle(sound))
+        return in_full
     return sound / np.maximum(np.abs(sound), 1.0)

@@ -17,6 +17,7 @@ from haptogram.acoustics import (
     Reconstruction,
     Reconstructor,
     SingleFocus,
+    phase_step_rad,
     pressure,
 )
 from haptogram.records import Focus, Intended, Observation
@@ -24,14 +25,47 @@ from haptogram.records import Focus, Intended, Observation
 from . import criteria
 from .faults import UNNAMED, name_faults, named_elements
 from .target import Floats, TargetField
-from .verdict import Consequence, FrameStatus, FrameVerdict
+from .verdict import JUDGED, Consequence, FrameStatus, FrameVerdict, Vector
 
-_REMEMBERED_TARGETS: Final = 16_384  # a pass of a fine object: a repeated one costs nothing new
+_REMEMBERED_BYTES: Final = 1 << 27  # of targets: a pass that repeats costs nothing new
+_BYTES_PER_ELEMENT: Final = 24  # of a target: a phase and a complex pressure
 _MM: Final = 1e3
 _AMBIGUOUS: Final = (
     "the phases suit the target, but a search that is not told the target finds another point or "
     "none: S2 is not judged"
 )
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Held:
+    """What the board goes on radiating until the next latch.
+
+    Attributes
+    ----------
+    drive : Drive or None
+        None: another one than intended, and not seen.
+    focus_m : tuple
+        Where its focus was found; where that cannot be observed, or was not, where it was wanted.
+    """
+
+    drive: Drive | None
+    focus_m: Vector
+
+    @classmethod
+    def after(cls, intended: Intended, observation: Observation, verdict: FrameVerdict) -> Held:
+        """Return what is held once the frame of *verdict* has been latched."""
+        unseen = (None, None, None)
+        x, y, z = (
+            wanted if bound is None or found is None else found
+            for wanted, found, bound in zip(
+                verdict.target_m,
+                verdict.measured_m or unseen,
+                verdict.bound_mm or unseen,
+                strict=True,
+            )
+        )
+        by_crc = verdict.status in JUDGED and not verdict.faults
+        return cls(observation.drive or (intended.drive if by_crc else None), (x, y, z))
 
 
 class Judge:
@@ -49,7 +83,8 @@ class Judge:
         self._model = model
         self._carrier_us = carrier_us
         self._reconstructors: dict[int, Reconstructor] = {}
-        self._target = functools.lru_cache(_REMEMBERED_TARGETS)(self._make_target)
+        remembered = _REMEMBERED_BYTES // (_BYTES_PER_ELEMENT * model.array.count)
+        self._target = functools.lru_cache(remembered)(self._make_target)
 
     def _make_target(self, focus: Focus, phase_bits: int) -> TargetField:
         return TargetField.of(self._model, focus, phase_bits)
@@ -61,19 +96,35 @@ class Judge:
             return dataclasses.replace(
                 seen, status=FrameStatus.CORRUPT, faults=(_crc_fault(intended, observation),)
             )
-        latched, note = _latched_drive(intended, observation)
-        if latched is None:
-            return dataclasses.replace(seen, note=note)
-        if latched.count != self._model.array.count:
-            note = f"a drive of {latched.count} elements; the array has {self._model.array.count}"
-            return dataclasses.replace(seen, note=note)
+        latched, note = self._latched_drive(intended, observation)
         seen = dataclasses.replace(seen, note=note)
+        if latched is None:
+            return seen
+        if intended.drive.is_muted:
+            return self._judge_silence(seen, intended, latched)
         if len(intended.foci) > 1:
             return self._judge_several(seen, intended, latched)
         found = observation.reconstruction or self._reconstruct(latched, intended.phase_bits)
         if isinstance(found, NoFocus) and found.reason == "ramping":
             return dataclasses.replace(seen, note="the output was ramping down when it was latched")
         return self._judge_single(seen, intended, latched, found)
+
+    def _latched_drive(
+        self, intended: Intended, observation: Observation
+    ) -> tuple[Drive | None, str]:
+        """Return the drive that was latched, as far as it was seen, and what to say about that."""
+        drive, crc, count = observation.drive, observation.drive_crc, self._model.array.count
+        if drive is None and crc is None:
+            return None, "the latch was seen, but nothing of its drive"
+        if drive is None and intended.board_computed:
+            return None, "the board computed the drive, and only its CRC was seen"
+        if drive is None:
+            return intended.drive, "by the CRC of the drive, which is that of the intended one"
+        if drive.count != count:
+            return None, f"a drive of {drive.count} elements; the array has {count}"
+        if crc not in (None, drive.digest()):
+            return None, f"the drive that was seen has the CRC {drive.digest():08x}, not {crc:08x}"
+        return drive, ""
 
     def _seen(self, intended: Intended, observation: Observation) -> FrameVerdict:
         lateness_us = (
@@ -110,13 +161,16 @@ class Judge:
             elif isinstance(found, NotSingle):
                 faults += _radiated_otherwise(self._model, found, faults)
                 measures["note"] = "; ".join(filter(None, (seen.note, _no_focus(found))))
+            elif not faults:
+                faults = (f"the drive is right, but nothing was radiated: {found.reason}",)
+        bound_m = self._bound_m(intended, target)
         return dataclasses.replace(
             seen,
             status=_status(verdicts, faults, isinstance(found, SingleFocus)),
             criteria=dict(sorted(verdicts.items())),
             faults=faults,
-            bound_mm=_finite_mm(target.bound_m),
-            smallest_miss_mm=_MM * float(np.linalg.norm(_finite(target.bound_m))),
+            bound_mm=_finite_mm(bound_m),
+            smallest_miss_mm=_MM * float(np.linalg.norm(_finite(bound_m))),
             **measures,
         )
 
@@ -124,8 +178,8 @@ class Judge:
         """S2."""
         if not isinstance(found, SingleFocus):
             return False
-        bound_m = target.bound_m + self._slack_m(intended)
-        return criteria.on_target(criteria.focus_offset_m(target, found), bound_m)
+        offset_m = criteria.focus_offset_m(target, found)
+        return criteria.on_target(offset_m, self._bound_m(intended, target))
 
     def _ambiguous(
         self, intended: Intended, latched: Drive, target: TargetField, found: Reconstruction
@@ -145,11 +199,11 @@ class Judge:
             return True  # one point does explain all phases: the search gave up too early
         return isinstance(self._reconstruct(latched, intended.phase_bits), NotSingle)
 
-    def _slack_m(self, intended: Intended) -> Floats | float:
-        """Return what the board's own arithmetic may add to S2: one step of 8 bits per element."""
-        if not criteria.allowed_codes(intended):
-            return 0.0
-        return 2.0 * self._target(intended.foci[0], 8).bound_m
+    def _bound_m(self, intended: Intended, target: TargetField) -> Floats:
+        """Return S2's bound: in proportion to the largest error of a phase, as S1 allows it."""
+        rounding_rad = phase_step_rad(intended.phase_bits) / 2.0
+        bound_m: Floats = target.bound_m * (criteria.phase_limit_rad(intended) / rounding_rad)
+        return bound_m
 
     def _drive_criteria(
         self, intended: Intended, latched: Drive, target: TargetField
@@ -164,7 +218,7 @@ class Judge:
         coherence = criteria.coherence(target, sounding, wanted.astype(complex))
         verdicts = {
             "S1": error_rad <= criteria.phase_limit_rad(intended),
-            "S3": coherence >= criteria.least_coherence(intended),
+            "S3": coherence >= criteria.least_coherence(target, intended),
             "S5": s5,
         }
         measures: dict[str, Any] = {"phase_error_rad": error_rad, "coherence": coherence}
@@ -174,6 +228,20 @@ class Judge:
             measures["peak_error"] = max(peak.error_rad for peak in peaks)
             verdicts["S4"] = all(peak.ok for peak in peaks)
         return measures, verdicts
+
+    def _judge_silence(
+        self, seen: FrameVerdict, intended: Intended, latched: Drive
+    ) -> FrameVerdict:
+        """Judge a frame that shall radiate nothing: there is no focus, only S5."""
+        verdicts = {"S5": criteria.amplitudes_ok(intended, latched)}
+        faults = () if verdicts["S5"] else name_faults(self._model, intended, latched)
+        return dataclasses.replace(
+            seen,
+            status=_status(verdicts, faults, focused=False),
+            criteria=verdicts,
+            faults=faults,
+            note="silence was intended",
+        )
 
     def _judge_several(
         self, seen: FrameVerdict, intended: Intended, latched: Drive
@@ -193,15 +261,22 @@ class Judge:
             pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
         )
 
-    def consequence(self, intended: Intended, held: tuple[Intended, Drive] | None) -> Consequence:
-        """Return what it did that *intended* was not latched, while *held* still was."""
+    def consequence(self, intended: Intended, held: Held | None) -> Consequence | None:
+        """Return what it did that *intended* was not latched while *held* still was.
+
+        None as *held*: nothing had been latched yet.  None in return: nobody knows the drive.
+        """
         position = np.array(intended.foci[0].position_m)
         wanted = self._pressure_rms_pa(intended.drive, position)
         if held is None:
             return Consequence(None, 0.0, wanted)
-        still, drive = held
-        away_m = float(np.linalg.norm(position - np.array(still.foci[0].position_m)))
-        return Consequence(_MM * away_m, self._pressure_rms_pa(drive, position), wanted)
+        if held.drive is None:
+            return None
+        pressure_rms_pa = self._pressure_rms_pa(held.drive, position)
+        if held.drive.is_muted:
+            return Consequence(None, pressure_rms_pa, wanted)
+        away_m = float(np.linalg.norm(position - np.array(held.focus_m)))
+        return Consequence(_MM * away_m, pressure_rms_pa, wanted)
 
     def _pressure_rms_pa(self, drive: Drive, position: Floats) -> float:
         found = pressure(self._model, drive.weights(), position[None, :])
@@ -218,17 +293,6 @@ def lost(intended: Intended) -> FrameVerdict:
         target_m=intended.foci[0].position_m,
         t_apply_us=intended.t_apply_us,
     )
-
-
-def _latched_drive(intended: Intended, observation: Observation) -> tuple[Drive | None, str]:
-    """Return the drive that was latched, as far as it was seen, and what to say about that."""
-    if observation.drive is not None:
-        return observation.drive, ""
-    if observation.drive_crc is None:
-        return None, "the latch was seen, but nothing of its drive"
-    if intended.board_computed:
-        return None, "the board computed the drive, and only its CRC was seen"
-    return intended.drive, "by the CRC of the drive, which is that of the intended one"
 
 
 def _crc_fault(intended: Intended, observation: Observation) -> str:
@@ -251,8 +315,8 @@ def _crc_differs(intended: Intended, observation: Observation) -> bool:
 def _status(verdicts: dict[str, bool], faults: tuple[str, ...], focused: bool) -> FrameStatus:
     if all(verdicts.values()):
         return FrameStatus.CORRUPT if faults else FrameStatus.ON_TARGET
-    if focused and set(faults) <= {UNNAMED}:
-        return FrameStatus.OFF_TARGET  # a sound drive, for another point or in other air
+    if not faults or (focused and faults == (UNNAMED,)):
+        return FrameStatus.OFF_TARGET  # the drive that was sent, in other air; or for another point
     return FrameStatus.WRONG_DRIVE
 
 

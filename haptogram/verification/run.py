@@ -10,11 +10,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, Drive
+from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram.records import FrameKey, Intended, Observation
 
-from .judge import Judge, lost
+from .judge import Held, Judge, lost
 from .verdict import JUDGED, WRONG, FrameStatus, FrameVerdict, Verdict
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
@@ -124,7 +124,7 @@ def verify_run(
         seen[observation.key].append(observation)
     judge = Judge(model, carrier_us=max(1, round(1e6 / model.frequency_hz)))
     frames: list[FrameVerdict] = []
-    held: tuple[Intended, Drive] | None = None
+    held: Held | None = None
     for number, wanted in enumerate(intended):
         latches = seen.pop(wanted.key, [])
         verdict = judge.judge(wanted, latches[0]) if latches else lost(wanted)
@@ -133,7 +133,7 @@ def verify_run(
             verdict = dataclasses.replace(verdict, consequence=effect)
         frames.append(dataclasses.replace(verdict, latches=len(latches)))
         if latches:
-            held = wanted, latches[0].drive or wanted.drive
+            held = Held.after(wanted, latches[0], verdict)
         if progress is not None:
             progress(number + 1, len(intended))
     return _conclude(frames, sorted(seen), min_verified, cut_short)
@@ -156,7 +156,8 @@ def _conclude(
     missing = [] if cut_short is None else [cut_short]
     sent, verified = counts["sent"], counts["verified"]
     if not verified or verified < min_verified * sent:
-        missing.append(f"{verified} of {sent} frames were verified; {min_verified:.0%} must be")
+        needed = f"{100.0 * min_verified:g} %"
+        missing.append(f"{verified} of {sent} frames were verified; {needed} must be")
     verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
     return RunVerdict(verdict, (*wrong, *missing), frames, unexpected, min_verified, counts)
 

@@ -110,7 +110,8 @@ class FrameVerdict:
     latches : int
         How often it was latched.
     consequence : Consequence or None
-        Of a lost frame, or of a late one until it was latched.
+        Of a lost frame, or of a late one until it was latched; None also where nobody knows what
+        was held meanwhile.
     """
 
     number: int
