@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,21 +21,71 @@ from haptogram.errors import NoAnswerError
 from haptogram_protocol.messages import unwrap
 
 _WIRE_BITS: Final = 32
-_WINDOW: Final = 16  # samples kept
+_WINDOW: Final = 32  # samples kept
 _PATIENCE: Final = 3  # samples in a row that contradict all before: then these are the truth
 CLOCK_STEPS_US: Final = 2  # rounding of the two device times
+_ROUNDING_NS: Final = 1000  # of the device's microseconds and of the host's
 _HOST_PPM: Final = 50  # how far the host's own clock may be off
+_FORGETTING_NS: Final = 20_000_000_000  # a sample that is so old weighs 1/e in the drift
+_WANDER_PPM: Final = 1.0  # how far a quartz may change its rate within the window
+_PPB: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class _Sample:
-    host_ns: int  # middle of the exchange
-    offset_ns: int  # device minus host
-    margin_ns: int  # half the round trip
+class Sample:
+    """One exchange.
+
+    Attributes
+    ----------
+    host_ns : int
+        Host time of its middle.
+    offset_ns : int
+        Device clock minus host clock.
+    margin_ns : int
+        Largest error of the offset: half the round trip, and the rounding of the clocks.
+    """
+
+    host_ns: int
+    offset_ns: int
+    margin_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """How much faster the device clock runs, and the largest error of that, in ppm."""
+
+    ppm: float
+    uncertainty_ppm: float
+
+
+def fit_drift(samples: Sequence[Sample]) -> Drift:
+    """Return the slope of the offsets, by a decayed regression.
+
+    A least-squares line, each sample weighted by the inverse square of its margin and by
+    exp(-age / 20 s).  The slope is sum(c_i o_i) with known c_i, so offsets that are each wrong by
+    m_i at most move it by sum(abs(c_i) m_i) at most: that is the uncertainty, a bound and no sigma.
+    Less than two moments give nan with an infinite uncertainty.
+    """
+    origin = samples[-1]
+    times = [float(sample.host_ns - origin.host_ns) for sample in samples]
+    weights = [
+        math.exp(-abs(time) / _FORGETTING_NS) / sample.margin_ns**2
+        for time, sample in zip(times, samples, strict=True)
+    ]
+    total = sum(weights)
+    mean = sum(w * t for w, t in zip(weights, times, strict=True)) / total
+    spread = sum(w * (t - mean) ** 2 for w, t in zip(weights, times, strict=True))
+    if spread == 0.0:
+        return Drift(math.nan, math.inf)
+    shares = [w * (t - mean) / spread for w, t in zip(weights, times, strict=True)]
+    offsets = (sample.offset_ns - origin.offset_ns for sample in samples)
+    slope = sum(c * offset for c, offset in zip(shares, offsets, strict=True))
+    bound = sum(abs(c) * sample.margin_ns for c, sample in zip(shares, samples, strict=True))
+    return Drift(1e6 * slope, 1e6 * bound)
 
 
 class ClockEstimate:
-    """Offset of the device clock from the host's.
+    """Offset of the device clock from the host's, and how it drifts.
 
     Parameters
     ----------
@@ -45,14 +96,23 @@ class ClockEstimate:
     ----------
     rejected : int
         Samples that contradicted the others.
+    jumps : int
+        How often so many in a row did that the clock must have been set, or its board restarted.
+    jump_us : int
+        By how much it went forward the last time.
     """
 
     def __init__(self, device_ppm: int = 50) -> None:
         self.rejected = 0
-        self._ppm = device_ppm + _HOST_PPM
-        self._samples: deque[_Sample] = deque(maxlen=_WINDOW)
-        self._best: _Sample | None = None
+        self.jumps = 0
+        self.jump_us = 0
+        self._ppm = float(device_ppm + _HOST_PPM)
+        self._samples: deque[Sample] = deque(maxlen=_WINDOW)
+        self._best: Sample | None = None
         self._contradictions = 0
+        self._drift = Drift(math.nan, math.inf)
+        self._rate_ppb = 0  # drift that is reckoned with
+        self._growth_ppm = self._ppm  # of the error, as a sample ages
 
     def add(self, t_send_ns: int, t_rx_us: int, t_tx_us: int, t_receive_ns: int) -> None:
         """Take one exchange.
@@ -73,29 +133,49 @@ class ClockEstimate:
         host_ns = (t_send_ns + t_receive_ns) // 2
         device_ns = arrival_us * 1000 + stay_us * 500
         trip_ns = max(0, t_receive_ns - t_send_ns - stay_us * 1000)
-        # Half a microsecond: the device clock has no finer step.
-        self._take(_Sample(host_ns, device_ns - host_ns, trip_ns // 2 + 500))
+        self._take(Sample(host_ns, device_ns - host_ns, trip_ns // 2 + _ROUNDING_NS))
 
-    def _take(self, sample: _Sample) -> None:
+    def _take(self, sample: Sample) -> None:
         if self._contradicts(sample):
             self.rejected += 1
             self._contradictions += 1
             if self._contradictions < _PATIENCE:
                 return
-            self._samples.clear()  # the device clock has jumped
+            self._begin_anew(sample)
         self._contradictions = 0
         self._samples.append(sample)
+        self._follow_drift()
         self._best = min(self._samples, key=lambda s: self._margin_at(s, sample.host_ns))
 
-    def _contradicts(self, sample: _Sample) -> bool:
+    def _contradicts(self, sample: Sample) -> bool:
+        """Tell whether two clocks within their declared limits cannot have given *sample*."""
         best = self._best
         if best is None:
             return False
-        allowed = self._margin_at(best, sample.host_ns) + sample.margin_ns
-        return abs(sample.offset_ns - best.offset_ns) > allowed
+        age_ns = abs(sample.host_ns - best.host_ns)
+        allowed_ns = best.margin_ns + sample.margin_ns + age_ns * self._ppm / 1e6
+        return abs(sample.offset_ns - best.offset_ns) > allowed_ns
 
-    def _margin_at(self, sample: _Sample, host_ns: int) -> int:
-        return sample.margin_ns + abs(host_ns - sample.host_ns) * self._ppm // 1_000_000
+    def _begin_anew(self, sample: Sample) -> None:
+        """Forget everything: the device clock has jumped."""
+        self.jumps += 1
+        self.jump_us = (sample.offset_ns - self._offset_ns(sample.host_ns)) // 1000
+        self._samples.clear()
+
+    def _follow_drift(self) -> None:
+        """Reckon with the drift once it is known better than the clocks' declared limits."""
+        self._drift = fit_drift(self._samples)
+        growth_ppm = self._drift.uncertainty_ppm + _WANDER_PPM
+        known = growth_ppm < self._ppm
+        self._growth_ppm = growth_ppm if known else self._ppm
+        self._rate_ppb = round(self._drift.ppm * 1000) if known else 0
+
+    def _margin_at(self, sample: Sample, host_ns: int) -> float:
+        return sample.margin_ns + abs(host_ns - sample.host_ns) * self._growth_ppm / 1e6
+
+    def _offset_ns(self, host_ns: int) -> int:
+        best = self._chosen
+        return best.offset_ns + (host_ns - best.host_ns) * self._rate_ppb // _PPB
 
     @property
     def ready(self) -> bool:
@@ -103,45 +183,50 @@ class ClockEstimate:
         return self._best is not None
 
     @property
+    def doubtful(self) -> bool:
+        """Whether the newest sample contradicts the estimate: the next one should come soon."""
+        return self._contradictions > 0
+
+    @property
     def offset_us(self) -> float:
-        """Device clock minus host clock, in microseconds."""
-        return self._chosen.offset_ns / 1000
+        """Device clock minus host clock at the newest exchange, in microseconds."""
+        return self._offset_ns(self._newest_ns) / 1000
 
     @property
     def uncertainty_us(self) -> float:
         """Largest error of the estimate at the newest exchange: at least half a round trip."""
-        return self._margin_at(self._chosen, self._samples[-1].host_ns) / 1000
+        return self.uncertainty_at_us(self._newest_ns)
+
+    def uncertainty_at_us(self, host_ns: int) -> float:
+        """Return the largest error of the estimate at *host_ns*, in microseconds."""
+        return self._margin_at(self._chosen, host_ns) / 1000
 
     @property
     def drift_ppm(self) -> float:
-        """How much faster the device clock runs, from the samples kept; nan from less than two.
+        """How much faster the device clock runs; nan from less than two exchanges."""
+        return self._drift.ppm
 
-        A least-squares line through the offsets, each weighted by the inverse square of its margin.
-        It is reported, not used: every new exchange takes up what has drifted.
-        """
-        start_ns = self._chosen.host_ns
-        weights = [1.0 / sample.margin_ns**2 for sample in self._samples]
-        times = [float(sample.host_ns - start_ns) for sample in self._samples]
-        offsets = [float(sample.offset_ns - self._chosen.offset_ns) for sample in self._samples]
-        total = sum(weights)
-        mean_t = sum(w * t for w, t in zip(weights, times, strict=True)) / total
-        mean_o = sum(w * o for w, o in zip(weights, offsets, strict=True)) / total
-        spread = sum(w * (t - mean_t) ** 2 for w, t in zip(weights, times, strict=True))
-        if spread == 0.0:
-            return math.nan
-        both = zip(weights, times, offsets, strict=True)
-        return 1e6 * sum(w * (t - mean_t) * (o - mean_o) for w, t, o in both) / spread
+    @property
+    def drift_uncertainty_ppm(self) -> float:
+        """Largest error of :attr:`drift_ppm`; infinite from less than two exchanges."""
+        return self._drift.uncertainty_ppm
 
     def to_device_us(self, host_ns: int) -> int:
         """Return the unwrapped device time at *host_ns*, in microseconds, rounded down."""
-        return (host_ns + self._chosen.offset_ns) // 1000
+        return (host_ns + self._offset_ns(host_ns)) // 1000
 
     def to_host_ns(self, device_us: int) -> int:
         """Return the host time at the unwrapped device time *device_us*."""
-        return device_us * 1000 - self._chosen.offset_ns
+        best = self._chosen
+        ahead_ns = device_us * 1000 - best.offset_ns - best.host_ns
+        return best.host_ns + ahead_ns - ahead_ns * self._rate_ppb // (_PPB + self._rate_ppb)
 
     @property
-    def _chosen(self) -> _Sample:
+    def _newest_ns(self) -> int:
+        return self._samples[-1].host_ns if self._samples else self._chosen.host_ns
+
+    @property
+    def _chosen(self) -> Sample:
         if self._best is None:
             raise NoAnswerError("the device clock is not known: no ping was answered yet")
         return self._best

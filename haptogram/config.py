@@ -50,7 +50,7 @@ class VerifyConfig:
     )
     port: str | None = None
     link_baud: int = dataclasses.field(default=3_000_000, metadata=_limits(1200, 50_000_000))
-    lead_ms: float = dataclasses.field(default=20.0, metadata=_limits(1.0, 1000.0))
+    lead_ms: float | None = dataclasses.field(default=None, metadata=_limits(1.0, 1000.0))
     min_verified: float | None = dataclasses.field(default=None, metadata=_limits(0.0, 1.0))
     seed: int = dataclasses.field(default=0, metadata=_limits(0, 2**32 - 1))
     virtual_time: bool = False

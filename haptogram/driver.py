@@ -15,14 +15,16 @@ from typing import Final
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics import AcousticModel
+from haptogram.budget import frame_bytes, transmission_ns
 from haptogram.errors import ConfigurationError
 from haptogram.frames import Frame, FrameBuilder, Mode, Targets, as_foci, sound_speed_mm_s
+from haptogram.lead import LeadTrim
 from haptogram.link import NS_PER_S, Progress
 from haptogram.playing import Player, PlayReport, Timing, playback_period_us
 from haptogram.realtime import next_deadline_ns
 from haptogram.records import Focus, Intended
 from haptogram.session import Session
-from haptogram.streaming import Schedule, Streamer, StreamReport
+from haptogram.streaming import Pacing, Schedule, Streamer, StreamReport
 from haptogram.transport import DEFAULT_BAUDRATE, Transport
 from haptogram.upload import SequenceData
 from haptogram_protocol.messages import (
@@ -34,7 +36,6 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-DEFAULT_LEAD_US: Final = 20_000
 _MUTE_TIMEOUT_NS: Final = NS_PER_S  # to say goodbye: the board's own timers mute it soon after
 _PAUSES: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 _REFRESHES: Final = 4  # of a held focus within the shorter one of the two timers
@@ -118,7 +119,13 @@ class Driver(Session):
             self._link.close()
             raise
         link, pinger, identity = self._link, self._pinger, self.identity
-        self._streamer = Streamer(link, pinger, identity, intended=self.intended)
+        self._streamer = Streamer(
+            link,
+            pinger,
+            identity,
+            intended=self.intended,
+            status=lambda: self.last_status,
+        )
         self._player = Player(link, pinger, identity, events=self.events)
 
     # --- output state --------------------------------------------------------------------------
@@ -182,7 +189,11 @@ class Driver(Session):
         targets: Targets,
         rate_hz: float,
         *,
-        lead_us: int = DEFAULT_LEAD_US,
+        lead_us: int | None = None,
+        trim: bool = False,
+        miss_share: float = 1e-3,
+        spin_us: int = 0,
+        realtime: bool = False,
         mode: Mode = "phases",
         progress: Progress | None = None,
     ) -> StreamReport:
@@ -192,8 +203,19 @@ class Driver(Session):
         ----------
         targets : (T, 3) array_like, sequence of Focus, or sequence of sequences of Focus
             Positions in metres, or foci.
-        lead_us : int
-            How long before its time a frame is sent.
+        lead_us : int, optional
+            How long before its time a frame is sent: a stall of the host that is shorter reaches
+            nobody.  By default 100 ms, or what three quarters of the board's queue hold.
+        trim : bool
+            Shorten the lead to what the arrival margins that the board reports show to be enough.
+        miss_share : float
+            Share of the frames that may then be late, 0 to 1.
+        spin_us : int
+            How long before its deadline the loop stops sleeping and watches the clock; cut to a
+            quarter of the period.
+        realtime : bool
+            Ask for fixed priority, locked memory and a frozen collector; what is not permitted is
+            in the report and in :attr:`warnings`.
         mode : str
             ``phases`` and ``drives``: the host computes the drive; ``points``: the board does.
         progress : callable, optional
@@ -206,28 +228,55 @@ class Driver(Session):
             cannot hold, a target out of reach, a mode that the board does not have; a board that is
             not armed.
         LinkError
-            The link broke; :attr:`intended` holds what was sent until then.
+            The link broke, or the board's clock jumped; :attr:`intended` holds what was sent until
+            then.
         """
-        schedule = Schedule.at_rate(rate_hz, lead_us)
+        queue_depth = self.identity.queue_depth
+        schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=queue_depth)
         frames = self._builder.build(as_foci(targets), mode)
         schedule.check(frames, self.identity, self._link.line.baudrate)
         schedule.check_timers(self._config)
+        lead_trim = self._trim(schedule, frames, miss_share) if trim else None
+        pacing = Pacing(spin_us, realtime, lead_trim)
         self._agree_on_air(mode)
         self._resume()
         stalls = self._link.stalls
-        stats, skipped, t0_us = self._streamer.stream(frames, schedule, progress)
+        done = self._streamer.stream(frames, schedule, pacing, progress)
         self._collect_ring()
-        lateness_us = stats.lateness_us()
+        self.warnings += done.not_permitted
+        lateness_us = done.ticks.lateness_us()
         return StreamReport(
             frames=len(frames),
-            skipped=tuple(skipped),
+            skipped=tuple(done.skipped),
             lateness_us=lateness_us,
             late_ticks=int((lateness_us >= float(schedule.period_us)).sum()),
             write_stalls=self._link.stalls - stalls,
+            lead_us=done.lead_us,
+            lead_moves=lead_trim.moves if lead_trim else 0,
+            ticks=done.ticks,
+            not_permitted=done.not_permitted,
             clock_uncertainty_us=self.clock.uncertainty_us,
-            t0_us=t0_us,
+            t0_us=done.t0_us,
             status=self.status(),
         )
+
+    def _trim(self, schedule: Schedule, frames: list[Frame], miss_share: float) -> LeadTrim:
+        """Return what moves the lead down from that of *schedule*.
+
+        Raises
+        ------
+        ConfigurationError
+            If the board was told not to report its arrival margins.
+        """
+        if not self._config.status_period_ms:
+            raise ConfigurationError(
+                "trim needs the STATUS of the board, and status_period_ms is 0: configure it"
+            )
+        if not 0.0 <= miss_share <= 1.0:
+            raise ConfigurationError(f"miss_share is {miss_share:g}, must be 0 to 1")
+        size = frame_bytes(max(frame.payload_bytes for frame in frames))
+        shortest_us = -(-transmission_ns(size, self._link.line.baudrate) // 1000) + 1
+        return LeadTrim(schedule.lead_us, shortest_us, miss_share)
 
     def play(
         self,

@@ -136,7 +136,7 @@ def _display(
     return driver.stream(
         np.tile(points, (config.repeat, 1)),
         config.rate_hz,
-        lead_us=round(config.lead_ms * 1e3),
+        lead_us=None if config.lead_ms is None else round(config.lead_ms * 1e3),
         mode="points" if config.mode == "points" else "phases",
         progress=progress,
     )

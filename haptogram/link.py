@@ -52,6 +52,8 @@ class Link:
         Is given events of the board, damaged frames, and replies that nobody waits for.
     stalls : int
         How often the port did not take all bytes that it was offered.
+    idle_since_ns : int
+        When it last had nothing to do but wait for bytes.
     """
 
     def __init__(
@@ -61,6 +63,7 @@ class Link:
         self.line = LineModel(baudrate)
         self.handler: Handler = _ignore
         self.stalls = 0
+        self.idle_since_ns = 0
         self._transport = transport
         self._timeout_ns = int(timeout_s * NS_PER_S)
         self._unwritten = b""
@@ -102,6 +105,7 @@ class Link:
             If the port is gone, or took no byte for the timeout.
         """
         self._push()
+        self.idle_since_ns = self.now_ns()
         data = self._transport.read_available(self._wake_ns(deadline_ns))
         now_us = self.now_us()
         if data:
@@ -153,8 +157,8 @@ class Link:
 
     # --- stream --------------------------------------------------------------------------------
 
-    def write_frame(self, wire: bytes) -> None:
-        """Send a stream frame, once no more than one such frame is still unsent before it.
+    def make_room(self, wire: bytes) -> None:
+        """Wait until no more than one frame as long as *wire* is unsent.
 
         What lies in the port cannot be overtaken: with more than two frames in it, a MUTE would
         come too late.
@@ -162,6 +166,10 @@ class Link:
         while self._unwritten or self.line.unsent_bytes(self.now_ns()) > len(wire):
             wait_ns = _STALL_RETRY_NS if self._unwritten else 1
             self.turn(max(self.line.room_at_ns(len(wire)), self.now_ns() + wait_ns))
+
+    def write_frame(self, wire: bytes) -> None:
+        """Send a stream frame, once there is room for it."""
+        self.make_room(wire)
         self._offer(wire)
 
     def transmission_ns(self, wire: bytes) -> int:

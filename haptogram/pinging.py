@@ -13,6 +13,7 @@ from haptogram_protocol.messages import Ping, Pong
 # Not a whole fraction of any usual period, so that the pings meet every phase of the traffic.
 PING_PERIOD_NS: Final = 980_000_000
 INITIAL_PINGS: Final = 8
+_DOUBTFUL_NS: Final = 100_000_000  # until the next one, if the last one contradicts the others
 _PONG_BYTES: Final = frame_bytes(Pong.LAYOUT.size)
 
 
@@ -66,3 +67,5 @@ class Pinger:
             self.clock.add(self._left_ns, pong.t_rx_us, pong.t_tx_us, came_ns)
         else:  # faster than its baud rate, as a pseudo-terminal is: there was no time on the line
             self.clock.add(self._handed_over_ns, pong.t_rx_us, pong.t_tx_us, received_ns)
+        if self.clock.doubtful:
+            self._due_ns = min(self._due_ns, received_ns + _DOUBTFUL_NS)

@@ -1,19 +1,15 @@
-"""Deadlines, the rules for missed ones, and what a real-time loop asks of its process."""
+"""Deadlines on a grid, the rules for missed ones, the loop that keeps them, and its log."""
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
-import gc
-import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-_PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
-_PR_GET_TIMERSLACK: Final = 30
+SPIN_SHARE: Final = 4  # of a period no more than one part in so many is spun away
 
 
 def next_deadline_ns(*, deadline_ns: int, now_ns: int, period_ns: int) -> int:
@@ -43,60 +39,144 @@ def can_arrive(*, now_ns: int, line_free_ns: int, transmission_ns: int, due_ns: 
     return max(now_ns, line_free_ns) + transmission_ns <= due_ns
 
 
-class LoopStats:
-    """How late a loop was at every tick, in memory that was there before the first.
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One tick of a periodic loop.
+
+    Attributes
+    ----------
+    number : int
+        Place on the grid, from 0; the numbers of missed ticks are left out.
+    deadline_ns, wake_ns : int
+        When it was due, and when the loop was there.
+    """
+
+    number: int
+    deadline_ns: int
+    wake_ns: int
+
+
+class PeriodicLoop:
+    """Keeps absolute deadlines; between them it serves whatever else there is to do.
+
+    It never spins for longer than a quarter of the period: a loop that spins does not serve, and a
+    port that is not served fills up, until neither end can write.
+
+    Parameters
+    ----------
+    now_ns : callable
+        The clock.
+    serve : callable
+        Serves the port until the time that it is given, at least once, and returns.
+    period_ns : int
+        From one deadline to the next.
+    spin_ns : int
+        How long before a deadline to stop sleeping and watch the clock instead; cut to a quarter of
+        the period.
+    """
+
+    def __init__(
+        self,
+        now_ns: Callable[[], int],
+        serve: Callable[[int], None],
+        *,
+        period_ns: int,
+        spin_ns: int = 0,
+    ) -> None:
+        self.spin_ns = min(spin_ns, period_ns // SPIN_SHARE)
+        self._now_ns, self._serve = now_ns, serve
+        self._period_ns = period_ns
+
+    def wait(self, deadline_ns: int) -> int:
+        """Serve until *deadline_ns* and return when the loop was there."""
+        self._serve(deadline_ns - self.spin_ns)
+        now_ns = self._now_ns()
+        while now_ns < deadline_ns:
+            before_ns, now_ns = now_ns, self._now_ns()
+            if now_ns == before_ns:  # virtual time: it passes only while the port is served
+                self._serve(deadline_ns)
+                now_ns = self._now_ns()
+        return now_ns
+
+    def ticks(self, start_ns: int, end_ns: int) -> Iterator[Tick]:
+        """Yield a tick at *start_ns* and every period after it, until *end_ns*.
+
+        What the caller does in a tick may take longer than the period: the ticks it covers are
+        missed (:func:`next_deadline_ns`), and the next one is on the grid again.
+        """
+        deadline_ns = start_ns
+        while deadline_ns < end_ns:
+            wake_ns = self.wait(deadline_ns)
+            yield Tick((deadline_ns - start_ns) // self._period_ns, deadline_ns, wake_ns)
+            deadline_ns = next_deadline_ns(
+                deadline_ns=deadline_ns, now_ns=self._now_ns(), period_ns=self._period_ns
+            )
+
+
+#: What a :class:`TickLog` keeps of every tick: host times in nanoseconds.
+STAMPS: Final = ("deadline", "idle", "wake", "ready", "room", "done", "line_free")
+
+
+class TickLog:
+    """What happened when at every tick, in memory that was there before the first.
 
     Parameters
     ----------
     ticks : int
         How many ticks there will be, at most.
+
+    Notes
+    -----
+    The stamps of a tick, in order:
+
+    deadline
+        When it was due.
+    idle
+        When the loop had done everything before and began to wait, as far as it came to that.
+    wake
+        When it was there.
+    ready
+        When the frame was; the same as ``done`` for one that was skipped.
+    room
+        When the line had room for it.
+    done
+        When the port had taken it.
+    line_free
+        When its last byte leaves the line, computed from the baud rate.
     """
 
     def __init__(self, ticks: int) -> None:
-        self._lateness_ns = np.zeros(ticks, dtype=np.int64)
+        self._rows = np.zeros((ticks, len(STAMPS)), dtype=np.int64)
         self.count = 0
 
-    def record(self, lateness_ns: int) -> None:
-        """Take the lateness of the next tick, negative if it came early."""
-        self._lateness_ns[self.count] = lateness_ns
+    def record(
+        self,
+        *,
+        deadline_ns: int,
+        idle_ns: int,
+        wake_ns: int,
+        ready_ns: int,
+        room_ns: int,
+        done_ns: int,
+        line_free_ns: int,
+    ) -> None:
+        """Take the stamps of the next tick."""
+        self._rows[self.count] = (
+            deadline_ns,
+            idle_ns,
+            wake_ns,
+            ready_ns,
+            room_ns,
+            done_ns,
+            line_free_ns,
+        )
         self.count += 1
 
+    def stamp_ns(self, name: str) -> NDArray[np.int64]:
+        """Return the (n,) host times of one stamp of :data:`STAMPS`, nanoseconds."""
+        return self._rows[: self.count, STAMPS.index(name)]
+
     def lateness_us(self) -> NDArray[np.float64]:
-        """Return the (n,) lateness of the ticks so far, in microseconds."""
-        lateness: NDArray[np.float64] = self._lateness_ns[: self.count] / 1e3
-        return lateness
-
-
-@contextlib.contextmanager
-def real_time() -> Iterator[None]:
-    """Keep the garbage collector out, and let timers end when they should, while inside.
-
-    A collection of a large program takes 10 to 100 ms; the kernel groups wake-ups within 50 us
-    (the slack of a timer) unless it is told not to.
-    """
-    collected = gc.isenabled()
-    slack_ns = _timer_slack_ns()
-    gc.disable()
-    _set_timer_slack(1)
-    try:
-        yield
-    finally:
-        _set_timer_slack(slack_ns)
-        if collected:
-            gc.enable()
-
-
-def _timer_slack_ns() -> int:
-    return _prctl(_PR_GET_TIMERSLACK, 0)
-
-
-def _set_timer_slack(slack_ns: int) -> None:
-    if slack_ns > 0:
-        _prctl(_PR_SET_TIMERSLACK, slack_ns)
-
-
-def _prctl(option: int, value: int) -> int:
-    """Call prctl(2), of this thread; elsewhere than on Linux do nothing and return 0."""
-    if not sys.platform.startswith("linux"):
-        return 0
-    return int(ctypes.CDLL(None).prctl(option, ctypes.c_ulong(value), 0, 0, 0))
+        """Return how late the loop was at each of the (n,) ticks, in microseconds."""
+        late: NDArray[np.float64] = (self.stamp_ns("wake") - self.stamp_ns("deadline")) / 1e3
+        return late

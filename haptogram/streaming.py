@@ -1,33 +1,47 @@
-"""Frames at a steady rate: each has its device time, and leaves a fixed lead before it.
+"""Frames at a steady rate: each has its device time, and leaves a lead before it.
 
 Frame i is due at t0 + floor(i * period): from the exact period, never accumulated.  What became
 late on the host is sent at once while it can still be complete at the board before it is due, and
 skipped otherwise.  A skipped frame has used its sequence number, and stays among what was intended.
+
+The bytes of a frame are there long before its tick: the first thousand before the first tick, every
+other one encoded while the loop has nothing else to do.  A tick is one write.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
+from itertools import islice
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.budget import check_rate, frame_bytes
 from haptogram.clocksync import next_boundary_us
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, LinkError
 from haptogram.frames import Frame
+from haptogram.lead import LeadTrim, default_lead_us
 from haptogram.link import Link, Progress
 from haptogram.pinging import Pinger
-from haptogram.realtime import LoopStats, can_arrive, real_time
+from haptogram.process import real_time
+from haptogram.realtime import PeriodicLoop, TickLog, can_arrive
 from haptogram.records import FrameKey, Intended
-from haptogram_protocol.messages import Config, HelloReply, StatusReply
+from haptogram_protocol.messages import Config, HelloReply, Status, StatusReply
 
 US_PER_S: Final = 1_000_000
 _PROGRESS_HZ: Final = 20
 _SETTLING_NS: Final = 5_000_000  # between the last latch and the question how it went
 _START_NS: Final = 2_000_000  # from the last preparation to the first frame
+_AHEAD: Final = 1000  # frames that are encoded before they are due
+_ENCODING_NS: Final = 20_000  # for one of them, on a slow machine
+_TOLERATED_JUMP_US: Final = 1000  # of the board's clock: every lead is longer
+_WATCH_NS: Final = 100_000_000  # a wait is cut into pieces no longer than this, to keep the clock
+
+_Encoded: TypeAlias = tuple[Frame, int, int, bytes]  # with index and due time in us
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +60,14 @@ class StreamReport:
         Ticks that were late by a period or more.
     write_stalls : int
         How often the port did not take all bytes at once.
+    lead_us : int
+        How long before its time the last frame was sent.
+    lead_moves : int
+        How often the trim changed that.
+    ticks : TickLog
+        What happened when at each tick.
+    not_permitted : tuple of str
+        What a real-time loop asked for and did not get.
     clock_uncertainty_us : float
         Stated error of the device clock at the end.
     t0_us : int
@@ -59,6 +81,10 @@ class StreamReport:
     lateness_us: NDArray[np.float64]
     late_ticks: int
     write_stalls: int
+    lead_us: int
+    lead_moves: int
+    ticks: TickLog
+    not_permitted: tuple[str, ...]
     clock_uncertainty_us: float
     t0_us: int
     status: StatusReply
@@ -85,13 +111,19 @@ class Schedule:
     lead_us: int
 
     @classmethod
-    def at_rate(cls, rate_hz: float, lead_us: int) -> Schedule:
-        """Return the schedule of *rate_hz*, taken as the simplest fraction within 1e-9 of it."""
+    def at_rate(cls, rate_hz: float, lead_us: int | None, *, queue_depth: int) -> Schedule:
+        """Return the schedule of *rate_hz*, taken as the simplest fraction within 1e-9 of it.
+
+        Without a lead it gets :func:`~haptogram.lead.default_lead_us`.
+        """
         if not 0.0 < rate_hz <= US_PER_S:
             raise ConfigurationError(f"rate is {rate_hz:g} Hz, must be above 0, at most 1000000")
+        period_us = US_PER_S / Fraction(rate_hz).limit_denominator(1_000_000)
+        if lead_us is None:
+            lead_us = default_lead_us(period_us, queue_depth)
         if lead_us < 1:
             raise ConfigurationError(f"lead is {lead_us} us, must be 1 or more")
-        return cls(US_PER_S / Fraction(rate_hz).limit_denominator(1_000_000), lead_us)
+        return cls(period_us, lead_us)
 
     @property
     def rate_hz(self) -> float:
@@ -152,6 +184,37 @@ class Schedule:
             )
 
 
+@dataclass(frozen=True, slots=True)
+class Pacing:
+    """How the loop keeps its deadlines.
+
+    Attributes
+    ----------
+    spin_us : int
+        How long before a deadline to watch the clock instead of sleeping; a quarter of the period
+        at most.
+    strict : bool
+        Whether to ask for fixed priority, locked memory and a frozen collector.
+    trim : LeadTrim or None
+        Moves the lead; None: it stays.
+    """
+
+    spin_us: int = 0
+    strict: bool = False
+    trim: LeadTrim | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Streamed:
+    """What came of a stream: ticks, numbers skipped, t0, last lead, what was not permitted."""
+
+    ticks: TickLog
+    skipped: list[int]
+    t0_us: int
+    lead_us: int
+    not_permitted: tuple[str, ...]
+
+
 class Streamer:
     """Sends frames over a link, on a schedule.
 
@@ -164,15 +227,24 @@ class Streamer:
         Session and carrier of the board.
     intended : list of Intended
         Grows by every frame that was sent or skipped, at that moment.
+    status : callable
+        Returns the newest STATUS of the board, None before the first.
     """
 
     def __init__(
-        self, link: Link, pinger: Pinger, identity: HelloReply, *, intended: list[Intended]
+        self,
+        link: Link,
+        pinger: Pinger,
+        identity: HelloReply,
+        *,
+        intended: list[Intended],
+        status: Callable[[], Status | None],
     ) -> None:
         self._link = link
         self._pinger = pinger
         self._identity = identity
         self._intended = intended
+        self._status = status
 
     def send_now(self, frame: Frame) -> Intended:
         """Send one frame that is latched as soon as it is complete."""
@@ -182,45 +254,51 @@ class Streamer:
         return intended
 
     def stream(
-        self, frames: list[Frame], schedule: Schedule, progress: Progress | None
-    ) -> tuple[LoopStats, list[int], int]:
-        """Send *frames*; return the lateness of the ticks, the numbers skipped, and t0."""
-        stats, skipped = LoopStats(len(frames)), []
-        stride = max(1, int(schedule.rate_hz / _PROGRESS_HZ))
-        with real_time():
-            start_us = self._pinger.clock.to_device_us(self._link.now_ns() + _START_NS)
-            t0_us = next_boundary_us(start_us + schedule.lead_us, self._identity.carrier_hz)
-            for number, frame in enumerate(frames):
-                due_us = t0_us + schedule.offset_us(number)
-                self._wait_for_tick(due_us, schedule, stats)
-                if not self._send_in_time(frame, due_us):
-                    skipped.append(len(self._intended) - 1)
-                if progress is not None and (number + 1) % stride == 0:
-                    progress(number + 1, len(frames))
-            self._link.run_until(self._pinger.clock.to_host_ns(due_us) + _SETTLING_NS)
+        self,
+        frames: list[Frame],
+        schedule: Schedule,
+        pacing: Pacing,
+        progress: Progress | None,
+    ) -> Streamed:
+        """Send *frames*.
+
+        Raises
+        ------
+        LinkError
+            The link broke, or the board's clock jumped: the frames would come at wrong times.
+        """
+        with real_time(strict=pacing.strict) as refused:
+            run = _Run(self._link, self._pinger, schedule, pacing, self._status, len(frames))
+            t0_us = self._start_us(schedule, len(frames))
+            coming = self._encoded(frames, schedule, t0_us)
+            ready = deque(islice(coming, _AHEAD))
+            stride = max(1, int(schedule.rate_hz / _PROGRESS_HZ))
+            for number in range(1, len(frames) + 1):
+                frame, index, due_us, wire = ready.popleft()
+                run.wait(due_us)
+                sent = run.send(wire, due_us)
+                self._note(frame, index, due_us)
+                if not sent:
+                    run.skipped.append(len(self._intended) - 1)
+                ready.extend(islice(coming, 1))
+                if progress is not None and number % stride == 0:
+                    progress(number, len(frames))
+            run.settle(due_us)
         if progress is not None:
             progress(len(frames), len(frames))
-        return stats, skipped, t0_us
+        return Streamed(run.ticks, run.skipped, t0_us, run.lead_us, tuple(refused))
 
-    def _wait_for_tick(self, due_us: int, schedule: Schedule, stats: LoopStats) -> None:
-        self._pinger.keep()
-        # From the newest estimate, so that the lead stays what it is while the clocks drift.
-        deadline_ns = self._pinger.clock.to_host_ns(due_us - schedule.lead_us)
-        self._link.run_until(deadline_ns)
-        stats.record(self._link.now_ns() - deadline_ns)
+    def _start_us(self, schedule: Schedule, count: int) -> int:
+        """Return when the first frame is due: late enough to encode what is encoded before it."""
+        begin_ns = self._link.now_ns() + _START_NS + min(count, _AHEAD) * _ENCODING_NS
+        begin_us = self._pinger.clock.to_device_us(begin_ns)
+        return next_boundary_us(begin_us + schedule.lead_us, self._identity.carrier_hz)
 
-    def _send_in_time(self, frame: Frame, due_us: int) -> bool:
-        index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=due_us)
-        self._note(frame, index, due_us)
-        in_time = can_arrive(
-            now_ns=self._link.now_ns(),
-            line_free_ns=self._link.line.free_ns,
-            transmission_ns=self._link.transmission_ns(wire),
-            due_ns=self._pinger.clock.to_host_ns(due_us),
-        )
-        if in_time:
-            self._link.write_frame(wire)
-        return in_time
+    def _encoded(self, frames: list[Frame], schedule: Schedule, t0_us: int) -> Iterator[_Encoded]:
+        for number, frame in enumerate(frames):
+            due_us = t0_us + schedule.offset_us(number)
+            index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=due_us)
+            yield frame, index, due_us, wire
 
     def _note(self, frame: Frame, index: int, due_us: int | None) -> Intended:
         intended = Intended(
@@ -234,3 +312,96 @@ class Streamer:
         )
         self._intended.append(intended)
         return intended
+
+
+class _Run:
+    """The ticks of one stream."""
+
+    def __init__(
+        self,
+        link: Link,
+        pinger: Pinger,
+        schedule: Schedule,
+        pacing: Pacing,
+        status: Callable[[], Status | None],
+        ticks: int,
+    ) -> None:
+        self.ticks, self.skipped = TickLog(ticks), list[int]()
+        self.lead_us = schedule.lead_us
+        self._link, self._pinger = link, pinger
+        self._trim, self._status = pacing.trim, status
+        self._seen = status()
+        self._jumps = pinger.clock.jumps
+        self._loop = PeriodicLoop(
+            link.now_ns,
+            link.run_until,
+            period_ns=int(schedule.period_us * 1000),
+            spin_ns=pacing.spin_us * 1000,
+        )
+        self._deadline_ns = self._wake_ns = 0
+        self._lead_changed = True  # until the first report that began with this stream
+
+    def wait(self, due_us: int) -> None:
+        """Wait until it is time to send what is due at *due_us*."""
+        self._pinger.keep()
+        if self._trim is not None:
+            self._adjust(self._trim)
+        while (now_ns := self._link.now_ns()) + _WATCH_NS < self._at_ns(due_us):
+            self._link.run_until(now_ns + _WATCH_NS)
+            self._pinger.keep()
+        # From the newest estimate, so that the lead stays what it is while the clocks drift.
+        self._deadline_ns = self._at_ns(due_us)
+        self._wake_ns = self._loop.wait(self._deadline_ns)
+
+    def _at_ns(self, due_us: int) -> int:
+        clock = self._pinger.clock
+        if clock.jumps != self._jumps and abs(clock.jump_us) > _TOLERATED_JUMP_US:
+            raise LinkError(
+                f"{self._link.url}: the board's clock jumped by {clock.jump_us} us, noticed after "
+                f"{self.ticks.count} frames: what is queued and to come has wrong times"
+            )
+        return clock.to_host_ns(due_us - self.lead_us)
+
+    def send(self, wire: bytes, due_us: int) -> bool:
+        """Send what is due at *due_us*, unless it can no longer be in time; tell which."""
+        link = self._link
+        ready_ns = room_ns = link.now_ns()
+        in_time = can_arrive(
+            now_ns=ready_ns,
+            line_free_ns=link.line.free_ns,
+            transmission_ns=link.transmission_ns(wire),
+            due_ns=self._pinger.clock.to_host_ns(due_us),
+        )
+        if in_time:
+            link.make_room(wire)
+            room_ns = link.now_ns()
+            link.write_frame(wire)
+        elif self._trim is not None:
+            late_ns = ready_ns - self._deadline_ns + link.transmission_ns(wire)
+            self.lead_us = self._trim.add(late_ns // 1000, 1)
+        self.ticks.record(
+            deadline_ns=self._deadline_ns,
+            idle_ns=link.idle_since_ns,
+            wake_ns=self._wake_ns,
+            ready_ns=ready_ns,
+            room_ns=room_ns,
+            done_ns=link.now_ns(),
+            line_free_ns=link.line.free_ns,
+        )
+        return in_time
+
+    def settle(self, due_us: int) -> None:
+        """Wait until the last frame is latched."""
+        self._link.run_until(self._pinger.clock.to_host_ns(due_us) + _SETTLING_NS)
+
+    def _adjust(self, trim: LeadTrim) -> None:
+        """Take the newest report of arrival margins, once."""
+        status = self._status()
+        if status is None or status is self._seen:
+            return
+        changed, self._seen = self._lead_changed, status
+        self._lead_changed = False
+        if status.margins and not changed:  # else its frames were sent with two different leads
+            lead_us = trim.add(self.lead_us - status.margin_min_us, status.margins)
+            self._lead_changed = lead_us != self.lead_us
+            self.lead_us = lead_us

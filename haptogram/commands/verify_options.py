@@ -102,7 +102,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         "--lead-ms",
         type=float,
         metavar="MS",
-        help=f"how long before its time a frame is sent [{default.lead_ms:g}]",
+        help="how long before its time a frame is sent [100, or 3/4 of the board's queue]",
     )
     link.add_argument(
         "--virtual-time",

@@ -192,7 +192,7 @@ def test_coarser_phases_are_expected_as_the_registers_hold_them(port, bits):
 
 @given(st.sampled_from([1000, 999, 750.5, 60, 1000 / 3, 40.1]), st.integers(0, 5000))
 def test_the_grid_of_times_never_drifts(rate_hz, number):
-    schedule = Schedule.at_rate(rate_hz, 20_000)
+    schedule = Schedule.at_rate(rate_hz, 20_000, queue_depth=128)
     exact_us = number * 1_000_000 / rate_hz
     assert -1 - 1e-5 * number <= schedule.offset_us(number) - exact_us <= 1e-5 * number
 
@@ -223,7 +223,7 @@ def test_a_stall_of_the_host_skips_what_cannot_be_in_time_and_names_it(driver, p
         if done == 50:
             port.stall(30_000_000)
 
-    report = driver.stream(CIRCLE, 1000, progress=stall)
+    report = driver.stream(CIRCLE, 1000, lead_us=20_000, progress=stall)
     assert report.frames == len(driver.intended) == 200
     assert 5 <= len(report.skipped) <= 15
     assert report.skipped[0] == 50
