@@ -1,0 +1,253 @@
+"""Negative controls: every wrong drive is reported by its name, and only where it is wrong."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from haptogram.acoustics import AcousticModel, Drive, TransducerArray, focus_phases
+from haptogram.acoustics.transducer import Transducer
+from haptogram.verification import FrameStatus, Judge, name_faults
+from haptogram_protocol.messages import pack_phases
+from latched_drives import codes, drive_of, intend, registers, seen, working_volume
+
+MODEL = AcousticModel.default()
+JUDGE = Judge(MODEL, carrier_us=25)
+ELEMENTS = st.integers(0, 255)
+few = settings(max_examples=25)
+
+
+def verdict(intended, drive):
+    return JUDGE.judge(intended, seen(intended, drive))
+
+
+def assert_wrong(intended, drive, *names):
+    found = verdict(intended, drive)
+    assert (found.status, found.faults) == (FrameStatus.WRONG_DRIVE, names)
+
+
+def assert_right(intended, drive):
+    found = verdict(intended, drive)
+    assert (found.status, found.faults) == (FrameStatus.ON_TARGET, ())
+
+
+@few
+@given(working_volume())
+def test_wrong_sign(target):
+    intended = intend(MODEL, target)
+    assert_wrong(intended, drive_of(-codes(intended)), "opposite sign of all phases")
+
+
+@few
+@given(working_volume(off_diagonal=0.002))
+def test_transposed(target):
+    intended = intend(MODEL, target)
+    assert_wrong(intended, drive_of(codes(intended).T), "x and y exchanged (transposed)")
+
+
+@few
+@given(working_volume(off_x=0.002))
+def test_mirrored_x(target):
+    # At y = -x (or y = x) the transposed drive is another; nothing simpler equals a mirrored one.
+    intended = intend(MODEL, target)
+    assert_wrong(intended, drive_of(codes(intended)[::-1]), "x mirrored")
+
+
+@few
+@given(working_volume(off_x=0.002, off_y=0.002))
+def test_mirrored_y(target):
+    intended = intend(MODEL, target)
+    assert_wrong(intended, drive_of(codes(intended)[:, ::-1]), "y mirrored")
+
+
+@few
+@given(working_volume(), st.integers(-127, 128).filter(bool))
+def test_rolled(target, shift):
+    intended = intend(MODEL, target)
+    rolled = np.roll(codes(intended).ravel(), shift)
+    assert_wrong(intended, drive_of(rolled), f"elements rolled by {shift:+d}")
+
+
+@few
+@given(working_volume(), ELEMENTS, ELEMENTS)
+def test_a_swapped_pair(target, first, second):
+    intended = intend(MODEL, target)
+    found = codes(intended).ravel()
+    distance = abs((found[first] - found[second] + 128) % 256 - 128)
+    # Where the two phases differ by less than two steps lie the planes of symmetry of this fault.
+    assume(distance >= 2)
+    found[[first, second]] = found[[second, first]]
+    low, high = sorted((first, second))
+    name = f"elements {low} ({low // 16}, {low % 16}), {high} ({high // 16}, {high % 16}) swapped"
+    assert_wrong(intended, drive_of(found), name)
+
+
+@few
+@given(working_volume(), ELEMENTS)
+def test_one_dead(target, element):
+    intended = intend(MODEL, target)
+    amplitudes = np.full(256, 255)
+    amplitudes[element] = 0
+    drive = Drive(intended.drive.phase_codes, amplitudes)
+    assert_wrong(intended, drive, f"element {element} ({element // 16}, {element % 16}) dead")
+
+
+@few
+@given(working_volume(), ELEMENTS)
+def test_one_inverted(target, element):
+    intended = intend(MODEL, target)
+    found = codes(intended).ravel()
+    found[element] += 128
+    name = f"element {element} ({element // 16}, {element % 16}) inverted"
+    assert_wrong(intended, drive_of(found), name)
+
+
+@few
+@given(working_volume(), ELEMENTS, st.sampled_from([-2, 2]), st.sampled_from([8, 6, 5]))
+def test_one_off_by_2_lsb(target, element, steps, bits):
+    intended = intend(MODEL, target, bits)
+    found = codes(intended).ravel()
+    found[element] += steps * 2 ** (8 - bits)
+    name = f"element {element} ({element // 16}, {element % 16}) off by {steps:+d} LSB"
+    assert_wrong(intended, drive_of(found), name)
+
+
+@few
+@given(working_volume(), ELEMENTS)
+def test_one_off_by_1_lsb_is_never_passed(target, element):
+    # The field may not show it, but it is not what was sent.
+    intended = intend(MODEL, target)
+    found = codes(intended).ravel()
+    found[element] += 1
+    found_verdict = verdict(intended, drive_of(found))
+    assert found_verdict.status in (FrameStatus.CORRUPT, FrameStatus.WRONG_DRIVE)
+    assert found_verdict.faults[0].endswith("off by +1 LSB")
+
+
+@few
+@given(working_volume(), st.sampled_from([8, 6, 5]))
+def test_a_right_drive_is_on_target(target, bits):
+    intended = intend(MODEL, target, bits)
+    found = verdict(intended, intended.drive)
+    assert (found.status, found.faults) == (FrameStatus.ON_TARGET, ())
+    assert found.criteria == dict.fromkeys(("S1", "S2", "S3", "S4", "S5"), True)
+
+
+@few
+@given(working_volume(), st.sampled_from([8, 6, 5]))
+def test_mistakes_are_invisible_on_their_planes_of_symmetry(target, bits):
+    x, y, z = target
+    on_x, on_y = intend(MODEL, (0.0, y, z), bits), intend(MODEL, (x, 0.0, z), bits)
+    diagonal, axis = intend(MODEL, (x, x, z), bits), intend(MODEL, (0.0, 0.0, z), bits)
+    assert_right(on_x, drive_of(codes(on_x)[::-1]))
+    assert_right(on_y, drive_of(codes(on_y)[:, ::-1]))
+    assert_right(diagonal, drive_of(codes(diagonal).T))
+    assert_right(axis, drive_of(np.rot90(codes(axis))))
+    grid = codes(on_x)
+    grid[[0, 15]] = grid[[15, 0]]  # pairs of equal distance
+    assert_right(on_x, drive_of(grid))
+
+
+@few
+@given(working_volume(), st.integers(1, 255))
+def test_a_phase_that_all_share_is_named_but_moves_nothing(target, steps):
+    intended = intend(MODEL, target)
+    found = verdict(intended, drive_of(codes(intended) + steps))
+    signed = (steps + 128) % 256 - 128
+    assert found.faults == (f"all phases off by {signed:+d} LSB, the focus is not",)
+    assert (found.status, all(found.criteria.values())) == (FrameStatus.CORRUPT, True)
+
+
+@few
+@given(working_volume(off_x=0.002, off_y=0.002, off_diagonal=0.002), st.sampled_from([6, 5]))
+def test_packed_phases_read_in_the_wrong_order(target, bits):
+    intended = intend(MODEL, target, bits)
+    sent = (codes(intended).ravel() >> (8 - bits)).astype(np.uint8)
+    packed = pack_phases(sent.tobytes(), bits)
+    text = "".join(f"{byte:08b}" for byte in packed)
+    read = [int(text[start : start + bits], 2) for start in range(0, 256 * bits, bits)]
+    drive = drive_of(np.array(read) << (8 - bits))
+    assert_wrong(intended, drive, "packed phases read highest bit first")
+    turned = [int(f"{code >> (8 - bits):0{bits}b}"[::-1], 2) for code in codes(intended).ravel()]
+    drive = drive_of(np.array(turned) << (8 - bits))
+    assert_wrong(intended, drive, "bits of every phase in reverse order")
+
+
+@pytest.mark.parametrize("bits", [8, 6, 5])
+def test_rounded_down(bits):
+    target = (0.013, -0.021, 0.11)
+    intended = intend(MODEL, target, bits)
+    turns = focus_phases(MODEL, target) / (2.0 * math.pi)
+    down = np.floor(turns * 2**bits).astype(int) * 2 ** (8 - bits)
+    found = verdict(intended, drive_of(down))
+    assert found.faults == ("phases rounded down instead of to the nearest code",)
+    assert found.status is not FrameStatus.ON_TARGET
+
+
+@pytest.mark.parametrize(("axis", "name"), [(0, "column"), (1, "row")])
+def test_a_line_of_the_grid_that_is_stuck_or_dead(axis, name):
+    intended = intend(MODEL, (0.013, -0.021, 0.11))
+    grid = codes(intended)
+    np.moveaxis(grid, axis, 0)[3] = 77
+    assert_wrong(intended, drive_of(grid), f"{name} 3 stuck at phase 77")
+    amplitudes = np.full((16, 16), 255)
+    np.moveaxis(amplitudes, axis, 0)[3] = 0
+    drive = Drive(intended.drive.phase_codes, amplitudes.ravel())
+    assert_wrong(intended, drive, f"{name} 3 dead")
+
+
+def test_two_mistakes_at_once():
+    intended = intend(MODEL, (0.013, -0.021, 0.11))
+    assert_wrong(
+        intended, drive_of(-codes(intended).T), "x and y exchanged (transposed), and opposite sign"
+    )
+    rolled = np.roll(-codes(intended).ravel(), 5)
+    assert_wrong(intended, drive_of(rolled), "elements rolled by +5, and opposite sign")
+
+
+def test_a_dead_element_beside_a_wrong_one():
+    intended = intend(MODEL, (0.013, -0.021, 0.11))
+    found, amplitudes = codes(intended).ravel(), np.full(256, 255)
+    found[17] += 128
+    amplitudes[40] = 0
+    drive = Drive(found.astype(np.uint8), amplitudes)
+    assert_wrong(intended, drive, "element 40 (2, 8) dead", "element 17 (1, 1) inverted")
+
+
+def test_another_focus_is_no_wrong_drive_but_off_target():
+    intended = intend(MODEL, (0.013, -0.021, 0.11))
+    found = verdict(intended, registers(focus_phases(MODEL, (0.014, -0.021, 0.11))))
+    assert found.status is FrameStatus.OFF_TARGET
+    assert found.lateral_error_mm == pytest.approx(1.0, abs=0.1)
+
+
+def test_noise_has_no_name():
+    intended = intend(MODEL, (0.013, -0.021, 0.11))
+    drive = drive_of(np.random.default_rng(1).integers(0, 256, 256))
+    assert_wrong(intended, drive, "most phases are not those intended")
+
+
+def test_silence():
+    intended = intend(MODEL, (0.013, -0.021, 0.11))
+    assert_wrong(intended, drive_of(codes(intended), 0), "the whole array is silent")
+
+
+def test_amplitudes():
+    intended = intend(MODEL, (0.013, -0.021, 0.11))
+    assert_wrong(
+        intended, drive_of(codes(intended), 200), "amplitude of 256 elements off, by up to -55/255"
+    )
+
+
+def test_an_array_without_a_grid_has_numbers_only():
+    positions = np.random.default_rng(2).uniform(-0.08, 0.08, (60, 3)) * (1.0, 1.0, 0.0)
+    array = TransducerArray.from_positions(positions)
+    model = AcousticModel(array, MODEL.medium, Transducer())
+    intended = intend(model, (0.013, -0.021, 0.11))
+    found = intended.drive.phase_codes.astype(int)
+    found[17] += 128
+    assert name_faults(model, intended, drive_of(found)) == ("element 17 inverted",)
+    found = np.roll(intended.drive.phase_codes.astype(int), -3)
+    assert name_faults(model, intended, drive_of(found)) == ("elements rolled by -3",)
