@@ -126,7 +126,7 @@ def verify_run(
     frames: list[FrameVerdict] = []
     held: Held | None = None
     for number, wanted in enumerate(intended):
-        latches = seen.pop(wanted.key, [])
+        latches = sorted(seen.pop(wanted.key, []), key=lambda latch: latch.t_latch_us)
         verdict = judge.judge(wanted, latches[0]) if latches else lost(wanted)
         if not latches or verdict.late:
             effect = judge.consequence(wanted, held)

@@ -64,7 +64,7 @@ FATES = {
     "flagged late": lambda f: [seen(f, late=True)],
     "early": lambda f: [seen(f, t_latch_us=f.t_apply_us - 1)],
     "twice": lambda f: [seen(f), seen(f, t_latch_us=f.t_apply_us + 3)],
-    "lost": lambda f: [],
+    "lost": lambda _: [],
     "unseen": lambda f: [dataclasses.replace(seen(f), drive=None)],
     "off target": lambda f: [seen(f, elsewhere(f))],
     "wrong drive": lambda f: [seen(f, wrong_sign(f))],
@@ -240,7 +240,7 @@ def test_a_share_of_the_frames_must_be_verified(lost, min_verified, verdict):
 
 @pytest.mark.parametrize("min_verified", [-0.1, 1.1, math.nan])
 def test_a_share_that_is_none_is_refused(min_verified):
-    with pytest.raises(ConfigurationError, match="min_verified is .*, must be 0 to 1"):
+    with pytest.raises(ConfigurationError, match=r"min_verified is .*, must be 0 to 1"):
         verify([], [], min_verified=min_verified)
 
 
@@ -268,15 +268,15 @@ def pressure_rms_pa(drive, place):
     phases = 2.0 * np.pi * drive.phase_codes / 256.0
     weights = drive.amplitude_codes / 255.0 * np.exp(1j * phases)
     transducer = MODEL.transducer
-    ((p,)) = field(
+    ((p, _),) = field(
         [place],
         MODEL.array.positions_m,
         MODEL.array.normals,
         weights,
         wavenumber=MODEL.wavenumber,
         absorption=MODEL.medium.absorption_np_m,
-        radius=transducer.directivity.radius_m,
-        strength=transducer.source_strength_pa_m,
+        piston_radius=transducer.directivity.radius_m,
+        peak_strength=math.sqrt(2.0) * transducer.source_strength_pa_m,
     )
     return abs(p) / math.sqrt(2.0)
 
