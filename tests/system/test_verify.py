@@ -65,11 +65,11 @@ def test_in_virtual_time_the_result_repeats_byte_for_byte(tmp_path: Path) -> Non
 
 
 def test_air_that_the_host_does_not_know_puts_the_focus_off_target(tmp_path: Path) -> None:
-    status, result = _verify(tmp_path, *_CIRCLE, "--virtual-time", "--board-temperature-c", "40")
+    status, result = _verify(tmp_path, *_CIRCLE, "--virtual-time", "--board-temperature-c", "21")
     assert (status, result["verdict"]) == (1, "fail")
     assert result["frames"]["off_target"] == 63
-    # Warmer air is faster, so the waves meet further out; the array sees no other error.
-    assert result["axial_error_mm"]["p50"] > 1.0
+    # In faster air the same phases curve the waves more: they meet nearer to the array.
+    assert all(frame["axial_error_mm"] < -0.2 for frame in result["not_on_target"])
 
 
 _PATHS = {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
