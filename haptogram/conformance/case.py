@@ -1,0 +1,126 @@
+"""A case, and the ways in which it can end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NoReturn, TypeAlias
+
+from haptogram.errors import HaptogramError
+from haptogram_protocol.messages import Feature
+
+from .verdict import Behaviour, Evidence
+
+if TYPE_CHECKING:
+    from .bench import Bench
+
+Body: TypeAlias = "Callable[[Bench], None]"
+
+#: No capability is needed.
+NOTHING: Final = Feature(0)
+
+#: Evidence classes under the names that cases use.
+WIRE: Final = Evidence.WIRE
+SELF_REPORTED: Final = Evidence.SELF_REPORTED
+EXTERNAL: Final = Evidence.EXTERNAL
+
+
+class CaseEndedError(HaptogramError):
+    """A case knows its verdict."""
+
+    def __init__(self, behaviour: Behaviour, text: str) -> None:
+        super().__init__(text)
+        self.behaviour = behaviour
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One experiment with a board.
+
+    Attributes
+    ----------
+    clause : str
+        Number of the clause that it judges.
+    what : str
+        What it does and expects, one line.
+    body : callable or None
+        Runs it; returns if the board did as the clause demands.  None: it cannot be observed.
+    variant : str
+        Tells several cases of a clause apart.
+    needs : Feature
+        Capabilities without all of which it is UNIMPLEMENTED.
+    evidence : Evidence
+        What its verdict rests on.
+    needs_reset : bool
+        Whether it begins with a board that has just started.
+    needs_session : bool
+        Whether a session is opened for it; else it talks to a board of which nothing is known.
+    """
+
+    clause: str
+    what: str
+    body: Body | None
+    variant: str = ""
+    needs: Feature = NOTHING
+    evidence: Evidence = Evidence.WIRE
+    needs_reset: bool = False
+    needs_session: bool = True
+
+    @property
+    def id(self) -> str:
+        """The clause's number, and the variant where there is one."""
+        return f"{self.clause}-{self.variant}" if self.variant else self.clause
+
+
+def case(
+    clause: str,
+    what: str,
+    *,
+    variant: str = "",
+    needs: Feature = NOTHING,
+    evidence: Evidence = Evidence.WIRE,
+    needs_reset: bool = False,
+    needs_session: bool = True,
+) -> Callable[[Body], Case]:
+    """Make a case of a function; see :class:`Case`."""
+
+    def make(body: Body) -> Case:
+        return Case(clause, what, body, variant, needs, evidence, needs_reset, needs_session)
+
+    return make
+
+
+def unobservable(clause: str, reason: str, evidence: Evidence = Evidence.WIRE) -> Case:
+    """Register a clause that no case can judge, and why."""
+    return Case(clause, reason, None, evidence=evidence)
+
+
+def check(holds: bool, text: str) -> None:
+    """End the case as FAILED unless *holds*."""
+    if not holds:
+        fail(text)
+
+
+def fail(text: str) -> NoReturn:
+    """End the case: the board did not do what the clause demands."""
+    raise CaseEndedError(Behaviour.FAILED, text)
+
+
+def inconclusive(text: str) -> NoReturn:
+    """End the case: what was seen does not decide it."""
+    raise CaseEndedError(Behaviour.INCONCLUSIVE, text)
+
+
+def not_observed(text: str) -> NoReturn:
+    """End the case: there is nothing to see on this board, on this line."""
+    raise CaseEndedError(Behaviour.NOT_OBSERVED, text)
+
+
+def unimplemented(text: str) -> NoReturn:
+    """End the case: the board does not advertise what it needs."""
+    raise CaseEndedError(Behaviour.UNIMPLEMENTED, text)
+
+
+def informational(text: str) -> NoReturn:
+    """End the case with something worth knowing that the clause allows."""
+    raise CaseEndedError(Behaviour.INFORMATIONAL, text)

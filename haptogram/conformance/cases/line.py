@@ -1,0 +1,88 @@
+"""Chapter 2, the line itself: every byte, at full rate, and silence before the first HELLO."""
+
+from __future__ import annotations
+
+from haptogram_protocol.messages import Ping, Pong
+
+from .. import crafting
+from ..bench import Bench
+from ..case import SELF_REPORTED, case, check
+from ..recording import describe
+
+_LISTEN_US = 300_000
+
+
+@case("HG-2.7/1", "all 256 byte values come back from PING as they were sent")
+def carries_every_byte(bench: Bench) -> None:
+    for start in range(0, 256, 8):
+        echo = int.from_bytes(bytes(range(start, start + 8)), "little")
+        got = bench.call(Ping(echo), Pong).echo
+        check(got == echo, f"sent {echo:016x}, came back {got:016x}: the line changes bytes")
+
+
+@case(
+    "HG-2.7/2",
+    "stream frames of rx_window bytes, sent without a pause, are all counted",
+    evidence=SELF_REPORTED,
+)
+def takes_a_full_window(bench: Bench) -> None:
+    first = bench.stream_wire(bench.flat_phases())
+    count = max(1, bench.identity.rx_window // len(first))
+    frames = [first, *(bench.stream_wire(bench.flat_phases()) for _ in range(count - 1))]
+    with bench.counting(dropped_state=count, frames=count):
+        bench.send(*frames)
+        bench.wire.idle(bench.wire.line_us(sum(map(len, frames))))
+
+
+@case(
+    "HG-2.7/3",
+    "for 0.3 s after a reset the board sends no frame; boot text is tolerated",
+    needs_reset=True,
+)
+def is_silent_before_hello(bench: Bench) -> None:
+    bench.wire.idle(_LISTEN_US)
+    frames = [piece for piece in bench.wire.received if piece.header is not None]
+    check(not frames, f"before the first HELLO: {describe(frames[0].piece) if frames else ''}")
+
+
+@case(
+    "HG-9.4/1",
+    "after a megabyte of junk the board answers, reports the same free bytes, and takes them all",
+    evidence=SELF_REPORTED,
+)
+def free_bytes_are_free(bench: Bench) -> None:
+    before = bench.status()
+    junk = crafting.noise(bench.random, 200) + b"\x00"
+    # A second of the line in wall time: a megabyte of junk at 3 Mbaud takes 3.5 s.
+    total = min(1 << 20, bench.wire.baudrate // 10 * (1 if bench.wire.limits.slack_us else 60))
+    for _ in range(max(1, total // (20 * len(junk)))):
+        bench.send(junk * 20)
+        bench.wire.idle(bench.wire.line_us(20 * len(junk)))
+    after = bench.status()
+    check(
+        after.free_bytes == before.free_bytes,
+        f"free_bytes was {before.free_bytes}, after junk {after.free_bytes}: it leaks",
+    )
+    frames = bench.stream_wire(bench.flat_phases())
+    count = max(1, after.free_bytes // len(frames))
+    with bench.counting(dropped_state=count):
+        bench.send(frames, *(bench.stream_wire(bench.flat_phases()) for _ in range(count - 1)))
+        bench.wire.idle(bench.wire.line_us(count * len(frames)))
+
+
+@case(
+    "HG-3.9/3",
+    "junk of every kind neither restarts the board nor moves a counter back nor disarms it",
+    evidence=SELF_REPORTED,
+)
+def survives_junk(bench: Bench) -> None:
+    boot_id, before = bench.identity.boot_id, bench.status()
+    bench.arm()
+    for _ in range(40):
+        size = bench.random.randrange(1, 600)
+        bench.send(b"\x00", bench.random.randbytes(size), b"\x00")
+        bench.wire.idle(bench.wire.line_us(size))
+    after = bench.status()
+    check(after.state.name == "ARMED", f"junk has moved the board to {after.state.name}")
+    check(after.counters.frames > before.counters.frames, "the counters began anew: a restart")
+    check(bench.hello().boot_id == boot_id, "boot_id is another one: junk restarts the board")

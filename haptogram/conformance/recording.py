@@ -1,0 +1,108 @@
+"""The bytes that a case exchanged, and what they mean."""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import DELIMITER, decode_frame
+from haptogram_protocol.messages import Header, Message, MessageType, parse_body
+
+_KEPT_CHUNKS: Final = 200  # at the beginning, and as many at the end
+_SHOWN_BYTES: Final = 96  # of one chunk
+_PER_LINE: Final = 32
+
+
+class Direction(enum.StrEnum):
+    """Who sent it."""
+
+    HOST = "host "
+    BOARD = "board"
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Bytes that were handed over, or came in, at once."""
+
+    t_us: int
+    direction: Direction
+    data: bytes
+
+
+class Recording:
+    """Keeps the first and the last chunks, in bounded memory."""
+
+    def __init__(self) -> None:
+        self._first: list[Chunk] = []
+        self._last: deque[Chunk] = deque(maxlen=_KEPT_CHUNKS)
+        self._dropped = 0
+
+    def add(self, t_us: int, direction: Direction, data: bytes) -> None:
+        """Take down a chunk."""
+        chunk = Chunk(t_us, direction, bytes(data))
+        if len(self._first) < _KEPT_CHUNKS:
+            self._first.append(chunk)
+            return
+        self._dropped += len(self._last) == _KEPT_CHUNKS
+        self._last.append(chunk)
+
+    def transcript(self) -> tuple[str, ...]:
+        """Return the chunks as lines: time, who, hex, and the frames that they hold."""
+        if not self._first:
+            return ()
+        start_us = self._first[0].t_us
+        lines = [line for chunk in self._first for line in _lines(chunk, start_us)]
+        if self._dropped:
+            lines.append(f"... {self._dropped} chunks left out ...")
+        return (*lines, *(line for chunk in self._last for line in _lines(chunk, start_us)))
+
+
+def _lines(chunk: Chunk, start_us: int) -> list[str]:
+    head = f"{(chunk.t_us - start_us) / 1e6:+11.6f} s {chunk.direction.value} "
+    shown = chunk.data[:_SHOWN_BYTES]
+    rows = [shown[start : start + _PER_LINE].hex(" ") for start in range(0, len(shown), _PER_LINE)]
+    if len(chunk.data) > _SHOWN_BYTES:
+        rows[-1] += f" ... ({len(chunk.data)} bytes)"
+    indent = " " * len(head)
+    texts = [(head if number == 0 else indent) + row for number, row in enumerate(rows)]
+    frames = [describe(piece) for piece in chunk.data.split(DELIMITER) if piece]
+    return texts + [f"{indent}= {frame}" for frame in frames]
+
+
+def describe(piece: bytes) -> str:
+    """Return in words what the bytes between two delimiters are."""
+    try:
+        body = decode_frame(piece)
+    except RemoteProtocolError as error:
+        return f"no frame: {error}"
+    header = Header.unpack(body[: Header.LAYOUT.size])
+    head = (
+        f"{type_name(header.type)} seq {header.seq} session {header.session:#06x} "
+        f"flags {header.flags:#04x} t {header.time_us}"
+    )
+    try:
+        _, message = parse_body(body)
+    except RemoteProtocolError as error:
+        return f"{head}: {error}"
+    return f"{head}: {summary(message)}"
+
+
+def summary(message: Message) -> str:
+    """Return the fields of a message; long bytes and lists by their length."""
+    fields = []
+    for name in (*message.WIRE, *([message.TAIL.name] if message.TAIL else [])):
+        value = getattr(message, name)
+        if isinstance(value, bytes | tuple):
+            fields.append(f"{len(value)} {name}")
+        else:
+            fields.append(f"{name} {getattr(value, 'name', value)}")
+    return ", ".join(fields) or "no payload"
+
+
+def type_name(number: int) -> str:
+    """Return the name of a message type, its number if it has none."""
+    known = MessageType._value2member_map_.get(number)
+    return known.name if isinstance(known, MessageType) else f"type {number:#04x}"

@@ -1,0 +1,320 @@
+"""Runs cases one after the other, and never hangs: every wait ends, and results so far are kept."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import random
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+from haptogram.errors import HaptogramError, LinkError, LinkLostError
+from haptogram.transport import Transport
+from haptogram_protocol.export import description_hash
+from haptogram_protocol.messages import Feature, HelloReply
+
+from .access import Access
+from .bench import Bench, is_version_error
+from .case import Case, CaseEndedError
+from .clauses import Clause, Level, load_clauses
+from .recovery import farewell, recover
+from .verdict import Behaviour, Evidence, Recovery, Result, SuiteResult
+from .wire import Limits, Wire
+
+#: Called before every case with its number, how many there are, and its id.
+Progress: TypeAlias = Callable[[int, int, str], None]
+
+_GREETINGS: Final = 3  # the first one may drown in what the board says while it starts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """How a run is done.
+
+    Attributes
+    ----------
+    timeout_s : float
+        How long an answer may take.
+    seed : int
+        Of nonces and contents.
+    repeat : int
+        How often every case is run.
+    strict : bool
+        Whether a SHOULD that is not met is a failure.
+    expected : dict of str to str
+        Baseline: verdicts that are expected to be failures, by case or clause.
+    """
+
+    timeout_s: float = 1.0
+    seed: int = 0
+    repeat: int = 1
+    strict: bool = False
+    expected: dict[str, str] = dataclasses.field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What one run of a case came to."""
+
+    behaviour: Behaviour
+    detail: str = ""
+    recovery: Recovery | None = None
+    transcript: tuple[str, ...] = ()
+
+
+class Runner:
+    """Runs cases against the board behind *access*.
+
+    Raises
+    ------
+    HaptogramError
+        From :meth:`run`, if the port does not open at all.
+    """
+
+    def __init__(self, access: Access, options: Options, progress: Progress | None = None) -> None:
+        self._access, self._options = access, options
+        self._progress: Progress = progress or (lambda *_: None)
+        self._limits = Limits.of(options.timeout_s, virtual=access.virtual)
+        self._random = random.Random(options.seed)
+        self._hash = description_hash()
+        self._clauses = load_clauses()
+        self._transport: Transport | None = None
+        self._bench: Bench | None = None
+        self._dead = ""  # why no case that needs a session can be run
+        self._device: dict[str, object] = {}
+
+    def run(self, cases: Sequence[Case]) -> SuiteResult:
+        """Run *cases* in order and return their results; Ctrl-C keeps those so far."""
+        results: list[Result] = []
+        cut_short = ""
+        try:
+            self._begin()
+            for number, case in enumerate(cases):
+                self._progress(number, len(cases), case.id)
+                results.append(self._result(case))
+        except KeyboardInterrupt:
+            cut_short = f"interrupted after {len(results)} of {len(cases)} cases"
+        finally:
+            self._end()
+        rest = (_not_run(case, self._clauses[case.clause], cut_short) for case in cases)
+        results += list(rest)[len(results) :]
+        return SuiteResult(tuple(results), self._device, self._settings(), cut_short or self._dead)
+
+    def _settings(self) -> dict[str, object]:
+        options = self._options
+        return {
+            "port": self._access.url,
+            "virtual_time": self._access.virtual,
+            "seed": options.seed,
+            "repeat": options.repeat,
+            "strict": options.strict,
+            "timeout_s": options.timeout_s,
+        }
+
+    # --- the board -----------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        self._connect(self._access.open(), booted=self._access.boots)
+        bench = self._greet()
+        if bench is not None:
+            with contextlib.suppress(CaseEndedError, LinkLostError):
+                bench.learn_wraps()
+
+    def _connect(self, transport: Transport, *, booted: bool) -> Bench:
+        self._transport = transport
+        wire = Wire(transport, self._limits, baudrate=self._access.baudrate)
+        self._bench = Bench(wire, self._random, self._hash, booted=booted)
+        return self._bench
+
+    def _greet(self) -> Bench | None:
+        """Find out whether a board of this version is there; note why not."""
+        bench = self._bench
+        assert bench is not None  # _connect came first
+        self._dead = ""
+        try:
+            for _ in range(_GREETINGS):
+                reply = bench.greet()
+                if isinstance(reply, HelloReply):
+                    self._device = _device(reply)
+                    return bench
+                if is_version_error(reply):
+                    self._dead = f"the board speaks another major version: {reply}"
+                    return None
+            self._dead = _silence(bench)
+        except (LinkError, CaseEndedError) as error:
+            self._dead = f"the board is gone: {error}"
+        return None
+
+    def _reset(self) -> Bench:
+        self._drop()
+        return self._connect(self._access.reset(), booted=True)
+
+    def _drop(self) -> None:
+        if self._transport is not None:
+            self._transport.close()
+        self._transport = None
+
+    def _end(self) -> None:
+        if self._bench is not None and self._transport is not None and not self._dead:
+            with contextlib.suppress(HaptogramError):
+                farewell(self._bench)
+        self._drop()
+        self._access.close()
+
+    # --- one case ------------------------------------------------------------------------------
+
+    def _result(self, case: Case) -> Result:
+        outcomes = [self._attempt(case) for _ in range(self._options.repeat if case.body else 1)]
+        last = next((o for o in outcomes if o.behaviour is Behaviour.FAILED), outcomes[-1])
+        behaviours = {outcome.behaviour for outcome in outcomes}
+        unclean = [o.recovery for o in outcomes if o.recovery is not None and not o.recovery.clean]
+        behaviour, detail = last.behaviour, last.detail
+        if len(behaviours) > 1:
+            behaviour = Behaviour.FLAKY
+            detail = " then ".join(f"{o.behaviour.value}" for o in outcomes) + f": {detail}"
+        expected = self._options.expected
+        return Result(
+            case=case.id,
+            clause=case.clause,
+            requirement=self._clauses[case.clause].text,
+            what=case.what,
+            behaviour=behaviour,
+            evidence=case.evidence,
+            detail=detail,
+            recovery=unclean[0] if unclean else last.recovery,
+            transcript=last.transcript,
+            expected=expected.get(case.id, expected.get(case.clause)),
+            seen=tuple(outcome.behaviour for outcome in outcomes) if len(outcomes) > 1 else (),
+        )
+
+    def _attempt(self, case: Case) -> _Outcome:
+        if case.body is None:
+            return _Outcome(Behaviour.NOT_OBSERVED, case.what)
+        if case.needs_reset and not self._access.can_reset:
+            return _Outcome(
+                Behaviour.NOT_OBSERVED, "no way to restart the board (--spawn, --reset-cmd, --dtr)"
+            )
+        if self._dead and case.needs_session and not case.needs_reset:
+            return _Outcome(Behaviour.INCONCLUSIVE, self._dead)
+        try:
+            bench = self._reset() if case.needs_reset else self._bench
+        except HaptogramError as error:
+            self._dead = f"the board did not come back after a reset: {error}"
+            return _Outcome(Behaviour.INCONCLUSIVE, self._dead)
+        assert bench is not None  # _begin has connected
+        return self._experiment(case, bench)
+
+    def _experiment(self, case: Case, bench: Bench) -> _Outcome:
+        bench.wire.begin_case()
+        try:
+            if case.needs_session and not case.needs_reset:
+                bench.settle()
+        except CaseEndedError as error:
+            return self._afterwards(case, bench, Behaviour.INCONCLUSIVE, f"at its start: {error}")
+        except LinkLostError as error:
+            return self._lost(Behaviour.INCONCLUSIVE, str(error), bench)
+        bench.wire.begin_case()
+        try:
+            behaviour, detail = self._judge(case, bench)
+        except LinkLostError as error:
+            return self._lost(Behaviour.FAILED, str(error), bench)
+        return self._afterwards(case, bench, behaviour, detail)
+
+    def _judge(self, case: Case, bench: Bench) -> tuple[Behaviour, str]:
+        """Run the body of a case and return its verdict."""
+        assert case.body is not None  # _attempt has seen to it
+        try:
+            if case.needs and not case.needs_reset:
+                bench.need(case.needs)
+            case.body(bench)
+        except CaseEndedError as ended:
+            clause = self._clauses[case.clause]
+            lenient = clause.level is Level.SHOULD and not self._options.strict
+            if ended.behaviour is Behaviour.FAILED and lenient:
+                return Behaviour.NON_STRICT, str(ended)
+            return ended.behaviour, str(ended)
+        return Behaviour.OK, ""
+
+    def _afterwards(self, case: Case, bench: Bench, behaviour: Behaviour, detail: str) -> _Outcome:
+        transcript = bench.wire.recording.transcript() if _is_shown(behaviour) else ()
+        if behaviour is Behaviour.UNIMPLEMENTED:
+            return _Outcome(behaviour, detail)
+        try:
+            recovery = recover(bench)
+        except LinkLostError as error:
+            return self._lost(behaviour, detail or str(error), bench)
+        if recovery.frames is None and not self._dead:
+            self._revive()
+        elif recovery.clean and case.needs_reset:
+            self._dead = ""
+        return _Outcome(behaviour, detail, recovery, transcript)
+
+    def _lost(self, behaviour: Behaviour, text: str, bench: Bench) -> _Outcome:
+        """Keep the verdict of a case after which the port was gone."""
+        transcript = bench.wire.recording.transcript()
+        self._dead = f"the board is gone: {text}"
+        self._revive()
+        return _Outcome(behaviour, text, Recovery(None, text), transcript)
+
+    def _revive(self) -> None:
+        """Try once to bring a board back that does not answer."""
+        why = self._dead or "the board does not answer any more"
+        try:
+            if self._access.can_reset:
+                self._reset()
+            else:
+                self._drop()
+                self._connect(self._access.open(), booted=False)
+        except HaptogramError as error:
+            self._dead = f"{why} ({error})"
+            return
+        if self._greet() is None:
+            self._dead = why
+
+
+def _is_shown(behaviour: Behaviour) -> bool:
+    return behaviour in (Behaviour.FAILED, Behaviour.NON_STRICT, Behaviour.INCONCLUSIVE)
+
+
+def _not_run(case: Case, clause: Clause, why: str) -> Result:
+    evidence = case.evidence if case.body else Evidence.WIRE
+    return Result(
+        case.id, case.clause, clause.text, case.what, Behaviour.INCONCLUSIVE, evidence, why
+    )
+
+
+def _silence(bench: Bench) -> str:
+    wire = bench.wire
+    if not wire.heard:
+        return "the port is silent: nothing came back to HELLO"
+    if not any(piece.header is not None for piece in wire.received):
+        return f"{wire.heard} bytes came, but no frame: not a board, or another line rate"
+    if not any(piece.is_response or piece.is_event for piece in wire.received):
+        return "the port sends back what is written to it; no board answers"
+    return "frames came, but no answer to HELLO"
+
+
+def _device(reply: HelloReply) -> dict[str, object]:
+    known = Feature(reply.features & sum(Feature))
+    return {
+        "firmware": reply.firmware,
+        "protocol": f"{reply.major}.{reply.minor}",
+        "boot_id": f"{reply.boot_id:#010x}",
+        "transducers": reply.transducers,
+        "carrier_hz": reply.carrier_hz,
+        "features": [str(feature.name) for feature in known],
+    }
+
+
+def select(cases: Sequence[Case], wanted: Sequence[str]) -> Iterator[Case]:
+    """Yield the cases of the clauses, sections or chapters named: HG-3.4/1, HG-3.4, HG-3."""
+    for case in cases:
+        if not wanted or any(_is_of(case, name) for name in wanted):
+            yield case
+
+
+def _is_of(case: Case, name: str) -> bool:
+    if name in (case.id, case.clause):
+        return True
+    return case.clause.startswith((f"{name}/", f"{name}.")) and "/" not in name
