@@ -146,7 +146,7 @@ def test_where_the_prediction_does_not_hold_the_ideal_drive_is_the_measure():
     assert field.fresnel_number < 3.0
     ideal = np.exp(1j * field.phases_rad)
     errors = criteria.peak_errors(model, field, ideal, np.ones(128), 0.0)
-    assert [error.error_rad for error in errors] == [0.0, 0.0]
+    assert [error.error_rad for error in errors] == pytest.approx([0.0, 0.0], abs=1e-6)
     assert judge.judge(intend(model, target), seen(intend(model, target))).criteria["S4"]
 
 
