@@ -30,6 +30,7 @@ def make_run(
     change: dict[int, Change] | None = None,
     *,
     min_verified: float = 0.0,
+    cut_short: str | None = None,
 ) -> RunVerdict:
     """Judge a board that latches what it should, but for *change* by frame number."""
     intended, seen = [], []
@@ -47,7 +48,7 @@ def make_run(
         changed = (change or {}).get(number, lambda same: same)(latch)
         if changed is not None:
             seen.append(changed)
-    return verify_run(intended, seen, model=model, min_verified=min_verified)
+    return verify_run(intended, seen, model=model, min_verified=min_verified, cut_short=cut_short)
 
 
 def make_result(run: RunVerdict, **changes: Any) -> dict[str, Any]:

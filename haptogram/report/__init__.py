@@ -6,6 +6,6 @@ date, a host name or a duration: the same run gives the same bytes.
 
 from .junit import write_junit
 from .page import write_html
-from .result import concluded, environment, result_dict, write_json
+from .result import environment, result_dict, write_json
 
-__all__ = ["concluded", "environment", "result_dict", "write_html", "write_json", "write_junit"]
+__all__ = ["environment", "result_dict", "write_html", "write_json", "write_junit"]

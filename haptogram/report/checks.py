@@ -10,7 +10,6 @@ from typing import Final, TypeVar
 from haptogram.records import FrameKey
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, Verdict
 
-from .result import concluded
 from .wording import count, describe
 
 NAMED_FRAMES: Final = 20  # the JSON names all
@@ -66,7 +65,7 @@ class _Fault:
 _FAULTS: Final = (
     _Fault(
         "off_target",
-        "every focus is on its target",
+        "no focus is off its target",
         lambda frame: frame.status is FrameStatus.OFF_TARGET,
         "verified",
     ),
@@ -98,7 +97,6 @@ def checks(run: RunVerdict, cut_short: str | None = None) -> list[Check]:
     One has failed if and only if the verdict is fail; if none has, one is inconclusive if and only
     if the verdict is.
     """
-    run = concluded(run, cut_short)
     return [
         *(_of_fault(run, fault) for fault in _FAULTS),
         _unexpected(run),

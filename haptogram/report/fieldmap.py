@@ -16,11 +16,11 @@ from haptogram.verification import FrameVerdict, RunVerdict
 from .series import Floats, Vector, measured_mm, worst
 
 _SIDE_MM: Final = 160.0
-_STEP_MM: Final = 1.0
+_STEP_MM: Final = 1.25  # 7 points to a wavelength at 40 kHz
 _LOWEST_MM: Final = 10.0  # above the array: nearer, single elements outshine the field
 _ABOVE_FOCUS_MM: Final = 50.0
 _CLOSE_SIDE_MM: Final = 30.0
-_CLOSE_STEP_MM: Final = 0.25
+_CLOSE_STEP_MM: Final = 0.5
 _CLEARANCE_M: Final = 2e-3  # nearer to an element the model of the field does not hold
 
 

@@ -20,7 +20,6 @@ from haptogram.verification import RunVerdict
 
 from .checks import Check, Outcome, checks
 from .files import write_atomically
-from .result import concluded
 
 _SUITE: Final = "haptogram.verify"
 _ILLEGAL: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -61,8 +60,7 @@ def _document(run: RunVerdict, result: Mapping[str, Any]) -> ElementTree.Element
     _add_properties(suite, result)
     for check in answers:
         _add_case(suite, check)
-    summary = str(concluded(run, result["cut_short"]))
-    ElementTree.SubElement(suite, "system-out").text = _legal(summary)
+    ElementTree.SubElement(suite, "system-out").text = _legal(str(run))
     return root
 
 

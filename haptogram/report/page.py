@@ -11,11 +11,10 @@ from haptogram.acoustics import AcousticModel, Drive
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
 from . import pictures, prose
-from .checks import NAMED_FRAMES, checks
+from .checks import NAMED_FRAMES, Check, Outcome, checks
 from .fieldmap import FieldPicture, picture_field
 from .files import write_atomically
 from .markup import Html, element, listing, picture, section, table, text
-from .result import concluded
 from .series import relative_error, worst
 from .style import CSS
 from .wording import NOTHING, effect, figure, timeliness
@@ -24,6 +23,7 @@ HOW_TO_GET_PICTURES: Final = "pip install 'haptogram[report]'"
 
 _WORST: Final = 10
 _BITS: Final = 8
+_DECISIVE: Final = (Outcome.FAILED, Outcome.INCONCLUSIVE)
 
 
 def write_html(
@@ -52,7 +52,7 @@ def write_html(
     ConfigurationError
         If *path* cannot be written.
     """
-    page = "".join(_document(concluded(run, result["cut_short"]), result, model, drives))
+    page = "".join(_document(run, result, model, drives))
     # A port may be named by bytes that are no text; they become question marks.
     write_atomically(path, page.encode("utf-8", errors="replace"))
 
@@ -69,7 +69,7 @@ def _document(
     yield f"<title>{text(title)}</title>\n<style>{CSS}</style>\n</head>\n<body>\n"
     yield _banner(run, result)
     yield section("Key figures", _key_figures(result))
-    yield section("Checks", _checks(run, result))
+    yield section("Checks", *_checks(checks(run, result["cut_short"])))
     yield section("Pictures", *_pictures(run, result, model, drives))
     yield section("Frames with the largest errors", _worst_frames(run))
     yield section("Lost and late frames", _missing_frames(run))
@@ -100,7 +100,7 @@ def _key_figures(result: Mapping[str, Any]) -> Html:
         ("error along the beam, median", figure(axial["p50"], 4), "mm"),
         ("error along the beam, 99th percentile", figure(axial["p99"], 4), "mm"),
         ("error along the beam, largest", figure(axial["max"], 4), "mm"),
-        ("smallest miss that every frame would show", figure(result["smallest_miss_mm"]), "mm"),
+        ("largest error that rounding explains", figure(result["smallest_miss_mm"]), "mm"),
         ("coherence at the target, lowest", figure(result["coherence"]["min"], 5), ""),
         ("pressure at the focus, mean", figure(pressure["mean"], 0), "Pa RMS"),
         ("pressure at the focus, standard deviation", figure(pressure["std"], 0), "Pa RMS"),
@@ -113,10 +113,21 @@ def _key_figures(result: Mapping[str, Any]) -> Html:
     return table(("figure", "value", "unit"), rows, numbers=1)
 
 
-def _checks(run: RunVerdict, result: Mapping[str, Any]) -> Html:
-    answers = checks(run, result["cut_short"])
-    rows = [(check.statement, str(check.outcome), check.message) for check in answers]
-    return table(("check", "outcome", "found"), rows)
+def _checks(answers: list[Check]) -> Iterator[Html]:
+    """Yield every check, and the frames that those concern which decided the verdict."""
+    rows = [
+        (
+            check.statement,
+            element("b", check.outcome) if check.outcome in _DECISIVE else check.outcome,
+            check.message,
+        )
+        for check in answers
+    ]
+    yield table(("check", "outcome", "found"), rows)
+    for check in answers:
+        if check.outcome in _DECISIVE and check.details:
+            yield element("h3", f"{check.statement}: {check.outcome}")
+            yield listing(check.details)
 
 
 def _worst_frames(run: RunVerdict) -> Html:
@@ -207,8 +218,7 @@ def _drawn(run: RunVerdict, model: AcousticModel, shown: FieldPicture | None) ->
         pictures.foci(run, model),
         "Intended and measured foci over the array.",
         "The colour is the error of a focus over the largest one that the rounding of the phases "
-        "can make, on the axis where that is worst; beyond 1 it is off target (where the "
-        "board computes the drive, its own rounding is allowed on top).",
+        "can make, on the axis where that is worst; beyond 1 it is off target.",
     )
     yield picture(
         pictures.errors(run, model),

@@ -45,7 +45,7 @@ def foci_panel(figure: Paper, axes: Any, run: RunVerdict, model: AcousticModel) 
     elements = 1e3 * model.array.positions_m
     targets = targets_mm(frames)
     axes.scatter(*elements.T, s=5, c=GREY, marker="s", linewidths=0, label="transducers")
-    size = float(np.clip(4000.0 / max(len(frames), 1), 3.0, 30.0))
+    size = float(np.clip(4000.0 / max(len(frames), 1), 3.0, 16.0))
     if len(targets):
         style = {"facecolors": "none", "edgecolors": GREY, "linewidths": 0.5}
         axes.scatter(*targets.T, s=3.0 * size, label="intended focus", **style)
@@ -55,7 +55,8 @@ def foci_panel(figure: Paper, axes: Any, run: RunVerdict, model: AcousticModel) 
         _measured(figure, axes, seen, size)
     _troubled(axes, frames)
     _equal_scales(axes, np.concatenate([elements, targets, *(p[None] for p, _ in seen)]))
-    axes.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
+    for name in _AXES:
+        getattr(axes, f"set_{name}label")(f"{name} (mm)", labelpad=8.0)
     figure.legend(loc="outside lower center", ncols=4)
     axes.view_init(elev=17.0, azim=-58.0)
 
@@ -79,6 +80,7 @@ def _measured(figure: Paper, axes: Any, seen: list[tuple[Floats, float]], size: 
         dots,
         ax=axes,
         label="error / bound of quantisation",
+        format="%g",
         extend="max" if errors.max() > 1.0 else "neither",
         shrink=0.5,
         aspect=25,
@@ -107,7 +109,7 @@ def _equal_scales(axes: Any, points: Floats) -> None:
     middle = (low + high) / 2.0
     for name, centre, width in zip(_AXES, middle, span, strict=True):
         getattr(axes, f"set_{name}lim")(centre - width / 2.0, centre + width / 2.0)
-        count = 3 + round(3 * float(width / span.max()))
+        count = max(2, round(6.0 * float(width / span.max())))
         getattr(axes, f"{name}axis").get_major_locator().set_params(nbins=count)
     axes.set_box_aspect(span, zoom=1.08)
 

@@ -51,7 +51,7 @@ def summary(result: Mapping[str, Any]) -> Iterator[str]:
         along = "" if axial is None else f" and {axial:.3f} mm along the beam"
         yield f"The largest distance from a target was {lateral:.3f} mm across{along}."
     if result["smallest_miss_mm"] is not None:
-        yield f"A miss of {result['smallest_miss_mm']:.2f} mm or more would have shown."
+        yield f"Rounding of the phases alone could make it {result['smallest_miss_mm']:.2f} mm."
     if frames["lost"] or frames["late"]:
         yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
 
@@ -73,8 +73,8 @@ def limits(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"{count(unseen, 'frame')} of {frames['sent']} could not be verified at all."
     if result["smallest_miss_mm"] is not None:
         yield (
-            f"A focus that is off by less than {result['smallest_miss_mm']:.2f} mm cannot be told "
-            "from one that rounding of the phases explains."
+            f"A miss of less than {result['smallest_miss_mm']:.2f} mm cannot be told from what "
+            "rounding of the phases makes."
         )
     if result["axial_error_mm"]["max"] is None and result["lateral_error_mm"]["max"] is not None:
         yield "The error along the beam: this array cannot observe it."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 import importlib.metadata
 import json
@@ -22,14 +21,6 @@ from .files import write_atomically
 _PACKAGES: Final = ("haptogram", "numpy", "scipy", "pyserial")
 
 
-def concluded(run: RunVerdict, cut_short: str | None) -> RunVerdict:
-    """Return *run* as it counts: a run that did not come to its end never passes."""
-    if cut_short is None or cut_short in run.reasons:
-        return run
-    verdict = Verdict.INCONCLUSIVE if run.verdict is Verdict.PASS else run.verdict
-    return dataclasses.replace(run, verdict=verdict, reasons=(*run.reasons, cut_short))
-
-
 def result_dict(
     run: RunVerdict,
     *,
@@ -46,7 +37,7 @@ def result_dict(
     Parameters
     ----------
     run : RunVerdict
-        What was found; if it was *cut_short*, its pass becomes inconclusive.
+        What was found.
     configuration : mapping
         What was asked for.
     seed : int
@@ -57,19 +48,28 @@ def result_dict(
         What was odd.
     cut_short : str or None
         Why the run did not come to its end.
-    host, environment : mapping or None
-        What the host measured on its own clock, and :func:`environment`.  None leaves them out: in
-        virtual time the result must not know when or where it was made.
+    host : mapping or None
+        How the host's side went; None leaves it out.
+    environment : mapping or None
+        :func:`environment`; None leaves it out: in virtual time the result must not know where it
+        was made.
+
+    Raises
+    ------
+    ValueError
+        If a run that was cut short passed: ``verify_run`` was not told.
     """
-    result = concluded(run, cut_short).as_dict() | {
+    if cut_short is not None and run.verdict is Verdict.PASS:
+        raise ValueError(f"a run that was cut short ({cut_short}) cannot pass")
+    result = run.as_dict() | {
         "cut_short": cut_short,
         "warnings": warnings,
         "seed": seed,
         "board": board,
         "configuration": configuration,
     }
-    measured_here = {"host": host, "environment": environment}
-    result |= {name: value for name, value in measured_here.items() if value is not None}
+    optional = {"host": host, "environment": environment}
+    result |= {name: value for name, value in optional.items() if value is not None}
     plain: dict[str, Any] = _plain(result)
     return plain
 

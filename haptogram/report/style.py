@@ -22,7 +22,8 @@ table { border-collapse: collapse; font-size: .9rem; }
 th, td { text-align: left; vertical-align: top; padding: .25rem .75rem .25rem 0;
   border-bottom: 1px solid #ddd; }
 thead th { border-bottom: 2px solid #888; }
-tbody th { font-weight: 600; }
+tbody th { font-weight: 400; }
+h3 { font-size: 1rem; margin: 1rem 0 .25rem; }
 td.number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
 figure { margin: 1.5rem 0; }
 img { max-width: 100%; height: auto; display: block; }

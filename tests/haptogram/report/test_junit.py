@@ -113,9 +113,11 @@ def test_what_nobody_saw_is_not_passed(tmp_path: Path, model: AcousticModel) -> 
     assert outcome(suite, "verified").tag == "error"
 
 
-def test_a_run_that_was_cut_short_is_an_error(tmp_path: Path, good_run: RunVerdict) -> None:
-    suite = written(tmp_path, good_run, cut_short="the line went silent")
-    assert outcome(suite, "complete").get("message") == "the line went silent"
+def test_a_run_that_was_cut_short_is_an_error(tmp_path: Path, model: AcousticModel) -> None:
+    why = "the line went silent"
+    run = make_run(model, targets(2), cut_short=why)
+    suite = written(tmp_path, run, cut_short=why)
+    assert outcome(suite, "complete").get("message") == why
     assert suite.get("errors") == "1"
 
 
@@ -146,13 +148,12 @@ def test_the_checks_agree_with_the_verdict(
     model: AcousticModel, min_verified: float, change: Change | None
 ) -> None:
     changes = {} if change is None else {1: change}
-    run = make_run(model, targets(2), changes, min_verified=min_verified)
     for cut_short in (None, "interrupted"):
+        run = make_run(model, targets(2), changes, min_verified=min_verified, cut_short=cut_short)
         outcomes = {check.outcome for check in checks(run, cut_short)}
-        verdict = report.concluded(run, cut_short).verdict
-        assert (Outcome.FAILED in outcomes) == (verdict is Verdict.FAIL)
-        if verdict is not Verdict.FAIL:
-            assert (Outcome.INCONCLUSIVE in outcomes) == (verdict is Verdict.INCONCLUSIVE)
+        assert (Outcome.FAILED in outcomes) == (run.verdict is Verdict.FAIL)
+        if run.verdict is not Verdict.FAIL:
+            assert (Outcome.INCONCLUSIVE in outcomes) == (run.verdict is Verdict.INCONCLUSIVE)
 
 
 def test_a_latch_that_nobody_intended_fails(tmp_path: Path, model: AcousticModel) -> None:

@@ -84,13 +84,17 @@ def test_nan_is_never_written(tmp_path: Path) -> None:
     assert (tmp_path / "result.json").read_bytes() == b'{\n  "value": null\n}\n'
 
 
-def test_a_run_that_was_cut_short_does_not_pass(good_run: RunVerdict) -> None:
-    result = make_result(good_run, cut_short="interrupted after 12 frames")
+def test_a_run_that_was_cut_short_does_not_pass(model: AcousticModel) -> None:
+    why = "interrupted after 2 frames"
+    result = make_result(make_run(model, targets(2), cut_short=why), cut_short=why)
     assert result["verdict"] == "inconclusive"
-    assert result["reasons"] == ["interrupted after 12 frames"]
-    once = report.concluded(good_run, "interrupted after 12 frames")
-    assert once.exit_status == 3
-    assert report.concluded(once, "interrupted after 12 frames") == once
+    assert result["cut_short"] == why
+    assert why in result["reasons"]
+
+
+def test_a_pass_that_was_cut_short_is_refused(good_run: RunVerdict) -> None:
+    with pytest.raises(ValueError, match="cannot pass"):
+        make_result(good_run, cut_short="interrupted")
 
 
 def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, good_run: RunVerdict) -> None:
