@@ -224,7 +224,7 @@ class Reconstructor:
                 return self._single(jumped, radiated, "warm")
             partial = self._fit_most(tried[0], radiated)
             if partial is not None:
-                return self._mostly_single(partial, radiated)
+                return self._all_or_most(partial, radiated)
         return self._search(tried, radiated)
 
     def _search(self, tried: list[PhaseFit], radiated: _Radiated) -> Reconstruction:
@@ -234,12 +234,22 @@ class Reconstructor:
         ):
             if self._explains(fit, radiated):
                 return self._single(fit, radiated, "global")
+            tried.append(fit)
+        # Only when no start explains all elements may some be wrong: from a bad start, a correct
+        # drive looks like one with outliers.
+        for fit in tried:
             partial = self._fit_most(fit, radiated)
             if partial is not None:
-                return self._mostly_single(partial, radiated)
-            tried.append(fit)
+                return self._all_or_most(partial, radiated)
         starts = acquisition.starts(radiated.phases_rad, radiated.active)[:_MAX_STARTS]
         return self._not_single(tried, starts, radiated)
+
+    def _all_or_most(self, partial: PhaseFit, radiated: _Radiated) -> Reconstruction:
+        """Return what the focus of most elements says, once all have been asked again from it."""
+        whole = self._fit(radiated, partial.position_m, radiated.active)
+        if self._explains(whole, radiated):
+            return self._single(whole, radiated, "global")
+        return self._mostly_single(partial, radiated)
 
     def _acquisition_for(self, active: BoolArray) -> Acquisition:
         """Return the search volume; a new one if the drive leaves the array's middle silent."""
