@@ -1,0 +1,181 @@
+"""The field on a plane parallel to a regular array, by an exact discrete convolution.
+
+On a grid whose step divides the array's pitch, the field of a regular array of equal elements is
+the convolution of the weights with the field of one element. The weights sit on every m-th node,
+so that their spectrum is a small one, repeated m x m times: one small transform, one product and
+one large inverse transform make a plane.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics._memory import check_memory
+from haptogram.acoustics._validation import FloatArray, check_positive
+from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics.field import propagators
+from haptogram.acoustics.geometry import TransducerArray
+from haptogram.acoustics.lattice import Lattice, find_lattice
+from haptogram.acoustics.model import AcousticModel
+from haptogram.errors import ConfigurationError
+
+MAX_OVERSAMPLING: Final = 64
+_KERNEL_POINTS: Final = 1 << 18  # one element's field is computed in parts of 12 MB
+
+
+class PlaneField:
+    """The field of drive after drive on one plane.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        A lattice of equal steps along either axis, wherever it lies and whichever way it faces.
+    height_m : float
+        Distance of the plane from the array, in metres; positive in front.
+    half_width_m : float
+        The plane reaches at least this far from the array's centre along both axes, in metres.
+    oversampling : int
+        Nodes per step of the array, 1 to 64.
+
+    Attributes
+    ----------
+    x_m, y_m : (nx,), (ny,) numpy.ndarray
+        Coordinates of the nodes along the array's axes, from its centre, in metres.
+
+    Raises
+    ------
+    ConfigurationError
+        The array is no regular lattice; a height below 1 mm; a size out of range or one that would
+        not fit in memory.
+    """
+
+    def __init__(
+        self, model: AcousticModel, height_m: float, *, half_width_m: float, oversampling: int = 10
+    ) -> None:
+        check_positive("half_width_m", half_width_m)
+        if not 1 <= oversampling <= MAX_OVERSAMPLING:
+            raise ConfigurationError(
+                f"oversampling is {oversampling}, must be 1 to {MAX_OVERSAMPLING}"
+            )
+        self._model = model
+        self._height_m = float(height_m)
+        self._lattice = _regular_lattice(model.array)
+        lattice, m = self._lattice, oversampling
+        self._m = m
+        axes = [_Axis(levels, half_width_m, m) for levels in (lattice.x_m, lattice.y_m)]
+        self._axes = axes
+        self.x_m, self.y_m = axes[0].nodes_m, axes[1].nodes_m
+        check_memory(
+            f"a plane of {len(self.x_m)} x {len(self.y_m)} nodes",
+            6 * 8 * axes[0].period * axes[1].period,
+        )
+        self._spectrum = self._kernel_spectrum()
+        self._buffer = np.empty_like(self._spectrum)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(nx, ny), the number of nodes."""
+        return len(self.x_m), len(self.y_m)
+
+    @property
+    def points_m(self) -> FloatArray:
+        """(nx, ny, 3) positions of the nodes, in metres."""
+        x, y = np.meshgrid(self.x_m, self.y_m, indexing="ij")
+        places = np.stack([x, y, np.full_like(x, self._height_m)], axis=-1)
+        points: FloatArray = places @ self._lattice.axes + self._model.array.centre_m
+        return points
+
+    def pressure(self, weights: ArrayLike) -> NDArray[np.complex64]:
+        """Return the (nx, ny) peak pressure of (N,) weights, in pascals.
+
+        Off by at most 1e-6 of the largest pressure that the drive could make.
+
+        Raises
+        ------
+        ConfigurationError
+            Weights that are not finite or not one per element.
+        """
+        from scipy.fft import fft2, ifft2  # slow to import, and only planes need it
+
+        drive = as_weights(weights)
+        if drive.shape != (self._model.array.count,):
+            raise ConfigurationError(
+                f"weights have shape {drive.shape}, must be ({self._model.array.count},)"
+            )
+        (rows, columns), m = (axis.small_period for axis in self._axes), self._m
+        sources = np.zeros((rows, columns), dtype=np.complex64)
+        nodes = np.where(self._lattice.elements >= 0, drive[self._lattice.elements], 0.0)
+        sources[: nodes.shape[0], : nodes.shape[1]] = nodes
+        small = fft2(sources, overwrite_x=True, workers=1)
+        shape = (m, rows, m, columns)
+        np.multiply(
+            self._spectrum.reshape(shape),
+            small[None, :, None, :],
+            out=self._buffer.reshape(shape),
+        )
+        plane = ifft2(self._buffer, overwrite_x=True, workers=1)
+        first = [axis.first for axis in self._axes]
+        result: NDArray[np.complex64] = plane[
+            first[0] : first[0] + len(self.x_m), first[1] : first[1] + len(self.y_m)
+        ].copy()
+        return result
+
+    def _kernel_spectrum(self) -> NDArray[np.complex64]:
+        """Return the spectrum of one element's field, padded to the period."""
+        from scipy.fft import fft2
+
+        along_x, along_y = self._axes
+        kernel = np.zeros((along_x.period, along_y.period), dtype=np.complex128)
+        element = _single_element(self._model)
+        y = along_y.offsets_m
+        rows = max(1, _KERNEL_POINTS // len(y))
+        for start in range(0, len(along_x.offsets_m), rows):
+            x = along_x.offsets_m[start : start + rows]
+            grid = np.stack(np.meshgrid(x, y, [self._height_m], indexing="ij"), axis=-1)
+            field = propagators(element, grid.reshape(-1, 3))
+            kernel[start : start + len(x), : len(y)] = field.reshape(len(x), len(y))
+        spectrum: NDArray[np.complex64] = fft2(kernel, overwrite_x=True).astype(np.complex64)
+        return spectrum
+
+
+class _Axis:
+    """One axis of the plane: nodes, the offsets of nodes from sources, and the transform."""
+
+    def __init__(self, levels_m: FloatArray, half_width_m: float, m: int) -> None:
+        from scipy.fft import next_fast_len
+
+        pitch = float(np.diff(levels_m).mean()) if len(levels_m) > 1 else 2.0 * half_width_m
+        step = pitch / m
+        span = (len(levels_m) - 1) * m
+        # Nodes count from the first source, so that every source is one of them.
+        low = int(np.floor((-half_width_m - levels_m[0]) / step + 1e-9))
+        high = int(np.ceil((half_width_m - levels_m[0]) / step - 1e-9))
+        check_memory(f"an axis of {high - low + 1:g} nodes", 16 * (high - low + 1 + span))
+        self.nodes_m: FloatArray = levels_m[0] + step * np.arange(low, high + 1, dtype=np.float64)
+        self.offsets_m: FloatArray = step * np.arange(low - span, high + 1, dtype=np.float64)
+        self.first = span  # of the linear convolution, where the node `low` sits
+        self.small_period = int(next_fast_len(-(-len(self.offsets_m) // m)))
+        self.period = m * self.small_period
+
+
+def _regular_lattice(array: TransducerArray) -> Lattice:
+    lattice = find_lattice(array)
+    if lattice is None:
+        raise ConfigurationError("a plane by convolution needs a planar rectangular lattice")
+    for levels in (lattice.x_m, lattice.y_m):
+        steps = np.diff(levels)
+        if len(steps) and np.ptp(steps) > 1e-8:
+            raise ConfigurationError(
+                f"the lattice's steps are {steps.min() * 1e3:.6g} to {steps.max() * 1e3:.6g} mm, "
+                "must be equal"
+            )
+    return lattice
+
+
+def _single_element(model: AcousticModel) -> AcousticModel:
+    """Return the model of one element at the origin of the lattice's frame."""
+    array = TransducerArray.from_positions(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
+    return AcousticModel(array, model.medium, model.transducer)
