@@ -161,10 +161,14 @@ class TransducerArray:
         return np.rint(self.positions_m * 1e6).astype(np.int32)
 
     def digest(self) -> int:
-        """Return the u32 CRC-32 over positions (um, '<i4') then normals (x 32767, '<i2')."""
-        positions = self.positions_um().astype("<i4").tobytes()
-        normals = np.rint(self.normals * 32767).astype("<i2").tobytes()
-        return zlib.crc32(normals, zlib.crc32(positions))
+        """Return the u32 CRC-32 over the elements in order, 18 bytes each.
+
+        An element is its position (um, '<i4') and its normal (x 32767, '<i2'): HG-4.3/6.
+        """
+        records = np.empty(self.count, dtype=[("position", "<i4", 3), ("normal", "<i2", 3)])
+        records["position"] = self.positions_um()
+        records["normal"] = np.rint(self.normals * 32767)
+        return zlib.crc32(records.tobytes())
 
 
 def _facing_up(count: int) -> FloatArray:
