@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import random
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any, Final
 
 from haptogram_protocol.messages import (
@@ -48,7 +48,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from .case import check, fail, inconclusive, unimplemented
+from .case import CaseEndedError, check, fail, inconclusive, unimplemented
 from .exchange import Exchange
 from .wire import Wire
 
@@ -78,10 +78,13 @@ class Bench(Exchange):
         What the board said last.
     config : Config
         In force, as far as the host knows.
+    last_boot_id : int or None
+        What the board said before it was reset.
     """
 
     identity: HelloReply
     config: Config
+    last_boot_id: int | None = None
 
     def __init__(
         self, wire: Wire, random_source: random.Random, description_hash: int, *, booted: bool
@@ -135,6 +138,8 @@ class Bench(Exchange):
             self.config = answer.config
         if self.has(Feature.CONFIG):
             self._settle_config()
+        with contextlib.suppress(CaseEndedError):
+            self.device_us()
 
     def _settle_config(self) -> None:
         """Set timers that no case runs into by chance, and no correction."""
@@ -239,6 +244,11 @@ class Bench(Exchange):
         state = self.call(Arm(), ArmReply).state
         check(state is OutputState.ARMED, f"ARM_REPLY says {state.name}")
 
+    def arm_at(self, seq: int) -> None:
+        """Arm by a request of a given number."""
+        self.call(Arm(), ArmReply, seq=seq)
+        self.seq = seq
+
     def disarm(self) -> OutputState:
         """Disarm, and return the state."""
         return self.call(Disarm(), DisarmReply).state
@@ -249,7 +259,7 @@ class Bench(Exchange):
         """Return the status."""
         return self.call(GetStatus(), StatusReply)
 
-    @contextmanager
+    @contextlib.contextmanager
     def counting(self, **wanted: int) -> Iterator[None]:
         """Judge what was counted meanwhile: *wanted* exactly, and nothing else that is wrong.
 

@@ -79,32 +79,32 @@ class Exchange:
             self.body(message.TYPE, message.serialize(), seq=seq, **header)
         ), seq & 0xFFFF
 
-    def stream_wire(
+    def stream_wire(self, message: Message, at_us: int | None = None, **header: Any) -> bytes:
+        """Return the bytes of a stream frame: for *at_us*, or as soon as complete.
+
+        It takes the next stream number unless *seq* is given.
+        """
+        return self.stream_raw(message.TYPE, message.serialize(), at_us, **header)
+
+    def stream_raw(
         self,
-        message: Message,
+        kind: int,
+        payload: bytes,
         at_us: int | None = None,
         *,
         seq: int | None = None,
         flags: int | None = None,
         session: int | None = None,
     ) -> bytes:
-        """Return the bytes of a stream frame: for *at_us*, or as soon as complete.
-
-        It takes the next stream number unless *seq* is given.
-        """
+        """Return the bytes of any stream frame; see :meth:`stream_wire`."""
         if seq is None:
             seq, self.stream_next = self.stream_next, self.stream_next + 1
         if flags is None:
             flags = Flag.IMMEDIATE if at_us is None else 0
-        body = self.body(
-            message.TYPE,
-            message.serialize(),
-            seq=seq,
-            flags=flags,
-            time_us=at_us or 0,
-            session=session,
+        time_us = at_us or 0
+        return encode_frame(
+            self.body(kind, payload, seq=seq, flags=flags, time_us=time_us, session=session)
         )
-        return encode_frame(body)
 
     def next_seq(self) -> int:
         """Return the number of the next request."""

@@ -147,8 +147,12 @@ class Runner:
         return None
 
     def _reset(self) -> Bench:
+        before = self._bench
         self._drop()
-        return self._connect(self._access.reset(), booted=True)
+        bench = self._connect(self._access.reset(), booted=True)
+        identity = getattr(before, "identity", None)
+        bench.last_boot_id = identity.boot_id if identity else None
+        return bench
 
     def _drop(self) -> None:
         if self._transport is not None:

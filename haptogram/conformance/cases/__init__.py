@@ -12,6 +12,10 @@ _MODULES: Final = (
     "conformance",
     "framing",
     "line",
+    "header",
+    "numbers",
+    "order",
+    "session",
 )
 
 
