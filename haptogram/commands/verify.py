@@ -9,11 +9,13 @@ import functools
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from haptogram.config import VerifyConfig, load_config
+from haptogram.errors import ConfigurationError
 
-from .exit_status import EXIT_STATUS
+from .exit_status import EXIT_STATUS, USAGE
 from .verify_options import add_options
 
 if TYPE_CHECKING:
@@ -83,11 +85,10 @@ def run(arguments: argparse.Namespace, in_process: InProcess) -> int:
         host=_host_dict(found),
         environment=None if config.virtual_time else report.environment(),
     )
-    _write(config, verdict, result, found)
-    print(verdict)
+    print(verdict)  # before the files: a full disk must not cost the result
     for warning in found.warnings:
         print(f"  warning   {warning}")
-    return verdict.exit_status
+    return verdict.exit_status if _write(config, verdict, result, found) else USAGE
 
 
 @contextlib.contextmanager
@@ -165,15 +166,23 @@ def _host_dict(found: Measured) -> dict[str, object] | None:
 
 def _write(
     config: VerifyConfig, verdict: RunVerdict, result: dict[str, object], found: Measured
-) -> None:
+) -> bool:
+    """Write every file that was asked for; tell of those that could not be written."""
     from haptogram import report
 
-    if config.json is not None:
-        report.write_json(config.json, result)
-    if config.junit is not None:
-        report.write_junit(config.junit, verdict, result)
-    if config.report is not None:
-        report.write_html(config.report, verdict, result, found.model)
-    for path in (config.json, config.junit, config.report):
-        if path is not None:
+    writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
+        (config.json, lambda path: report.write_json(path, result)),
+        (config.junit, lambda path: report.write_junit(path, verdict, result)),
+        (config.report, lambda path: report.write_html(path, verdict, result, found.model)),
+    )
+    written = True
+    for path, write in writers:
+        if path is None:
+            continue
+        try:
+            write(path)
             print(f"wrote {path}", file=sys.stderr)
+        except ConfigurationError as error:
+            print(f"haptogram: {error}", file=sys.stderr)
+            written = False
+    return written

@@ -63,11 +63,14 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
     assert ended.returncode == 0
 
 
-def test_a_result_that_cannot_be_written_is_told(
+def test_a_file_that_cannot_be_written_costs_neither_the_result_nor_the_other_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    blocked = tmp_path / "file"
+    blocked, junit = tmp_path / "file", tmp_path / "result.xml"
     blocked.write_text("")
-    words = ["--object", "point", "--quiet", "--json", str(blocked / "result.json")]
-    assert main(["verify", "--virtual-time", *words]) == 2
-    assert str(blocked) in capsys.readouterr().err
+    words = ["--json", str(blocked / "result.json"), "--junit", str(junit)]
+    assert main(["verify", "--virtual-time", "--object", "point", "--quiet", *words]) == 2
+    said = capsys.readouterr()
+    assert str(blocked) in said.err
+    assert said.out.startswith("PASS")
+    assert junit.exists()
