@@ -18,7 +18,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import AcousticModel, Drive, SingleFocus, fit_focus, phase_step_rad
+from haptogram.acoustics import (
+    AcousticModel,
+    Drive,
+    NotSingle,
+    SingleFocus,
+    fit_focus,
+    phase_step_rad,
+)
 from haptogram.acoustics.drive import FULL_AMPLITUDE
 from haptogram.acoustics.focus import wrap
 from haptogram.records import Intended
@@ -61,7 +68,7 @@ def phase_error_rad(target: TargetField, latched: Drive, active: NDArray[np.bool
     return float(np.ptp(wrap(arrival - common))) / 2.0
 
 
-def focus_offset_m(target: TargetField, focus: SingleFocus) -> Floats:
+def focus_offset_m(target: TargetField, focus: SingleFocus | NotSingle) -> Floats:
     """S2: return where the reconstructed focus is, seen from the target, (3,) in metres."""
     return np.array(focus.position_m) - target.position_m
 
@@ -135,10 +142,11 @@ def peak_errors(
         shift_rad = metric_length(expected_m, direction)
         if shift_rad > LONGEST_SHIFT_RAD:
             continue
-        found_m = peak_offset_m(model, latched, target.position_m, direction)
+        place_m = target.position_m + expected_m
+        error_rad = metric_length(peak_offset_m(model, latched, place_m, direction), direction)
         rounding_rad = math.sqrt(len(direction.axes)) * phase_limit
         limit_rad = PEAK_SLACK_RAD + rounding_rad + PREDICTION_SHARE * shift_rad
-        errors.append(PeakError(metric_length(found_m - expected_m, direction), limit_rad))
+        errors.append(PeakError(error_rad, limit_rad))
     return errors
 
 

@@ -157,9 +157,11 @@ class Judge:
         else:
             verdicts["S2"] = self._in_place(intended, target, found)
             if isinstance(found, SingleFocus):
-                measures |= _where(target, criteria.focus_offset_m(target, found), found)
+                measures |= _where(target, found)
             elif isinstance(found, NotSingle):
                 faults += _radiated_otherwise(self._model, found, faults)
+                if not faults:  # the right drive in other air: a focus, but not a sharp one
+                    measures |= _where(target, found)
                 measures["note"] = "; ".join(filter(None, (seen.note, _no_focus(found))))
             elif not faults:
                 faults = (f"the drive is right, but nothing was radiated: {found.reason}",)
@@ -337,17 +339,19 @@ def _no_focus(found: NotSingle) -> str:
     )
 
 
-def _where(target: TargetField, offset_m: Floats, found: SingleFocus) -> dict[str, Any]:
-    observable = np.array(found.observable) & np.isfinite(target.bound_m)
-    seen_m = np.where(observable, offset_m, 0.0)
-    across_m, along_m = target.split(seen_m)
+def _where(target: TargetField, found: SingleFocus | NotSingle) -> dict[str, Any]:
+    observable = np.isfinite(target.bound_m)
+    if isinstance(found, SingleFocus):
+        observable &= np.array(found.observable)
+    offset_m = np.where(observable, criteria.focus_offset_m(target, found), 0.0)
+    across_m, along_m = target.split(offset_m)
     axial = observable[np.abs(target.axis).argmax()]
     return {
         "measured_m": found.position_m,
         "lateral_error_mm": _MM * across_m,
         "axial_error_mm": _MM * along_m if axial else None,
         "pressure_rms_pa": found.pressure_rms_pa,
-        "force_n": found.force_n,
+        "force_n": found.force_n if isinstance(found, SingleFocus) else None,
     }
 
 
