@@ -21,7 +21,7 @@ from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
 _GRADIENT_STEP_M: Final = 1e-5
-_MAX_STEPS: Final = 60
+_MAX_STEPS: Final = 400  # a steered focus of a small aperture creeps along its ridge
 _STEP_TOLERANCE_M: Final = 1e-7
 _UNOBSERVABLE: Final = 1e-6  # of the largest eigenvalue: a line of elements has two such directions
 
@@ -122,7 +122,8 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
     Raises
     ------
     ConfigurationError
-        If there is no sound at the start, or no maximum within 60 steps of a quarter wavelength.
+        If there is no sound at the start, or no maximum within 400 steps, each of at most a quarter
+        of a wavelength.
     """
     drive = as_weights(weights)
     position = as_vector("start_m", start_m, 3).copy()

@@ -1,0 +1,103 @@
+"""``haptogram paper``: the paper's simulation, next to what it printed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+
+from .exit_status import FAIL, PASS
+
+_EPILOG: Final = """\
+examples:
+  haptogram paper                       equations, Table 1, readings and figure 4 as text
+  haptogram paper --presets             the published figures of other systems too
+  haptogram paper --report paper.html   one page with pictures
+  haptogram paper --report out          the page, and every picture as PNG and SVG, in a folder
+  haptogram paper --json -              everything as JSON on standard output
+
+exit status:
+  0  all sixteen averages of Table 1 are within 7 % of the printed ones
+  1  one is not
+  2  usage or environment error
+"""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command."""
+    paper = commands.add_parser(
+        "paper",
+        help="reproduce the Haptogram paper's simulation, and say what cannot be reproduced",
+        description="Reproduce the simulation of the paper 'Haptogram: aerial display of 3D "
+        "vibrotactile sensation' (2014): its equations as printed, with their faults, and as "
+        "corrected; Table 1 cell by cell, with one fitted scale; the foci of figure 4. The "
+        "averages of Table 1 follow from a stated reading of the text. Its standard deviations "
+        "do not, and every cell says so.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    paper.add_argument(
+        "--presets",
+        action="store_true",
+        help="print the published figures of the systems behind the paper, and of open boards, "
+        "next to ours [not printed]",
+    )
+    paper.add_argument(
+        "--json", metavar="FILE", help="write everything as JSON; - is standard output [none]"
+    )
+    paper.add_argument(
+        "--report",
+        type=Path,
+        metavar="FILE.html|DIR",
+        help="write a page with pictures, or a folder with the page and the pictures [none]",
+    )
+    paper.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compute, write and print; return the exit status."""
+    import json
+
+    from haptogram.paper import text
+    from haptogram.paper.document import reproduce_paper
+    from haptogram.presets import PRESETS, compare
+
+    _check_places(arguments)
+    paper = reproduce_paper()
+    wanted = arguments.presets or arguments.json or arguments.report
+    presets = [row for preset in PRESETS for row in compare(preset)] if wanted else []
+    if arguments.report:
+        from haptogram.paper.html import write_report
+
+        write_report(paper, presets, arguments.report)
+    if arguments.json:
+        document = json.dumps(paper.as_dict() | {"presets": presets}, indent=2) + "\n"
+        _write(arguments.json, document)
+    if arguments.json != "-":
+        sys.stdout.write(text.render(paper))
+        if arguments.presets:
+            sys.stdout.write("\n" + text.render_presets(presets))
+    return PASS if paper.averages_reproduced else FAIL
+
+
+def _check_places(arguments: argparse.Namespace) -> None:
+    """Raise before some seconds of work, not after, if a result cannot be written."""
+    if arguments.report:
+        from haptogram.paper.html import check_report
+
+        check_report(arguments.report)
+    if arguments.json and not Path(arguments.json).parent.is_dir():
+        raise ConfigurationError(f"JSON '{arguments.json}': there is no such folder")
+
+
+def _write(name: str, document: str) -> None:
+    if name == "-":
+        sys.stdout.write(document)
+        return
+    try:
+        Path(name).write_text(document, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"JSON '{name}' cannot be written: {error}") from error
