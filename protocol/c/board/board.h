@@ -216,7 +216,9 @@ int64_t output_boundary_us(const struct board *board, int64_t t_us);
 /* playback.c */
 void playback_play(struct board *board, const struct request *request);
 void playback_stop(struct board *board);
-void playback_end(struct board *board);
+void playback_end(struct board *board); /* and PLAYBACK_ENDED, if something played */
+int playback_cut(struct board *board, struct hg_playback_ended *ended);
+void playback_tell(struct board *board, const struct hg_playback_ended *ended);
 void playback_latch(struct board *board);
 int64_t playback_due_us(const struct board *board);
 

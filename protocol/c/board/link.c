@@ -143,8 +143,9 @@ void link_open(struct board *board, uint16_t nonce, uint16_t seq)
 static void open_session(struct board *board, const struct request *request, uint16_t nonce)
 {
     struct hg_hello_reply reply;
+    struct hg_playback_ended ended;
+    int played = playback_cut(board, &ended);
 
-    board->link.session = 0; /* the new host is told nothing of the old one */
     output_enter(board, NEW_SESSION, HG_REASON_NEW_SESSION);
     output_silence(board);
     upload_abandon(board);
@@ -158,6 +159,8 @@ static void open_session(struct board *board, const struct request *request, uin
     readout_identity(board, &reply);
     hg_hello_reply_write(board->link.greeting, &reply);
     greet(board, request);
+    if (played)
+        playback_tell(board, &ended); /* to the new host, behind its reply */
 }
 
 static void judge_hello(struct board *board, const struct request *request)

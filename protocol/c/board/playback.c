@@ -64,20 +64,34 @@ void playback_play(struct board *board, const struct request *request)
     board_advance(board, board->now_us); /* its first frame may be due at once */
 }
 
-void playback_end(struct board *board)
+/* End it without a word; 0 if nothing played. */
+int playback_cut(struct board *board, struct hg_playback_ended *ended)
 {
     struct playback *playback = &board->playback;
-    uint8_t payload[HG_SIZE_PLAYBACK_ENDED];
-    struct hg_playback_ended ended;
 
     if (playback->sequence == NULL)
-        return;
-    ended.sequence = playback->sequence->id;
-    ended.loops = (uint32_t)(playback->played / playback->sequence->frames);
-    ended.frames = (uint32_t)playback->played;
+        return 0;
+    ended->sequence = playback->sequence->id;
+    ended->loops = (uint32_t)(playback->played / playback->sequence->frames);
+    ended->frames = (uint32_t)playback->played;
     playback->sequence = NULL;
-    hg_playback_ended_write(payload, &ended);
+    return 1;
+}
+
+void playback_tell(struct board *board, const struct hg_playback_ended *ended)
+{
+    uint8_t payload[HG_SIZE_PLAYBACK_ENDED];
+
+    hg_playback_ended_write(payload, ended);
     link_event(board, HG_TYPE_PLAYBACK_ENDED, payload, sizeof payload, board->now_us, 0, OTHER);
+}
+
+void playback_end(struct board *board)
+{
+    struct hg_playback_ended ended;
+
+    if (playback_cut(board, &ended))
+        playback_tell(board, &ended);
 }
 
 /* From here on the host timeout counts again. */

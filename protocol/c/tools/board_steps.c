@@ -36,6 +36,7 @@ static void step(struct board *board, const char *word, int64_t t_us, const char
     }
     hex_print(board->output, board->output_length);
     printf("\n");
+    fflush(stdout);
     board_sent(board, board->output_length);
 }
 

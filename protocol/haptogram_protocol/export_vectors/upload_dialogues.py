@@ -26,6 +26,7 @@ def scripts() -> list[Script]:
         _while_playing(),
         _unattended(),
         _muted_while_playing(),
+        _session_while_playing(),
         _after_playback(),
         _points(),
         _scattered_chunks(),
@@ -196,6 +197,23 @@ def _muted_while_playing() -> Script:
     s.t_us += 500
     s.request(m.Mute())
     s.answer(m.MuteReply(OutputState.MUTED))
+    s.event(m.PlaybackEnded(_ID, 0, 1))
+    s.wait(10)
+    s.counts(latched=1)
+    return s
+
+
+def _session_while_playing() -> Script:
+    s = _ready(
+        "session-ends-playback",
+        "HG-4.6/3 HG-7.8/1",
+        "session playback",
+        "a new session ends a playback, and its host is told",
+    )
+    _start(s, 1000, 0)
+    _latched(s, 0, 0, s.wire_us())
+    s.t_us += 500
+    s.hello(0x0404)
     s.event(m.PlaybackEnded(_ID, 0, 1))
     s.wait(10)
     s.counts(latched=1)
