@@ -71,7 +71,7 @@ def _document(
     yield section("Key figures", _key_figures(result))
     yield section("Checks", *_checks(checks(run, result["cut_short"])))
     yield section("Pictures", *_pictures(run, result, model, drives))
-    yield section("Frames with the largest errors", _worst_frames(run))
+    yield section("Frames with the largest errors", *_worst_frames(run))
     yield section("Lost and late frames", _missing_frames(run))
     yield section("Evidence", listing(prose.evidence(result)))
     yield section("What this does not show", listing(prose.limits(result)))
@@ -130,10 +130,11 @@ def _checks(answers: list[Check]) -> Iterator[Html]:
             yield listing(check.details)
 
 
-def _worst_frames(run: RunVerdict) -> Html:
+def _worst_frames(run: RunVerdict) -> Iterator[Html]:
     frames = worst(run, _WORST)
     if not frames:
-        return element("p", "No frame could be judged.")
+        yield element("p", "No frame could be judged.")
+        return
     head = ("frame", "target x, y, z (mm)", "across (mm)", "along (mm)", "error / bound")
     rows = [
         (
@@ -147,7 +148,9 @@ def _worst_frames(run: RunVerdict) -> Html:
         )
         for frame in frames
     ]
-    return table((*head, "status", "what is wrong"), rows, numbers=4)
+    yield table((*head, "status", "what is wrong"), rows, numbers=4)
+    yield element("p", "A frame is on target if it meets all of these, as far as they apply:")
+    yield listing(prose.CRITERIA)
 
 
 def _failed(frame: FrameVerdict) -> list[str]:

@@ -55,8 +55,6 @@ def foci_panel(figure: Paper, axes: Any, run: RunVerdict, model: AcousticModel) 
         _measured(figure, axes, seen, size)
     _troubled(axes, frames)
     _equal_scales(axes, np.concatenate([elements, targets, *(p[None] for p, _ in seen)]))
-    for name in _AXES:
-        getattr(axes, f"set_{name}label")(f"{name} (mm)", labelpad=8.0)
     figure.legend(loc="outside lower center", ncols=4)
     axes.view_init(elev=17.0, azim=-58.0)
 
@@ -111,6 +109,10 @@ def _equal_scales(axes: Any, points: Floats) -> None:
         getattr(axes, f"set_{name}lim")(centre - width / 2.0, centre + width / 2.0)
         count = max(2, round(6.0 * float(width / span.max())))
         getattr(axes, f"{name}axis").get_major_locator().set_params(nbins=count)
+    for name, width in zip(_AXES, span, strict=True):
+        # Along the longer sides of a flat box matplotlib moves the name onto the numbers.
+        pad = 8.0 + 5.0 * (float(width / span.min()) - 1.0)
+        getattr(axes, f"set_{name}label")(f"{name} (mm)", labelpad=pad)
     axes.set_box_aspect(span, zoom=1.08)
 
 

@@ -25,6 +25,14 @@ EVIDENCE: Final = {
     "seen.",
 }
 
+CRITERIA: Final = (
+    "S1: every latched phase is within half a step of the one that focuses on the target.",
+    "S2: the focus that was reconstructed, without knowing the target, is where the target is.",
+    "S3: the sound of all transducers arrives at the target in step (coherence).",
+    "S4: the peak of the pressure is where diffraction puts it.",
+    "S5: every latched amplitude is the intended one, within half a step.",
+)
+
 _LIMITS: Final = (
     "The field is computed from the latched drive, in linear acoustics and a free field: no hand, "
     "no reflections, no streaming, no nonlinear losses. No pressure was measured in air.",
@@ -45,7 +53,8 @@ def summary(result: Mapping[str, Any]) -> Iterator[str]:
         f"{count(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
         f"{frames['verified']} verified, {frames['on_target']} of them on target."
     )
-    yield from (f"{reason[0].upper()}{reason[1:]}." for reason in result["reasons"] if reason)
+    if result["reasons"]:
+        yield f"Why: {'; '.join(result['reasons'])}."
     lateral, axial = result["lateral_error_mm"]["max"], result["axial_error_mm"]["max"]
     if lateral is not None:
         along = "" if axial is None else f" and {axial:.3f} mm along the beam"
