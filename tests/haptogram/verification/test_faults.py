@@ -16,7 +16,7 @@ from latched_drives import codes, drive_of, intend, registers, seen, working_vol
 MODEL = AcousticModel.default()
 JUDGE = Judge(MODEL, carrier_us=25)
 ELEMENTS = st.integers(0, 255)
-few = settings(max_examples=25)
+few = settings(max_examples=15)
 
 
 def verdict(intended, drive):

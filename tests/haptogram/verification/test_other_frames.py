@@ -24,7 +24,7 @@ from latched_drives import codes, drive_of, intend, registers, seen, working_vol
 MODEL = AcousticModel.default()
 JUDGE = Judge(MODEL, carrier_us=25)
 TARGET = (0.013, -0.021, 0.11)
-few = settings(max_examples=25)
+few = settings(max_examples=15)
 
 
 def judge(intended, drive=None, **changes):

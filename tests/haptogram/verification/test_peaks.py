@@ -22,7 +22,7 @@ from haptogram.verification.target import (
 )
 from latched_drives import registers, working_volume
 
-few = settings(max_examples=25)
+few = settings(max_examples=15)
 bits_of_phases = st.sampled_from([8, 6, 5])
 # Half the beam is about 2 rad wide: the grid holds the main lobe and nothing of the next.
 REACH_RAD = 1.0
