@@ -1,6 +1,7 @@
 """The programs of protocol/c, built once with the sanitizers."""
 
 import pytest
+
 from protocol_c.building import compiler, make
 
 

@@ -4,8 +4,6 @@ import random
 import zlib
 
 import pytest
-from protocol_c.virtual_boards import CBoard, PythonBoard
-from protocol_vectors.vector_files import outcome, play, vectors
 
 from haptogram_protocol.export import description_hash
 from haptogram_protocol.framing import FrameDecoder, encode_frame
@@ -44,6 +42,8 @@ from haptogram_protocol.messages import (
     parse_body,
 )
 from haptogram_protocol.state import MuteReason, OutputState
+from protocol_c.virtual_boards import CBoard, PythonBoard
+from protocol_vectors.vector_files import outcome, play, vectors
 
 SESSION = 0x0C99
 COUNT = 4

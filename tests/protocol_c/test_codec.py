@@ -1,11 +1,11 @@
 """The C codec against the vectors, and faulty codecs that the vectors must tell apart."""
 
 import pytest
-from protocol_c.building import compiler, make, run, spoilt
-from protocol_vectors.vector_files import FRAME_FILES, vectors
 
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES
+from protocol_c.building import compiler, make, run, spoilt
+from protocol_vectors.vector_files import FRAME_FILES, vectors
 
 FRAMES = vectors(*FRAME_FILES)
 PACKINGS = vectors("packing.json")
@@ -139,6 +139,8 @@ def test_a_faulty_codec_is_told_apart(tmp_path, mistake):
     source = spoilt(tmp_path, "haptogram_codec.c", *MISTAKES[mistake])
     status, output = make(folder, folder / "codec_lines", source=source, CC=name, CFLAGS="-O0 -w")
     assert status == 0, output
-    unpacked = lines(folder, "unpack", [f"{v['bits']} {v['count']} {v['packed']}" for v in PACKINGS])
+    unpacked = lines(
+        folder, "unpack", [f"{v['bits']} {v['count']} {v['packed']}" for v in PACKINGS]
+    )
     right = [[v.get("codes", f"bad {v.get('reject')}")] for v in PACKINGS]
     assert decoded(folder, "0") != [expected(vector) for vector in FRAMES] or unpacked != right

@@ -1,6 +1,7 @@
 """The fuzzer: a bounded number of inputs, and planted faults that it must find."""
 
 import pytest
+
 from protocol_c.building import compiler, make, run, spoilt
 
 

@@ -4,7 +4,6 @@ import enum
 import shutil
 
 import pytest
-from protocol_c.building import FOLDER, compiler, compilers, run, spoilt
 
 from haptogram_protocol.errors import LocalProtocolError
 from haptogram_protocol.export_c import HEADERS
@@ -12,6 +11,7 @@ from haptogram_protocol.export_c.__main__ import main
 from haptogram_protocol.export_c.names import enumerated, member_name
 from haptogram_protocol.messages import DriveKind, GeometryReply, Message
 from haptogram_protocol.record import Record, record, repeated, wire
+from protocol_c.building import FOLDER, compiler, compilers, run, spoilt
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion")
 PROGRAM = '#include "haptogram_messages.h"\nint main(void) { return 0; }\n'
@@ -70,7 +70,11 @@ def test_a_layout_that_is_not_the_wire_does_not_compile(tmp_path, old, new):
 
 
 def test_a_field_is_never_called_by_a_keyword():
-    assert [member_name(name) for name in ("short", "shorter", "crc")] == ["short_", "shorter", "crc"]
+    assert [member_name(name) for name in ("short", "shorter", "crc")] == [
+        "short_",
+        "shorter",
+        "crc",
+    ]
 
 
 def test_enumerations_that_c_could_not_check_are_refused():

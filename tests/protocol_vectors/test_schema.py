@@ -5,9 +5,9 @@ import json
 import re
 
 import pytest
-from protocol_vectors.vector_files import FOLDER, read
 
 from haptogram_protocol.export_vectors import FILES
+from protocol_vectors.vector_files import FOLDER, read
 
 SCHEMA = json.loads((FOLDER / "schema.json").read_text("utf-8"))
 TYPES = {"object": dict, "array": list, "string": str, "integer": int, "boolean": bool}

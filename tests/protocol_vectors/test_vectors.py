@@ -4,7 +4,6 @@ import re
 from pathlib import Path
 
 import pytest
-from protocol_vectors.vector_files import FOLDER, FRAME_FILES, outcome, play, read, vectors
 
 from haptogram.acoustics import AcousticModel
 from haptogram_protocol.errors import RemoteProtocolError
@@ -13,6 +12,7 @@ from haptogram_protocol.export_vectors import FILES, text, write_vectors
 from haptogram_protocol.export_vectors.__main__ import main
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES, pack_phases, unpack_phases
+from protocol_vectors.vector_files import FOLDER, FRAME_FILES, outcome, play, read, vectors
 from sim_device.board import Board
 from sim_device.dialect import BoardDialect
 from sim_device.settings import BoardSettings
@@ -111,9 +111,9 @@ def virtual_board(*, grid_nx, grid_ny, pitch_um, **limits):
 
 def test_a_dialogue_can_fail():
     dialogue = next(d for d in DIALOGUES if d["id"] == "dialogue/states")
-    assert play(dialogue, lambda at_us, data: b"") != []
+    assert play(dialogue, lambda _, __: b"") != []
     deaf = virtual_board(**dialogue["board"])
-    assert play(dialogue, lambda at_us, data: deaf(at_us, b"")) != []
+    assert play(dialogue, lambda at_us, _: deaf(at_us, b"")) != []
     silent = {"expect": [], "at_us": 0} | {"send": dialogue["steps"][0]["send"]}
     board = virtual_board(**dialogue["board"])
     assert play({"steps": [silent]}, board) != [], "an answer that nobody expected"
