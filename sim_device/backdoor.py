@@ -61,6 +61,7 @@ def latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
         "number": latch.number,
         "t_latch_us": latch.t_latch_us,
         "late": latch.late,
+        "t_received_us": latch.t_received_us,
         "commanded_bits": latch.commanded_bits,
         **_codes(latch.drive),
         "drive_crc": latch.drive.digest(),

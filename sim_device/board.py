@@ -167,6 +167,7 @@ class Board(OutputStage):
             t_apply_us=t_apply_us,
             t_latch_us=self._boundary_us(t_apply_us),
             late=t_apply_us < self._now_us,
+            t_received_us=self._now_us,
             drive=drive,
             commanded_bits=bits,
         )
@@ -176,7 +177,13 @@ class Board(OutputStage):
         self.last_stream_index = entry.index
         self.counters.late += entry.late
         key = LatchKey(sequence=0, loop=0, index=entry.index)
-        self._latch(key, entry.drive, entry.commanded_bits, late=entry.late)
+        self._latch(
+            key,
+            entry.drive,
+            entry.commanded_bits,
+            late=entry.late,
+            t_received_us=entry.t_received_us,
+        )
 
     # --- settings and sequences ----------------------------------------------------------------
 

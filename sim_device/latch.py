@@ -34,6 +34,8 @@ class Latch:
         After correction, ceiling and ramp: at this moment; the same object where nothing differs.
     ramping : bool
         Whether a ramp to silence was under way.
+    t_received_us : int or None
+        When a stream frame was complete at the board; None: it came out of a sequence.
     """
 
     key: LatchKey
@@ -45,6 +47,7 @@ class Latch:
     commanded_bits: int
     radiated: Drive
     ramping: bool
+    t_received_us: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

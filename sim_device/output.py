@@ -164,7 +164,15 @@ class OutputStage:
         boundary_us = -(-max(t_us, self._now_us) // carrier_us) * carrier_us
         return max(boundary_us, self._last_boundary_us + carrier_us)
 
-    def _latch(self, key: LatchKey, drive: Drive, bits: int, *, late: bool) -> None:
+    def _latch(
+        self,
+        key: LatchKey,
+        drive: Drive,
+        bits: int,
+        *,
+        late: bool,
+        t_received_us: int | None = None,
+    ) -> None:
         """Swap the buffers: *drive* is at the transducers from now on."""
         self._enter(OutputInput.LATCH, MuteReason.NONE)
         self._sounding = True
@@ -180,6 +188,7 @@ class OutputStage:
             commanded_bits=bits,
             radiated=self._radiate(drive, self._now_us),
             ramping=self._safety.gain(self._now_us) < 1.0,
+            t_received_us=t_received_us,
         )
         self.latched = latch
         self._last_boundary_us = self._now_us

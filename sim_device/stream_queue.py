@@ -20,6 +20,8 @@ class Entry:
         When it was asked for, and the carrier boundary on which it will be latched.
     late : bool
         Whether t_apply had passed when it came.
+    t_received_us : int
+        When it was complete.
     drive, commanded_bits
         As in :class:`~sim_device.latch.Latch`.
     """
@@ -28,6 +30,7 @@ class Entry:
     t_apply_us: int
     t_latch_us: int
     late: bool
+    t_received_us: int
     drive: Drive
     commanded_bits: int
 
