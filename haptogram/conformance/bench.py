@@ -93,7 +93,8 @@ class Bench(Exchange):
         self.booted = booted
         self.description_hash = description_hash
         self._device_us = BOOT_US  # unwrapped, at the last PONG
-        self._offset_us = 0  # device clock - clock of the transport
+        # Device clock - clock of the transport: the least and the most that it can be.
+        self._behind_us = self._ahead_us = 0
         self._last_nonce = 0
 
     # --- session -------------------------------------------------------------------------------
@@ -296,14 +297,18 @@ class Bench(Exchange):
     def device_us(self) -> int:
         """Ask for the device time and return it, unwrapped as far as that is known."""
         sent_us = self.wire.now_us()
-        pong = self.call(Ping(self.random.getrandbits(64)), Pong)
+        answer = self.ask(Ping(self.random.getrandbits(64)))
+        pong = self.reply_in(answer, Pong, Ping.TYPE)
         self._device_us = unwrap(pong.t_rx_us, self._device_us, 32)
-        self._offset_us = self._device_us - sent_us
+        self._ahead_us = self._device_us - sent_us
+        done_us = self.wire.line_us(len(answer.piece) + 2)
+        left_us = unwrap(pong.t_tx_us, self._device_us, 32)
+        self._behind_us = left_us + done_us - self.wire.now_us()
         return self._device_us
 
     def device_estimate_us(self) -> int:
-        """Return the device time by the host's clock and the last PONG."""
-        return self.wire.now_us() + self._offset_us
+        """Return the device time by the host's clock and the last PONG, or a little less."""
+        return self.wire.now_us() + self._behind_us
 
     def unwrap(self, t_wire_us: int) -> int:
         """Return a device time from a frame, unwrapped."""
@@ -328,13 +333,16 @@ class Bench(Exchange):
         left_us = t_device_us - self.device_estimate_us()
         self.wire.idle(max(0, left_us) + self.wire.limits.slack_us + _SPARE_US)
 
-    def rest(self) -> None:
-        """Wait until what came last has been latched for certain."""
-        self.wire.idle(4 * self.carrier_us + self.wire.limits.slack_us // 10)
+    def rest(self, size: int = 0) -> None:
+        """Wait until *size* bytes have been sent, and what they hold has been latched."""
+        sent_us = self.wire.line_us(size)
+        self.wire.idle(sent_us + 4 * self.carrier_us + self.wire.limits.slack_us // 10)
 
     def in_time(self, t_device_us: int) -> None:
         """End the case as INCONCLUSIVE if it is too late for what had to be sent before."""
-        if self.device_estimate_us() >= t_device_us:
+        exact = not self.wire.limits.slack_us
+        offset_us = self._behind_us if exact else self._ahead_us
+        if self.wire.now_us() + offset_us >= t_device_us:
             inconclusive("the host was held up and sent its frames too late")
 
     # --- uploads -------------------------------------------------------------------------------

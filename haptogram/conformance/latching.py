@@ -87,8 +87,9 @@ def is_silent(bench: Bench) -> bool:
 def latch_now(bench: Bench, message: Message) -> int:
     """Send a stream frame to be latched as soon as complete; return its unwrapped number."""
     index = bench.stream_next
-    bench.send(bench.stream_wire(message))
-    bench.rest()
+    wire = bench.stream_wire(message)
+    bench.send(wire)
+    bench.rest(len(wire))
     return index
 
 

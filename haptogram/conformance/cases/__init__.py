@@ -16,6 +16,12 @@ _MODULES: Final = (
     "numbers",
     "order",
     "session",
+    "requests",
+    "stream",
+    "latch",
+    "output",
+    "clock",
+    "timers",
 )
 
 
