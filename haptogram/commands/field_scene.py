@@ -1,0 +1,159 @@
+"""What ``haptogram field`` draws: a model, its drives, and where to look."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import (
+    AcousticModel,
+    Drive,
+    Medium,
+    NumpyEngine,
+    Transducer,
+    TransducerArray,
+    check_target,
+    focus_phases,
+)
+from haptogram.config import VerifyConfig
+from haptogram.errors import ConfigurationError
+from haptogram.job import sample_object
+from haptogram.presets import find_preset
+
+FloatArray: TypeAlias = NDArray[np.float64]
+ComplexArray: TypeAlias = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scene:
+    """One model and what drives it.
+
+    Attributes
+    ----------
+    model : AcousticModel
+        The array in its air.
+    weights : (F, N) numpy.ndarray
+        Its drives, with rounded phases and amplitudes; one unless it is an object.
+    targets_m : (T, 3) numpy.ndarray
+        Foci that were asked for; none for a drive from a file.
+    look_m : (float, float, float)
+        Where the picture is centred.
+    frame_s : float
+        Duration of a drive.
+    """
+
+    model: AcousticModel
+    weights: ComplexArray
+    targets_m: FloatArray
+    look_m: tuple[float, float, float]
+    frame_s: float
+
+    @classmethod
+    def from_arguments(cls, arguments: argparse.Namespace) -> Scene:
+        """Return the scene that the command line asks for."""
+        model = _model(arguments)
+        frame_s = _frame_s(arguments.rate_hz)
+        if arguments.drive:
+            drive = read_drive(arguments.drive, model.array.count, arguments.phase_bits)
+            look = _peak_of(model, drive.weights())
+            return cls(model, drive.weights()[None], np.empty((0, 3)), look, frame_s)
+        if arguments.object:
+            targets = sample_object(_object_config(arguments))
+            look = _metres(arguments.center_mm)
+        else:
+            look = _focus(arguments)
+            targets = np.array([look])
+        for target in targets:
+            check_target(model, target)
+        phases = focus_phases(model, targets)
+        drives = [Drive.from_weights(np.exp(1j * row), arguments.phase_bits) for row in phases]
+        return cls(model, np.stack([drive.weights() for drive in drives]), targets, look, frame_s)
+
+    @property
+    def is_sequence(self) -> bool:
+        """Whether there is more than one drive."""
+        return len(self.weights) > 1
+
+
+def read_drive(path: Path, count: int, phase_bits: int) -> Drive:
+    """Read the codes of *count* elements from a CSV file with the header ``phase,amplitude``.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the file, and the line where there is one.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"drive '{path}' cannot be read: {error}") from error
+    rows = [(number, cells) for number, cells in enumerate(csv.reader(lines), start=1) if cells]
+    if not rows or [cell.strip() for cell in rows[0][1]] != ["phase", "amplitude"]:
+        raise ConfigurationError(f"{path}: the first line must be phase,amplitude")
+    codes = np.array([_codes(f"{path}:{number}", cells) for number, cells in rows[1:]], dtype=int)
+    if len(codes) != count:
+        raise ConfigurationError(f"{path}: {len(codes)} elements, the array has {count}")
+    try:
+        return Drive(codes[:, 0], codes[:, 1], phase_bits)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+
+
+def _codes(where: str, cells: list[str]) -> tuple[int, int]:
+    try:
+        phase, amplitude = (int(cell) for cell in cells)
+    except ValueError as error:
+        raise ConfigurationError(f"{where}: {','.join(cells)!r} is not two codes") from error
+    return phase, amplitude
+
+
+def _model(arguments: argparse.Namespace) -> AcousticModel:
+    if arguments.preset:
+        return find_preset(arguments.preset).build()
+    array = TransducerArray.parse(arguments.array or "16x16", pitch_m=arguments.pitch_mm / 1e3)
+    return AcousticModel(array, Medium.air(arguments.temperature_c), Transducer())
+
+
+def _focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
+    if arguments.focus_mm is None and arguments.preset:
+        return find_preset(arguments.preset).focus_m
+    return _metres(arguments.focus_mm or (0.0, 0.0, 150.0))
+
+
+def _object_config(arguments: argparse.Namespace) -> VerifyConfig:
+    return VerifyConfig(
+        object=arguments.object,
+        resolution_mm=arguments.resolution_mm,
+        radius_mm=arguments.radius_mm,
+        center_mm=arguments.center_mm,
+        rate_hz=arguments.rate_hz,
+    )
+
+
+def _frame_s(rate_hz: float) -> float:
+    if not 1.0 <= rate_hz <= 40_000.0:
+        raise ConfigurationError(f"rate_hz is {rate_hz:g}, must be 1 to 40000")
+    return 1.0 / rate_hz
+
+
+def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
+    """Return where a drive is loudest, on a coarse grid over the array."""
+    reach = float(model.array.half_extent_m[:2].max())
+    side = np.linspace(-reach, reach, 25)
+    heights = np.linspace(0.03, 0.30, 46)
+    points = np.stack(np.meshgrid(side, side, heights, indexing="ij"), axis=-1).reshape(-1, 3)
+    points += model.array.centre_m
+    level = np.abs(NumpyEngine(model).pressure(weights, points))
+    x, y, z = points[int(np.argmax(level))].tolist()
+    return x, y, z
+
+
+def _metres(place_mm: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = place_mm
+    return x / 1e3, y / 1e3, z / 1e3

@@ -1,0 +1,197 @@
+"""The pictures of ``haptogram field``, and the figures of a focus as text."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import textwrap
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import NumpyEngine, force_on_disc_n, level_db_spl
+from haptogram.acoustics.dynamics import Resonator
+from haptogram.acoustics.engine import choose_engine
+from haptogram.acoustics.exposure import STATEMENT, worst_place
+from haptogram.acoustics.lobes import largest_secondary_lobe
+from haptogram.acoustics.shift import find_peak, predict_focal_shift
+from haptogram.acoustics.spot import measure_spot
+from haptogram.errors import ConfigurationError
+from haptogram.modulation import (
+    FocusFrames,
+    amplitude_modulation,
+    lateral_modulation,
+    signal_at,
+    spatio_temporal_modulation,
+)
+from haptogram.pictures import (
+    Plane,
+    draw_cuts,
+    draw_isosurfaces,
+    draw_plane,
+    draw_spectrum,
+    sample_mean,
+    sample_plane,
+)
+
+from .field_scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Progress: TypeAlias = Callable[[int, int], None]
+FloatArray: TypeAlias = NDArray[np.float64]
+
+_LISTENER_M: Final = 0.5
+_PATH_RADIUS_M: Final = 0.020
+_PERIODS: Final = 10
+
+
+def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
+    """Return the picture that the command line asks for.
+
+    Raises
+    ------
+    ConfigurationError
+        A view that needs one focus, for an object; sizes out of range; no matplotlib.
+    """
+    half_m, step_m = arguments.half_width_mm / 1e3, arguments.step_mm / 1e3
+    if arguments.view == "plane":
+        return _draw_plane(arguments, scene, progress)
+    if scene.is_sequence:
+        raise ConfigurationError(
+            f"view {arguments.view!r} shows one focus; take --view plane for an object"
+        )
+    engine = choose_engine(scene.model)
+    if arguments.view == "cuts":
+        return draw_cuts(engine, scene.weights[0], scene.look_m, half_m)
+    if arguments.view == "isosurface":
+        step = max(step_m, 1.5e-3)
+        return draw_isosurfaces(engine, scene.weights[0], scene.look_m, half_m / 2.0, step)
+    return _draw_spectrum(arguments, scene)
+
+
+def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
+    engine = choose_engine(scene.model)
+    plane = _plane(arguments, scene)
+    if scene.is_sequence:
+        resonator = Resonator.from_bandwidth()
+        field = sample_mean(
+            engine, scene.weights, plane, scene.frame_s, resonator, progress=progress
+        )
+        frames = f"mean over {len(scene.weights)} frames of {scene.frame_s * 1e3:g} ms"
+        title = f"{frames}, {_place(plane)}"
+    else:
+        field = sample_plane(engine, scene.weights[0], plane, progress)
+        title = ""
+    return draw_plane(
+        engine, field, quantity=arguments.quantity, targets_m=scene.targets_m, title=title
+    )
+
+
+def _plane(arguments: argparse.Namespace, scene: Scene) -> Plane:
+    """Return the plane around the place to look at; upward it starts 5 mm above the array."""
+    half = arguments.half_width_mm / 1e3
+    around = [(value - half, value + half) for value in scene.look_m]
+    floor = float(scene.model.array.positions_m[:, 2].max()) + 0.005
+    ranges = {"x": around[0], "y": around[1], "z": (floor, max(around[2][1], floor + 0.01))}
+    first, second = arguments.plane
+    return Plane(
+        arguments.plane, scene.look_m, ranges[first], ranges[second], arguments.step_mm / 1e3
+    )
+
+
+def _place(plane: Plane) -> str:
+    axis = plane.normal_axis
+    return f"{'xyz'[axis]} = {plane.through_m[axis] * 1e3:g} mm"
+
+
+def _draw_spectrum(arguments: argparse.Namespace, scene: Scene) -> Figure:
+    if not len(scene.targets_m):
+        raise ConfigurationError("view 'spectrum' modulates a focus; a drive from a file has none")
+    frames = _frames(arguments, scene)
+    place = frames.points_m[0]
+    signal = signal_at(NumpyEngine(scene.model), frames, place, Resonator.from_bandwidth())
+    shown = signal.time_s <= 4.0 / arguments.modulation_hz
+    where = ", ".join(f"{value * 1e3:g}" for value in np.round(place, 5))
+    return draw_spectrum(
+        signal.time_s[shown],
+        signal.pressure_pa[shown],
+        signal.frequency_hz,
+        signal.amplitude_pa,
+        title=f"{arguments.modulation.upper()} at {arguments.modulation_hz:g} Hz, "
+        f"{arguments.rate_hz:g} frames/s, felt at ({where}) mm",
+        highest_hz=max(1000.0, 6.0 * arguments.modulation_hz),
+    )
+
+
+def _frames(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
+    """Return ten periods of the modulation."""
+    frequency, rate = arguments.modulation_hz, arguments.rate_hz
+    if not (math.isfinite(frequency) and frequency > 0.0):
+        raise ConfigurationError(f"modulation_hz is {frequency:g}, must be finite and above 0")
+    duration_s = _PERIODS / frequency
+    if arguments.modulation == "am":
+        return amplitude_modulation(
+            scene.look_m, frequency_hz=frequency, duration_s=duration_s, rate_hz=rate
+        )
+    if arguments.modulation == "lm":
+        return lateral_modulation(
+            scene.look_m, frequency_hz=frequency, duration_s=duration_s, rate_hz=rate
+        )
+    angles = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(200)], axis=1) * _PATH_RADIUS_M
+    return spatio_temporal_modulation(
+        scene.look_m + circle, frequency_hz=frequency, duration_s=duration_s, rate_hz=rate
+    )
+
+
+def describe(scene: Scene) -> Iterator[str]:
+    """Yield the figures of the focus, or of the sequence, line by line."""
+    engine = NumpyEngine(scene.model)
+    yield f"array: {scene.model.array.count} elements, k = {scene.model.wavenumber:.2f} rad/m"
+    if scene.is_sequence:
+        share = Resonator.from_bandwidth().dwell_mean_square(scene.frame_s)
+        yield (
+            f"sequence: {len(scene.weights)} points of {scene.frame_s * 1e3:g} ms; from rest, a "
+            f"transducer of 2 kHz bandwidth delivers {share:.0%} of the static force in a dwell"
+        )
+    elif len(scene.targets_m):
+        yield from _describe_focus(engine, scene)
+    worst = worst_place(engine, scene.weights, _LISTENER_M, scene.frame_s, directions=500)
+    yield (
+        f"loudest {_LISTENER_M:g} m from the centre: {worst.equivalent_db_spl:.1f} dB SPL at "
+        f"({_text(np.array(worst.position_m))}) mm"
+    )
+    yield from textwrap.wrap(STATEMENT, 98, initial_indent="  ", subsequent_indent="  ")
+
+
+def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
+    target, weights = scene.targets_m[0], scene.weights[0]
+    rms = float(np.abs(engine.pressure(weights, [target])[0])) / math.sqrt(2.0)
+    yield f"target ({_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
+    peak = find_peak(engine, weights, target)
+    expected = predict_focal_shift(scene.model, target)
+    yield (
+        f"maximum ({_text(peak)}) mm: {np.linalg.norm(peak - target) * 1e3:.2f} mm from the target "
+        f"(expected {np.linalg.norm(expected.offset_m) * 1e3:.2f} mm, by diffraction)"
+    )
+    spot = measure_spot(engine, weights, target)
+    yield (
+        f"spot at -6 dB: {spot.width_6db_m[0] * 1e3:.1f} x {spot.width_6db_m[1] * 1e3:.1f} mm; "
+        f"depth at -3 dB: {sum(spot.depth_3db_m) * 1e3:.1f} mm"
+    )
+    force = force_on_disc_n(engine, weights, target)
+    yield f"force on a reflecting disc of 20 mm diameter: {force * 1e3:.2f} mN"
+    lobe = largest_secondary_lobe(engine, weights, target)
+    if lobe is not None:
+        yield (
+            f"largest secondary lobe in its plane: {lobe.level_db:.1f} dB at "
+            f"({_text(np.array(lobe.position_m))}) mm"
+        )
+
+
+def _text(place_m: FloatArray) -> str:
+    return ", ".join(f"{value + 0.0:g}" for value in np.round(place_m * 1e3, 1))

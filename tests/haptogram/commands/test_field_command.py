@@ -1,0 +1,128 @@
+"""``haptogram field``, run as its command module runs it."""
+
+import argparse
+import re
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics import AcousticModel, Drive, focus_phases
+from haptogram.commands import field
+from haptogram.errors import ConfigurationError
+
+
+def parse(*words):
+    parser = argparse.ArgumentParser()
+    field.add(parser.add_subparsers())
+    return parser.parse_args(["field", *map(str, words)])
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("haptogram.pictures.style.DPI", 40)
+
+    def run(*words):
+        arguments = parse("--step-mm", "3", *words)
+        return arguments.run(arguments)
+
+    return run
+
+
+def test_a_focus_is_drawn_and_described(run, tmp_path, capsys):
+    assert run("--focus-mm", "20,0,120") == 0
+    assert (tmp_path / "field.png").read_bytes().startswith(b"\x89PNG")
+    out = capsys.readouterr().out
+    level, db = re.search(r"target \(20, 0, 120\) mm: (\d+) Pa RMS, ([\d.]+) dB SPL", out).groups()
+    assert float(level) == pytest.approx(4126, abs=5)
+    assert float(db) == pytest.approx(20 * np.log10(float(level) / 20e-6), abs=0.1)
+    assert "mm from the target" in out
+    assert "mN" in out
+    assert "no judgement" in " ".join(out.split())
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--plane", "xy", "--quantity", "phase", "--output", "a.svg"),
+        ("--plane", "yz", "--quantity", "force", "--output", "a.svg"),
+        ("--view", "cuts", "--output", "a.svg"),
+        ("--view", "isosurface", "--half-width-mm", "30", "--output", "a.svg"),
+        ("--view", "spectrum", "--output", "a.svg"),
+        ("--view", "spectrum", "--modulation", "lm", "--output", "a.svg"),
+        ("--view", "spectrum", "--modulation", "stm", "--modulation-hz", "50", "--output", "a.svg"),
+        ("--preset", "sonicsurface", "--output", "a.svg"),
+        ("--object", "circle", "--radius-mm", "15", "--plane", "xy", "--output", "a.svg"),
+        ("--array", "8x8", "--pitch-mm", "8", "--output", "a.svg"),
+    ],
+)
+def test_every_view_is_written_as_a_picture_with_axes_in_mm(run, tmp_path, words, capsys):
+    assert run(*words, "--quiet") == 0
+    picture = (tmp_path / "a.svg").read_text()
+    assert "<svg" in picture
+    assert "(mm)" in picture or "(Hz)" in picture
+    assert capsys.readouterr().out == ""
+
+
+def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path):
+    drive = Drive.from_weights(
+        np.exp(1j * focus_phases(AcousticModel.default(), (0.02, 0.0, 0.12)))
+    )
+    rows = zip(drive.phase_codes, drive.amplitude_codes, strict=True)
+    (tmp_path / "drive.csv").write_text(
+        "phase,amplitude\n" + "".join(f"{phase},{amplitude}\n" for phase, amplitude in rows)
+    )
+    assert run("--drive", "drive.csv", "--output", "drive.svg") == 0
+    picture = (tmp_path / "drive.svg").read_text()
+    assert "peak" in picture
+    assert "target" not in picture
+    from haptogram.commands.field_scene import Scene
+
+    scene = Scene.from_arguments(parse("--drive", "drive.csv"))
+    assert np.linalg.norm(np.subtract(scene.look_m, (0.02, 0.0, 0.12))) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("phase\n1\n", "first line"),
+        ("phase,amplitude\n1,2\n", "1 elements"),
+        ("phase,amplitude\n" + "1,x\n" * 256, ":2:"),
+        ("phase,amplitude\n" + "1,256\n" * 256, "256"),
+    ],
+)
+def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
+    (tmp_path / "drive.csv").write_text(text)
+    with pytest.raises(ConfigurationError, match=message):
+        run("--drive", "drive.csv")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--focus-mm", "0,0,5"), "height"),
+        (("--focus-mm", "nan,0,100"), "finite"),
+        (("--object", "circle", "--view", "cuts"), "one focus"),
+        (("--object", "circle", "--quantity", "phase"), "no phase"),
+        (("--object", "dodecahedron"), "known are"),
+        (("--preset", "unknown"), "known are"),
+        (("--drive", "missing.csv"), "cannot be read"),
+        (("--output", "field.gif"), "possible are"),
+        (("--rate-hz", "0"), "1 to 40000"),
+        (("--view", "spectrum", "--modulation-hz", "900"), "half of"),
+        (("--view", "spectrum", "--modulation-hz", "0"), "above 0"),
+        (("--temperature-c", "90"), "temperature_c"),
+        (("--half-width-mm", "1e6"), "points"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_with_the_reason(run, tmp_path, words, message):
+    with pytest.raises(ConfigurationError, match=message):
+        run(*words)
+    assert not (tmp_path / "field.png").exists()
+
+
+def test_a_place_that_is_no_triple_is_a_usage_error(capsys):
+    with pytest.raises(SystemExit) as caught:
+        parse("--focus-mm", "1,2")
+    assert caught.value.code == 2
+    assert "is not X,Y,Z in mm" in capsys.readouterr().err
