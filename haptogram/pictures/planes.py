@@ -27,6 +27,9 @@ ORIENTATIONS: Final = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 QUANTITIES: Final = ("pressure", "phase", "force")
 MAX_POINTS: Final = 4_000_000
 _POINTS_PER_CALL: Final = 4096
+_NEAR_M: Final = 2.5e-3
+_FEW_TARGETS: Final = 4
+_MANY_TARGETS: Final = 200
 _CLEARANCE_M: Final = 2e-3  # closer to an element the far-field model says nothing
 
 
@@ -209,7 +212,7 @@ def draw_plane(
     quantity : str
         "pressure" (RMS), "phase", or "force" (radiation pressure on a reflecting wall).
     targets_m : (T, 3) array_like
-        Targets to mark: those within 1 mm of the plane, at most one hundred.
+        Targets to mark: those within 2.5 mm of the plane, none if they are more than 200.
     peak : bool
         Whether to mark the largest value of the plane.
 
@@ -246,8 +249,10 @@ def draw_plane(
         first, second = field.plane.axes
         axes.set_xlabel(f"{'xyz'[first]} (mm)")
         axes.set_ylabel(f"{'xyz'[second]} (mm)")
-        for target in _marked(field.plane, targets_m):
-            mark(axes, target[first] * 1e3, target[second] * 1e3, "target")
+        marked = _marked(field.plane, targets_m)
+        size = 6.0 if len(marked) > _FEW_TARGETS else None
+        for target in marked:
+            mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
         if peak:
             place = field.peak_m()
             mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
@@ -287,9 +292,9 @@ def _size(plane: Plane) -> tuple[float, float]:
 
 def _marked(plane: Plane, targets_m: ArrayLike) -> list[list[float]]:
     targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
-    near = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis]) <= 1e-3
-    shown: list[list[float]] = targets[near].tolist()
-    return shown if len(shown) <= 100 else []
+    distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
+    shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()
+    return shown if len(shown) <= _MANY_TARGETS else []
 
 
 def _legend(figure: Figure) -> None:

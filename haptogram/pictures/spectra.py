@@ -42,7 +42,8 @@ def draw_spectrum(
         left.set_xlabel("time (ms)")
         left.set_ylabel("radiation pressure (Pa)")
         left.set_ylim(bottom=0.0)
-        shown = frequency_hz <= highest_hz
+        # What is nothing beside the largest line would hide the others under a row of dots.
+        shown = (frequency_hz <= highest_hz) & (amplitude_pa > 1e-3 * amplitude_pa.max())
         lines, levels = frequency_hz[shown], amplitude_pa[shown]
         right.vlines(lines, 0.0, levels, color=VERMILION, linewidth=2.0)
         right.plot(lines, levels, "o", color=VERMILION, markersize=3.5)

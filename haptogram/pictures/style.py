@@ -104,9 +104,9 @@ def as_data_uri(figure: Figure) -> str:
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def mark(axes: Axes, x_mm: float, y_mm: float, kind: str) -> None:
+def mark(axes: Axes, x_mm: float, y_mm: float, kind: str, size: float | None = None) -> None:
     """Mark the target (a cross) or the peak (a ring), readable on light and on dark."""
-    marker, size, colour = ("+", 17.0, VERMILION) if kind == "target" else ("o", 9.0, BLACK)
+    marker, normal, colour = ("+", 17.0, VERMILION) if kind == "target" else ("o", 9.0, BLACK)
     for tint, width, label in (("white", 3.0, None), (colour, 1.4, kind)):
         axes.plot(
             x_mm,
@@ -114,7 +114,7 @@ def mark(axes: Axes, x_mm: float, y_mm: float, kind: str) -> None:
             marker,
             fillstyle="none",
             color=tint,
-            markersize=size,
+            markersize=size or normal,
             markeredgewidth=width,
             label=label,
             zorder=3.0 if kind == "peak" else 4.0,
