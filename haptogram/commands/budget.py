@@ -1,0 +1,104 @@
+"""``haptogram budget``: where the time of one frame goes, and the highest rate that fits."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Final
+
+from haptogram.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from haptogram.bench.stages import FrameBudget
+
+_EXAMPLES: Final = """\
+examples:
+  haptogram budget --baud 3000000 --rate 1000 --phase-bits 8
+      256 phases of 8 bit a thousand times a second over 3 Mbaud
+  haptogram budget --baud 921600 --transducers 64
+"""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command."""
+    budget = commands.add_parser(
+        "budget",
+        help="where the time of one frame goes, and the highest rate that fits",
+        description="Say where the time of one frame goes, from the intended moment to the latch, "
+        "and the highest rate that fits, for every frame format. Wake, encode, write and decode "
+        "are medians measured on this machine now; wire and latch are computed.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    budget.set_defaults(run=run)
+    budget.add_argument("--baud", type=int, default=3_000_000, metavar="N", help="[%(default)s]")
+    budget.add_argument(
+        "--rate", type=float, default=1000.0, metavar="HZ", help="frames per second [1000]"
+    )
+    budget.add_argument(
+        "--phase-bits", type=int, choices=(8, 6, 5), default=8, help="format asked for [8]"
+    )
+    budget.add_argument("--transducers", type=int, default=256, metavar="N", help="[256]")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
+    from haptogram.bench.stages import frame_formats, measure_budget, measure_wake_ns
+
+    if not 0.0 < arguments.rate <= 40_000.0:
+        raise ConfigurationError(f"rate is {arguments.rate:g} Hz, must be above 0, at most 40000")
+    if not 1 <= arguments.transducers <= 1024:
+        raise ConfigurationError(f"transducers is {arguments.transducers}, must be 1 to 1024")
+    wake_ns = measure_wake_ns(arguments.rate)
+    budgets = [
+        measure_budget(name, message, baudrate=arguments.baud)
+        for name, message in frame_formats(arguments.transducers).items()
+    ]
+    asked = next(b for b in budgets if b.name == f"phases, {arguments.phase_bits} bit")
+    print(_one_frame(asked, wake_ns, arguments))
+    print(_all_formats(budgets, wake_ns))
+    return 0 if asked.highest_hz >= arguments.rate else 1
+
+
+def _one_frame(asked: FrameBudget, wake_ns: int, arguments: argparse.Namespace) -> str:
+    period_us = 1e6 / arguments.rate
+    rows = [
+        ("wake", wake_ns, "median lateness of a sleeping loop, measured"),
+        ("encode", asked.encode_ns, "header, CRC-32 and COBS, measured; done ahead of the tick"),
+        ("write", asked.write_ns, "one write to a pty, measured"),
+        ("wire", asked.wire_ns, f"{asked.size} bytes of 10 bits at {arguments.baud} baud"),
+        ("decode", asked.decode_ns, "at a board in Python, measured"),
+        ("latch", 25_000, "to the next period of a 40 kHz carrier, at most"),
+    ]
+    lines = [
+        f"one frame of {arguments.transducers} {asked.name} at {arguments.rate:g} Hz: "
+        f"a period of {period_us:g} us"
+    ]
+    lines += [
+        f"  {name:<8}{ns / 1e3:9.1f} us {100 * ns / 1e3 / period_us:6.1f} %  {what}"
+        for name, ns, what in rows
+    ]
+    verdict = "fits" if asked.highest_hz >= arguments.rate else "does not fit"
+    lines.append(f"  {'sum':<8}{asked.latency_ns(wake_ns) / 1e3:9.1f} us: the shortest lead")
+    lines.append(
+        f"  {arguments.rate:g} Hz {verdict}: the line is "
+        f"{100 * arguments.rate / asked.line_hz:.1f} % full, the host "
+        f"{100 * arguments.rate / asked.host_hz:.1f} % busy (stages overlap: the fullest decides)"
+    )
+    return "\n".join(lines) + "\n"
+
+
+def _all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
+    head = (
+        f"{'format':<23}{'bytes':>6}{'encode':>8}{'write':>7}{'wire':>9}{'decode':>8}"
+        f"{'lead':>9}{'highest rate':>14}  limited by"
+    )
+    lines = [head]
+    for budget in budgets:
+        limit = "line" if budget.line_hz <= budget.host_hz else "host"
+        lines.append(
+            f"{budget.name:<23}{budget.size:>6}{budget.encode_ns / 1e3:>8.1f}"
+            f"{budget.write_ns / 1e3:>7.1f}{budget.wire_ns / 1e3:>9.1f}"
+            f"{budget.decode_ns / 1e3:>8.1f}{budget.latency_ns(wake_ns) / 1e3:>9.1f}"
+            f"{budget.highest_hz:>11.0f} Hz  {limit}"
+        )
+    return "\n".join([*lines, "times in us; highest rate: stages overlap, the slowest decides"])
