@@ -41,8 +41,17 @@ class BoardUnderTest(Protocol):
         """Make it tell, or be ready to tell, what it latches."""
         ...
 
+    def finish(self, driver: Driver) -> None:
+        """Take down what can only be asked while the session lasts."""
+        ...
+
     def observations(self, driver: Driver) -> list[Observation]:
         """Return what it latched in the session of *driver*, which is closed by now."""
+        ...
+
+    @property
+    def unseen(self) -> str | None:
+        """Why a frame may have been latched that nobody saw; None: everything is seen."""
         ...
 
 
@@ -55,8 +64,13 @@ class ProcessBoard:
         self.port = board.url
         self.model = board.model
 
+    unseen = None
+
     def prepare(self, driver: Driver) -> None:
         """Nothing to do: the back door shows everything."""
+
+    def finish(self, driver: Driver) -> None:
+        """Nothing to do: the back door stays open."""
 
     def observations(self, driver: Driver) -> list[Observation]:
         """Return what came out of the back door, once the last field has been rebuilt."""
@@ -88,8 +102,13 @@ class InProcessBoard:
         self.port = port
         self.model = model
 
+    unseen = None
+
     def prepare(self, driver: Driver) -> None:
         """Nothing to do: the back door shows everything."""
+
+    def finish(self, driver: Driver) -> None:
+        """Nothing to do: the back door stays open."""
 
     def observations(self, driver: Driver) -> list[Observation]:
         """Return what came out of the back door."""
@@ -98,7 +117,7 @@ class InProcessBoard:
 
 
 class PortBoard:
-    """A board at a port, judged by its own word: trace events, or the trace ring.
+    """A board at a port, judged by its own word: trace events, trace ring, or a last read-back.
 
     Parameters
     ----------
@@ -108,15 +127,22 @@ class PortBoard:
         Frames per second that it will be sent.
     board_computes : bool
         Whether it computes the drives; then a CRC says nothing, and drives are asked for.
+
+    Attributes
+    ----------
+    unseen : str or None
+        Why it may have latched what it did not show.
     """
 
     def __init__(self, url: str, *, baudrate: int, rate_hz: float, board_computes: bool) -> None:
         self.label = url
         self.port = url
         self.model = None
+        self.unseen: str | None = None
         self._baudrate = baudrate
         self._rate_hz = rate_hz
         self._board_computes = board_computes
+        self._read_back: list[Observation] = []
 
     def prepare(self, driver: Driver) -> None:
         """Switch on the trace that says most and fits the line.
@@ -124,20 +150,25 @@ class PortBoard:
         Raises
         ------
         ConfigurationError
-            If the board has no trace at all: nothing could be verified.
+            If the board can show nothing at all: nothing could be verified.
         """
         features = Feature(driver.identity.features)
-        if Feature.CONFIG not in features:
-            raise ConfigurationError(f"{self.port}: the board cannot be told to trace its latches")
-        if self._board_computes and Feature.TRACE_DRIVE in features:
+        traces = features if Feature.CONFIG in features else Feature(0)
+        if self._board_computes and Feature.TRACE_DRIVE in traces:
             divider = self._divider(driver.identity)
             driver.configure(trace_mode=TraceMode.DRIVE, trace_divider=divider)
-        elif Feature.TRACE in features:
+            if divider > 1:
+                self.unseen = f"the board shows one drive in {divider}: more do not fit the line"
+        elif Feature.TRACE in traces:
             driver.configure(trace_mode=TraceMode.CRC)
-        elif Feature.TRACE_RING in features:
+        elif Feature.TRACE_RING in traces:
             driver.configure(trace_mode=TraceMode.RING)
+        elif Feature.READ_LATCHED in features:
+            self.unseen = "the board has no trace, and its last drive only was read back"
         else:
-            raise ConfigurationError(f"{self.port}: the board has no trace to verify it by")
+            raise ConfigurationError(
+                f"{self.port}: the board has neither trace nor read-back to verify it by"
+            )
 
     def _divider(self, identity: HelloReply) -> int:
         """Return k so that every k-th drive in full leaves half of the line free."""
@@ -145,6 +176,15 @@ class PortBoard:
         carried_hz = self._baudrate * _TRACE_SHARE / BITS_PER_BYTE / size
         return max(1, math.ceil(self._rate_hz / carried_hz))
 
+    def finish(self, driver: Driver) -> None:
+        """Read the last drive back if there is no trace; see how much of the trace was sent."""
+        features = Feature(driver.identity.features)
+        if not features & (Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING):
+            self._read_back = [driver.read_drive()]
+        dropped = driver.status().counters.trace_dropped
+        if dropped and self.unseen is None:
+            self.unseen = f"the board found no room on the line for {dropped} trace events"
+
     def observations(self, driver: Driver) -> list[Observation]:
         """Return what the board said that it latched."""
-        return driver.observations
+        return driver.observations + self._read_back

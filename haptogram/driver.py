@@ -14,7 +14,7 @@ from typing import Final
 
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, Medium
 from haptogram.budget import frame_bytes, transmission_ns
 from haptogram.errors import ConfigurationError
 from haptogram.frames import Frame, FrameBuilder, Mode, Targets, as_foci, sound_speed_mm_s
@@ -59,7 +59,9 @@ class Driver(Session):
     phase_bits : int
         Bits per phase on the wire.
     model : AcousticModel, optional
-        Array and air that the host assumes; by default the board's own array in air of 20 C.
+        Array and air that the host assumes; by default the board's own array in *medium*.
+    medium : Medium, optional
+        Air that the host assumes over the board's own array; by default of 20 C.
     trace : TraceMode, optional
         What the board shall report of every latch; by default what it is set to.
 
@@ -99,6 +101,7 @@ class Driver(Session):
         timeout_s: float = 2.0,
         phase_bits: int = 8,
         model: AcousticModel | None = None,
+        medium: Medium | None = None,
         trace: TraceMode | None = None,
     ) -> None:
         super().__init__(
@@ -108,6 +111,7 @@ class Driver(Session):
             seed=seed,
             timeout_s=timeout_s,
             model=model,
+            medium=medium,
             trace=trace,
         )
         self.intended: list[Intended] = []

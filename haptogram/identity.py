@@ -49,10 +49,13 @@ def read_geometry(link: Link, identity: HelloReply) -> TransducerArray:
     return array
 
 
-def model_of(array: TransducerArray, identity: HelloReply) -> AcousticModel:
-    """Return the model of a board's array in air of 20 C."""
+def model_of(
+    array: TransducerArray, identity: HelloReply, medium: Medium | None = None
+) -> AcousticModel:
+    """Return the model of a board's array in *medium*, by default air of 20 C."""
     transducer = Transducer(frequency_hz=float(identity.carrier_hz))
-    return AcousticModel(array, Medium.air(frequency_hz=transducer.frequency_hz), transducer)
+    air = medium or Medium.air(frequency_hz=transducer.frequency_hz)
+    return AcousticModel(array, air, transducer)
 
 
 def check_model(model: AcousticModel, identity: HelloReply) -> list[str]:

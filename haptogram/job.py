@@ -41,6 +41,8 @@ class Measured:
         The host's side; None if the run did not come to its end.
     cut_short : str or None
         Why the run did not come to its end.
+    unseen : str or None
+        Why a frame may have been latched that nobody saw; None: everything was seen.
     warnings : list of str
         What was odd.
     """
@@ -52,6 +54,7 @@ class Measured:
     observations: list[Observation] = field(default_factory=list)
     report: StreamReport | PlayReport | None = None
     cut_short: str | None = None
+    unseen: str | None = None
     warnings: list[str] = field(default_factory=list)
 
 
@@ -100,13 +103,15 @@ def measure(config: VerifyConfig, board: BoardUnderTest, progress: Progress | No
     until then is returned, and says why it is not all.
     """
     points = sample_object(config)
-    known = None if config.port and config.array is None else host_model(config)
+    model = host_model(config)
+    own_array = config.port is not None and config.array is None
     driver = Driver(
         board.port,
         baudrate=config.link_baud,
         seed=config.seed if config.virtual_time else None,
         phase_bits=config.phase_bits,
-        model=known,
+        model=None if own_array else model,
+        medium=model.medium,
     )
     truth = board.model or driver.model
     found = Measured(board.label, truth, driver.identity, warnings=driver.warnings)
@@ -115,6 +120,7 @@ def measure(config: VerifyConfig, board: BoardUnderTest, progress: Progress | No
         board.prepare(driver)
         driver.arm()
         found.report = _display(config, driver, points, progress)
+        board.finish(driver)
     except KeyboardInterrupt:
         found.cut_short = f"interrupted after {len(driver.intended)} frames"
     except LinkError as error:
@@ -122,6 +128,7 @@ def measure(config: VerifyConfig, board: BoardUnderTest, progress: Progress | No
     finally:
         _say_goodbye(driver, found)
     found.observations = board.observations(driver)
+    found.unseen = board.unseen
     return found
 
 

@@ -8,7 +8,7 @@ import secrets
 from types import TracebackType
 from typing import Any, Final, Self
 
-from haptogram.acoustics import AcousticModel, TransducerArray
+from haptogram.acoustics import AcousticModel, Medium, TransducerArray
 from haptogram.clocksync import ClockEstimate
 from haptogram.errors import ConfigurationError, HaptogramError, LinkError, WrongProtocolError
 from haptogram.handshake import open_session
@@ -57,6 +57,7 @@ class Session:
         seed: int | None = None,
         timeout_s: float = 2.0,
         model: AcousticModel | None = None,
+        medium: Medium | None = None,
         trace: TraceMode | None = None,
     ) -> None:
         self.session = _nonce(nonce, seed)
@@ -68,19 +69,19 @@ class Session:
         self.last_status: Status | None = None
         self._closed = False
         try:
-            self._connect(model)
+            self._connect(model, medium)
             if trace is not None:
                 self.configure(trace_mode=trace)
         except BaseException:
             self._link.close()
             raise
 
-    def _connect(self, model: AcousticModel | None) -> None:
+    def _connect(self, model: AcousticModel | None, medium: Medium | None) -> None:
         link = self._link
         self.identity: HelloReply = open_session(link)
         self.warnings = list(link.connection.warnings)
         if model is None:
-            model = model_of(read_array(link, self.identity), self.identity)
+            model = model_of(read_array(link, self.identity), self.identity, medium)
         self.model = model
         self.warnings += check_model(model, self.identity)
         self.clock = ClockEstimate(self.identity.clock_ppm)

@@ -149,7 +149,7 @@ class VirtualBoard:
         """Wait until the back door has shown so many latches; return whether it has."""
         end_s = time.monotonic() + timeout_s
         while sum(record["kind"] == "latch" for record in self.records()) < latches:
-            if time.monotonic() > end_s or self._ended:
+            if time.monotonic() > end_s or self._closed_its_door:
                 return False
             time.sleep(_POLL_S)
         return True
@@ -159,9 +159,10 @@ class VirtualBoard:
         return observations_of(self.records(), session)
 
     def settle(self, intended: Sequence[Intended]) -> None:
-        """Wait until the back door shows the last of *intended*, or falls silent.
+        """Wait until the back door shows the last of *intended*, is closed, or falls silent.
 
-        The board latches first and rebuilds the field later: its records lag behind.
+        The board latches first and rebuilds the field later: its records lag behind, and go on
+        for a while after a board that was killed.
         """
         if not intended:
             return
@@ -170,7 +171,7 @@ class VirtualBoard:
         while not any(is_latch_of(record, last) for record in self.records()[looked_at:]):
             if len(self._backdoor.records) > looked_at:
                 looked_at, quiet_since_s = len(self._backdoor.records), time.monotonic()
-            elif self._ended or time.monotonic() - quiet_since_s > _QUIET_S:
+            elif self._closed_its_door or time.monotonic() - quiet_since_s > _QUIET_S:
                 return
             time.sleep(_POLL_S)
 
@@ -200,9 +201,10 @@ class VirtualBoard:
         return verify_run(intended, observations, model=model, min_verified=min_verified)
 
     @property
-    def _ended(self) -> bool:
-        """Whether the board is gone and everything that it wrote has been read."""
-        return self._process.poll() is not None and not self._backdoor.read()
+    def _closed_its_door(self) -> bool:
+        """Whether the last record has come: that of the end."""
+        records = self._backdoor.records
+        return bool(records) and records[-1]["kind"] == "end"
 
     # --- life ----------------------------------------------------------------------------------
 

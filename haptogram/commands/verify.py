@@ -73,6 +73,7 @@ def run(arguments: argparse.Namespace, in_process: InProcess) -> int:
             model=found.model,
             min_verified=config.least_verified,
             cut_short=found.cut_short,
+            unseen=found.unseen,
             progress=progress,
         )
     result = report.result_dict(
@@ -82,7 +83,7 @@ def run(arguments: argparse.Namespace, in_process: InProcess) -> int:
         board=_board_dict(found),
         warnings=found.warnings,
         cut_short=found.cut_short,
-        host=_host_dict(found),
+        host=None if config.virtual_time else _host_dict(found),
         environment=None if config.virtual_time else report.environment(),
     )
     print(verdict)  # before the files: a full disk must not cost the result
@@ -170,10 +171,15 @@ def _write(
     """Write every file that was asked for; tell of those that could not be written."""
     from haptogram import report
 
+    seen = {o.key: o.drive for o in found.observations if o.drive is not None}
+    drives = {i.number: seen[i.key] for i in found.intended if i.key in seen}
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
         (config.json, lambda path: report.write_json(path, result)),
         (config.junit, lambda path: report.write_junit(path, verdict, result)),
-        (config.report, lambda path: report.write_html(path, verdict, result, found.model)),
+        (
+            config.report,
+            lambda path: report.write_html(path, verdict, result, found.model, drives=drives),
+        ),
     )
     written = True
     for path, write in writers:

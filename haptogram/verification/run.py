@@ -96,6 +96,7 @@ def verify_run(
     model: AcousticModel,
     min_verified: float = 1.0,
     cut_short: str | None = None,
+    unseen: str | None = None,
     progress: Progress | None = None,
 ) -> RunVerdict:
     """Join what was intended with what was latched, by key, and judge every frame.
@@ -108,6 +109,9 @@ def verify_run(
         Share of the intended frames that must be verified, 0 to 1.
     cut_short : str, optional
         Why the run did not come to its end: then it can fail, but not pass.
+    unseen : str, optional
+        Why a frame may have been latched that nobody saw: then one that was not seen is not
+        verified, rather than lost.
     progress : callable, optional
         Called with the number of frames judged and their total.
 
@@ -127,8 +131,8 @@ def verify_run(
     held: Held | None = None
     for number, wanted in enumerate(intended):
         latches = sorted(seen.pop(wanted.key, []), key=lambda latch: latch.t_latch_us)
-        verdict = judge.judge(wanted, latches[0]) if latches else lost(wanted)
-        if not latches or verdict.late:
+        verdict = judge.judge(wanted, latches[0]) if latches else _missing(wanted, unseen)
+        if verdict.late or verdict.status is FrameStatus.LOST:
             effect = judge.consequence(wanted, held)
             verdict = dataclasses.replace(verdict, consequence=effect)
         frames.append(dataclasses.replace(verdict, latches=len(latches)))
@@ -137,6 +141,14 @@ def verify_run(
         if progress is not None:
             progress(number + 1, len(intended))
     return _conclude(frames, sorted(seen), min_verified, cut_short)
+
+
+def _missing(wanted: Intended, unseen: str | None) -> FrameVerdict:
+    """Return the verdict of a frame that nobody saw latched."""
+    verdict = lost(wanted)
+    if unseen is None:
+        return verdict
+    return dataclasses.replace(verdict, status=FrameStatus.NOT_VERIFIED, note=unseen)
 
 
 def _check_keys(intended: Sequence[Intended]) -> None:

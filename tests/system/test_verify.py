@@ -13,12 +13,16 @@ from typing import Any
 
 import pytest
 
-from haptogram.boards import ProcessBoard
+from haptogram.boards import PortBoard, ProcessBoard
 from haptogram.cli import main
 from haptogram.config import VerifyConfig
+from haptogram.errors import ConfigurationError
 from haptogram.job import measure
-from haptogram.verification import Verdict, verify_run
+from haptogram.verification import FrameStatus, Verdict, verify_run
 from haptogram.virtual_board import VirtualBoard
+from haptogram_protocol.messages import Feature
+from sim_device.settings import ALL_FEATURES
+from virtual_ports import BAUD, BoardPort
 
 _CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "2", "--quiet"]
 
@@ -126,3 +130,37 @@ def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
     assert run.verdict is Verdict.INCONCLUSIVE
     assert run.counts["verified"] > 0
     assert found.cut_short in run.reasons
+
+
+@pytest.mark.pty
+@pytest.mark.parametrize("mode", ["phases", "points", "sequence"])
+def test_a_board_at_a_port_is_judged_by_its_own_word(tmp_path: Path, mode: str) -> None:
+    with VirtualBoard(baudrate=None, reconstruct=False) as board:
+        words = ["--port", board.url, "--rate-hz", "100", "--mode", mode, "--min-verified", "0.5"]
+        status, result = _verify(tmp_path, *_CIRCLE, *words)
+    assert (status, result["evidence"]) == (0, "self-reported")
+    assert result["frames"]["verified"] == result["frames"]["latched"]
+
+
+def test_a_board_without_trace_is_read_back_and_the_rest_is_not_verified() -> None:
+    traces = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
+    config = VerifyConfig(object="circle", radius_mm=20, resolution_mm=2, seed=3)
+    board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
+    board.port = BoardPort(features=ALL_FEATURES & ~traces)
+    found = measure(config, board, None)
+    run = verify_run(found.intended, found.observations, model=found.model, unseen=found.unseen)
+    assert run.verdict is Verdict.INCONCLUSIVE
+    assert run.counts["sent"] == 63
+    assert run.counts["verified"] == run.counts["on_target"] == 1
+    assert run.frames[-1].status is FrameStatus.ON_TARGET
+    assert run.counts["not_verified"] == 62
+    assert run.counts["lost"] == 0
+    assert "no trace" in run.frames[0].note
+
+
+def test_a_board_that_can_show_nothing_is_refused() -> None:
+    config = VerifyConfig(object="point")
+    board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
+    board.port = BoardPort(features=Feature.AMPLITUDE)
+    with pytest.raises(ConfigurationError, match="neither trace nor read-back"):
+        measure(config, board, None)
