@@ -81,7 +81,7 @@ class FocusCodes:
                 f"out is {result.dtype} of shape {result.shape}, "
                 f"must be C-contiguous uint8 of shape {shape}"
             )
-        rows = result.reshape(len(targets), -1)
+        rows = result.reshape(len(targets), shape[-1])
         for start in range(0, len(targets), _CALL_TARGETS):
             part = slice(start, start + _CALL_TARGETS)
             self._fill(np.array(targets[part]), rows[part])

@@ -31,9 +31,9 @@ Preference: TypeAlias = Literal["auto", "numpy", "numpy32", "numba"]
 
 _CALL_POINTS: Final = 1 << 15  # some 10 ms: Ctrl-C waits no longer
 _MAX_APERTURE: Final = 32.0  # wavelengths from the centre to an element
-_REACH: Final = 64.0  # wavelengths from a point to an element,
+_REACH: Final = 32.0  # wavelengths from a point to an element,
 _REACH_OF_MANY: Final = 100.0  # and where the errors of many elements average out
-_MANY: Final = 64
+_MANY: Final = 32.0  # elements, in effect: (sum |w|)^2 / sum |w|^2
 _CLEARANCE: Final = 0.3  # wavelengths; nearer, the rounding of a position shows
 _MAX_LOSS: Final = 0.15  # nepers over the half-width of the range of distances in a block
 
@@ -102,12 +102,13 @@ class _SingleEngine(ABC):
         self._gain = (strength * gain).astype(np.float32)
         offsets = model.array.positions_m - model.array.centre_m
         self._radius_m = float(np.linalg.norm(offsets, axis=1).max())
-        reach = _REACH_OF_MANY if model.array.count >= _MANY else _REACH
-        self._reach_m = min(reach * wavelength - self._radius_m, self._lossy_reach_m())
+        absorption = model.medium.absorption_np_m
+        self._lossy_reach_m = 2.0 * _MAX_LOSS / absorption if absorption > 0.0 else math.inf
 
-    def _lossy_reach_m(self) -> float:
-        absorption = self._model.medium.absorption_np_m
-        return 2.0 * _MAX_LOSS / absorption - self._radius_m if absorption > 0.0 else math.inf
+    def _reach_m(self, effective_count: float) -> float:
+        """Return how far from the array's centre so many elements may be heard."""
+        reach = _REACH_OF_MANY if effective_count >= _MANY else _REACH
+        return min(reach * self._model.wavelength_m, self._lossy_reach_m) - self._radius_m
 
     @property
     def model(self) -> AcousticModel:
@@ -143,7 +144,7 @@ class _SingleEngine(ABC):
         points = np.ascontiguousarray(as_points("points_m", points_m))
         shape = (*drives.shape[:-1], len(points))
         check_memory(f"a field of {' x '.join(map(str, shape))}", 16 * math.prod(shape))
-        usable = self._usable(points)
+        usable = self._usable(points, self._reach_m(_effective_count(drives)))
         if usable is None:
             return self._fast(drives, points)
         result = np.empty(shape, dtype=np.complex128)
@@ -162,7 +163,7 @@ class _SingleEngine(ABC):
         points = np.ascontiguousarray(as_points("points_m", points_m))
         shape = (len(points), self._model.array.count)
         check_memory(f"a matrix of {shape[0]} x {shape[1]}", 8 * math.prod(shape))
-        usable = self._usable(points)
+        usable = self._usable(points, self._reach_m(1.0))
         fast = np.ones(len(points), dtype=np.bool_) if usable is None else usable
         result = np.empty(shape, dtype=np.complex64)
         if usable is not None:
@@ -196,8 +197,8 @@ class _SingleEngine(ABC):
         """The largest number of points that `_waves` takes."""
 
     @abstractmethod
-    def _usable(self, points: FloatArray) -> BoolArray | None:
-        """Return which points are served, or None if all are."""
+    def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
+        """Return which points within reach are served, or None if all are."""
 
     @abstractmethod
     def _one_drive(self, drive: ComplexArray, points: FloatArray, result: ComplexArray) -> None:
@@ -231,29 +232,28 @@ class NumbaEngine(_SingleEngine):
         clearance = _CLEARANCE * model.wavelength_m
         middle = (model.array.positions_m.max(axis=0) + model.array.positions_m.min(axis=0)) / 2.0
         shift = np.abs(middle - model.array.centre_m)
-        self._bounds = np.concatenate(
-            [model.array.centre_m, half + shift + clearance, [self._reach_m]]
-        )
+        self._bounds = np.concatenate([model.array.centre_m, half + shift + clearance, [0.0]])
         self._clearance_m = clearance
 
     def warm_up(self) -> None:
-        """Load or make the machine code of every call that this engine can make."""
-        height = min(0.1, 0.5 * self._reach_m)
-        point = self._model.array.centre_m + height * self._model.array.normals[0]
+        """Load or make the machine code of every call that this engine can make.
+
+        There is one for each loop: points are copied if their array is read-only or strided.
+        """
         drive = np.ones(self._model.array.count, dtype=np.complex128)
-        for points in (point[None, :], np.tile(point, (20, 1))):
-            frozen = points.copy()
-            frozen.flags.writeable = False  # another type to the compiler
-            for layout in (points, frozen):
-                self.pressure(drive, layout)
-                self.pressure(np.tile(drive, (2, 1)), layout)
+        for count in (1, 20):
+            points = np.tile(self._model.array.centre_m + 0.1, (count, 1))
+            self._usable(points, 1.0)
+            self._fast(drive, points)
+            self._fast(np.tile(drive, (2, 1)), points)
 
     @property
     def _wave_points(self) -> int:
         return 256
 
-    def _usable(self, points: FloatArray) -> BoolArray | None:
+    def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
         usable = np.empty(len(points), dtype=np.bool_)
+        self._bounds[6] = reach_m
         refused = self._kernels.usable_points(
             _writeable(points),
             self._layout.positions_m,
@@ -317,22 +317,22 @@ class Numpy32Engine(_SingleEngine):
     def _wave_points(self) -> int:
         return self._size
 
-    def _usable(self, points: FloatArray) -> BoolArray | None:
+    def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
         """Return the points neither far away nor so near that r^2 loses digits."""
         distance = np.linalg.norm(points - self._model.array.centre_m, axis=1)
         # r >= |x| - |s|: outside of twice the aperture no r is below half of the largest term.
         nearest = max(2.0 * self._radius_m, _CLEARANCE * self._model.wavelength_m)
-        usable: BoolArray = (distance <= self._reach_m) & (distance >= nearest)
-        close = np.flatnonzero((distance <= self._reach_m) & ~usable)
+        usable: BoolArray = (distance <= reach_m) & (distance >= nearest)
+        close = np.flatnonzero((distance <= reach_m) & ~usable)
         for part in chunks(len(close), self._size):
             usable[close[part]] = self._clear(points[close[part]])
         return None if usable.all() else usable
 
     def _clear(self, points: FloatArray) -> BoolArray:
-        """Return which points keep a third of the aperture's radius from every element."""
+        """Return which points keep 0.6 of the aperture's radius from every element."""
         offsets = points[:, None, :] - self._model.array.positions_m
         nearest = np.sqrt(np.einsum("mni,mni->mn", offsets, offsets).min(axis=1))
-        limit = max(0.35 * self._radius_m, _CLEARANCE * self._model.wavelength_m)
+        limit = max(0.6 * self._radius_m, _CLEARANCE * self._model.wavelength_m)
         clear: BoolArray = nearest >= limit
         return clear
 
@@ -409,6 +409,13 @@ class Numpy32Engine(_SingleEngine):
 def chunks(count: int, size: int) -> Iterator[slice]:
     """Return the slices that divide *count* items into parts of at most *size*."""
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def _effective_count(drives: ComplexArray) -> float:
+    """Return how many elements share the work, in the drive where they are fewest."""
+    level = np.abs(drives)
+    power = np.maximum((level * level).sum(axis=-1), 1e-300)
+    return float((level.sum(axis=-1) ** 2 / power).min(initial=math.inf))
 
 
 def _real_form(drives: ComplexArray) -> SingleArray:

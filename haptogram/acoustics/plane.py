@@ -8,6 +8,7 @@ one large inverse transform make a plane.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -56,6 +57,8 @@ class PlaneField:
         self, model: AcousticModel, height_m: float, *, half_width_m: float, oversampling: int = 10
     ) -> None:
         check_positive("half_width_m", half_width_m)
+        if not math.isfinite(height_m):
+            raise ConfigurationError(f"height_m is {height_m}, must be finite")
         if not 1 <= oversampling <= MAX_OVERSAMPLING:
             raise ConfigurationError(
                 f"oversampling is {oversampling}, must be 1 to {MAX_OVERSAMPLING}"
@@ -67,11 +70,9 @@ class PlaneField:
         self._m = m
         axes = [_Axis(levels, half_width_m, m) for levels in (lattice.x_m, lattice.y_m)]
         self._axes = axes
-        self.x_m, self.y_m = axes[0].nodes_m, axes[1].nodes_m
-        check_memory(
-            f"a plane of {len(self.x_m)} x {len(self.y_m)} nodes",
-            6 * 8 * axes[0].period * axes[1].period,
-        )
+        periods = axes[0].period, axes[1].period
+        check_memory(f"a plane of {periods[0]} x {periods[1]} nodes", 48 * math.prod(periods))
+        self.x_m, self.y_m = axes[0].nodes_m(), axes[1].nodes_m()
         self._spectrum = self._kernel_spectrum()
         self._buffer = np.empty_like(self._spectrum)
 
@@ -130,10 +131,10 @@ class PlaneField:
         along_x, along_y = self._axes
         kernel = np.zeros((along_x.period, along_y.period), dtype=np.complex128)
         element = _single_element(self._model)
-        y = along_y.offsets_m
+        x_m, y = along_x.offsets_m(), along_y.offsets_m()
         rows = max(1, _KERNEL_POINTS // len(y))
-        for start in range(0, len(along_x.offsets_m), rows):
-            x = along_x.offsets_m[start : start + rows]
+        for start in range(0, len(x_m), rows):
+            x = x_m[start : start + rows]
             grid = np.stack(np.meshgrid(x, y, [self._height_m], indexing="ij"), axis=-1)
             field = propagators(element, grid.reshape(-1, 3))
             kernel[start : start + len(x), : len(y)] = field.reshape(len(x), len(y))
@@ -142,23 +143,31 @@ class PlaneField:
 
 
 class _Axis:
-    """One axis of the plane: nodes, the offsets of nodes from sources, and the transform."""
+    """One axis of the plane: nodes, the offsets of nodes from sources, and the transform.
+
+    Nodes count from the first source, so that every source is one of them.
+    """
 
     def __init__(self, levels_m: FloatArray, half_width_m: float, m: int) -> None:
         from scipy.fft import next_fast_len
 
         pitch = float(np.diff(levels_m).mean()) if len(levels_m) > 1 else 2.0 * half_width_m
-        step = pitch / m
-        span = (len(levels_m) - 1) * m
-        # Nodes count from the first source, so that every source is one of them.
-        low = int(np.floor((-half_width_m - levels_m[0]) / step + 1e-9))
-        high = int(np.ceil((half_width_m - levels_m[0]) / step - 1e-9))
-        check_memory(f"an axis of {high - low + 1:g} nodes", 16 * (high - low + 1 + span))
-        self.nodes_m: FloatArray = levels_m[0] + step * np.arange(low, high + 1, dtype=np.float64)
-        self.offsets_m: FloatArray = step * np.arange(low - span, high + 1, dtype=np.float64)
-        self.first = span  # of the linear convolution, where the node `low` sits
-        self.small_period = int(next_fast_len(-(-len(self.offsets_m) // m)))
+        self._step_m = pitch / m
+        self._start_m = float(levels_m[0])
+        self.first = (len(levels_m) - 1) * m  # of the linear convolution: where node `low` sits
+        self._low = math.floor((-half_width_m - self._start_m) / self._step_m + 1e-9)
+        self._high = math.ceil((half_width_m - self._start_m) / self._step_m - 1e-9)
+        length = self._high + 1 - self._low + self.first
+        check_memory(f"an axis of {length} nodes", 64 * length)
+        self.small_period = int(next_fast_len(-(-length // m)))
         self.period = m * self.small_period
+
+    def nodes_m(self) -> FloatArray:
+        return self._start_m + self.offsets_m()[self.first :]
+
+    def offsets_m(self) -> FloatArray:
+        steps = np.arange(self._low - self.first, self._high + 1, dtype=np.float64)
+        return self._step_m * steps
 
 
 def _regular_lattice(array: TransducerArray) -> Lattice:

@@ -43,10 +43,10 @@ def solve(
     amplitudes : (F,) array_like, optional
         Their relative amplitudes, above 0; all equal if not given.
     method : {"naive", "ibp", "gs", "wgs", "gspat", "gradient"}
-        Superposition, scaled so that the largest weight is 1; iterative backpropagation (A. Marzo and B. W. Drinkwater, PNAS 116(1), 2019);
-        Gerchberg-Saxton, and its weighted form (R. Di Leonardo, F. Ianni and G. Ruocco, Opt.
-        Express 15(4), 2007); GS-PAT (D. Martinez Plasencia et al., ACM Trans. Graph. 39(4), 2020);
-        least squares by L-BFGS.
+        Superposition, scaled so that the largest weight is 1; iterative backpropagation (A. Marzo
+        and B. W. Drinkwater, PNAS 116(1), 2019); Gerchberg-Saxton, and its weighted form (R. Di
+        Leonardo, F. Ianni and G. Ruocco, Opt. Express 15(4), 2007); GS-PAT (D. Martinez Plasencia
+        et al., ACM Trans. Graph. 39(4), 2020); least squares by L-BFGS.
     rounds : int
         Iterations, 1 to 10 000; the naive method has none.
 
