@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
+import tty
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -106,7 +107,7 @@ def measure_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget
     decoder = FrameDecoder()
     decode_ns = _median_ns(lambda: _decode(decoder, wire))
     with _drained_pty() as (fd, drain):
-        write_ns = _median_ns(lambda: os.write(fd, wire), between=drain)
+        write_ns = _median_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
     size = frame_bytes(len(build_body(message, flags=0, seq=0, time_us=0, session=1)) - 10)
     return FrameBudget(
         name=name,
@@ -150,32 +151,26 @@ def _decode(decoder: FrameDecoder, wire: bytes) -> None:
 
 def _median_ns(work: Callable[[], object], between: Callable[[], object] | None = None) -> int:
     clock, taken = time.perf_counter_ns, []
-    for _ in range(_SETTLE):
-        work()
-    for _ in range(_TIMES):
-        if between is not None:
-            between()
+    for _ in range(_SETTLE + _TIMES):
         begin_ns = clock()
         work()
         taken.append(clock() - begin_ns)
-    return int(np.median(taken))
+        if between is not None:
+            between()
+    return int(np.median(taken[_SETTLE:]))
 
 
 @contextlib.contextmanager
-def _drained_pty() -> Iterator[tuple[int, Callable[[], object]]]:
+def _drained_pty() -> Iterator[tuple[int, Callable[[int], None]]]:
     """Yield a pseudo-terminal to write to, and what takes the bytes out at the other end."""
-    import tty
-
     master, slave = os.openpty()
     try:
         for fd in (master, slave):
             tty.setraw(fd)
-        os.set_blocking(master, False)
 
-        def drain() -> None:
-            with contextlib.suppress(BlockingIOError):
-                while os.read(master, 65_536):
-                    pass
+        def drain(size: int) -> None:
+            while size > 0:  # what was written comes out whole, a little later
+                size -= len(os.read(master, size))
 
         yield slave, drain
     finally:
