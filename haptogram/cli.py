@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode
 
 from . import __version__
-from .commands import budget, verify
+from .commands import budget, field, paper, verify
 from .commands.exit_status import EXIT_STATUS, USAGE
 from .errors import HaptogramError
 
@@ -48,7 +48,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"haptogram {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     verify.add(commands, _board_in_virtual_time)
-    budget.add(commands)
+    for command in (budget, field, paper):
+        command.add(commands)
     return parser
 
 
