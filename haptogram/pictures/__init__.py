@@ -7,15 +7,8 @@ which closes on itself, for phases.
 
 from haptogram.pictures.cuts import draw_cuts
 from haptogram.pictures.isosurface import draw_isosurfaces, isosurface
-from haptogram.pictures.planes import (
-    QUANTITIES,
-    Plane,
-    PlaneField,
-    draw_plane,
-    force_values,
-    sample_mean,
-    sample_plane,
-)
+from haptogram.pictures.plane_picture import QUANTITIES, draw_plane
+from haptogram.pictures.planes import Plane, PlaneField, force_values, sample_mean, sample_plane
 from haptogram.pictures.spectra import draw_spectrum
 from haptogram.pictures.style import as_data_uri, save
 

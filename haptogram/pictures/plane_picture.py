@@ -1,0 +1,139 @@
+"""The picture of a plane of the field."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics import FieldEngine
+from haptogram.errors import ConfigurationError
+from haptogram.pictures.planes import Plane, PlaneField, force_values
+from haptogram.pictures.style import MAGNITUDE_MAP, PHASE_MAP, mark, new_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+QUANTITIES: Final = ("pressure", "phase", "force")
+_NEAR_M: Final = 2.5e-3
+_FEW_TARGETS: Final = 4
+_MANY_TARGETS: Final = 200
+
+
+def draw_plane(
+    engine: FieldEngine,
+    field: PlaneField,
+    *,
+    quantity: str = "pressure",
+    targets_m: ArrayLike = (),
+    title: str = "",
+    peak: bool = True,
+) -> Figure:
+    """Return the picture of a plane.
+
+    Parameters
+    ----------
+    quantity : str
+        "pressure" (RMS), "phase", or "force" (radiation pressure on a reflecting wall).
+    targets_m : (T, 3) array_like
+        Targets to mark: those within 2.5 mm of the plane, none if they are more than 200.
+    peak : bool
+        Whether to mark the largest value of the plane.
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown quantity, the phase of a time average, or no matplotlib.
+    """
+    values, label, colours, limits = _picture_of(engine, field, quantity)
+    figure = new_figure(*_size(field.plane))
+    with styled():
+        axes = figure.add_subplot()
+        across, up = field.plane.coordinates_m()
+        half = 0.5e3 * field.plane.step_m
+        image = axes.imshow(
+            values,
+            origin="lower",
+            extent=(
+                across[0] * 1e3 - half,
+                across[-1] * 1e3 + half,
+                up[0] * 1e3 - half,
+                up[-1] * 1e3 + half,
+            ),
+            cmap=colours,
+            vmin=limits[0],
+            vmax=limits[1],
+            interpolation="nearest",
+            aspect="equal",
+        )
+        bar = figure.colorbar(image, ax=axes, label=label, shrink=0.92)
+        if quantity == "phase":
+            bar.set_ticks([-math.pi, -math.pi / 2, 0, math.pi / 2, math.pi])
+            bar.set_ticklabels(["−π", "−π/2", "0", "π/2", "π"])
+        first, second = field.plane.axes
+        axes.set_xlabel(f"{'xyz'[first]} (mm)")
+        axes.set_ylabel(f"{'xyz'[second]} (mm)")
+        marked = _marked(field.plane, targets_m)
+        size = 6.0 if len(marked) > _FEW_TARGETS else None
+        for target in marked:
+            mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
+        if peak:
+            place = field.peak_m()
+            mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
+        _legend(figure)
+        axes.set_title(title or _title(field.plane))
+    return figure
+
+
+def _picture_of(
+    engine: FieldEngine, field: PlaneField, quantity: str
+) -> tuple[FloatArray, str, str, tuple[float, float | None]]:
+    """Return the values to show, their label, colour map and limits."""
+    if quantity == "phase":
+        if not np.iscomplexobj(field.values):
+            raise ConfigurationError("a time average has no phase; choose pressure or force")
+        angles: FloatArray = np.angle(field.values)
+        return angles, "phase of p (rad)", PHASE_MAP, (-math.pi, math.pi)
+    if quantity == "force":
+        label = "radiation pressure, total reflection (Pa)"
+        return force_values(engine, field), label, MAGNITUDE_MAP, (0.0, None)
+    if quantity != "pressure":
+        raise ConfigurationError(
+            f"quantity is {quantity!r}, must be one of {', '.join(QUANTITIES)}"
+        )
+    rms = np.abs(field.values) / (math.sqrt(2.0) if np.iscomplexobj(field.values) else 1.0)
+    unit, scale = ("kPa", 1e-3) if np.nanmax(rms) >= 1e3 else ("Pa", 1.0)
+    return rms * scale, f"sound pressure, RMS ({unit})", MAGNITUDE_MAP, (0.0, None)
+
+
+def _size(plane: Plane) -> tuple[float, float]:
+    """Return the size of a figure, in inches, that fits the shape of the plane."""
+    (left, right), (low, high) = plane.horizontal_m, plane.vertical_m
+    ratio = (high - low) / (right - left)
+    width = 5.0 if ratio <= 1.0 else max(2.4, 5.0 / ratio)
+    return width + 1.6, min(max(width * ratio, 1.2), 5.2) + 1.0
+
+
+def _marked(plane: Plane, targets_m: ArrayLike) -> list[list[float]]:
+    targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
+    distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
+    shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()
+    return shown if len(shown) <= _MANY_TARGETS else []
+
+
+def _legend(figure: Figure) -> None:
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    if unique:
+        figure.legend(
+            list(unique.values()), list(unique.keys()), loc="outside lower center", ncols=2
+        )
+
+
+def _title(plane: Plane) -> str:
+    axis = plane.normal_axis
+    return f"{'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm"
