@@ -19,6 +19,7 @@ from haptogram.acoustics import (
     propagators,
 )
 from haptogram.acoustics.directivities import MeasuredDirectivity, RectangularPiston
+from haptogram.acoustics.engine import choose_engine
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import targets
 
@@ -182,3 +183,13 @@ def test_a_bad_table_is_refused_with_its_place(tmp_path, text, message):
 def test_a_missing_table_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match="cannot be read"):
         MeasuredDirectivity.from_file(tmp_path / "none.csv")
+
+
+def test_the_engine_that_is_chosen_knows_rectangles():
+    """The fast ones know circles only; they must not take a rectangle for one."""
+    model = AcousticModel(
+        TransducerArray.grid(4, 4), Medium(343.0, 1.2), Transducer(RectangularPiston(2e-3, 9e-3))
+    )
+    weights, points = np.exp(1j * np.arange(16.0)), [[0.03, 0.05, 0.06], [0.0, 0.04, 0.05]]
+    chosen = choose_engine(model).pressure(weights, points)
+    assert chosen == pytest.approx(pressure(model, weights, points), rel=1e-12)
