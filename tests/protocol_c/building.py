@@ -45,6 +45,18 @@ def make(folder, *targets, source=FOLDER, **variables):
     return run("make", "-s", "-C", source, *settings, *targets)
 
 
+def rebuilt(tmp_path, objects, source, program):
+    """Build *program* from spoilt *source*: only what differs from *objects* is compiled."""
+    folder = tmp_path / "build"
+    shutil.copytree(objects, folder)  # with its times, by which make knows what is old
+    (folder / program).unlink()
+    variables = {"SANITIZE": 1} if (folder / "sanitized").exists() else {}
+    settings = {"CC": compiler(), "CFLAGS": "-O0 -w", **variables}
+    status, output = make(folder, folder / program, source=source, **settings)
+    assert status == 0, output
+    return folder
+
+
 def spoilt(tmp_path, name, old, new):
     """A copy of the sources in which one text of one file is another."""
     copied = tmp_path / "c"

@@ -4,7 +4,7 @@ import pytest
 
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES
-from protocol_c.building import compiler, make, run, spoilt
+from protocol_c.building import FOLDER, compiler, compilers, rebuilt, run, spoilt
 from protocol_vectors.vector_files import FRAME_FILES, vectors
 
 FRAMES = vectors(*FRAME_FILES)
@@ -94,10 +94,11 @@ def test_the_c_encoder_gives_the_same_bytes_as_python(programs):
     valid = vectors("frames-valid.json")
     bodies = [vector["outcome"][0]["frame"]["body"] for vector in valid]
     assert lines(programs, "encode", bodies) == [[vector["line"]] for vector in valid]
-    for length in (*range(10, 40), *range(240, 270), *range(500, 516), 4075):
-        run_of = [bytes([1 + n % 255 for n in range(length)]), bytes(length), b"\xff" * length]
-        found = lines(programs, "encode", [body.hex() for body in run_of])
-        assert found == [[encode_frame(body).hex()] for body in run_of]
+    lengths = (*range(10, 40), *range(240, 270), *range(500, 516), 4075)
+    runs = [(bytes(1 + n % 255 for n in range(k)), bytes(k), b"\xff" * k) for k in lengths]
+    made = [body for run_of in runs for body in run_of]
+    found = lines(programs, "encode", [body.hex() for body in made])
+    assert found == [[encode_frame(body).hex()] for body in made]
 
 
 def test_c_unpacks_as_the_vectors_say(programs):
@@ -134,13 +135,22 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_faulty_codec_is_told_apart(tmp_path, mistake):
-    name, folder = compiler(), tmp_path / "build"
+def test_a_faulty_codec_is_told_apart(tmp_path, plain_programs, mistake):
     source = spoilt(tmp_path, "haptogram_codec.c", *MISTAKES[mistake])
-    status, output = make(folder, folder / "codec_lines", source=source, CC=name, CFLAGS="-O0 -w")
-    assert status == 0, output
+    folder = rebuilt(tmp_path, plain_programs, source, "codec_lines")
     unpacked = lines(
         folder, "unpack", [f"{v['bits']} {v['count']} {v['packed']}" for v in PACKINGS]
     )
     right = [[v.get("codes", f"bad {v.get('reject')}")] for v in PACKINGS]
     assert decoded(folder, "0") != [expected(vector) for vector in FRAMES] or unpacked != right
+
+
+def test_the_codec_needs_nothing_of_the_c_library_but_memcpy_and_memset(tmp_path):
+    compiler()
+    strict = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion")
+    for name in compilers():
+        command = (name, *strict, "-O2", "-c", FOLDER / "haptogram_codec.c", "-o", tmp_path / "o")
+        assert run(*command) == (0, "")
+        status, needed = run("nm", "-u", tmp_path / "o")
+        assert status == 0
+        assert set(needed.split()) - {"U"} <= {"memcpy", "memset"}

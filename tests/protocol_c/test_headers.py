@@ -1,6 +1,7 @@
 """The generated C99 headers: up to date, compiled strictly, and with asserts that bite."""
 
 import enum
+import re
 import shutil
 
 import pytest
@@ -102,3 +103,13 @@ def test_values_without_a_bit_are_refused():
 
     with pytest.raises(LocalProtocolError):
         list(enumerated(Odd))
+
+
+def test_the_example_of_the_readme_compiles(tmp_path):
+    text = (FOLDER / "README.md").read_text("utf-8")
+    (example,) = re.findall(r"```c\n(.*?)```", text, re.DOTALL)
+    declared = "void count(int);\nvoid handle(const struct hg_frame *);\n"
+    source = tmp_path / "example.c"
+    source.write_text(f'#include "haptogram_codec.h"\n{declared}{example}')
+    command = (compiler(), *STRICT, f"-I{FOLDER}", "-c", source, "-o", tmp_path / "example.o")
+    assert run(*command) == (0, "")
