@@ -78,13 +78,14 @@ class Bench(Exchange):
         What the board said last.
     config : Config
         In force, as far as the host knows.
-    last_boot_id : int or None
-        What the board said before it was reset.
+    last_boot_id, last_config
+        What the board said, and had in force, before it was reset.
     """
 
     identity: HelloReply
     config: Config
     last_boot_id: int | None = None
+    last_config: Config | None = None
 
     def __init__(
         self, wire: Wire, random_source: random.Random, description_hash: int, *, booted: bool

@@ -152,6 +152,7 @@ class Runner:
         bench = self._connect(self._access.reset(), booted=True)
         identity = getattr(before, "identity", None)
         bench.last_boot_id = identity.boot_id if identity else None
+        bench.last_config = getattr(before, "config", None)
         return bench
 
     def _drop(self) -> None:
@@ -221,7 +222,7 @@ class Runner:
         bench.wire.begin_case()
         try:
             behaviour, detail = self._judge(case, bench)
-        except LinkLostError as error:
+        except HaptogramError as error:
             return self._lost(Behaviour.FAILED, str(error), bench)
         return self._afterwards(case, bench, behaviour, detail)
 
@@ -238,6 +239,10 @@ class Runner:
             if ended.behaviour is Behaviour.FAILED and lenient:
                 return Behaviour.NON_STRICT, str(ended)
             return ended.behaviour, str(ended)
+        except HaptogramError:
+            raise
+        except Exception as error:  # what no case foresaw is no verdict on the board
+            return Behaviour.INCONCLUSIVE, f"the case broke off: {type(error).__name__}: {error}"
         return Behaviour.OK, ""
 
     def _afterwards(self, case: Case, bench: Bench, behaviour: Behaviour, detail: str) -> _Outcome:

@@ -22,6 +22,13 @@ _MODULES: Final = (
     "output",
     "clock",
     "timers",
+    "configuration",
+    "uploads",
+    "playback",
+    "evidence",
+    "status",
+    "errors",
+    "focus",
 )
 
 

@@ -20,7 +20,7 @@ _WRAP_US: Final = 2**32
 _LIMIT_US: Final = 10
 _SAMPLES: Final = 24
 
-host_subtracts = unobservable("HG-6.9/3", "about the host")
+host_subtracts = unobservable("HG-6.9/3", "about the host: nothing that a board sends shows it")
 
 
 class _Watch:

@@ -34,10 +34,10 @@ _TRIES: Final = 8
 _CLOCK_US: Final = 10
 _UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.CORRECTION
 
-host_waits = unobservable("HG-4.8/1", "about the host")
-host_repeats = unobservable("HG-4.8/2", "about the host")
-host_counts = unobservable("HG-4.8/3", "about the host")
-host_ignores = unobservable("HG-4.11/4", "about the host")
+host_waits = unobservable("HG-4.8/1", "about the host: nothing that a board sends shows it")
+host_repeats = unobservable("HG-4.8/2", "about the host: nothing that a board sends shows it")
+host_counts = unobservable("HG-4.8/3", "about the host: nothing that a board sends shows it")
+host_ignores = unobservable("HG-4.11/4", "about the host: nothing that a board sends shows it")
 
 
 def _repeat(bench: Bench, wire: bytes, kind: type[Message], seq: int) -> bytes:

@@ -36,11 +36,11 @@ from ..playing import play_now, store_phases
 
 _LISTEN_US: Final = 300_000
 
-host_opens = unobservable("HG-4.1/1", "about the host")
-host_chooses = unobservable("HG-4.1/2", "about the host")
-host_stops = unobservable("HG-4.4/2", "about the host")
-host_uses = unobservable("HG-4.5/1", "about the host")
-host_ignores = unobservable("HG-4.5/2", "about the host")
+host_opens = unobservable("HG-4.1/1", "about the host: nothing that a board sends shows it")
+host_chooses = unobservable("HG-4.1/2", "about the host: nothing that a board sends shows it")
+host_stops = unobservable("HG-4.4/2", "about the host: nothing that a board sends shows it")
+host_uses = unobservable("HG-4.5/1", "about the host: nothing that a board sends shows it")
+host_ignores = unobservable("HG-4.5/2", "about the host: nothing that a board sends shows it")
 
 
 @case("HG-4.1/3", "HELLO with the nonce 0 is refused with BAD_VALUE, detail 2; nothing changes")

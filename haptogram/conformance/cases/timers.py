@@ -28,8 +28,8 @@ from ..playing import play_now, store_phases
 _MS: Final = 1000
 _EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms
 
-host_times = unobservable("HG-12.6/1", "about the host")
-host_gives_up = unobservable("HG-12.6/2", "about the host")
+host_times = unobservable("HG-12.6/1", "about the host: nothing that a board sends shows it")
+host_gives_up = unobservable("HG-12.6/2", "about the host: nothing that a board sends shows it")
 
 
 def muted_by_timer(
