@@ -244,7 +244,7 @@ def _check_resolution(resolution_m: float, extent_m: float) -> None:
             f"resolution is {resolution_m * 1e3:g} mm, must be {_LOWEST_RESOLUTION_M * 1e3:g} mm "
             "or more"
         )
-    if resolution_m > extent_m:
+    if resolution_m > extent_m * (1.0 + 1e-9):  # a share of 1 may come out a hair above
         raise ConfigurationError(
             f"resolution is {resolution_m * 1e3:g} mm, must not be more than the object's "
             f"{extent_m * 1e3:g} mm"

@@ -19,7 +19,7 @@ MODULES = [
 ]
 # What reads a clock, does I/O or starts a thread has no place here; the exports write files.
 PURE = {"__future__", "collections", "dataclasses", "enum", "re", "struct", "typing", "zlib"}
-EXPORT = PURE | {"argparse", "json", "pathlib", "sys", "textwrap"}
+EXPORT = PURE | {"argparse", "json", "pathlib", "random", "sys", "textwrap"}  # random: seeded
 
 
 def _imported(path: Path) -> set[str]:

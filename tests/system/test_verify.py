@@ -94,8 +94,8 @@ def test_an_interrupted_run_keeps_what_it_measured_and_leaves_nothing_behind(
     )
     _wait_for_latches(tmp_path, 20)
     run.send_signal(signal.SIGINT)
-    said, _ = run.communicate(timeout=60)
-    assert run.returncode == 3
+    said, complaints = run.communicate(timeout=60)
+    assert run.returncode == 3, (said, complaints)
     assert b"interrupted after" in said
     result = json.loads(path.read_text(encoding="utf-8"))
     assert result["verdict"] == "inconclusive"
