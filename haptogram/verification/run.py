@@ -138,6 +138,8 @@ def verify_run(
         frames.append(dataclasses.replace(verdict, latches=len(latches)))
         if latches:
             held = Held.after(wanted, latches[0], verdict)
+        elif unseen is not None:
+            held = Held(None, verdict.target_m)  # nobody knows whether it was latched
         if progress is not None:
             progress(number + 1, len(intended))
     return _conclude(frames, sorted(seen), min_verified, cut_short)

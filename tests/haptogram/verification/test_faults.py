@@ -251,3 +251,35 @@ def test_an_array_without_a_grid_has_numbers_only():
     assert name_faults(model, intended, drive_of(found)) == ("element 17 inverted",)
     found = np.roll(intended.drive.phase_codes.astype(int), -3)
     assert name_faults(model, intended, drive_of(found)) == ("elements rolled by -3",)
+
+
+def test_many_wrong_elements_are_counted_rather_than_listed():
+    intended = intend(MODEL, (0.013, -0.021, 0.11))
+    found = codes(intended).ravel()
+    found[5:185:20] += 128  # nine
+    assert_wrong(intended, drive_of(found), "9 elements inverted")
+    found = codes(intended).ravel()
+    found[5:185:20] += np.arange(20, 29)  # nine, each in its own way
+    assert_wrong(intended, drive_of(found), "9 elements off, by up to +28 LSB")
+    amplitudes = np.full(256, 255)
+    amplitudes[5:185:20] = 0
+    assert_wrong(intended, Drive(intended.drive.phase_codes, amplitudes), "9 elements dead")
+
+
+def test_an_error_that_is_no_whole_step_of_the_wire_is_given_in_turns():
+    intended = intend(MODEL, (0.013, -0.021, 0.11), 6)
+    found = codes(intended).ravel()
+    found[17] += 6
+    assert_wrong(intended, drive_of(found), "element 17 (1, 1) off by +6/256 of a turn")
+
+
+def test_dead_and_stuck_elements_of_an_array_without_a_grid():
+    positions = np.random.default_rng(2).uniform(-0.08, 0.08, (60, 3)) * (1.0, 1.0, 0.0)
+    model = AcousticModel(TransducerArray.from_positions(positions), MODEL.medium, Transducer())
+    intended = intend(model, (0.013, -0.021, 0.11))
+    amplitudes = np.full(60, 255)
+    amplitudes[[3, 4]] = 0
+    found = Drive(intended.drive.phase_codes, amplitudes)
+    assert name_faults(model, intended, found) == ("elements 3, 4 dead",)
+    stuck = drive_of(np.full(60, 77))
+    assert name_faults(model, intended, stuck) == ("most phases are not those intended",)

@@ -133,6 +133,18 @@ def test_a_board_that_computes_may_round_amplitudes_its_own_way(target, seed, le
     assert not found.criteria["S5"]
 
 
+def test_the_bound_is_the_worst_case_of_rounding():
+    # Half a step on every element, each with the sign that moves the focus most.
+    offsets = np.array(TARGET) - MODEL.array.positions_m
+    slopes = MODEL.wavenumber * offsets / np.linalg.norm(offsets, axis=1)[:, None]
+    inverse = np.linalg.pinv(np.column_stack([slopes, -np.ones(256)]))[:3]
+    for bits in (8, 6, 5):
+        worst_mm = 1e3 * np.abs(inverse).sum(axis=1) * math.pi / 2**bits
+        found = judge(intend(MODEL, TARGET, bits))
+        assert found.bound_mm == pytest.approx(tuple(worst_mm), rel=1e-5)
+        assert found.smallest_miss_mm == pytest.approx(np.linalg.norm(worst_mm), rel=1e-5)
+
+
 def test_the_bound_that_is_reported_holds_the_allowance():
     host = judge(intend(MODEL, TARGET))
     board = judge(intend(MODEL, TARGET, board_computed=True))

@@ -345,6 +345,19 @@ def test_several_lost_in_a_row_are_further_and_further_away():
     assert away[-1] == pytest.approx(1e3 * math.dist(target(0), target(4)), abs=0.5)
 
 
+def test_what_nobody_could_see_is_not_verified_rather_than_lost():
+    intended = intended_frames(4)
+    observations = [seen(intended[0]), seen(intended[3], t_latch_us=3500)]
+    run = verify(intended, observations, unseen="read back now and then", min_verified=0.5)
+    assert (run.counts["not_verified"], run.counts["lost"]) == (2, 0)
+    assert run.frames[1].note == "read back now and then"
+    assert run.verdict is Verdict.PASS
+    # Frame 3 was late, but who knows what was held until then?
+    assert run.frames[3].late
+    assert run.frames[3].consequence is None
+    assert verify(intended, observations).frames[3].consequence is not None
+
+
 # --- What is written -----------------------------------------------------------------------------
 
 
