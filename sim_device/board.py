@@ -217,11 +217,13 @@ class Board(OutputStage):
 
     def store_chunk(self, chunk: UploadChunk) -> int:
         """Store a piece of an upload; return the bytes from its start without a gap."""
+        self._refuse_without_upload()
         return self._uploads.chunk(chunk)
 
     def commit_upload(self, commit: UploadCommit) -> int:
         """Take the upload, whole; return how many frames, or transducers, it holds."""
         self._refuse_while_playing(commit.target)
+        self._refuse_without_upload()
         upload = self._uploads.commit(commit)
         if upload.begin.kind is UploadKind.CORRECTION:
             self.correction = upload.data
@@ -229,6 +231,10 @@ class Board(OutputStage):
             self._sequences[commit.target] = upload
         self._uploads.abandon()
         return len(upload.data) if upload.begin.kind is UploadKind.CORRECTION else len(upload)
+
+    def _refuse_without_upload(self) -> None:
+        if not self._uploads.has_begun:
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), "no upload has begun")
 
     def _refuse_while_playing(self, sequence: int) -> None:
         if self._playback is not None and self._playback.sequence == sequence:

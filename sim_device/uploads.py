@@ -82,6 +82,11 @@ class Uploads:
         self._settings = settings
         self._pending: _Pending | None = None
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether an upload was announced and neither committed nor abandoned."""
+        return self._pending is not None
+
     def abandon(self) -> None:
         """Forget an upload that was not committed."""
         self._pending = None
@@ -113,7 +118,7 @@ class Uploads:
         Raises
         ------
         RefusalError
-            BAD_STATE without an upload, BAD_VALUE past its end, BAD_LENGTH for a chunk too long.
+            BAD_VALUE past the end of the upload, BAD_LENGTH for a chunk too long.
         """
         pending = self._expect()
         if len(chunk.data) > self._settings.max_chunk:
@@ -133,7 +138,7 @@ class Uploads:
         Raises
         ------
         RefusalError
-            BAD_STATE, BAD_VALUE (another target), INCOMPLETE or CRC_MISMATCH.
+            BAD_VALUE (another target), INCOMPLETE or CRC_MISMATCH.
         """
         pending = self._expect()
         if commit.target != pending.begin.target:
@@ -149,8 +154,7 @@ class Uploads:
         return Upload(pending.begin, bytes(pending.data), self._frame_size(pending.begin))
 
     def _expect(self) -> _Pending:
-        if self._pending is None:
-            raise RefusalError(ErrorCode.BAD_STATE, 0, "no upload has begun")
+        assert self._pending is not None  # the board refuses it unless `has_begun`
         return self._pending
 
     def _check_target(self, begin: UploadBegin) -> None:

@@ -93,7 +93,7 @@ def begin(kind=UploadKind.PHASES, points=0, target=1, size=32, crc=0):
         (begin(UploadKind.POINTS, points=2, size=48), ErrorCode.BAD_LENGTH, 32),
         (begin(UploadKind.CORRECTION, target=0), ErrorCode.TOO_LARGE, 1),
         (begin(UploadKind.CORRECTION, size=16), ErrorCode.BAD_VALUE, 2),
-        (UploadCommit(1), ErrorCode.BAD_STATE, 0),
+        (UploadCommit(1), ErrorCode.BAD_STATE, OutputState.ARMED),
         (GetGeometry(16, 1), ErrorCode.NOT_FOUND, 16),
         (ReadDrive(DriveKind.RADIATED, 99, 1), ErrorCode.NOT_FOUND, 16),
         (Play(1, 1000, 1, 1000), ErrorCode.NOT_FOUND, 0),
