@@ -12,16 +12,18 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlencode
+from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from . import __version__
-from .commands import budget, field, paper, verify
+from .commands import budget, conform, field, paper, verify
 from .commands.exit_status import EXIT_STATUS, USAGE
 from .errors import HaptogramError
 
 if TYPE_CHECKING:
     from .boards import BoardUnderTest
     from .config import VerifyConfig
+    from .conformance.access import VirtualAccess
+    from .transport import Transport
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -48,6 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"haptogram {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     verify.add(commands, _board_in_virtual_time)
+    conform.add(commands, _access_in_program)
     for command in (budget, field, paper):
         command.add(commands)
     return parser
@@ -78,3 +81,34 @@ def _board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
     with contextlib.closing(virtual) as port:
         model = port.simulation.board.settings.model
         yield InProcessBoard(PyserialTransport(port, url), lambda: port.records, model)
+
+
+def _access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAccess:
+    """Return a virtual board in this program that starts anew whenever its port is opened.
+
+    Without a URL its time is virtual, and so is that of a URL that says ``clock=virtual``.
+    """
+    import serial
+
+    import sim_device
+
+    from .conformance.access import VirtualAccess
+    from .transport import PyserialTransport
+
+    sim_device.register_url_handler()
+    options = {"clock": "virtual"} if url is None else dict(parse_qsl(urlsplit(url).query))
+    options = {"baud": str(baudrate), "seed": str(seed)} | options
+    first_seed = int(options["seed"])
+
+    def start(number: int) -> Transport:
+        # Another seed is another boot_id, as after a reset.
+        here = f"haptogram://?{urlencode(options | {'seed': first_seed + number})}"
+        port: Any = serial.serial_for_url(here, timeout=0)  # the stubs know no URL handler
+        return PyserialTransport(port, here)
+
+    return VirtualAccess(
+        f"haptogram://?{urlencode(options)}",
+        start,
+        baudrate=int(options["baud"]),
+        virtual=options.get("clock") == "virtual",
+    )

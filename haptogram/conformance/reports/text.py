@@ -1,0 +1,62 @@
+"""What is printed at the end of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..verdict import Behaviour, Result, SuiteResult
+
+_TOLD = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
+_LINES = 60  # of a transcript; the rest is in the JSON file
+
+
+def render(suite: SuiteResult, *, verbose: bool = False) -> str:
+    """Return the summary, with what is not as it should be in full."""
+    return "\n".join(_lines(suite, verbose=verbose))
+
+
+def _lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
+    for result in suite.results:
+        if verbose or result.behaviour in _TOLD or result.is_failure:
+            yield from _result(result)
+        elif result.is_unexpected_pass:
+            yield f"{result.case}  {result.behaviour}: {result.expected} was expected"
+    yield from _summary(suite)
+
+
+def _result(result: Result) -> Iterator[str]:
+    known = f" (expected: {result.expected})" if result.expected and result.is_failure else ""
+    yield f"{result.case}  {result.behaviour} [{result.evidence}]{known}"
+    yield f"    requirement  {result.requirement}"
+    yield f"    case         {result.what}"
+    if result.detail:
+        yield f"    found        {result.detail}"
+    if result.recovery is not None and not result.recovery.clean:
+        yield f"    recovery     {result.recovery}"
+    for line in result.transcript[:_LINES]:
+        yield f"    {line}"
+    if len(result.transcript) > _LINES:
+        yield f"    ... {len(result.transcript) - _LINES} lines more, in --json and --html"
+
+
+def _summary(suite: SuiteResult) -> Iterator[str]:
+    device = suite.device
+    if device:
+        yield (
+            f"board        {device['firmware']}, protocol {device['protocol']}, "
+            f"{device['transducers']} transducers"
+        )
+    time = "virtual time" if suite.settings.get("virtual_time") else "wall time"
+    yield f"port         {suite.settings.get('port')} ({time}, seed {suite.settings.get('seed')})"
+    counts = [f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b)]
+    yield f"cases        {len(suite.results)}: {', '.join(counts)}"
+    unclean = sum(not result.recovers for result in suite.results)
+    if unclean:
+        yield f"recovery     not clean after {unclean} cases"
+    known = sum(result.is_failure and not result.is_new_failure for result in suite.results)
+    if known:
+        yield f"baseline     {known} failures were expected"
+    if suite.cut_short:
+        yield f"cut short    {suite.cut_short}"
+    verdict = {0: "PASS", 1: "FAIL", 3: "INCONCLUSIVE"}[suite.exit_status]
+    yield f"verdict      {verdict} (exit status {suite.exit_status})"
