@@ -18,7 +18,7 @@ from haptogram.errors import LinkError
 from haptogram.playing import PlayReport
 from haptogram.records import Intended, Observation
 from haptogram.streaming import StreamReport
-from haptogram_protocol.messages import HelloReply
+from haptogram_protocol.messages import HelloReply, StateChanged
 
 Progress: TypeAlias = Callable[[int, int], None]
 
@@ -127,6 +127,7 @@ def measure(config: VerifyConfig, board: BoardUnderTest, progress: Progress | No
         found.cut_short = str(error)
     finally:
         _say_goodbye(driver, found)
+    found.warnings += _state_changes(driver)
     found.observations = board.observations(driver)
     found.unseen = board.unseen
     return found
@@ -147,6 +148,15 @@ def _display(
         mode="points" if config.mode == "points" else "phases",
         progress=progress,
     )
+
+
+def _state_changes(driver: Driver) -> list[str]:
+    """Tell when the board changed its output by itself: it explains frames that were lost."""
+    return [
+        f"the board went {message.state.name} by itself: {message.reason.name}"
+        for message in (event.message for event in driver.events)
+        if isinstance(message, StateChanged)
+    ]
 
 
 def _say_goodbye(driver: Driver, found: Measured) -> None:
