@@ -12,6 +12,7 @@ from typing import Final, NoReturn
 from haptogram.errors import ConfigurationError, HaptogramError
 
 from .log import CountLog, NoticeLog
+from .mutants import parts_of
 from .options import board_settings
 from .port import Port, PtyPort, SerialPort, TcpPort
 from .reconstruction import ReconstructionWorker
@@ -64,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-reconstruct", action="store_true", help="leave the field out of the back door"
     )
+    parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
     parser.add_argument("--quiet", action="store_true", help="log warnings only")
     parser.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
     return parser
@@ -89,13 +91,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    settings = _settings(options)
+    settings, parts = _settings(options), parts_of(options.mutant)
     port = _open_port(options)
     worker = None
     try:
         worker = _start_worker(options, settings)
         recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
-        simulation = Simulation(settings, *recorders, paced=options.serial is None)
+        simulation = Simulation(settings, *recorders, paced=options.serial is None, parts=parts)
         counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
         _serve(Heartbeat(simulation, port, worker, counts), port)
     finally:

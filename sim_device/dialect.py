@@ -105,6 +105,8 @@ class BoardDialect:
         The board.
     description_hash : int
         CRC-32 of the description of the protocol.
+    connection : type
+        The end of the link, if it is not the healthy one.
 
     Attributes
     ----------
@@ -113,10 +115,15 @@ class BoardDialect:
         of its first byte. Whoever takes the output keeps it up to date.
     """
 
-    def __init__(self, board: Board, description_hash: int) -> None:
+    def __init__(
+        self,
+        board: Board,
+        description_hash: int,
+        connection: type[BoardConnection] = BoardConnection,
+    ) -> None:
         self.board = board
         self.line_free_us = board.now_us
-        self._link = BoardConnection(description_hash, output_limit=_OUTPUT_LIMIT)
+        self._link = connection(description_hash, output_limit=_OUTPUT_LIMIT)
         self._trace_dropped = 0
         self._traced = 0
         self._next_status_us: int | None = None

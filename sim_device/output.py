@@ -186,7 +186,7 @@ class OutputStage:
             late=late,
             drive=drive,
             commanded_bits=bits,
-            radiated=self._radiate(drive, self._now_us),
+            radiated=self._sound(self._radiate(drive, self._now_us)),
             ramping=self._safety.gain(self._now_us) < 1.0,
             t_received_us=t_received_us,
         )
@@ -219,6 +219,10 @@ class OutputStage:
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
         gain = self._safety.gain(t_us)
         return radiated_drive(drive, self.correction, self.config.amplitude_ceiling, gain)
+
+    def _sound(self, radiated: Drive) -> Drive:
+        """Return what the transducers make of *radiated*; the board itself cannot know."""
+        return radiated
 
     def take_latches(self) -> list[Latch]:
         """Return the latches since the last call, in order."""

@@ -22,7 +22,9 @@ import serial
 
 from haptogram.errors import ConfigurationError
 
+from .assembly import HEALTHY
 from .backdoor import Record, to_line
+from .mutants import parts_of
 from .options import board_settings
 from .reconstruction import ReconstructionWorker
 from .recorder import InlineReconstruction
@@ -73,6 +75,7 @@ _PARAMETERS: Final[dict[str, Callable[[str, str], Any]]] = {
     "baud": _number(int),
     "backdoor": _text,
     "reconstruct": _choice(**{"0": False, "1": True}),
+    "mutant": lambda _, name: parts_of(name),
 }
 
 
@@ -136,13 +139,14 @@ class Serial(serial.SerialBase):
         self._is_virtual = options.pop("clock", "wall") == "virtual"
         backdoor = options.pop("backdoor", None)
         reconstruct = options.pop("reconstruct", None)
+        parts = options.pop("mutant", HEALTHY)
         settings = board_settings(**options)
         self.records = []
         self._sink: RecordSink | None = None
         self._worker: ReconstructionWorker | None = None
         self._inline: InlineReconstruction | None = None
         recorders = self._recorders(settings, backdoor, reconstruct)
-        self.simulation = Simulation(settings, *recorders)
+        self.simulation = Simulation(settings, *recorders, parts=parts)
         self._start_ns = time.monotonic_ns()
         self.is_open = True
 

@@ -16,8 +16,8 @@ from typing import Final, Protocol
 from haptogram_protocol.export import description_hash
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 
+from .assembly import HEALTHY, Parts
 from .board import Board
-from .dialect import BoardDialect
 from .latch import Latch, Notice
 from .log import CountLog
 from .port import Port
@@ -54,11 +54,20 @@ class Simulation:
         What takes down what the board does.
     paced : bool, keyword-only
         Whether the line takes its time; not, if the bytes come over a real one.
+    parts : Parts, keyword-only
+        What the board is made of: healthy parts, unless it is a mutant.
     """
 
-    def __init__(self, settings: BoardSettings, *recorders: Recorder, paced: bool = True) -> None:
-        self.board = Board(settings)
-        self.dialect = BoardDialect(self.board, description_hash())
+    def __init__(
+        self,
+        settings: BoardSettings,
+        *recorders: Recorder,
+        paced: bool = True,
+        parts: Parts = HEALTHY,
+    ) -> None:
+        self.dialect = parts.assemble(settings, description_hash())
+        self.board: Board = self.dialect.board
+        self._clock = parts.clock(settings.boot_us)
         self._recorders = recorders
         baud = settings.baud if paced else None
         self._down, self._up = Line(baud), Line(baud)
@@ -72,7 +81,8 @@ class Simulation:
 
     def device_us(self, t_ns: int) -> int:
         """Return the unwrapped device time at *t_ns*, rounded up."""
-        return self.board.settings.boot_us - (-t_ns // _NS_PER_US)
+        shown_us = self._clock.device_us(t_ns)
+        return shown_us + (self._clock.reached_ns(shown_us) < t_ns)
 
     # --- the host's side -----------------------------------------------------------------------
 
@@ -148,7 +158,7 @@ class Simulation:
 
     def _step(self, t_ns: int) -> None:
         self._now_ns = t_ns
-        t_us = self.board.settings.boot_us + t_ns // _NS_PER_US
+        t_us = self._clock.device_us(t_ns)
         if t_ns % _NS_PER_US == 0 and (data := self._down.receive(t_ns)):
             self.dialect.receive(data, t_us)  # only on whole microseconds: never before it came
         else:
@@ -176,7 +186,7 @@ class Simulation:
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
 
     def _ns(self, device_us: int) -> int:
-        return (device_us - self.board.settings.boot_us) * _NS_PER_US
+        return self._clock.reached_ns(device_us)
 
 
 def _whole_us(t_ns: int | None) -> int | None:

@@ -1,0 +1,40 @@
+"""What a board is put together from, so that one part of it can be a wrong one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram_protocol.connection import BoardConnection
+from haptogram_protocol.framing import FrameDecoder
+
+from .board import Board
+from .clock import DeviceClock
+from .dialect import BoardDialect
+from .settings import BoardSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The parts of a board; each is the healthy one unless something else is said."""
+
+    board: type[Board] = Board
+    dialect: type[BoardDialect] = BoardDialect
+    connection: type[BoardConnection] = BoardConnection
+    decoder: type[FrameDecoder] = FrameDecoder
+    clock: type[DeviceClock] = DeviceClock
+
+    def assemble(self, settings: BoardSettings, description_hash: int) -> BoardDialect:
+        """Return a board at the end of its line, powered up."""
+        decoder = self.decoder
+
+        class _Connection(self.connection):  # type: ignore[name-defined,misc]  # chosen at run time
+            def __init__(self, description_hash: int, *, output_limit: int) -> None:
+                super().__init__(description_hash, output_limit=output_limit)
+                if decoder is not FrameDecoder:
+                    self._inbox._decoder = decoder()  # noqa: SLF001  it takes none
+
+        return self.dialect(self.board(settings), description_hash, _Connection)
+
+
+HEALTHY: Final = Parts()

@@ -1,0 +1,39 @@
+"""Boards that are wrong in exactly one way: what a conformance suite has to find.
+
+``MUTANTS`` names them all. Each is the healthy board with one part replaced (see
+:class:`~sim_device.assembly.Parts`) and names the requirement of SPEC.md that it violates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+
+from ..assembly import HEALTHY, Parts
+from . import framing, latching, output, session
+from .mutant import Evidence, Mutant, by_name
+
+_ALL: Final = (*framing.MUTANTS, *session.MUTANTS, *latching.MUTANTS, *output.MUTANTS)
+
+MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(by_name(_ALL))
+
+
+def parts_of(name: str | None) -> Parts:
+    """Return the parts of the mutant *name*; None: of the healthy board.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such mutant.
+    """
+    if name is None:
+        return HEALTHY
+    if name not in MUTANTS:
+        raise ConfigurationError(f"no mutant {name!r}; known: {', '.join(sorted(MUTANTS))}")
+    return MUTANTS[name].parts
+
+
+__all__ = ["MUTANTS", "Evidence", "Mutant", "parts_of"]

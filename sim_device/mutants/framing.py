@@ -1,0 +1,265 @@
+"""Boards that get the bytes wrong.  SPEC.md chapters 2 and 3."""
+# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
+
+from __future__ import annotations
+
+import binascii
+from typing import Any, Final
+
+from haptogram_protocol.connection import BoardConnection
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import (
+    CRC_BYTES,
+    DELIMITER,
+    HEADER_BYTES,
+    FrameDecoder,
+    cobs_decode,
+    cobs_encode,
+    encode_frame,
+)
+from haptogram_protocol.messages import MESSAGES, Error, ErrorCode
+
+from ..dialect import BoardDialect
+from .mutant import Evidence, Mutant
+
+_QUIET_US: Final = 5_000
+_FIRMWARE_BUFFER: Final = 512
+
+
+class CrcUnchecked(FrameDecoder):
+    """Takes frames whatever their CRC says."""
+
+    def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
+        found = super()._decode(encoded)
+        damaged = isinstance(found, RemoteProtocolError) and found.reason == "crc"
+        return cobs_decode(encoded)[:-CRC_BYTES] if damaged else found
+
+
+class CrcHalf(FrameDecoder):
+    """Compares 16 bits of the CRC only."""
+
+    def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
+        found = super()._decode(encoded)
+        if not isinstance(found, RemoteProtocolError) or found.reason != "crc":
+            return found
+        decoded = cobs_decode(encoded)
+        body = decoded[:-CRC_BYTES]
+        right = cobs_decode(encode_frame(body)[1:-1])[-CRC_BYTES:]
+        return body if decoded[-CRC_BYTES:-2] == right[:2] else found
+
+
+class Crc16(BoardConnection):
+    """Has CRC-16/CCITT in place of CRC-32, in both directions."""
+
+    def __init__(self, description_hash: int, *, output_limit: int) -> None:
+        super().__init__(description_hash, output_limit=output_limit)
+        self._inbox._decoder = _Crc16Decoder()
+
+    def _queue(self, wire: bytes, limit: int) -> bool:
+        body = cobs_decode(wire[1:-1])[:-CRC_BYTES]
+        return super()._queue(DELIMITER + cobs_encode(body + _crc16(body)) + DELIMITER, limit)
+
+
+class _Crc16Decoder(FrameDecoder):
+    def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
+        found = super()._decode(encoded)
+        if isinstance(found, RemoteProtocolError) and found.reason != "crc":
+            return found
+        decoded = cobs_decode(encoded)
+        body = decoded[:-CRC_BYTES]
+        right = decoded[-CRC_BYTES:] == _crc16(body)
+        return body if right else RemoteProtocolError("CRC-16 is wrong", reason="crc")
+
+
+class CobsAt254(FrameDecoder):
+    """Adds a zero behind every full piece, as if its code byte were an ordinary one."""
+
+    def __init__(self) -> None:
+        super().__init__(unstuff=_with_zero_after_full_pieces)
+
+
+class SpareCodeByteRefused(FrameDecoder):
+    """Refuses the code byte 01 that some encoders add behind a full piece."""
+
+    def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
+        found = super()._decode(encoded)
+        if isinstance(found, bytes) and encode_frame(found)[1:-1] != encoded:
+            return RemoteProtocolError("not the shortest form", reason="cobs")
+        return found
+
+
+class CobsErrorIsShort(FrameDecoder):
+    """Counts a code byte that points past the end as a frame that is too short."""
+
+    def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
+        found = super()._decode(encoded)
+        if isinstance(found, RemoteProtocolError) and found.reason == "cobs":
+            return RemoteProtocolError(str(found), reason="short")
+        return found
+
+
+class SharedDelimiterRefused(FrameDecoder):
+    """Wants a zero of its own before every frame."""
+
+    _after_zero = False
+    _owned = True
+
+    def feed(self, chunk: bytes) -> list[bytes | RemoteProtocolError]:
+        """Drop, uncounted, what began with the zero that ended the frame before."""
+        found: list[bytes | RemoteProtocolError] = []
+        for k in range(len(chunk)):
+            byte = chunk[k : k + 1]
+            ended = super().feed(byte)
+            found += ended if self._owned else []
+            if byte == DELIMITER:
+                self._owned, self._after_zero = self._after_zero, True
+            else:
+                self._after_zero = False
+        return found
+
+
+class EmptyFramesCounted(FrameDecoder):
+    """Counts nothing between two zeros as a frame that is too short."""
+
+    _last = b""
+
+    def feed(self, chunk: bytes) -> list[bytes | RemoteProtocolError]:
+        """Report empty frames too."""
+        line = self._last + chunk
+        self._last = line[-1:]
+        zeros = sum(line[k : k + 2] == DELIMITER * 2 for k in range(len(line) - 1))
+        empty = RemoteProtocolError("empty frame", reason="short")
+        return super().feed(chunk) + [empty] * zeros
+
+
+class BufferOf512(FrameDecoder):
+    """Has no room for frames of more than 512 bytes."""
+
+    def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
+        if len(encoded) > _FIRMWARE_BUFFER:
+            return RemoteProtocolError("no room", reason="oversize")
+        return super()._decode(encoded)
+
+
+class OversizeCountedAgain(FrameDecoder):
+    """Counts a run that is too long again after every 4096 bytes of it."""
+
+    def feed(self, chunk: bytes) -> list[bytes | RemoteProtocolError]:
+        """Begin anew inside a run."""
+        found: list[bytes | RemoteProtocolError] = []
+        for byte in (chunk[k : k + 1] for k in range(len(chunk))):
+            found += super().feed(byte)
+            self._discarding = False
+        return found
+
+
+class ResyncByTimeout(BoardConnection):
+    """Hears nothing after a damaged frame until the line was quiet for 5 ms."""
+
+    _deaf = False
+    _last_us = 0
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take bytes, unless it waits for a pause."""
+        self._deaf = self._deaf and now_us - self._last_us < _QUIET_US
+        self._last_us = now_us
+        if not self._deaf:
+            super().receive_data(data, now_us)
+
+    def count(self, reason: str, number: int = 1) -> None:
+        """Go deaf because of damage."""
+        super().count(reason, number)
+        if reason in ("crc", "cobs", "short", "oversize"):
+            self._deaf = True
+
+
+class LengthTrusted(BoardConnection):
+    """Reads what it knows of a payload and does not mind what follows."""
+
+    def _judge(self, body: bytes, t_rx_us: int) -> Any:
+        kind = MESSAGES.get(body[0])
+        fixed = kind is not None and not kind.TAIL
+        size = HEADER_BYTES + kind.LAYOUT.size if kind is not None and fixed else len(body)
+        return super()._judge(body[:size], t_rx_us)
+
+
+class LowFlagsRefused(BoardConnection):
+    """Drops stream frames with a bit in the low nibble of the flags, which it must ignore."""
+
+    def _judge_stream(self, frame: Any) -> Any:
+        if frame.header.flags & 0x0F:
+            return self._drop(frame, "unsupported", "low flags")
+        return super()._judge_stream(frame)
+
+
+class UnknownFlagsTaken(BoardConnection):
+    """Does not look at flags that it must understand."""
+
+    def _judge(self, body: bytes, t_rx_us: int) -> Any:
+        return super()._judge(body[:1] + bytes([body[1] & 0x1F]) + body[2:], t_rx_us)
+
+
+class UnknownTypeIsDamage(BoardConnection):
+    """Counts a stream frame of an unknown type as one with a wrong CRC."""
+
+    def _drop(self, frame: Any, reason: str, detail: str) -> Any:
+        return super()._drop(frame, "crc" if reason == "unknown_type" else reason, detail)
+
+
+class StreamAnswered(BoardConnection):
+    """Answers a stream frame that it drops with ERROR."""
+
+    def _judge_stream(self, frame: Any) -> Any:
+        event = super()._judge_stream(frame)
+        if hasattr(event, "reason"):
+            error = Error(frame.header.type, ErrorCode.BAD_VALUE, 0)
+            self._queue(self._response(error, frame.header.seq, frame.t_rx_us), 1 << 14)
+        return event
+
+
+class CountersBigEndian(BoardDialect):
+    """Sends its counters with the highest byte first."""
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Every counter, its bytes swapped."""
+        right = super().counters
+        return {n: int.from_bytes(v.to_bytes(4, "little"), "big") for n, v in right.items()}
+
+
+def _crc16(body: bytes) -> bytes:
+    return binascii.crc_hqx(body, 0xFFFF).to_bytes(CRC_BYTES, "little")
+
+
+def _with_zero_after_full_pieces(encoded: bytes) -> bytes:
+    out, start = bytearray(), 0
+    while start < len(encoded):
+        stop = start + encoded[start]
+        if stop > len(encoded):
+            raise RemoteProtocolError("points past the end", reason="cobs")
+        out += encoded[start + 1 : stop] + DELIMITER
+        start = stop
+    return bytes(out[:-1])
+
+
+_WIRE, _SELF = Evidence.WIRE, Evidence.SELF_REPORTED
+
+MUTANTS: Final = (
+    Mutant.of(CrcUnchecked, "HG-2.4/2", _WIRE),
+    Mutant.of(CrcHalf, "HG-2.4/2", _WIRE),
+    Mutant.of(Crc16, "HG-2.4/1", _WIRE),
+    Mutant.of(CobsAt254, "HG-2.2/1", _WIRE),
+    Mutant.of(SpareCodeByteRefused, "HG-2.2/3", _WIRE),
+    Mutant.of(CobsErrorIsShort, "HG-2.2/2", _SELF),
+    Mutant.of(SharedDelimiterRefused, "HG-2.1/2", _WIRE),
+    Mutant.of(EmptyFramesCounted, "HG-2.3/1", _SELF),
+    Mutant.of(BufferOf512, "HG-2.6/2", _WIRE),
+    Mutant.of(OversizeCountedAgain, "HG-2.6/3", _SELF),
+    Mutant.of(ResyncByTimeout, "HG-2.1/3", _WIRE),
+    Mutant.of(LengthTrusted, "HG-3.2/4", _WIRE),
+    Mutant.of(LowFlagsRefused, "HG-3.4/2", _SELF),
+    Mutant.of(UnknownFlagsTaken, "HG-3.4/1", _WIRE),
+    Mutant.of(UnknownTypeIsDamage, "HG-3.3/2", _SELF),
+    Mutant.of(StreamAnswered, "HG-10.1/2", _WIRE),
+    Mutant.of(CountersBigEndian, "HG-3.2/1", _SELF),
+)

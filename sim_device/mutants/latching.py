@@ -1,0 +1,327 @@
+"""Boards that latch at the wrong time, or the wrong thing, or say so.  SPEC.md chapters 5, 7, 8."""
+# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive
+from haptogram_protocol.messages import DriveKind, ErrorCode, ReadDrive, Trace, UploadCommit
+
+from ..board import Board, StreamFrame
+from ..counters import Drop
+from ..dialect import BoardDialect
+from ..drives import Content, to_registers
+from ..settings import BoardSettings
+from ..stream_queue import Entry, StreamQueue
+from ..uploads import Uploads
+from .mutant import Evidence, Mutant
+
+
+class LatchesEarly(Board):
+    """Latches on the last carrier boundary before t_apply."""
+
+    def _entry(self, frame: StreamFrame) -> Entry:
+        entry = super()._entry(frame)
+        early_us = self._boundary_us(entry.t_apply_us - self.settings.carrier_us)
+        return dataclasses.replace(entry, t_latch_us=early_us)
+
+
+class LatchesOnePeriodLate(Board):
+    """Latches one carrier period after the right one."""
+
+    def _entry(self, frame: StreamFrame) -> Entry:
+        entry = super()._entry(frame)
+        late_us = entry.t_latch_us + self.settings.carrier_us
+        return dataclasses.replace(entry, t_latch_us=late_us)
+
+
+class LatchesOffTheCarrier(Board):
+    """Latches at t_apply itself, in the middle of a carrier period."""
+
+    def _entry(self, frame: StreamFrame) -> Entry:
+        entry = super()._entry(frame)
+        soon_us = max(entry.t_apply_us, self._now_us)
+        return dataclasses.replace(entry, t_latch_us=soon_us)
+
+
+class LateApplied(Board):
+    """Latches frames however late they come."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        return None if dropped is Drop.LATE else dropped
+
+
+class LateWindowInMilliseconds(Board):
+    """Takes the microseconds of `late_window_us` for milliseconds."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        window_us = 1000 * self.config.late_window_us
+        late = dropped is Drop.LATE and frame.t_apply_us is not None
+        taken = late and self._now_us - (frame.t_apply_us or 0) <= window_us
+        return None if taken else dropped
+
+
+class LateUnmarked(Board):
+    """Latches late frames without saying that they were late."""
+
+    def _entry(self, frame: StreamFrame) -> Entry:
+        return dataclasses.replace(super()._entry(frame), late=False)
+
+
+class NonAtomic(Board):
+    """Swaps the second half of the transducers one latch after the first half."""
+
+    def _latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
+        previous = self.latched.drive if self.latched else self._silence
+        self._pending, before = drive, getattr(self, "_pending", previous)
+        super()._latch(key, _halves(drive, before), bits, **how)
+
+
+class OffByOneBank(Board):
+    """Latches the drive of the frame before: it swaps the wrong buffer."""
+
+    _filled: Drive | None = None
+
+    def _latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
+        shown = self._silence if self._filled is None else self._filled
+        self._filled = drive
+        super()._latch(key, shown, bits, **how)
+
+
+class TwoInOnePeriod(Board):
+    """Latches both of two frames that fall on one carrier period."""
+
+    def __init__(self, settings: BoardSettings) -> None:
+        super().__init__(settings)
+        self._queue = _KeepsBoth(settings.queue_depth)
+
+
+class _KeepsBoth(StreamQueue):
+    def push(self, entry: Entry) -> int:
+        """Queue *entry* behind whatever is there."""
+        self._entries.append(entry)
+        return 0
+
+
+class QueueHalfAsDeep(Board):
+    """Has room for half as many frames as it says."""
+
+    def __init__(self, settings: BoardSettings) -> None:
+        super().__init__(settings)
+        self._queue = StreamQueue(settings.queue_depth // 2)
+
+
+class OrderIgnored(Board):
+    """Takes frames whose t_apply is not after that of the last one in the queue."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        return None if dropped is Drop.ORDER else dropped
+
+
+class HorizonIgnored(Board):
+    """Queues frames however far ahead they are."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        return None if dropped is Drop.FUTURE else dropped
+
+
+class ImmediateKeepsQueue(Board):
+    """Does not flush the queue for a frame that is to be latched as soon as complete."""
+
+    def submit(self, frame: StreamFrame) -> Drop | None:
+        """Queue a frame, the others staying where they are."""
+        if frame.t_apply_us is not None or self._refuse(frame) is not None:
+            return super().submit(frame)
+        self._queue._entries.appendleft(self._entry(frame))
+        self.advance_to(self._now_us)
+        return None
+
+
+class PackedHighBitFirst(BoardDialect):
+    """Takes packed phases from the highest bit of every byte on."""
+
+    def _content(self, message: Any) -> Content:
+        content = super()._content(message)
+        bits = getattr(message, "bits", 8)
+        if bits == 8 or not isinstance(content, Drive):
+            return content
+        digits = "".join(f"{byte:08b}" for byte in message.data)
+        codes = [
+            int(digits[k * bits : (k + 1) * bits], 2) for k in range(self.board.settings.count)
+        ]
+        return Drive(np.array(codes, dtype=np.uint8), content.amplitude_codes, content.phase_bits)
+
+
+class RoundsToTheMiddle(BoardDialect):
+    """Latches a code of 6 or 5 bits in the middle of its step, not at its beginning."""
+
+    def _content(self, message: Any) -> Content:
+        content = super()._content(message)
+        if not isinstance(content, Drive) or content.phase_bits == 8:
+            return content
+        registers = to_registers(content)
+        half = np.uint8(1 << (7 - content.phase_bits))
+        return Drive(registers.phase_codes + half, registers.amplitude_codes)
+
+
+class PhasesAtHalfAmplitude(BoardDialect):
+    """Drives PHASES frames with amplitude 128."""
+
+    def _content(self, message: Any) -> Content:
+        content = super()._content(message)
+        if not isinstance(content, Drive) or message.TYPE != 1:
+            return content
+        half = np.full(self.board.settings.count, 128, dtype=np.uint8)
+        return Drive(content.phase_codes, half, content.phase_bits)
+
+
+class PointsOfOppositePhase(BoardDialect):
+    """Computes the drive of focal points with the opposite sign of the phase."""
+
+    def _stream(self, event: Any) -> None:
+        focuser = self.board._focuser
+        if getattr(event.message, "points", None):
+            drive = focuser.drive(event.message.points)
+            negative = np.uint8(0) - drive.phase_codes
+            board, index = self.board, event.index
+            t_apply_us = self._unwrap(event.t_apply_us)
+            board.submit(StreamFrame(index, t_apply_us, Drive(negative, drive.amplitude_codes)))
+        else:
+            super()._stream(event)
+
+
+class PointsInTenths(BoardDialect):
+    """Reads the coordinates of focal points in tenths of a millimetre."""
+
+    def _content(self, message: Any) -> Content:
+        content = super()._content(message)
+        if isinstance(content, Drive):
+            return content
+        return [
+            dataclasses.replace(p, x_um=p.x_um // 100, y_um=p.y_um // 100, z_um=p.z_um // 100)
+            for p in content
+        ]
+
+
+class PlaybackRoundsUp(Board):
+    """Rounds the period of a sequence up to carrier periods: its rounding accumulates."""
+
+    def play(self, sequence: int, **how: Any) -> None:
+        """Play with another period."""
+        carrier_us = self.settings.carrier_us
+        how["period_us"] = -(-how["period_us"] // carrier_us) * carrier_us
+        super().play(sequence, **how)
+
+
+class UploadUnchecked(Board):
+    """Takes an upload whatever its CRC is."""
+
+    def __init__(self, settings: BoardSettings) -> None:
+        super().__init__(settings)
+        self._uploads = _TakesAnyCrc(settings)
+
+
+class _TakesAnyCrc(Uploads):
+    def commit(self, commit: UploadCommit) -> Any:
+        """Return what was uploaded."""
+        try:
+            return super().commit(commit)
+        except Exception as error:
+            pending = self._pending
+            if getattr(error, "code", None) is not ErrorCode.CRC_MISMATCH or pending is None:
+                raise
+            pending.begin = dataclasses.replace(pending.begin, crc=getattr(error, "detail", 0))
+            return super().commit(commit)
+
+
+class TraceTimeOfArrival(BoardDialect):
+    """Reports the time at which a frame came as that of its latch."""
+
+    def _trace(self, latch: Any) -> None:
+        received_us = latch.t_received_us or latch.t_latch_us
+        super()._trace(dataclasses.replace(latch, t_latch_us=received_us))
+
+
+class TraceOfRadiated(BoardDialect):
+    """Reports the CRC of what it radiates, not of what it latched."""
+
+    def _trace_message(self, latch: Any) -> Any:
+        message = super()._trace_message(latch)
+        if isinstance(message, Trace):
+            return dataclasses.replace(message, crc=latch.radiated.digest())
+        return message
+
+
+class TornReadBack(BoardDialect):
+    """Reads back one half of the latched drive and one half of the drive before it."""
+
+    _drives: tuple[Drive, ...] = ()
+
+    def _trace(self, latch: Any) -> None:
+        self._drives = (*self._drives[-1:], latch.drive)
+        super()._trace(latch)
+
+    def _answer(self, request: Any) -> None:
+        board, latch = self.board, self.board.latched
+        asked = request.message
+        lies = isinstance(asked, ReadDrive) and asked.kind is DriveKind.LATCHED
+        if latch is not None and lies and len(self._drives) == 2:
+            board.latched = dataclasses.replace(latch, drive=_halves(latch.drive, self._drives[0]))
+        super()._answer(request)
+        board.latched = latch
+
+
+class ReadBackTimeIsNow(BoardDialect):
+    """Reads back a drive with the time of the question, not of the latch."""
+
+    def _answer(self, request: Any) -> None:
+        board, latch = self.board, self.board.latched
+        if latch is not None and isinstance(request.message, ReadDrive):
+            board.latched = dataclasses.replace(latch, t_latch_us=board.now_us)
+        super()._answer(request)
+        board.latched = latch
+
+
+def _halves(first: Drive, second: Drive) -> Drive:
+    half = len(first.phase_codes) // 2
+    phases, amplitudes = first.phase_codes.copy(), first.amplitude_codes.copy()
+    phases[half:], amplitudes[half:] = second.phase_codes[half:], second.amplitude_codes[half:]
+    return Drive(phases, amplitudes)
+
+
+_SELF: Final = Evidence.SELF_REPORTED
+
+MUTANTS: Final = (
+    Mutant.of(LatchesEarly, "HG-5.8/1", _SELF),
+    Mutant.of(LatchesOnePeriodLate, "HG-5.8/1", _SELF),
+    Mutant.of(LatchesOffTheCarrier, "HG-5.8/1", _SELF),
+    Mutant.of(LateApplied, "HG-5.7/5", _SELF),
+    Mutant.of(LateWindowInMilliseconds, "HG-5.7/5", _SELF),
+    Mutant.of(LateUnmarked, "HG-5.7/6", _SELF),
+    Mutant.of(NonAtomic, "HG-5.8/2", _SELF),
+    Mutant.of(OffByOneBank, "HG-5.8/5", _SELF),
+    Mutant.of(TwoInOnePeriod, "HG-5.8/3", _SELF),
+    Mutant.of(QueueHalfAsDeep, "HG-5.7/3", _SELF),
+    Mutant.of(OrderIgnored, "HG-5.7/2", _SELF),
+    Mutant.of(HorizonIgnored, "HG-5.7/4", _SELF),
+    Mutant.of(ImmediateKeepsQueue, "HG-5.9/1", _SELF),
+    Mutant.of(PackedHighBitFirst, "HG-5.2/1", _SELF),
+    Mutant.of(RoundsToTheMiddle, "HG-5.2/7", _SELF),
+    Mutant.of(PhasesAtHalfAmplitude, "HG-5.2/6", _SELF),
+    Mutant.of(PointsOfOppositePhase, "HG-5.4/1", _SELF),
+    Mutant.of(PointsInTenths, "HG-5.4/1", _SELF),
+    Mutant.of(PlaybackRoundsUp, "HG-7.6/4", _SELF),
+    Mutant.of(UploadUnchecked, "HG-7.4/3", Evidence.WIRE),
+    Mutant.of(TraceTimeOfArrival, "HG-8.3/1", _SELF),
+    Mutant.of(TraceOfRadiated, "HG-8.3/2", _SELF),
+    Mutant.of(TornReadBack, "HG-8.6/3", _SELF),
+    Mutant.of(ReadBackTimeIsNow, "HG-8.6/3", _SELF),
+)

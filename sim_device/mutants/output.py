@@ -1,0 +1,265 @@
+"""Boards that are not safe, whose clock is wrong, or whose transducers are.  SPEC.md 5, 6."""
+# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive
+from haptogram_protocol.messages import Config
+from haptogram_protocol.state import MuteReason, OutputState
+
+from ..board import Board
+from ..clock import DeviceClock
+from ..dialect import BoardDialect
+from ..drives import radiated_drive
+from ..latch import StateChange
+from ..safety import Safety
+from ..settings import BoardSettings
+from .mutant import Evidence, Mutant
+
+_WRAP: Final = 2**32
+_NEVER_US: Final = 1 << 60
+
+
+class ArmedAtBoot(Board):
+    """Is armed after power-up, and stays so through the first HELLO."""
+
+    _booting = True
+
+    def open_session(self, nonce: int) -> None:
+        """Begin a session."""
+        super().open_session(nonce)
+        if self._booting:
+            self._booting, self.state, self.reason = False, OutputState.ARMED, MuteReason.NONE
+
+
+class MuteOfOthersIgnored(Board):
+    """Answers MUTE without a session of the host, and does nothing."""
+
+    def mute(self, *, requested: bool = True) -> None:
+        """Mute, if the host of the session asks."""
+        if requested:
+            super().mute(requested=requested)
+
+
+class MuteIgnored(Board):
+    """Answers MUTE and does nothing."""
+
+    def mute(self, *, requested: bool = True) -> None:
+        """Do nothing."""
+
+
+class MuteKeepsQueue(Board):
+    """Leaves frames in the queue when it is muted."""
+
+    def mute(self, *, requested: bool = True) -> None:
+        """Mute, and put back what was queued."""
+        entries = list(self._queue._entries)
+        flushed = self.counters.flushed
+        super().mute(requested=requested)
+        self._queue._entries.extend(entries)
+        self.counters.flushed = flushed
+
+    def _next_due(self) -> Any:
+        return super()._next_due() if self.state is OutputState.ARMED else None
+
+
+class DisarmIgnored(Board):
+    """Answers DISARM and does nothing."""
+
+    def disarm(self) -> None:
+        """Do nothing."""
+
+
+class ArmLeavesFullOutput(Board):
+    """Sounds at once when it is armed again: with the last drive."""
+
+    def arm(self) -> None:
+        """Arm, and sound."""
+        super().arm()
+        self._sounding = self.latched is not None
+
+
+class SoundsInMuted(Board):
+    """Goes on sounding when MUTE is carried out."""
+
+    def radiated(self, t_us: int) -> Drive:
+        """Return the last drive, whatever the state."""
+        return self._radiate(self.latched.drive, t_us) if self.latched else self._silence
+
+
+class WatchdogMissing(Board):
+    """Never misses the host: the lease does not run."""
+
+    def renew_lease(self) -> None:
+        """Do nothing."""
+
+
+class _SafetyBoard(Board):
+    safety: type[Safety] = Safety
+
+    def __init__(self, settings: BoardSettings) -> None:
+        super().__init__(settings)
+        self._safety = self.safety(graded=self._safety._graded)
+
+
+class _SlowLease(Safety):
+    def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
+        """Start the lease anew, three times as long."""
+        slow = dataclasses.replace(config, host_timeout_ms=3 * config.host_timeout_ms)
+        super().renew_lease(now_us, slow, unattended_ms)
+
+
+class WatchdogTooSlow(_SafetyBoard):
+    """Misses the host after three times the time that was set."""
+
+    safety = _SlowLease
+
+
+class _NoHold(Safety):
+    def latched(self, _: int, config: Config) -> None:
+        """Let the hold last for ever."""
+        super().latched(_NEVER_US, config)
+
+
+class HoldMissing(_SafetyBoard):
+    """Holds the last drive for ever when the stream stops."""
+
+    safety = _NoHold
+
+
+class _NoRamp(Safety):
+    def _ramp_us(self, _: Config) -> int:
+        return 0
+
+
+class RampSkipped(_SafetyBoard):
+    """Goes off at once where it should fade."""
+
+    safety = _NoRamp
+
+
+class TimeoutsUncounted(Board):
+    """Does not count mutes by a timer."""
+
+    def _time_out(self) -> None:
+        counted = self.counters.timeouts
+        super()._time_out()
+        self.counters.timeouts = counted
+
+
+class StateChangeUnsaid(BoardDialect):
+    """Sends no STATE_CHANGED when a timer mutes it."""
+
+    def collect(self) -> None:
+        """Take what the board did, and keep changes of its state to itself."""
+        for k, notice in enumerate(self.board._new_notices):
+            if isinstance(notice, StateChange):
+                self.board._new_notices[k] = dataclasses.replace(notice, requested=True)
+        super().collect()
+
+
+class CeilingIgnored(Board):
+    """Radiates amplitudes above the ceiling."""
+
+    def _radiate(self, drive: Drive, t_us: int) -> Drive:
+        return radiated_drive(drive, self.correction, 255, self._safety.gain(t_us))
+
+
+class CorrectionIgnored(Board):
+    """Radiates without the phase correction."""
+
+    def _radiate(self, drive: Drive, t_us: int) -> Drive:
+        gain = self._safety.gain(t_us)
+        return radiated_drive(
+            drive, bytes(self.settings.count), self.config.amplitude_ceiling, gain
+        )
+
+
+class ClockLosesTheWrap(BoardDialect):
+    """Compares times as plain 32-bit numbers: what lies behind the wrap has long passed."""
+
+    def _unwrap(self, t_wire_us: int | None) -> int | None:
+        return None if t_wire_us is None else self.board.now_us // _WRAP * _WRAP + t_wire_us
+
+
+@dataclass(frozen=True, slots=True)
+class ClockFast(DeviceClock):
+    """Its clock is fast by 500 ppm; it says 50 at most."""
+
+    ppm: int = 500
+
+
+@dataclass(frozen=True, slots=True)
+class ClockSteps(DeviceClock):
+    """Its clock jumps ahead by 2 ms every 500 ms."""
+
+    step_us: int = 2_000
+    step_at_us: int = 500_000
+    step_every: bool = True
+
+
+class DeadElement(Board):
+    """Transducer 0 is silent, and the board does not know."""
+
+    def _sound(self, radiated: Drive) -> Drive:
+        amplitudes = radiated.amplitude_codes.copy()
+        amplitudes[0] = 0
+        return Drive(radiated.phase_codes, amplitudes)
+
+
+class StuckColumn(Board):
+    """The first column is driven by phase 0 whatever was latched."""
+
+    def _sound(self, radiated: Drive) -> Drive:
+        _, ny = self.settings.model.array.grid_shape or (1, 1)
+        phases = radiated.phase_codes.copy()
+        phases[:ny] = 0
+        return Drive(phases, radiated.amplitude_codes)
+
+
+class PhaseInverted(Board):
+    """A phase code advances its transducer: the wires of the outputs are crossed."""
+
+    def _sound(self, radiated: Drive) -> Drive:
+        return Drive(np.uint8(0) - radiated.phase_codes, radiated.amplitude_codes)
+
+
+class OutputsReversed(Board):
+    """Transducer n is driven by the codes of transducer N - 1 - n."""
+
+    def _sound(self, radiated: Drive) -> Drive:
+        return Drive(radiated.phase_codes[::-1].copy(), radiated.amplitude_codes[::-1].copy())
+
+
+_WIRE, _SELF, _EXTERNAL = Evidence
+
+MUTANTS: Final = (
+    Mutant.of(ArmedAtBoot, "HG-6.1/1", _WIRE),
+    Mutant.of(MuteIgnored, "HG-6.2/1", _WIRE),
+    Mutant.of(MuteOfOthersIgnored, "HG-6.4/1", _WIRE),
+    Mutant.of(MuteKeepsQueue, "HG-6.4/2", _SELF),
+    Mutant.of(DisarmIgnored, "HG-6.2/1", _WIRE),
+    Mutant.of(ArmLeavesFullOutput, "HG-6.3/1", _SELF),
+    Mutant.of(SoundsInMuted, "HG-6.6/2", _SELF),
+    Mutant.of(WatchdogMissing, "HG-12.2/1", _WIRE),
+    Mutant.of(WatchdogTooSlow, "HG-12.2/1", _WIRE),
+    Mutant.of(HoldMissing, "HG-6.10/1", _WIRE),
+    Mutant.of(RampSkipped, "HG-6.11/2", _SELF),
+    Mutant.of(TimeoutsUncounted, "HG-6.11/5", _SELF),
+    Mutant.of(StateChangeUnsaid, "HG-6.8/1", _WIRE),
+    Mutant.of(CeilingIgnored, "HG-7.9/2", _SELF),
+    Mutant.of(CorrectionIgnored, "HG-7.9/1", _SELF),
+    Mutant.of(ClockLosesTheWrap, "HG-3.6/1", _SELF),
+    Mutant.of(ClockFast, "HG-6.9/1", _WIRE),
+    Mutant.of(ClockSteps, "HG-6.9/1", _WIRE),
+    Mutant.of(DeadElement, "HG-5.3/2", _EXTERNAL),
+    Mutant.of(StuckColumn, "HG-5.8/2", _EXTERNAL),
+    Mutant.of(PhaseInverted, "HG-7.9/1", _EXTERNAL),
+    Mutant.of(OutputsReversed, "HG-5.8/2", _EXTERNAL),
+)

@@ -1,0 +1,102 @@
+"""Every mutant differs from the healthy board in what it names, and the healthy board does not."""
+
+import functools
+import re
+from pathlib import Path
+
+import pytest
+
+import sim_device
+from haptogram.conformance.access import VirtualAccess
+from haptogram.conformance.cases import all_cases
+from haptogram.conformance.runner import Options, Runner
+from haptogram.conformance.verdict import Behaviour
+from haptogram.errors import ConfigurationError
+from haptogram.transport import open_transport
+from sim_device.clock import DeviceClock
+from sim_device.command import main
+from sim_device.mutants import MUTANTS, Evidence, parts_of
+
+SPEC = Path(__file__).parents[2] / "protocol" / "SPEC.md"
+VISIBLE = sorted(n for n, m in MUTANTS.items() if m.evidence is not Evidence.EXTERNAL)
+HIDDEN = sorted(MUTANTS.keys() - VISIBLE)
+CODES = bytes(range(3, 19))
+
+
+def behaviours(clause, mutant=""):
+    """Return how a board does in the cases of one clause, in virtual time."""
+    sim_device.register_url_handler()
+    url = "haptogram://?clock=virtual&array=4x4&baud=3000000" + (
+        f"&mutant={mutant}" if mutant else ""
+    )
+    access = VirtualAccess(
+        url, lambda boot: open_transport(f"{url}&seed={boot}"), baudrate=3_000_000, virtual=True
+    )
+    cases = [case for case in all_cases() if case.clause == clause]
+    return [result.behaviour for result in Runner(access, Options()).run(cases).results]
+
+
+@functools.cache
+def healthy(clause):
+    return tuple(behaviours(clause))
+
+
+def latch_of(open_host, url):
+    """Return the back door's record of one drive."""
+    host = open_host(url)
+    host.arm()
+    host.stream(CODES)
+    host.port.wait_until_ns(host.now_ns() + 1_000_000)
+    return [record for record in host.port.records if record["kind"] == "latch"][-1]
+
+
+@pytest.mark.parametrize("name", VISIBLE)
+def test_a_mutant_fails_its_clause_and_the_healthy_board_does_not(name):
+    clause = MUTANTS[name].clause
+    assert Behaviour.OK in healthy(clause)
+    assert Behaviour.FAILED not in healthy(clause)
+    assert Behaviour.FAILED in behaviours(clause, name)
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_what_only_a_measurement_shows_is_in_the_radiated_drive_alone(open_host, name):
+    url = "haptogram://?clock=virtual&array=4x4&reconstruct=0"
+    right, wrong = latch_of(open_host, url), latch_of(open_host, f"{url}&mutant={name}")
+    assert wrong["drive_crc"] == right["drive_crc"]
+    assert right["radiated"] is None
+    assert wrong["radiated"] is not None
+
+
+def test_there_are_at_least_forty_and_each_names_a_requirement_that_exists():
+    clauses = set(re.findall(r"^- \*\*(HG-[\d.]+/\d+)\*\*", SPEC.read_text(), re.MULTILINE))
+    assert len(MUTANTS) >= 40
+    assert {mutant.clause for mutant in MUTANTS.values()} <= clauses
+
+
+def test_each_says_in_its_own_words_what_is_wrong_and_changes_one_part():
+    words = [mutant.docstring for mutant in MUTANTS.values()]
+    assert all(words)
+    assert len(set(words)) == len(words)
+    for mutant in MUTANTS.values():
+        fields = ("board", "dialect", "connection", "decoder", "clock")
+        changed = [f for f in fields if getattr(mutant.parts, f) is not getattr(parts_of(None), f)]
+        assert len(changed) == 1
+
+
+def test_an_unknown_mutant_is_refused_with_the_names_of_the_others(capsys, tmp_path):
+    with pytest.raises(ConfigurationError, match=r"no mutant 'x'; known: .*crc-unchecked"):
+        parts_of("x")
+    assert main(["--link", str(tmp_path / "b"), "--mutant", "x"]) == 2
+    assert "known: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [DeviceClock(7), DeviceClock(7, ppm=500), DeviceClock(7, ppm=-999)]
+    + [DeviceClock(7, step_us=50, step_at_us=300, step_every=every) for every in (False, True)],
+)
+def test_a_clock_and_its_inverse_agree(clock):
+    for device_us in range(7, 3000, 13):
+        t_ns = clock.reached_ns(device_us)
+        assert clock.device_us(t_ns) >= device_us
+        assert t_ns == 0 or clock.device_us(t_ns - 1) < device_us
