@@ -105,6 +105,14 @@ def test_bodies_apart_are_joined_by_few_jumps():
     assert (steps > 4.5 * 0.003).sum() <= 4
 
 
+def test_every_body_is_joined_to_the_nearest_one():
+    rng = np.random.default_rng(3)
+    clusters = [np.add(rng.uniform(-0.5, 0.5, (30, 3)), (10.0 * n, 0, 0)) for n in range(5)]
+    points = np.concatenate(clusters)
+    # Were all joined to the first one, a step would go from the last to it, 40 away.
+    assert steps_of(points[round_trip(points)]).max() < 25.0
+
+
 @given(st.integers(1, 60), st.integers(0, 2**32 - 1))
 def test_the_way_round_visits_every_point_once(count, seed):
     points = np.random.default_rng(seed).normal(size=(count, 3))
