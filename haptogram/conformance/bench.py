@@ -55,6 +55,7 @@ from .wire import Wire
 BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
 #: Counters that move without anything being wrong.
 _HARMLESS: Final = frozenset({"frames", "requests", "latched", "late", "trace_dropped"})
+_STATUS_BYTES: Final = 144  # of a STATUS on the line
 _SPARE_US: Final = 200  # host's idea of the device clock, in virtual time
 
 
@@ -240,6 +241,11 @@ class Bench(Exchange):
         """End the case as UNIMPLEMENTED unless the board advertises one of *features*."""
         if not self.identity.features & features:
             unimplemented(f"the board advertises none of {features.name or features!r}")
+
+    @property
+    def quick_status_ms(self) -> int:
+        """A status period that leaves nine tenths of the line to others (HG-7.1/2)."""
+        return max(50, -(-_STATUS_BYTES * 10 * 10 * 1000 // self.wire.baudrate))
 
     def arm(self) -> None:
         """Arm; FAILED if the board is not ARMED then."""

@@ -140,7 +140,7 @@ class Exchange:
 
     def try_answer(self, seq: int, since: int, extra_us: int = 0) -> Received | None:
         """Return the answer to the request *seq*, None if none comes in time."""
-        timeout_us = self.wire.limits.answer_us + extra_us
+        timeout_us = self.wire.limits.answer_us + self.wire.backlog_us + extra_us
 
         def answers(piece: Received) -> bool:
             return piece.header is not None and piece.is_response and piece.header.seq == seq

@@ -48,7 +48,7 @@ def talk(bench: Bench) -> list[Received]:
     bench.ask(Arm())
     for feature, mode in _TRACES:
         if bench.has(feature | Feature.CONFIG):
-            bench.configure(trace_mode=mode, status_period_ms=50)
+            bench.configure(trace_mode=mode, status_period_ms=bench.quick_status_ms)
             _stream_some(bench)
     if bench.has(Feature.SEQUENCE_PHASES):
         _play_some(bench)
@@ -78,7 +78,7 @@ def _stream_some(bench: Bench) -> None:
         bench.ask(ReadDrive(DriveKind.RADIATED, 0, 0xFFFF))
     if bench.has(Feature.TRACE_RING):
         bench.ask(ReadTrace(0, 0xFFFF))
-    bench.wire.idle(60_000)  # for a STATUS
+    bench.wire.idle(1200 * bench.quick_status_ms)  # for a STATUS
 
 
 def _play_some(bench: Bench) -> None:

@@ -137,6 +137,7 @@ class Wire:
         self._partial = b""
         self._zeros = 2  # delimiters since the last piece
         self._deadline_us = self.now_us() + limits.case_us
+        self._busy_until_us = 0
 
     def begin_case(self) -> None:
         """Forget what came, and give the next case its time."""
@@ -152,6 +153,11 @@ class Wire:
         """Return how long *size* bytes take on the line, rounded up."""
         return -(-size * 10_000_000 // self.baudrate)
 
+    @property
+    def backlog_us(self) -> int:
+        """How long the line still takes to carry what was handed over."""
+        return max(0, self._busy_until_us - self.now_us())
+
     # --- out -----------------------------------------------------------------------------------
 
     def send(self, data: bytes) -> None:
@@ -163,7 +169,8 @@ class Wire:
             If the port is gone, or took no byte for the time of an answer.
         """
         self.recording.add(self.now_us(), Direction.HOST, data)
-        patience_us = self.limits.answer_us + self.line_us(len(data))
+        self._busy_until_us = self.now_us() + self.backlog_us + self.line_us(len(data))
+        patience_us = self.limits.answer_us + self.backlog_us
         stuck_us = self.now_us() + patience_us
         rest = memoryview(data)
         while rest:

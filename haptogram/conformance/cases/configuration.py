@@ -100,8 +100,11 @@ def spares_the_line(bench: Bench) -> None:
 )
 def is_in_force_at_once(bench: Bench) -> None:
     bench.arm()
-    wanted = dataclasses.replace(bench.base_config, late_window_us=100_000, status_period_ms=50)
-    late_us = bench.device_us() - 10_000
+    period_ms = bench.quick_status_ms
+    wanted = dataclasses.replace(
+        bench.base_config, late_window_us=100_000, status_period_ms=period_ms
+    )
+    late_us = bench.device_us() - 1000
     with bench.counting(late=1, latched=1):
         order, seq = bench.request_wire(SetConfig(wanted))
         since = bench.mark()
@@ -110,8 +113,8 @@ def is_in_force_at_once(bench: Bench) -> None:
         bench.rest(400)
     bench.config = wanted
     check(_in_force(bench) == wanted, "GET_CONFIG shows another configuration than was set")
-    found = bench.await_event(Status, since, 120 * _MS + bench.wire.limits.slack_us)
-    check(found is not None, "status_period_ms = 50 is not in force")
+    found = bench.await_event(Status, since, 3 * period_ms * _MS + bench.wire.limits.slack_us)
+    check(found is not None, f"status_period_ms = {period_ms} is not in force")
 
 
 @case(

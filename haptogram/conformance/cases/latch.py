@@ -84,7 +84,8 @@ def holds_its_depth(bench: Bench) -> None:
 def sees_its_horizon(bench: Bench) -> None:
     bench.arm()
     horizon_us = bench.identity.max_horizon_us
-    slack_us = 20_000 + 2 * bench.wire.limits.lead_us
+    size = len(bench.stream_wire(bench.flat_phases(), 0, seq=0))
+    slack_us = 20_000 + 2 * bench.wire.limits.lead_us + 10 * bench.wire.line_us(size)
     now_us = bench.device_us()
     with bench.counting(dropped_future=3, flushed=1):
         for t_us in (now_us + horizon_us + slack_us, now_us + 2 * horizon_us, now_us + 2**31 - 1):
