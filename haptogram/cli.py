@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"haptogram {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     verify.add(commands, _board_in_virtual_time)
-    conform.add(commands, _access_in_program)
+    conform.add(commands, access_in_program)
     for command in (budget, field, paper):
         command.add(commands)
     return parser
@@ -83,7 +83,7 @@ def _board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
         yield InProcessBoard(PyserialTransport(port, url), lambda: port.records, model)
 
 
-def _access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAccess:
+def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAccess:
     """Return a virtual board in this program that starts anew whenever its port is opened.
 
     Without a URL its time is virtual, and so is that of a URL that says ``clock=virtual``.
