@@ -342,8 +342,10 @@ class Bench(Exchange):
 
     def rest(self, size: int = 0) -> None:
         """Wait until *size* bytes have been sent, and what they hold has been latched."""
-        sent_us = self.wire.line_us(size)
-        self.wire.idle(sent_us + 4 * self.carrier_us + self.wire.limits.slack_us // 10)
+        slack_us = self.wire.limits.slack_us
+        if slack_us:  # only an answer shows that a board that had to wait has read them
+            self.barrier()
+        self.wire.idle(self.wire.line_us(size) + 4 * self.carrier_us + slack_us // 10)
 
     def in_time(self, t_device_us: int) -> None:
         """End the case as INCONCLUSIVE if it is too late for what had to be sent before."""

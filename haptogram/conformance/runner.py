@@ -7,7 +7,7 @@ import dataclasses
 import random
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final, Self, TypeAlias
 
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
 from haptogram.transport import Transport
@@ -89,14 +89,12 @@ class Runner:
         results: list[Result] = []
         cut_short = ""
         try:
-            self._begin()
-            for number, case in enumerate(cases):
-                self._progress(number, len(cases), case.id)
-                results.append(self._result(case))
+            with self:
+                for number, case in enumerate(cases):
+                    self._progress(number, len(cases), case.id)
+                    results.append(self.result(case))
         except KeyboardInterrupt:
             cut_short = f"interrupted after {len(results)} of {len(cases)} cases"
-        finally:
-            self._end()
         rest = (_not_run(case, self._clauses[case.clause], cut_short) for case in cases)
         results += list(rest)[len(results) :]
         return SuiteResult(tuple(results), self._device, self._settings(), cut_short or self._dead)
@@ -114,12 +112,40 @@ class Runner:
 
     # --- the board -----------------------------------------------------------------------------
 
-    def _begin(self) -> None:
-        self._connect(self._access.open(), booted=self._access.boots)
+    def __enter__(self) -> Self:
+        """Open the port and find out what is there."""
+        try:
+            self._connect(self._access.open(), booted=self._access.boots)
+        except BaseException:
+            self._access.close()
+            raise
         bench = self._greet()
         if bench is not None:
             with contextlib.suppress(CaseEndedError, LinkLostError):
                 bench.learn_wraps()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the board silent, and close the port."""
+        if self._bench is not None and self._transport is not None and not self._dead:
+            with contextlib.suppress(HaptogramError):
+                farewell(self._bench)
+        self._drop()
+        self._access.close()
+
+    def session(self) -> Bench:
+        """Return a bench with a new session and a board that is DISARMED and quiet.
+
+        Raises
+        ------
+        LinkError
+            If there is no board.
+        """
+        if self._dead or self._bench is None:
+            raise LinkError(self._dead or "the port is not open")
+        self._bench.wire.begin_case()
+        self._bench.settle()
+        return self._bench
 
     def _connect(self, transport: Transport, *, booted: bool) -> Bench:
         self._transport = transport
@@ -160,16 +186,10 @@ class Runner:
             self._transport.close()
         self._transport = None
 
-    def _end(self) -> None:
-        if self._bench is not None and self._transport is not None and not self._dead:
-            with contextlib.suppress(HaptogramError):
-                farewell(self._bench)
-        self._drop()
-        self._access.close()
-
     # --- one case ------------------------------------------------------------------------------
 
-    def _result(self, case: Case) -> Result:
+    def result(self, case: Case) -> Result:
+        """Run one case, as often as it is to be repeated, and return its result."""
         outcomes = [self._attempt(case) for _ in range(self._options.repeat if case.body else 1)]
         last = next((o for o in outcomes if o.behaviour is Behaviour.FAILED), outcomes[-1])
         behaviours = {outcome.behaviour for outcome in outcomes}

@@ -190,7 +190,6 @@ def the_sum_holds(bench: Bench) -> None:
     good, queued, sent = bench.flat_phases(), 0, 0
     for number in range(15):
         bench.send(bench.stream_wire(good))
-        bench.rest()
         queued += 1
         bench.send(bench.stream_wire(good, seq=bench.stream_next - 1))
         bench.call(Ping(number), Pong)

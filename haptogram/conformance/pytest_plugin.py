@@ -1,0 +1,88 @@
+"""The suite inside pytest: in any firmware repository, without a line of its own.
+
+::
+
+    pip install haptogram
+    pytest --pyargs haptogram.conformance --haptogram-port=/dev/ttyACM0
+
+Two fixtures are there for cases of one's own.  Nothing but pytest is imported before one of them
+is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from haptogram.conformance.access import Access
+    from haptogram.conformance.bench import Bench
+    from haptogram.conformance.runner import Runner
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options of the board under test."""
+    group = parser.getgroup("haptogram", "board under test")
+    add = group.addoption
+    add("--haptogram-port", metavar="URL", help="any pyserial URL [a virtual board on a pty]")
+    add("--haptogram-spawn", metavar="CMD", help="start this program; it says its port")
+    add("--haptogram-port-regex", metavar="REGEX", help="finds the port in what it prints")
+    add("--haptogram-reset-cmd", metavar="CMD", help="shell command that restarts the board")
+    add("--haptogram-baud", type=int, default=3_000_000, metavar="BAUD", help="line rate")
+    add("--haptogram-timeout", type=float, default=1.0, metavar="S", help="until an answer comes")
+    add("--haptogram-seed", type=int, metavar="N", help="of nonces and contents [random]")
+    add("--haptogram-strict", action="store_true", help="a SHOULD that is not met fails")
+
+
+@pytest.fixture(scope="session")
+def haptogram_board(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Runner]:
+    """Give the board under test: ``result(case)`` judges it, ``session()`` opens a bench."""
+    import os
+
+    from haptogram.conformance.runner import Options, Runner
+
+    option = request.config.getoption
+    seed = option("--haptogram-seed")
+    options = Options(
+        timeout_s=option("--haptogram-timeout"),
+        seed=int.from_bytes(os.urandom(4)) if seed is None else seed,
+        strict=option("--haptogram-strict"),
+    )
+    with Runner(_access(option, tmp_path_factory), options) as runner:
+        yield runner
+
+
+@pytest.fixture
+def haptogram_link(haptogram_board: Runner) -> Bench:
+    """Give an open session: raw frames in and out, on a board that is DISARMED and quiet."""
+    return haptogram_board.session()
+
+
+def _access(option: Any, folders: pytest.TempPathFactory) -> Access:
+    from haptogram.conformance.access import DEFAULT_PORT_REGEX, PortAccess, SpawnAccess
+
+    baudrate = option("--haptogram-baud")
+    port, command = option("--haptogram-port"), option("--haptogram-spawn")
+    if port is not None:
+        return PortAccess(port, baudrate=baudrate, reset_command=option("--haptogram-reset-cmd"))
+    regex = option("--haptogram-port-regex") or DEFAULT_PORT_REGEX
+    return SpawnAccess(
+        command or _virtual_board(folders),
+        port_regex=regex,
+        boot_timeout_s=60.0,
+        baudrate=baudrate,
+    )
+
+
+def _virtual_board(folders: pytest.TempPathFactory) -> str:
+    """Return the command line of a virtual board: a process of its own, as any firmware is."""
+    import shlex
+    import sys
+
+    link = folders.mktemp("haptogram") / "board"
+    words = [sys.executable, "-m", "sim_device", "--link", str(link), "--no-reconstruct"]
+    return shlex.join(words)

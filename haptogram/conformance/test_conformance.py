@@ -1,0 +1,29 @@
+"""One test for every case: what ``pytest --pyargs haptogram.conformance`` collects."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from haptogram.conformance.cases import all_cases
+
+if TYPE_CHECKING:
+    from haptogram.conformance.case import Case
+    from haptogram.conformance.runner import Runner
+
+
+@pytest.mark.parametrize("case", all_cases(), ids=lambda case: case.id)
+def test_clause(case: Case, haptogram_board: Runner) -> None:
+    """Judge the board under test by one case; see the table of verdicts."""
+    from haptogram.conformance.verdict import MEANINGS
+
+    result = haptogram_board.result(case)
+    told = f"{result.behaviour} [{result.evidence}] {result.detail}"
+    junit = MEANINGS[result.behaviour].junit
+    if junit == "skipped":
+        pytest.skip(told)
+    if junit is not None or not result.recovers:
+        recovery = "" if result.recovers else f"recovery: {result.recovery}"
+        lines = [told, f"requirement: {result.requirement}", recovery, *result.transcript]
+        pytest.fail("\n".join(filter(None, lines)), pytrace=False)
