@@ -8,7 +8,16 @@ from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics import Drive, Reconstruction
 
-from .latch import Latch, Notice, PlaybackEnd, RampBegan, RampEnded, SessionOpened, StateChange
+from .latch import (
+    FaultsCounted,
+    Latch,
+    Notice,
+    PlaybackEnd,
+    RampBegan,
+    RampEnded,
+    SessionOpened,
+    StateChange,
+)
 from .settings import BoardSettings
 
 VERSION: Final = 1
@@ -77,7 +86,13 @@ def output_record(notice: Notice) -> Record:
 
 
 def end_record(
-    *, latched: int, reconstructed: int, dropped: int, notices_dropped: int, clean: bool
+    *,
+    latched: int,
+    reconstructed: int,
+    dropped: int,
+    notices_dropped: int,
+    clean: bool,
+    faults: dict[str, int] | None = None,
 ) -> Record:
     """Return the last record: how many latches there were, and how many records are missing."""
     return {
@@ -87,6 +102,7 @@ def end_record(
         "dropped": dropped,
         "notices_dropped": notices_dropped,
         "clean": clean,
+        **({} if faults is None else {"faults": faults}),
     }
 
 
@@ -113,6 +129,8 @@ def _what(notice: Notice) -> Record:
         return {"event": "ramp_began", "reason": notice.reason.name}
     if isinstance(notice, RampEnded):
         return {"event": "ramp_ended", "restored": notice.restored}
+    if isinstance(notice, FaultsCounted):
+        return {"event": "faults", "counts": notice.counts}
     return _playback(notice)
 
 

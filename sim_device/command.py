@@ -11,6 +11,7 @@ from typing import Final, NoReturn
 
 from haptogram.errors import ConfigurationError, HaptogramError
 
+from .faults import FaultPlan
 from .log import CountLog, NoticeLog
 from .mutants import parts_of
 from .options import board_settings
@@ -66,6 +67,9 @@ def _parser() -> argparse.ArgumentParser:
         "--no-reconstruct", action="store_true", help="leave the field out of the back door"
     )
     parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
+    parser.add_argument(
+        "--fault", action="append", default=[], metavar="FAULT", help="see docs/faults.md"
+    )
     parser.add_argument("--quiet", action="store_true", help="log warnings only")
     parser.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
     return parser
@@ -92,12 +96,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     settings, parts = _settings(options), parts_of(options.mutant)
+    plan = FaultPlan.parse(options.fault, settings.seed)
     port = _open_port(options)
     worker = None
     try:
         worker = _start_worker(options, settings)
         recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
-        simulation = Simulation(settings, *recorders, paced=options.serial is None, parts=parts)
+        paced = options.serial is None
+        simulation = Simulation(settings, *recorders, paced=paced, parts=parts, faults=plan)
         counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
         _serve(Heartbeat(simulation, port, worker, counts), port)
     finally:

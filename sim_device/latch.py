@@ -94,4 +94,14 @@ class PlaybackEnd:
     frames: int
 
 
-Notice: TypeAlias = SessionOpened | StateChange | RampBegan | RampEnded | PlaybackEnd
+@dataclass(frozen=True, slots=True)
+class FaultsCounted:
+    """How often each fault of a plan has fired, at the end."""
+
+    t_us: int
+    counts: dict[str, int]
+
+
+Notice: TypeAlias = (
+    FaultsCounted | SessionOpened | StateChange | RampBegan | RampEnded | PlaybackEnd
+)

@@ -8,7 +8,16 @@ from typing import Final
 
 from haptogram_protocol.state import MuteReason, OutputState
 
-from .latch import Latch, Notice, PlaybackEnd, RampBegan, RampEnded, SessionOpened, StateChange
+from .latch import (
+    FaultsCounted,
+    Latch,
+    Notice,
+    PlaybackEnd,
+    RampBegan,
+    RampEnded,
+    SessionOpened,
+    StateChange,
+)
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -59,6 +68,8 @@ def describe(notice: Notice) -> str:
         return f"ramp to silence began: {_words(notice.reason)}"
     if isinstance(notice, RampEnded):
         return "ramp undone: full output" if notice.restored else "ramp ended: silence"
+    if isinstance(notice, FaultsCounted):
+        return "faults: " + ", ".join(f"{name} {n}" for name, n in notice.counts.items())
     return _playback(notice)
 
 

@@ -24,6 +24,7 @@ from haptogram.errors import ConfigurationError
 
 from .assembly import HEALTHY
 from .backdoor import Record, to_line
+from .faults import FaultPlan
 from .mutants import parts_of
 from .options import board_settings
 from .reconstruction import ReconstructionWorker
@@ -75,8 +76,11 @@ _PARAMETERS: Final[dict[str, Callable[[str, str], Any]]] = {
     "baud": _number(int),
     "backdoor": _text,
     "reconstruct": _choice(**{"0": False, "1": True}),
+    "fault": _text,
     "mutant": lambda _, name: parts_of(name),
 }
+
+_REPEATABLE: Final = frozenset({"fault"})
 
 
 def parse_url(url: str) -> dict[str, Any]:
@@ -90,11 +94,12 @@ def parse_url(url: str) -> dict[str, Any]:
     parts = urlsplit(url)
     if parts.scheme != "haptogram" or parts.netloc or parts.path.strip("/"):
         raise ConfigurationError(f"{url}: must be haptogram://?name=value&...")
-    values = {}
+    values: dict[str, Any] = {}
     for name, text in parse_qsl(parts.query, keep_blank_values=True):
         if name not in _PARAMETERS:
             raise ConfigurationError(f"{url}: no parameter {name!r}; known: {_known()}")
-        values[name] = _PARAMETERS[name](name, text)
+        value = _PARAMETERS[name](name, text)
+        values[name] = [*values.get(name, []), value] if name in _REPEATABLE else value
     return values
 
 
@@ -140,13 +145,14 @@ class Serial(serial.SerialBase):
         backdoor = options.pop("backdoor", None)
         reconstruct = options.pop("reconstruct", None)
         parts = options.pop("mutant", HEALTHY)
+        plan = FaultPlan.parse(options.pop("fault", []), options.get("seed", 0))
         settings = board_settings(**options)
         self.records = []
         self._sink: RecordSink | None = None
         self._worker: ReconstructionWorker | None = None
         self._inline: InlineReconstruction | None = None
         recorders = self._recorders(settings, backdoor, reconstruct)
-        self.simulation = Simulation(settings, *recorders, parts=parts)
+        self.simulation = Simulation(settings, *recorders, parts=parts, faults=plan)
         self._start_ns = time.monotonic_ns()
         self.is_open = True
 
@@ -172,6 +178,7 @@ class Serial(serial.SerialBase):
         if not self.is_open:
             return
         self.is_open = False
+        self.simulation.report_faults()
         if self._inline is not None:
             self._inline.finish()
         if self._worker is not None:

@@ -9,7 +9,7 @@ from typing import Final
 from haptogram.acoustics import AcousticModel, Drive, Reconstruction, Reconstructor
 
 from .backdoor import Record, board_record, end_record, latch_record, output_record
-from .latch import Latch, Notice
+from .latch import FaultsCounted, Latch, Notice
 from .settings import BoardSettings
 
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
@@ -67,6 +67,7 @@ class InlineReconstruction:
         self._write = write
         self._estimator = Estimator(settings.model) if reconstruct else None
         self._latched = self._reconstructed = 0
+        self._faults: dict[str, int] | None = None
         write(board_record(settings))
 
     def latch(self, latch: Latch) -> None:
@@ -81,7 +82,10 @@ class InlineReconstruction:
         self._estimator = None
 
     def notice(self, notice: Notice) -> None:
-        """Take down a change of the output."""
+        """Take down a change of the output; counts of faults belong to the last record."""
+        if isinstance(notice, FaultsCounted):
+            self._faults = notice.counts
+            return
         self._write(output_record(notice))
 
     def finish(self, *, dropped: int = 0, notices_dropped: int = 0, clean: bool = True) -> None:
@@ -93,5 +97,6 @@ class InlineReconstruction:
                 dropped=dropped,
                 notices_dropped=notices_dropped,
                 clean=clean,
+                faults=self._faults,
             )
         )

@@ -7,6 +7,7 @@ it goes from event to event, so a run on the wall clock and one in virtual time 
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import select
 import signal
@@ -18,6 +19,8 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 
 from .assembly import HEALTHY, Parts
 from .board import Board
+from .faults import FaultPlan
+from .injection import Injection
 from .latch import Latch, Notice
 from .log import CountLog
 from .port import Port
@@ -56,6 +59,13 @@ class Simulation:
         Whether the line takes its time; not, if the bytes come over a real one.
     parts : Parts, keyword-only
         What the board is made of: healthy parts, unless it is a mutant.
+    faults : FaultPlan or None, keyword-only
+        What is to go wrong with line, clock and transducers.
+
+    Raises
+    ------
+    ConfigurationError
+        If a fault is not possible on this board.
     """
 
     def __init__(
@@ -64,10 +74,16 @@ class Simulation:
         *recorders: Recorder,
         paced: bool = True,
         parts: Parts = HEALTHY,
+        faults: FaultPlan | None = None,
     ) -> None:
+        self._clock = parts.clock(settings.boot_us)
+        self._injection: Injection | None = None
+        if faults is not None and faults.faults:
+            self._injection = Injection(faults, settings)
+            self._clock = faults.clock(self._clock)
+            settings = dataclasses.replace(settings, boot_us=self._clock.boot_us)
         self.dialect = parts.assemble(settings, description_hash())
         self.board: Board = self.dialect.board
-        self._clock = parts.clock(settings.boot_us)
         self._recorders = recorders
         baud = settings.baud if paced else None
         self._down, self._up = Line(baud), Line(baud)
@@ -105,7 +121,7 @@ class Simulation:
         """Put bytes of the host on the line at *t_ns*; return how many there was room for."""
         self.advance_to(t_ns)
         taken = data[: self.host_room]
-        self._down.send(taken, t_ns)
+        self._send(self._down, "down", taken, t_ns)
         return len(taken)
 
     def host_read(self, limit: int | None = None) -> bytes:
@@ -127,6 +143,18 @@ class Simulation:
         self.dialect.advance_to(self.board.now_us)
         self.dialect.collect()
         self._record()
+        self.report_faults()
+
+    @property
+    def fault_counts(self) -> dict[str, int]:
+        """How often each fault has fired."""
+        return {} if self._injection is None else dict(self._injection.counts)
+
+    def report_faults(self) -> None:
+        """Tell the recorders how often each fault has fired, for their last record."""
+        if self._injection is not None:
+            for recorder in self._recorders:
+                recorder.notice(self._injection.counted(self.board.now_us))
 
     # --- time ----------------------------------------------------------------------------------
 
@@ -169,11 +197,20 @@ class Simulation:
 
     def _record(self) -> None:
         notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
+        if self._injection is not None:
+            latches = [self._injection.radiate(latch, self._now_ns) for latch in latches]
         for recorder in self._recorders:
             for notice in notices:
                 recorder.notice(notice)
             for latch in latches:
                 recorder.latch(latch)
+
+    def _send(self, line: Line, direction: str, data: bytes, t_ns: int) -> None:
+        if self._injection is None:
+            line.send(data, t_ns)
+            return
+        for chunk in self._injection.line(direction, t_ns, data):
+            line.send(chunk.data, chunk.t_ns)
 
     @property
     def _can_feed(self) -> bool:
@@ -182,7 +219,7 @@ class Simulation:
     def _feed_line(self) -> None:
         """Give the line to the host more bytes, once it has sent the last ones."""
         if self._can_feed and self._up.free_ns <= self._now_ns:
-            self._up.send(self.dialect.take_output(_LINE_CHUNK), self._now_ns)
+            self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self._now_ns)
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
 
     def _ns(self, device_us: int) -> int:
