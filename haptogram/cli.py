@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from . import __version__
-from .commands import budget, conform, field, paper, verify
+from .commands import bench, budget, conform, field, paper, verify
 from .commands.exit_status import EXIT_STATUS, USAGE
 from .errors import HaptogramError
 
@@ -51,7 +51,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     verify.add(commands, _board_in_virtual_time)
     conform.add(commands, access_in_program)
-    for command in (budget, field, paper):
+    for command in (bench, budget, field, paper):
         command.add(commands)
     return parser
 

@@ -4,7 +4,7 @@ Frame i is due at t0 + floor(i * period): from the exact period, never accumulat
 late on the host is sent at once while it can still be complete at the board before it is due, and
 skipped otherwise.  A skipped frame has used its sequence number, and stays among what was intended.
 
-The bytes of a frame are there long before its tick: the first thousand before the first tick, every
+The bytes of a frame are there long before its tick: the first 256 before the first tick, every
 other one encoded while the loop has nothing else to do.  A tick is one write.
 """
 
@@ -36,8 +36,8 @@ US_PER_S: Final = 1_000_000
 _PROGRESS_HZ: Final = 20
 _SETTLING_NS: Final = 5_000_000  # between the last latch and the question how it went
 _START_NS: Final = 2_000_000  # from the last preparation to the first frame
-_AHEAD: Final = 1000  # frames that are encoded before they are due
-_ENCODING_NS: Final = 20_000  # for one of them, on a slow machine
+_AHEAD: Final = 256  # frames that are encoded before they are due
+_ENCODING_NS: Final = 40_000  # for one of them, on a busy machine
 _TOLERATED_JUMP_US: Final = 1000  # of the board's clock: every lead is longer
 _WATCH_NS: Final = 100_000_000  # a wait is cut into pieces no longer than this, to keep the clock
 

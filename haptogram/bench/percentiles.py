@@ -1,0 +1,79 @@
+"""Percentiles that say what they rest on, and how much they vary within one run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+LEVELS: Final = (50.0, 90.0, 99.0, 99.9)
+BLOCKS: Final = 10  # a run is cut into so many, to see how much its percentiles vary
+_LEAST_PER_BLOCK: Final = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Percentiles:
+    """What n values look like, in microseconds.
+
+    Attributes
+    ----------
+    count : int
+        n.
+    levels : dict of str to float
+        ``p50`` to ``p99.9``: the smallest value that so many per cent do not exceed.
+    greatest : float
+        The largest one.
+    blocks : dict of str to list of float
+        The percentiles of the ten tenths of the run, in order of time: how much they vary is the
+        noise of one run.  Empty for less than 200 values.
+    """
+
+    count: int
+    levels: dict[str, float]
+    greatest: float
+    blocks: dict[str, list[float]]
+
+    @classmethod
+    def of(cls, values_us: ArrayLike) -> Percentiles:
+        """Return the percentiles of (n,) values in order of time; nan is left out."""
+        values = np.asarray(values_us, dtype=np.float64)
+        values = values[~np.isnan(values)]
+        if not len(values):
+            return cls(0, {}, 0.0, {})
+        blocks: dict[str, list[float]] = {}
+        if len(values) >= BLOCKS * _LEAST_PER_BLOCK:
+            tenths = [_levels(block) for block in np.array_split(values, BLOCKS)]
+            blocks = {name: [tenth[name] for tenth in tenths] for name in tenths[0]}
+        return cls(len(values), _levels(values), float(values.max()), blocks)
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> Percentiles:
+        """Return what :meth:`as_dict` was made of."""
+        return cls(fields["n"], fields["levels"], fields["max"], fields["blocks"])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return them for JSON."""
+        return {
+            "n": self.count,
+            "levels": self.levels,
+            "max": self.greatest,
+            "blocks": self.blocks,
+        }
+
+    def __str__(self) -> str:
+        if not self.count:
+            return "not observed"
+        values = "".join(f"{value:>10.1f}" for value in self.levels.values())
+        return f"{values}{self.greatest:>11.1f}{self.count:>9}"
+
+
+def heading() -> str:
+    """Return the names of the columns of :class:`Percentiles` as text."""
+    return "".join(f"{f'p{level:g}':>10}" for level in LEVELS) + f"{'max':>11}{'n':>9}"
+
+
+def _levels(values: NDArray[np.float64]) -> dict[str, float]:
+    found = np.percentile(values, LEVELS, method="inverted_cdf")
+    return {f"p{level:g}": float(value) for level, value in zip(LEVELS, found, strict=True)}

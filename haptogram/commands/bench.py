@@ -1,0 +1,143 @@
+"""``haptogram bench``: how good the loop is here, and whose fault each late frame was."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from haptogram.bench.measure import BenchRun
+
+_EXAMPLES: Final = """\
+examples:
+  haptogram bench
+      1 kHz for 10 s to a virtual board in a process of its own, a control loop beside it
+  haptogram bench --spin-us 150 --realtime --html timing.html
+  haptogram bench --port /dev/ttyUSB0 --json new.json --compare old.json
+  haptogram bench --goals
+      the goals of this project for loop and round trip, measured here, side by side
+
+Nothing is judged: wall-clock figures depend on the machine. The exit status is 0 if it was
+measured, 2 if it could not be.
+"""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command."""
+    bench = commands.add_parser(
+        "bench",
+        help="measure the loop: percentiles from the intended time, every miss with its cause",
+        description="Stream to a board and measure, for every frame and from its intended time, "
+        "wake, encode and write, line, board and latch; beside a control loop that shows what the "
+        "machine itself does.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    bench.set_defaults(run=run)
+    bench.add_argument("--port", metavar="URL", help="a board on any pyserial URL [virtual board]")
+    bench.add_argument("--rate-hz", type=float, default=1000.0, metavar="HZ", help="[1000]")
+    bench.add_argument("--seconds", type=float, metavar="S", help="[10; --goals: 30]")
+    bench.add_argument("--link-baud", type=int, default=3_000_000, metavar="BAUD", help="[3000000]")
+    bench.add_argument("--phase-bits", type=int, choices=(8, 6, 5), default=8, help="[8]")
+    bench.add_argument(
+        "--lead-ms", type=float, metavar="MS", help="[100, or 3/4 of the board's queue]"
+    )
+    bench.add_argument(
+        "--trim", action="store_true", help="shorten the lead to what the arrival margins allow"
+    )
+    bench.add_argument(
+        "--spin-us",
+        type=int,
+        default=0,
+        metavar="US",
+        help="watch the clock so long before a deadline; a quarter of the period at most [0]",
+    )
+    bench.add_argument(
+        "--realtime",
+        action="store_true",
+        help="ask for fixed priority, locked memory and a frozen garbage collector",
+    )
+    bench.add_argument("--goals", action="store_true", help="measure the goals for loop and line")
+    bench.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    bench.add_argument("--html", type=Path, metavar="FILE", help="write it with histograms")
+    bench.add_argument("--picture", type=Path, metavar="FILE", help="write the histogram alone")
+    bench.add_argument(
+        "--compare", type=Path, metavar="OLD.json", help="say what changed beyond the noise"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure, print and write; return 0."""
+    if arguments.goals:
+        return _run_goals(arguments)
+    from haptogram.bench.measure import BenchConfig, run_bench
+    from haptogram.bench.result import as_dict, read_result
+    from haptogram.bench.text import as_text
+
+    old = None if arguments.compare is None else read_result(arguments.compare)
+    lead_us = None if arguments.lead_ms is None else round(arguments.lead_ms * 1e3)
+    config = BenchConfig(
+        port=arguments.port,
+        rate_hz=arguments.rate_hz,
+        seconds=10.0 if arguments.seconds is None else arguments.seconds,
+        baudrate=arguments.link_baud,
+        phase_bits=arguments.phase_bits,
+        lead_us=lead_us,
+        spin_us=arguments.spin_us,
+        realtime=arguments.realtime,
+        trim=arguments.trim,
+    )
+    found = run_bench(config)  # without a progress bar: it would draw between the ticks
+    result = as_dict(found)
+    changes = [] if old is None else _changes(old, result)
+    print(as_text(result))
+    if changes:
+        print("\n" + "\n".join(changes))
+    _write(arguments, found, result, changes)
+    return 0
+
+
+def _run_goals(arguments: argparse.Namespace) -> int:
+    from haptogram.bench.goals import as_text, measure_goals
+    from haptogram.report import write_json
+
+    seconds = 30.0 if arguments.seconds is None else arguments.seconds
+    found = measure_goals(seconds=seconds)
+    print(as_text(found))
+    if arguments.json is not None:
+        write_json(arguments.json, found.as_dict())
+    return 0
+
+
+def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
+    from haptogram.bench.compare import compare, differences
+
+    changes = compare(old, new)
+    lines = [f"changed beyond the noise: {change}" for change in changes if change.beyond_noise]
+    quiet = sum(not change.beyond_noise for change in changes)
+    lines.append(f"unchanged within the noise: {quiet} of {len(changes)} comparisons")
+    return lines + differences(old, new)
+
+
+def _write(
+    arguments: argparse.Namespace, found: BenchRun, result: dict[str, Any], changes: list[str]
+) -> None:
+    from haptogram.report import write_json
+    from haptogram.report.files import write_atomically
+
+    if arguments.json is not None:
+        write_json(arguments.json, result)
+    if arguments.html is not None:
+        from haptogram.bench.html import as_html
+
+        write_atomically(arguments.html, as_html(found, changes).encode())
+    if arguments.picture is not None:
+        from haptogram.bench.pictures import draw_histograms
+        from haptogram.pictures.style import save
+
+        save(draw_histograms(found.stages_us), arguments.picture)
+    for path in (arguments.json, arguments.html, arguments.picture):
+        if path is not None:
+            print(f"wrote {path}", file=sys.stderr)
