@@ -25,6 +25,8 @@ F8 = NDArray[np.float64]
 
 BLOCK: Final = 512  # points; the buffers of a 16 x 16 array then fill about 40 kB
 
+_GENTLE_LOSS: Final = 0.08  # nepers across a block; a quadratic is then off by at most 3e-6
+
 # Everything of `fastmath` but the reordering of sums, which would cancel the rounding error that
 # `_ray` computes on purpose.
 _STRICT_SUMS: Final = {"contract", "arcp", "nnan", "ninf", "nsz", "afn"}
@@ -58,15 +60,18 @@ jit_sums = _numba_jit(fastmath=True)  # sums may be reordered, and so vectorised
 
 
 @jit_inline
-def _ray(a: Any, b: Any, phase: Any) -> Any:
+def _ray(a: Any, b: Any, phase: Any, careful: Any) -> Any:
     """Return 1/r, r, the arrival phase in [-1/2, 1/2] and the half turns left out, r^2 = a + b."""
     square = a + b
     inverse = _ONE / np.sqrt(square)
     r = square * inverse
-    missing = (a - r * r) + b  # what rounding took from r^2: r + missing / 2r is exact
     twice = r + r
     turns = np.rint(twice + phase)
-    return inverse, r, ((twice - turns) + phase) + missing * inverse, turns
+    arrival = (twice - turns) + phase
+    if careful:
+        missing = (a - r * r) + b  # what rounding took from r^2: r + missing / 2r is exact
+        arrival += missing * inverse
+    return inverse, r, arrival, turns
 
 
 @jit_inline
@@ -74,11 +79,6 @@ def _flip(value: Any, half_turns: Any) -> Any:
     """Return *value* times (-1)^half_turns: the lowest bit moves into the sign."""
     bits = np.float32(value).view(np.int32)
     return np.int32(bits ^ (np.int32(half_turns) << np.int32(31))).view(np.float32)
-
-
-@jit_inline
-def _gain(q: Any, d0: Any, d1: Any, d2: Any, d3: Any, d4: Any, d5: Any) -> Any:
-    return ((((d5 * q + d4) * q + d3) * q + d2) * q + d1) * q + d0
 
 
 @jit_inline
@@ -91,45 +91,81 @@ def _cos_sin(t: Any) -> Any:
 
 
 @jit_inline
-def _rays_lattice(
-    a: Any, b: Any, height: Any, amplitude: Any, phase: Any, gain: Any, loss: Any, t: Any, m: Any
+def _level(inverse: Any, r: Any, q: Any, gain: Any, loss: Any, careful: Any) -> Any:
+    """Return D(cos^2 = q) e^(-alpha r) / r."""
+    d0, d1, d2, d3, d4, d5 = gain
+    e0, e1, e2, e3 = loss
+    slow = (e3 * r + e2) * r + e1 if careful else e2 * r + e1
+    return (((((d5 * q + d4) * q + d3) * q + d2) * q + d1) * q + d0) * (e0 * inverse + slow)
+
+
+@jit_inline
+def _wave_lattice(
+    a: Any, b: Any, height: Any, phase: Any, gain: Any, loss: Any, careful: Any
 ) -> Any:
+    """Return phase and magnitude of one element of a lattice: its cosine^2 is height / r^2."""
+    inverse, r, arrival, turns = _ray(a, b, phase, careful)
+    level = _level(inverse, r, height * (inverse * inverse), gain, loss, careful)
+    return arrival, _flip(level, turns)
+
+
+@jit_inline
+def _wave_free(
+    x: Any, y: Any, z: Any, s: Any, phase: Any, front: Any, gain: Any, loss: Any, careful: Any
+) -> Any:
+    """Return phase and magnitude of an element anywhere; *s* is its normal."""
+    inverse, r, arrival, turns = _ray(x * x, y * y + z * z, phase, careful)
+    nx, ny, nz = s
+    cosine = (x * nx + y * ny + z * nz) * inverse
+    level = _level(inverse, r, cosine * cosine, gain, loss, careful)
+    return arrival, _flip(level if cosine >= front else _ZERO, turns)
+
+
+@jit_inline
+def _rays_lattice(
+    a: Any, b: Any, height: Any, amplitude: Any, phase: Any, gain: Any, loss: Any, careful: Any,
+    t: Any, m: Any,
+) -> Any:  # fmt: skip
     """Fill phase *t* and magnitude *m* of one element of a lattice at a block of points.
 
-    The cosine is height / r: *height* holds its squares.
+    *careful* chooses between two loops here, since inside of one the compiler would compute both.
     """
-    d0, d1, d2, d3, d4, d5 = gain[0], gain[1], gain[2], gain[3], gain[4], gain[5]
-    e0, e1 = loss[0] * amplitude, loss[1] * amplitude
-    e2, e3 = loss[2] * amplitude, loss[3] * amplitude
-    for p in range(a.size):
-        inverse, r, arrival, turns = _ray(a[p], b[p], phase)
-        t[p] = arrival
-        q = height[p] * (inverse * inverse)
-        spread = e0 * inverse + ((e3 * r + e2) * r + e1)  # loss / r
-        m[p] = _flip(_gain(q, d0, d1, d2, d3, d4, d5) * spread, turns)
+    gains, losses = _gains(gain), _losses(loss, amplitude)
+    if careful:
+        for p in range(a.size):
+            t[p], m[p] = _wave_lattice(a[p], b[p], height[p], phase, gains, losses, True)
+    else:
+        for p in range(a.size):
+            t[p], m[p] = _wave_lattice(a[p], b[p], height[p], phase, gains, losses, False)
 
 
 @jit_inline
 def _rays_free(
     hi: Any, lo: Any, s: Any, amplitude: Any, phase: Any, front: Any, gain: Any, loss: Any,
-    t: Any, m: Any,
+    careful: Any, t: Any, m: Any,
 ) -> Any:  # fmt: skip
     """Fill phase *t* and magnitude *m* of an element anywhere: *s* is its position and normal."""
-    d0, d1, d2, d3, d4, d5 = gain[0], gain[1], gain[2], gain[3], gain[4], gain[5]
-    e0, e1 = loss[0] * amplitude, loss[1] * amplitude
-    e2, e3 = loss[2] * amplitude, loss[3] * amplitude
-    sx, sy, sz, nx, ny, nz = s[0], s[1], s[2], s[3], s[4], s[5]
+    gains, losses, normal = _gains(gain), _losses(loss, amplitude), (s[3], s[4], s[5])
+    sx, sy, sz = s[0], s[1], s[2]
     x, y, z, xl, yl, zl = hi[0], hi[1], hi[2], lo[0], lo[1], lo[2]
-    for p in range(x.size):
-        dx = (x[p] - sx) + xl[p]
-        dy = (y[p] - sy) + yl[p]
-        dz = (z[p] - sz) + zl[p]
-        inverse, r, arrival, turns = _ray(dx * dx, dy * dy + dz * dz, phase)
-        t[p] = arrival
-        cosine = (dx * nx + dy * ny + dz * nz) * inverse
-        spread = e0 * inverse + ((e3 * r + e2) * r + e1)
-        level = _gain(cosine * cosine, d0, d1, d2, d3, d4, d5) * spread
-        m[p] = _flip(level if cosine >= front else _ZERO, turns)
+    if careful:
+        for p in range(x.size):
+            dx, dy, dz = (x[p] - sx) + xl[p], (y[p] - sy) + yl[p], (z[p] - sz) + zl[p]
+            t[p], m[p] = _wave_free(dx, dy, dz, normal, phase, front, gains, losses, True)
+    else:
+        for p in range(x.size):
+            dx, dy, dz = (x[p] - sx) + xl[p], (y[p] - sy) + yl[p], (z[p] - sz) + zl[p]
+            t[p], m[p] = _wave_free(dx, dy, dz, normal, phase, front, gains, losses, False)
+
+
+@jit_inline
+def _gains(gain: Any) -> Any:
+    return gain[0], gain[1], gain[2], gain[3], gain[4], gain[5]
+
+
+@jit_inline
+def _losses(loss: Any, amplitude: Any) -> Any:
+    return loss[0] * amplitude, loss[1] * amplitude, loss[2] * amplitude, loss[3] * amplitude
 
 
 @jit_inline
@@ -149,17 +185,25 @@ def _set_waves(t: Any, m: Any, re: Any, im: Any) -> Any:
 
 
 @jit
-def _loss(absorption: float, near: float, far: float, loss: F4) -> None:
-    """Set the cubic in r that meets exp(-absorption r) at the Chebyshev nodes of [near, far]."""
+def _loss(absorption: float, near: float, far: float, careful: bool, loss: F4) -> None:
+    """Set the cubic in r that meets exp(-absorption r) at the Chebyshev nodes of [near, far].
+
+    Not *careful*: the quadratic at three nodes.
+    """
     middle, half = 0.5 * (near + far), 0.5 * (far - near) + 1.0
     top = math.exp(-absorption * middle)
-    outer, inner = half * math.cos(math.pi / 8.0), half * math.sin(math.pi / 8.0)
-    span = outer * outer - inner * inner
-    c2 = (math.cosh(absorption * outer) - math.cosh(absorption * inner)) / span
-    c0 = math.cosh(absorption * outer) - c2 * outer * outer
-    slope = math.sinh(absorption * outer) / outer
-    c3 = (math.sinh(absorption * inner) / inner - slope) / span
-    c1 = -slope - c3 * outer * outer
+    if careful:
+        outer, inner = half * math.cos(math.pi / 8.0), half * math.sin(math.pi / 8.0)
+        span = outer * outer - inner * inner
+        c2 = (math.cosh(absorption * outer) - math.cosh(absorption * inner)) / span
+        slope = -math.sinh(absorption * outer) / outer
+        c3 = (math.sinh(absorption * inner) / inner + slope) / span
+        c0, c1 = math.cosh(absorption * outer) - c2 * outer * outer, slope - c3 * outer * outer
+    else:
+        outer = half * math.sqrt(0.75)
+        c0, c3 = 1.0, 0.0
+        c2 = (math.cosh(absorption * outer) - 1.0) / (outer * outer)
+        c1 = -math.sinh(absorption * outer) / outer
     loss[0] = top * (c0 - middle * (c1 - middle * (c2 - middle * c3)))
     loss[1] = top * (c1 - middle * (2.0 * c2 - middle * 3.0 * c3))
     loss[2] = top * (c2 - middle * 3.0 * c3)
@@ -167,51 +211,60 @@ def _loss(absorption: float, near: float, far: float, loss: F4) -> None:
 
 
 @jit
-def _block(
-    points: F8, frame: F8, radius: float, absorption: float, hi: F4, lo: F4, loss: F4
-) -> None:
+def _block(points: F8, frame: F8, constants: F8, careful: bool, hi: F4, lo: F4, loss: F4) -> bool:
     """Express a block of points in the array's frame as float32 pairs; fit the loss over it.
 
     *frame* is (4, 3): three axes over the wavelength, and the origin. The part of the block beyond
-    the last point repeats it.
+    the last point repeats it. Returns whether care is needed: asked for, or for the loss.
     """
     near, far = 1e30, 0.0
-    for p in range(hi.shape[1]):
-        n = min(p, len(points) - 1)
+    count = len(points)
+    for p in range(count):
+        u, v, w = points[p, 0] - frame[3, 0], points[p, 1] - frame[3, 1], points[p, 2] - frame[3, 2]
         square = 0.0
         for i in range(3):
-            value = 0.0
-            for k in range(3):
-                value += frame[i, k] * (points[n, k] - frame[3, k])
+            value = frame[i, 0] * u + frame[i, 1] * v + frame[i, 2] * w
             hi[i, p] = value
             lo[i, p] = value - np.float64(hi[i, p])
             square += value * value
         near, far = min(near, square), max(far, square)
-    _loss(absorption, max(math.sqrt(near) - radius, 0.0), math.sqrt(far) + radius, loss)
+    for p in range(count, hi.shape[1]):
+        for i in range(3):
+            hi[i, p], lo[i, p] = hi[i, count - 1], lo[i, count - 1]
+    radius, absorption = constants[0], constants[1]
+    near, far = max(math.sqrt(near) - radius, 0.0), math.sqrt(far) + radius
+    careful = careful or absorption * (far - near) > _GENTLE_LOSS
+    _loss(absorption, near, far, careful, loss)
+    return careful
 
 
 @jit_checked
 def usable_points(
-    points: F8, positions: F8, bounds: F8, clearance: float, usable: NDArray[np.bool_]
-) -> int:
+    points: F8, positions: F8, bounds: F8, reach: float, clearance: float,
+    usable: NDArray[np.bool_],
+) -> int:  # fmt: skip
     """Mark the points that single precision serves; return how many it does not.
 
     *bounds*: centre of the array (3), half-sizes of the box around it that holds every point near
-    an element (3), largest distance from the centre. In metres, like *clearance*, the smallest
-    distance from an element. NaN is never usable.
+    an element (3). In metres, like *reach*, the largest distance from the centre, and *clearance*,
+    the smallest distance from an element. NaN is never usable.
     """
-    refused = 0
-    for p in range(len(points)):
-        square, inside = 0.0, True
-        for i in range(3):
-            offset = points[p, i] - bounds[i]
-            square += offset * offset
-            inside = inside and abs(offset) < bounds[3 + i]
-        usable[p] = square <= bounds[6] * bounds[6]
-        if inside and usable[p]:
-            usable[p] = _nearest_square(points[p], positions) >= clearance * clearance
-        refused += not usable[p]
-    return refused
+    limit, inside, served = reach * reach, 0, 0
+    for p in range(len(points)):  # no branch, so that it is vectorised
+        u, v, w = points[p, 0] - bounds[0], points[p, 1] - bounds[1], points[p, 2] - bounds[2]
+        usable[p] = u * u + v * v + w * w <= limit
+        served += usable[p]
+        inside += (abs(u) < bounds[3]) & (abs(v) < bounds[4]) & (abs(w) < bounds[5])
+    if inside:
+        served = 0
+        for p in range(len(points)):
+            box = True
+            for i in range(3):
+                box = box and abs(points[p, i] - bounds[i]) < bounds[3 + i]
+            if box and usable[p]:
+                usable[p] = _nearest_square(points[p], positions) >= clearance * clearance
+            served += usable[p]
+    return len(points) - served
 
 
 @jit_checked
@@ -225,22 +278,32 @@ def _nearest_square(point: F8, positions: F8) -> float:
     return nearest
 
 
+@jit_checked
+def polar_form(drive: NDArray[np.complex128], polar: F4) -> None:
+    """Set the magnitudes and the phases, in half turns, of a drive."""
+    for n in range(len(drive)):
+        polar[0, n] = math.hypot(drive[n].real, drive[n].imag)
+        polar[1, n] = math.atan2(drive[n].imag, drive[n].real) / math.pi
+
+
 @jit
 def _padded(count: int) -> int:
-    """Return the length of a block of *count* points: whole vectors of up to 16 values."""
-    return (min(count, BLOCK) + 15) // 16 * 16
+    """Return the length of the equal blocks of *count* points: whole vectors of up to 16 values."""
+    blocks = max(1, (count + BLOCK - 1) // BLOCK)
+    return max(16, (count + 16 * blocks - 1) // (16 * blocks) * 16)
 
 
 @jit
 def lattice_pressure(
-    points: F8, frame: F8, constants: F8, gain: F4, gx: F4, gy: F4, drive: F4,
-    result: NDArray[np.complex128],
+    points: F8, frame: F8, constants: F8, careful: bool, gain: F4, gx: F4, gy: F4,
+    nodes: NDArray[np.int64], drive: F4, result: NDArray[np.complex128],
 ) -> None:  # fmt: skip
     """Set the pressure of a planar lattice of parallel elements.
 
-    *constants*: aperture radius and absorption (per wavelength), and 1 if the elements are baffled.
-    *drive* (2, nx, ny): magnitudes, and phases in half turns. r^2 = (x - gx)^2 + z^2 + (y - gy)^2
-    is the sum of one of nx and one of ny rows that are computed once a block.
+    *constants*: aperture radius and absorption (per wavelength), 1 if the elements are baffled.
+    *careful*: rounding errors do not average out. *nodes* (nx, ny): the element at each node, -1
+    for none. *drive* (2, N): magnitudes, and phases in half turns. r^2 = (x - gx)^2 + z^2 +
+    (y - gy)^2 is the sum of one of nx and one of ny rows that are computed once a block.
     """
     size = _padded(len(points))
     hi, lo = np.empty((3, size), np.float32), np.empty((3, size), np.float32)
@@ -250,7 +313,7 @@ def lattice_pressure(
     re, im = np.empty(size, np.float32), np.empty(size, np.float32)
     for start in range(0, len(points), size):
         part = points[start : start + size]
-        _block(part, frame, constants[0], constants[1], hi, lo, loss)
+        slow = _block(part, frame, constants, careful, hi, lo, loss)
         _lattice_rows(hi, lo, gy, rows, height)
         re[:] = _ZERO
         im[:] = _ZERO
@@ -259,9 +322,10 @@ def lattice_pressure(
                 dx = (hi[0, p] - gx[i]) + lo[0, p]
                 a[p] = dx * dx + height[p]
             for j in range(gy.size):
-                if drive[0, i, j] != _ZERO:
+                n = nodes[i, j]
+                if n >= 0 and drive[0, n] != _ZERO:
                     _rays_lattice(
-                        a, rows[j], height, drive[0, i, j], drive[1, i, j], gain, loss, t, m
+                        a, rows[j], height, drive[0, n], drive[1, n], gain, loss, slow, t, m
                     )
                     _add_waves(t, m, re, im)
         for p in range(len(part)):
@@ -283,28 +347,28 @@ def _lattice_rows(hi: F4, lo: F4, gy: F4, rows: F4, height: F4) -> None:
 
 @jit
 def lattice_waves(
-    points: F8, frame: F8, constants: F8, gain: F4, gx: F4, gy: F4, elements: NDArray[np.int64],
+    points: F8, frame: F8, constants: F8, gain: F4, gx: F4, gy: F4, nodes: NDArray[np.int64],
     waves: F4,
 ) -> None:  # fmt: skip
     """Set the (2, N, B) real and imaginary parts of the propagators to at most `BLOCK` points.
 
-    *elements* (nx, ny): the number of the element at each node, -1 for none.
+    *nodes* (nx, ny): the element at each node, -1 for none.
     """
     size = _padded(len(points))
     hi, lo = np.empty((3, size), np.float32), np.empty((3, size), np.float32)
     a, t, m = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(size, np.float32)
     height, loss = np.empty(size, np.float32), np.empty(4, np.float32)
     rows = np.empty((gy.size, size), np.float32)
-    _block(points, frame, constants[0], constants[1], hi, lo, loss)
+    _block(points, frame, constants, True, hi, lo, loss)
     _lattice_rows(hi, lo, gy, rows, height)
     for i in range(gx.size):
         for p in range(size):
             dx = (hi[0, p] - gx[i]) + lo[0, p]
             a[p] = dx * dx + height[p]
         for j in range(gy.size):
-            n = elements[i, j]
+            n = nodes[i, j]
             if n >= 0:
-                _rays_lattice(a, rows[j], height, _ONE, _ZERO, gain, loss, t, m)
+                _rays_lattice(a, rows[j], height, _ONE, _ZERO, gain, loss, True, t, m)
                 if constants[2] != 0.0:
                     for p in range(size):
                         m[p] = m[p] if hi[2, p] >= _ZERO else _ZERO
@@ -313,7 +377,7 @@ def lattice_waves(
 
 @jit
 def free_pressure(
-    points: F8, frame: F8, constants: F8, gain: F4, elements: F4, drive: F4,
+    points: F8, frame: F8, constants: F8, careful: bool, gain: F4, elements: F4, drive: F4,
     result: NDArray[np.complex128],
 ) -> None:  # fmt: skip
     """Set the pressure of elements at any place with any normal.
@@ -327,12 +391,14 @@ def free_pressure(
     front = np.float32(0.0 if constants[2] != 0.0 else -2.0)
     for start in range(0, len(points), size):
         part = points[start : start + size]
-        _block(part, frame, constants[0], constants[1], hi, lo, loss)
+        slow = _block(part, frame, constants, careful, hi, lo, loss)
         re[:] = _ZERO
         im[:] = _ZERO
         for n in range(len(elements)):
             if drive[0, n] != _ZERO:
-                _rays_free(hi, lo, elements[n], drive[0, n], drive[1, n], front, gain, loss, t, m)
+                _rays_free(
+                    hi, lo, elements[n], drive[0, n], drive[1, n], front, gain, loss, slow, t, m
+                )
                 _add_waves(t, m, re, im)
         for p in range(len(part)):
             result[start + p] = complex(re[p], im[p])
@@ -347,9 +413,9 @@ def free_waves(
     hi, lo = np.empty((3, size), np.float32), np.empty((3, size), np.float32)
     t, m, loss = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(4, np.float32)
     front = np.float32(0.0 if constants[2] != 0.0 else -2.0)
-    _block(points, frame, constants[0], constants[1], hi, lo, loss)
+    _block(points, frame, constants, True, hi, lo, loss)
     for n in range(len(elements)):
-        _rays_free(hi, lo, elements[n], _ONE, _ZERO, front, gain, loss, t, m)
+        _rays_free(hi, lo, elements[n], _ONE, _ZERO, front, gain, loss, True, t, m)
         _set_waves(t, m, waves[0, n], waves[1, n])
 
 

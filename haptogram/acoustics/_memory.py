@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Sequence
 from typing import Final
 
 from haptogram.errors import ConfigurationError
 
 _SHARE: Final = 0.5  # of the machine's memory that one result may take
+_ALWAYS_BYTES: Final = 1 << 14  # not worth asking the system
 
 
-def check_memory(what: str, size_bytes: int) -> None:
-    """Raise if *size_bytes* is more than half of the memory of this machine.
+def check_memory(what: str, shape: Sequence[int], item_bytes: int) -> None:
+    """Raise if an array of this shape takes more than half of the memory of this machine.
 
     Raises
     ------
     ConfigurationError
         Names both figures.
     """
-    limit = int(_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    if size_bytes > limit:
+    size_bytes = item_bytes * math.prod(shape)
+    if size_bytes <= _ALWAYS_BYTES:
+        return
+    limit_bytes = int(_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    if size_bytes > limit_bytes:
         raise ConfigurationError(
-            f"{what} needs {size_bytes / 1e9:.3g} GB, must be at most {limit / 1e9:.3g} GB "
-            "(half of the memory)"
+            f"{what} of {' x '.join(map(str, shape))} needs {size_bytes / 1e9:.3g} GB, "
+            f"must be at most {limit_bytes / 1e9:.3g} GB (half of the memory)"
         )

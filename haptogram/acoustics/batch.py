@@ -74,7 +74,7 @@ class FocusCodes:
             return self.focus(*as_vector("targets_m", values, 3).tolist())
         targets = as_points("targets_m", np.atleast_2d(values))
         shape = (*values.shape[:-1], self._model.array.count)
-        check_memory(f"codes of {' x '.join(map(str, shape))}", len(targets) * shape[-1])
+        check_memory("codes", (len(targets), shape[-1]), 1)
         result = np.empty(shape, dtype=np.uint8) if out is None else out
         if result.shape != shape or result.dtype != np.uint8 or not result.flags.c_contiguous:
             raise ConfigurationError(

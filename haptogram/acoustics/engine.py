@@ -12,7 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from types import ModuleType
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,13 +32,14 @@ Preference: TypeAlias = Literal["auto", "numpy", "numpy32", "numba"]
 _CALL_POINTS: Final = 1 << 15  # some 10 ms: Ctrl-C waits no longer
 _MAX_APERTURE: Final = 32.0  # wavelengths from the centre to an element
 _REACH: Final = 32.0  # wavelengths from a point to an element,
-_REACH_OF_MANY: Final = 100.0  # and where the errors of many elements average out
-_MANY: Final = 32.0  # elements, in effect: (sum |w|)^2 / sum |w|^2
+_REACH_OF_MANY: Final = 72.0  # and where the errors of many elements average out
+_MANY: Final = 64.0  # elements, in effect: (sum |w|)^2 / sum |w|^2
 _CLEARANCE: Final = 0.3  # wavelengths; nearer, the rounding of a position shows
 _MAX_LOSS: Final = 0.15  # nepers over the half-width of the range of distances in a block
 
 _MAX_APERTURE_LOSS: Final = 0.06  # nepers from the centre to an element
 
+_T = TypeVar("_T", bound=np.generic)
 _log = logging.getLogger(__name__)
 
 
@@ -102,13 +103,14 @@ class _SingleEngine(ABC):
         self._gain = (strength * gain).astype(np.float32)
         offsets = model.array.positions_m - model.array.centre_m
         self._radius_m = float(np.linalg.norm(offsets, axis=1).max())
-        absorption = model.medium.absorption_np_m
-        self._lossy_reach_m = 2.0 * _MAX_LOSS / absorption if absorption > 0.0 else math.inf
+        self._reach_of_few_m = self._reach_m(_REACH)
+        self._reach_of_many_m = self._reach_m(_REACH_OF_MANY)
 
-    def _reach_m(self, effective_count: float) -> float:
-        """Return how far from the array's centre so many elements may be heard."""
-        reach = _REACH_OF_MANY if effective_count >= _MANY else _REACH
-        return min(reach * self._model.wavelength_m, self._lossy_reach_m) - self._radius_m
+    def _reach_m(self, wavelengths: float) -> float:
+        """Return how far from the array's centre the errors stay within the promise."""
+        absorption = self._model.medium.absorption_np_m
+        lossy_m = 2.0 * _MAX_LOSS / absorption if absorption > 0.0 else math.inf
+        return min(wavelengths * self._model.wavelength_m, lossy_m) - self._radius_m
 
     @property
     def model(self) -> AcousticModel:
@@ -143,13 +145,14 @@ class _SingleEngine(ABC):
             )
         points = np.ascontiguousarray(as_points("points_m", points_m))
         shape = (*drives.shape[:-1], len(points))
-        check_memory(f"a field of {' x '.join(map(str, shape))}", 16 * math.prod(shape))
-        usable = self._usable(points, self._reach_m(_effective_count(drives)))
+        check_memory("a field", shape, 16)
+        many = _effective_count(drives) >= _MANY
+        usable = self._usable(points, self._reach_of_many_m if many else self._reach_of_few_m)
         if usable is None:
-            return self._fast(drives, points)
+            return self._fast(drives, points, careful=not many)
         result = np.empty(shape, dtype=np.complex128)
         result[..., ~usable] = NumpyEngine(self._model).pressure(drives, points[~usable])
-        result[..., usable] = self._fast(drives, points[usable])
+        result[..., usable] = self._fast(drives, points[usable], careful=not many)
         return result
 
     def propagators(self, points_m: ArrayLike) -> NDArray[np.complex64]:
@@ -162,8 +165,8 @@ class _SingleEngine(ABC):
         """
         points = np.ascontiguousarray(as_points("points_m", points_m))
         shape = (len(points), self._model.array.count)
-        check_memory(f"a matrix of {shape[0]} x {shape[1]}", 8 * math.prod(shape))
-        usable = self._usable(points, self._reach_m(1.0))
+        check_memory("a matrix", shape, 8)
+        usable = self._usable(points, self._reach_of_few_m)
         fast = np.ones(len(points), dtype=np.bool_) if usable is None else usable
         result = np.empty(shape, dtype=np.complex64)
         if usable is not None:
@@ -175,12 +178,15 @@ class _SingleEngine(ABC):
             result.imag[rows[part]] = imaginary.T
         return result
 
-    def _fast(self, drives: ComplexArray, points: FloatArray) -> ComplexArray:
-        """Return the pressure at points that are all served."""
+    def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
+        """Return the pressure at points that are all served.
+
+        *careful*: so few elements are active that their rounding errors do not average out.
+        """
         result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
         if drives.ndim == 1:
             for part in chunks(len(points), _CALL_POINTS):
-                self._one_drive(drives, points[part], result[part])
+                self._one_drive(drives, points[part], careful, result[part])
             return result
         matrix = _real_form(drives)
         count = len(drives)
@@ -201,7 +207,9 @@ class _SingleEngine(ABC):
         """Return which points within reach are served, or None if all are."""
 
     @abstractmethod
-    def _one_drive(self, drive: ComplexArray, points: FloatArray, result: ComplexArray) -> None:
+    def _one_drive(
+        self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
+    ) -> None:
         """Set the pressure of one drive."""
 
     @abstractmethod
@@ -232,7 +240,7 @@ class NumbaEngine(_SingleEngine):
         clearance = _CLEARANCE * model.wavelength_m
         middle = (model.array.positions_m.max(axis=0) + model.array.positions_m.min(axis=0)) / 2.0
         shift = np.abs(middle - model.array.centre_m)
-        self._bounds = np.concatenate([model.array.centre_m, half + shift + clearance, [0.0]])
+        self._bounds = np.concatenate([model.array.centre_m, half + shift + clearance])
         self._clearance_m = clearance
 
     def warm_up(self) -> None:
@@ -244,8 +252,8 @@ class NumbaEngine(_SingleEngine):
         for count in (1, 20):
             points = np.tile(self._model.array.centre_m + 0.1, (count, 1))
             self._usable(points, 1.0)
-            self._fast(drive, points)
-            self._fast(np.tile(drive, (2, 1)), points)
+            self._fast(drive, points, careful=False)
+            self._fast(np.tile(drive, (2, 1)), points, careful=True)
 
     @property
     def _wave_points(self) -> int:
@@ -253,29 +261,31 @@ class NumbaEngine(_SingleEngine):
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
         usable = np.empty(len(points), dtype=np.bool_)
-        self._bounds[6] = reach_m
         refused = self._kernels.usable_points(
             _writeable(points),
             self._layout.positions_m,
             self._bounds,
+            reach_m,
             self._clearance_m,
             usable,
         )
         return usable if refused else None
 
-    def _one_drive(self, drive: ComplexArray, points: FloatArray, result: ComplexArray) -> None:
-        polar = np.stack([np.abs(drive), np.angle(drive) / math.pi])
+    def _one_drive(
+        self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
+    ) -> None:
         layout, points = self._layout, _writeable(points)
+        polar = np.empty((2, len(drive)), dtype=np.float32)
+        self._kernels.polar_form(_writeable(drive), polar)
         if layout.lattice is None:
             self._kernels.free_pressure(
-                points, layout.frame, layout.constants, self._gain, layout.elements,
-                polar.astype(np.float32), result,
+                points, layout.frame, layout.constants, careful, self._gain, layout.elements, polar,
+                result,
             )  # fmt: skip
         else:
-            nodes = np.ascontiguousarray(layout.lattice.spread(polar), dtype=np.float32)
             self._kernels.lattice_pressure(
-                points, layout.frame, layout.constants, self._gain, layout.x, layout.y,
-                nodes, result,
+                points, layout.frame, layout.constants, careful, self._gain, layout.x, layout.y,
+                layout.nodes, polar, result,
             )  # fmt: skip
 
     def _waves(self, points: FloatArray) -> SingleArray:
@@ -336,7 +346,13 @@ class Numpy32Engine(_SingleEngine):
         clear: BoolArray = nearest >= limit
         return clear
 
-    def _one_drive(self, drive: ComplexArray, points: FloatArray, result: ComplexArray) -> None:
+    def _one_drive(
+        self,
+        drive: ComplexArray,
+        points: FloatArray,
+        careful: bool,  # noqa: ARG002  (this way is always careful)
+        result: ComplexArray,
+    ) -> None:
         weights = drive.astype(np.complex64)
         for part in chunks(len(points), self._size):
             real, imaginary, turn = self._polar(points[part])
@@ -414,8 +430,10 @@ def chunks(count: int, size: int) -> Iterator[slice]:
 def _effective_count(drives: ComplexArray) -> float:
     """Return how many elements share the work, in the drive where they are fewest."""
     level = np.abs(drives)
-    power = np.maximum((level * level).sum(axis=-1), 1e-300)
-    return float((level.sum(axis=-1) ** 2 / power).min(initial=math.inf))
+    if drives.ndim == 1:  # one call for a few points must not cost more than the points
+        return float(level.sum()) ** 2 / max(float(level @ level), 1e-300)
+    power = np.maximum((level * level).sum(axis=1), 1e-300)
+    return float((level.sum(axis=1) ** 2 / power).min(initial=math.inf))
 
 
 def _real_form(drives: ComplexArray) -> SingleArray:
@@ -424,6 +442,6 @@ def _real_form(drives: ComplexArray) -> SingleArray:
     return single(np.block([[real, -imaginary], [imaginary, real]]))
 
 
-def _writeable(points: FloatArray) -> FloatArray:
-    """Return *points*, copied if read-only: to the compiler that would be another type."""
-    return points if points.flags.writeable and points.flags.c_contiguous else points.copy()
+def _writeable(values: NDArray[_T]) -> NDArray[_T]:
+    """Return *values*, copied if read-only: to the compiler that would be another type."""
+    return values if values.flags.writeable and values.flags.c_contiguous else values.copy()

@@ -42,7 +42,7 @@ class GridField:
     def __init__(self, model: AcousticModel, points_m: ArrayLike) -> None:
         points = as_points("points_m", points_m)
         count = model.array.count
-        check_memory(f"a matrix of {len(points)} x {count}", 8 * len(points) * count)
+        check_memory("a matrix", (len(points), count), 8)
         engine = choose_engine(model)
         if isinstance(engine, NumbaEngine | Numpy32Engine):
             self._matrix = engine.propagators(points)
@@ -83,7 +83,7 @@ class GridField:
                 f"weights have shape {drives.shape}, must end in {count} elements"
             )
         shape = (*drives.shape[:-1], points)
-        check_memory(f"a field of {' x '.join(map(str, shape))}", 8 * drives.size // count * points)
+        check_memory("a field", shape, 8)
         if out is not None and (out.shape != shape or out.dtype != np.complex64):
             raise ConfigurationError(
                 f"out is {out.dtype} of shape {out.shape}, must be complex64 of shape {shape}"
@@ -107,7 +107,7 @@ def box_points_m(low_m: ArrayLike, high_m: ArrayLike, step_m: float) -> FloatArr
     if (low > high).any():
         raise ConfigurationError(f"the box ends at {high}, before its start at {low}")
     counts = np.ceil((high - low) / step_m - 1e-9) + 1.0
-    check_memory(f"a grid of {' x '.join(f'{n:.0f}' for n in counts)}", int(48 * counts.prod()))
+    check_memory("a grid", [int(n) for n in counts], 48)
     axes = [np.linspace(a, b, int(n)) for a, b, n in zip(low, high, counts, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 

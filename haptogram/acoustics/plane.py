@@ -71,7 +71,7 @@ class PlaneField:
         axes = [_Axis(levels, half_width_m, m) for levels in (lattice.x_m, lattice.y_m)]
         self._axes = axes
         periods = axes[0].period, axes[1].period
-        check_memory(f"a plane of {periods[0]} x {periods[1]} nodes", 48 * math.prod(periods))
+        check_memory("a plane", periods, 48)
         self.x_m, self.y_m = axes[0].nodes_m(), axes[1].nodes_m()
         self._spectrum = self._kernel_spectrum()
         self._buffer = np.empty_like(self._spectrum)
@@ -158,7 +158,7 @@ class _Axis:
         self._low = math.floor((-half_width_m - self._start_m) / self._step_m + 1e-9)
         self._high = math.ceil((half_width_m - self._start_m) / self._step_m - 1e-9)
         length = self._high + 1 - self._low + self.first
-        check_memory(f"an axis of {length} nodes", 64 * length)
+        check_memory("an axis", (length,), 64)
         self.small_period = int(next_fast_len(-(-length // m)))
         self.period = m * self.small_period
 

@@ -283,7 +283,7 @@ def compare(
     rng = np.random.default_rng(seed)
     rows = []
     for count in counts:
-        foci = [_spread_foci(rng, count) for _ in range(sets)]
+        foci = [spread_foci(rng, count) for _ in range(sets)]
         rows += [_row(model, now_ns, method, foci, rounds) for method in methods]
     return rows
 
@@ -307,8 +307,8 @@ def _row(
     return SolverRow(method, len(sets[0]), efficiency, uniformity, time_us)
 
 
-def _spread_foci(rng: np.random.Generator, count: int) -> FloatArray:
-    """Return foci on one plane, none within 12 mm of another."""
+def spread_foci(rng: np.random.Generator, count: int) -> FloatArray:
+    """Return (F, 3) random foci on one plane, none within 12 mm of another, in metres."""
     foci: list[FloatArray] = []
     while len(foci) < count:
         point = np.append(rng.uniform(-0.060, 0.060, 2), 0.150)
