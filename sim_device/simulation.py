@@ -31,6 +31,7 @@ from .uart import Line
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
 _LINE_CHUNK: Final = MAX_ENCODED_BYTES + 2  # handed to the line at a time: the longest frame
+MAX_CREDIT_NS: Final = 100_000_000  # of line time, for a process that stalled
 _NS_PER_US: Final = 1_000
 
 
@@ -117,11 +118,20 @@ class Simulation:
         """Bytes that the host may read now."""
         return len(self._unread)
 
-    def host_write(self, data: bytes, t_ns: int) -> int:
-        """Put bytes of the host on the line at *t_ns*; return how many there was room for."""
+    def host_write(self, data: bytes, t_ns: int, *, waited_ns: int = 0) -> int:
+        """Put bytes of the host on the line at *t_ns*; return how many there was room for.
+
+        Parameters
+        ----------
+        waited_ns : int
+            How long the bytes may have waited for a board whose process had stalled: a real line
+            would have carried them meanwhile. It counts up to :data:`MAX_CREDIT_NS`; they still
+            arrive at *t_ns* at the earliest.
+        """
         self.advance_to(t_ns)
         taken = data[: self.host_room]
-        self._send(self._down, "down", taken, t_ns)
+        credit_ns = min(waited_ns, MAX_CREDIT_NS, t_ns)
+        self._send(self._down, "down", taken, t_ns, credit_ns)
         return len(taken)
 
     def host_read(self, limit: int | None = None) -> bytes:
@@ -205,12 +215,12 @@ class Simulation:
             for latch in latches:
                 recorder.latch(latch)
 
-    def _send(self, line: Line, direction: str, data: bytes, t_ns: int) -> None:
+    def _send(self, line: Line, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
         if self._injection is None:
-            line.send(data, t_ns)
+            line.send(data, t_ns - credit_ns)
             return
         for chunk in self._injection.line(direction, t_ns, data):
-            line.send(chunk.data, chunk.t_ns)
+            line.send(chunk.data, chunk.t_ns - credit_ns)
 
     @property
     def _can_feed(self) -> bool:
@@ -256,6 +266,7 @@ class Heartbeat:
         self._simulation, self._port = simulation, port
         self._worker, self._counts = worker, counts
         self._stopping = False
+        self._due_ns: int | None = None  # when it meant to wake
         self._wake_read, self._wake_write = os.pipe()
         self._start_ns = time.monotonic_ns()
 
@@ -289,8 +300,11 @@ class Heartbeat:
     def _turn(self) -> None:
         simulation, port, now_ns = self._simulation, self._port, self._elapsed_ns()
         simulation.advance_to(now_ns)
+        # Late for what it meant to wake for: for so long the host's bytes may lie here already.
+        # Time spent idle is not counted, or a frame after a pause would take no time on the line.
+        stalled_ns = 0 if self._due_ns is None else max(0, now_ns - self._due_ns)
         if data := port.read(simulation.host_room):
-            simulation.host_write(data, now_ns)
+            simulation.host_write(data, now_ns, waited_ns=stalled_ns)
             simulation.advance_to(now_ns)
         if port.take_departure():
             simulation.unplug()  # the next client must not get what this one left
@@ -306,7 +320,7 @@ class Heartbeat:
         writing = self._port.writing()
         if self._worker is not None and self._worker.pending:
             writing = [*writing, self._worker.fileno()]
-        next_ns = self._simulation.next_event_ns()
+        self._due_ns = next_ns = self._simulation.next_event_ns()
         timeout_s = None if next_ns is None else max(0, next_ns - self._elapsed_ns()) / 1e9
         # select, because it alone waits for fractions of a millisecond everywhere.
         select.select([self._wake_read, *reading], writing, [], timeout_s)

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from haptogram.errors import ConfigurationError
 from sim_device import sink as sinks
 from sim_device.log import CountLog
+from sim_device.options import board_settings
 from sim_device.port import PtyPort, TcpPort, UnixListener
+from sim_device.simulation import Simulation
 from sim_device.sink import SocketSink, open_sink
 from sim_device.uart import Line
 
@@ -239,3 +241,23 @@ def test_counts_are_logged_when_they_have_moved_and_it_is_time(caplog):
         "counts: latched 4",
         "counts: late 1",
     ]
+
+
+def test_the_time_that_a_process_stalled_counts_for_the_line_and_no_more():
+    settings = board_settings(array="4x4", baud=1_000_000)
+    arrivals = {}
+    for waited_ns in (0, 3_000_000, 10**12):
+        simulation = Simulation(settings)
+        simulation.host_write(bytes(1000), 50_000_000, waited_ns=waited_ns)
+        simulation.advance_to(50_000_000)
+        arrivals[waited_ns] = 1000 - simulation.host_unsent
+    assert arrivals == {0: 0, 3_000_000: 300, 10**12: 1000}
+
+
+def test_the_line_still_takes_its_time_after_what_was_credited():
+    simulation = Simulation(board_settings(array="4x4", baud=1_000_000))
+    simulation.host_write(bytes([1]) * 1000, 50_000_000, waited_ns=3_000_000)
+    simulation.advance_to(56_990_000)
+    assert simulation.host_unsent > 0
+    simulation.advance_to(57_000_000)
+    assert simulation.host_unsent == 0
