@@ -308,7 +308,9 @@ class Heartbeat:
             simulation.advance_to(now_ns)
         if port.take_departure():
             simulation.unplug()  # the next client must not get what this one left
-        port.write(b"" if port.pending else simulation.host_read())
+        port.write(b"")  # the rest of last time; once it is gone nothing else would wake us up
+        if not port.pending:
+            port.write(simulation.host_read())
         if self._worker is not None:
             self._worker.pump()
         if self._counts is not None:
