@@ -21,8 +21,8 @@ HEAD = """\
 
 Boards that are wrong in exactly one way each (`sim_device/mutants`), judged by the conformance
 suite with the back door closed. Each must fail the clause that it breaks; what else it fails
-follows from the same fault. Made by `ci/kill-matrix`; `tests/system/test_mutants.py` holds every
-mutant to its clause and the healthy board to all of them.
+follows from the same fault. Made by `ci/kill-matrix`; `tests/sim_device/test_mutants.py` holds every
+mutant to its clause, `tests/system/test_conformance.py` the healthy board to all of them.
 
 """
 
