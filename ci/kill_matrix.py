@@ -21,7 +21,7 @@ HEAD = """\
 
 Boards that are wrong in exactly one way each (`sim_device/mutants`), judged by the conformance
 suite with the back door closed. Each must fail the clause that it breaks; what else it fails
-follows from the same fault. Made by `ci/kill-matrix`; `tests/sim_device/test_mutants.py` holds every
+follows from the same fault. Made by `ci/kill-matrix`. `tests/sim_device/test_mutants.py` holds each
 mutant to its clause, `tests/system/test_conformance.py` the healthy board to all of them.
 
 """
