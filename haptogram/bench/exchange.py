@@ -181,15 +181,15 @@ class Exchanger:
             self._traced[trace.index] = (trace.crc, self._link.now_ns())
 
 
-def highest_verified_rate_hz(exchanger: Exchanger) -> float:
+def highest_verified_rate_hz(exchanger: Exchanger, step_s: float) -> float:
     """Return the highest rate, on a ladder of steps of a quarter, at which every frame is verified.
 
-    0 if none is.  Each step streams half a second, and gets three tries: what a busy machine does
-    to one of them is not the program's limit.
+    0 if none is.  Each step streams for *step_s*, and gets three tries: what a busy machine does to
+    one of them is not the program's limit.
     """
     passed_hz, rate_hz = 0.0, _LOWEST_HZ
     while rate_hz <= _HIGHEST_HZ:
-        count = int(rate_hz / 2)
+        count = int(rate_hz * step_s)
         if not any(exchanger.pipelined(count, rate_hz).verified == count for _ in range(_TRIES)):
             break
         passed_hz, rate_hz = rate_hz, rate_hz * 1.25

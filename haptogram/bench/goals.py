@@ -21,7 +21,6 @@ from haptogram.virtual_board import VirtualBoard
 
 _RATE_HZ: Final = 1000.0
 _SPIN_US: Final = 150
-_TRIPS: Final = 5000
 _FRAME_BYTES: Final = 276
 _TRACE_BYTES: Final = 28
 
@@ -64,11 +63,17 @@ class Goals:
         }
 
 
-def measure_goals(*, seconds: float = 30.0) -> Goals:
-    """Measure everything, loops for *seconds* each."""
+def measure_goals(*, seconds: float = 30.0, trips: int = 5000, step_s: float = 0.5) -> Goals:
+    """Measure everything, loops for *seconds* each, *trips* round trips.
+
+    Parameters
+    ----------
+    step_s : float
+        How long each rate is tried in search of the highest one.
+    """
     before = cpu_times()
     with c_programs() as programs:
-        lines = _loop_goals(programs, seconds) + _line_goals(programs)
+        lines = _loop_goals(programs, seconds) + _line_goals(programs, trips, step_s)
     return Goals(lines, fingerprint(), cpu_share(before, cpu_times()))
 
 
@@ -160,14 +165,14 @@ def _two_processes(run: BenchRun) -> list[Goal]:
     ]
 
 
-def _line_goals(programs: CPrograms | None) -> list[Goal]:
+def _line_goals(programs: CPrograms | None, trips: int, step_s: float) -> list[Goal]:
     with VirtualBoard(reconstruct=False) as board, exchanger(board.url) as session:
-        trips_us = session.round_trips_us(_TRIPS)
-        closed = session.closed_loop(_TRIPS)
-        pipelined_hz = highest_verified_rate_hz(session)
+        trips_us = session.round_trips_us(trips)
+        closed = session.closed_loop(trips)
+        pipelined_hz = highest_verified_rate_hz(session, step_s)
     beside = None
     if programs is not None:
-        beside = programs.round_trips_us(there=_FRAME_BYTES, back=_TRACE_BYTES, count=_TRIPS)
+        beside = programs.round_trips_us(there=_FRAME_BYTES, back=_TRACE_BYTES, count=trips)
     return [
         _trip_goal(trips_us, beside),
         _closed_goal(closed.rate_hz, closed.verified, closed.frames, beside),
