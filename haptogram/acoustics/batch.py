@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -72,7 +73,9 @@ class FocusCodes:
         values = as_floats("targets_m", targets_m)
         if values.ndim == 1 and out is None:
             return self.focus(*as_vector("targets_m", values, 3).tolist())
-        targets = as_points("targets_m", np.atleast_2d(values))
+        targets = values.reshape(1, -1) if values.ndim == 1 else values
+        if targets.ndim != 2 or targets.shape[1] != 3:
+            raise ConfigurationError(f"targets_m has shape {values.shape}, must be (3,) or (T, 3)")
         shape = (*values.shape[:-1], self._model.array.count)
         check_memory("codes", (len(targets), shape[-1]), 1)
         result = np.empty(shape, dtype=np.uint8) if out is None else out
@@ -84,7 +87,7 @@ class FocusCodes:
         rows = result.reshape(len(targets), shape[-1])
         for start in range(0, len(targets), _CALL_TARGETS):
             part = slice(start, start + _CALL_TARGETS)
-            self._fill(np.array(targets[part]), rows[part])
+            self._fill(np.array(targets[part]), rows[part])  # writeable, as the kernel wants it
         return result
 
     def focus(self, x_m: float, y_m: float, z_m: float) -> NDArray[np.uint8]:
@@ -113,8 +116,9 @@ class FocusCodes:
         self.codes(self._model.array.centre_m + 0.1 * self._model.array.normals[0])
 
     def _fill(self, targets: FloatArray, rows: NDArray[np.uint8]) -> None:
-        distance = np.abs(targets - self._model.array.centre_m).sum(axis=1).max()
-        if self._kernels is not None and distance < self._near_m:
+        offsets = targets - self._model.array.centre_m
+        furthest = math.sqrt(np.einsum("ti,ti->t", offsets, offsets).max(initial=0.0))
+        if self._kernels is not None and furthest < self._near_m:
             self._compute(targets, rows)
             return
         for start in range(0, len(targets), 256):

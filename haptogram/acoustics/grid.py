@@ -115,7 +115,8 @@ def box_points_m(low_m: ArrayLike, high_m: ArrayLike, step_m: float) -> FloatArr
 def _as_single(weights: ArrayLike) -> NDArray[np.complex64]:
     """Return finite weights in single precision; those that already are so are not copied."""
     if isinstance(weights, np.ndarray) and weights.dtype == np.complex64:
-        check_finite("weights", weights)
+        if not np.isfinite(np.ascontiguousarray(weights).view(np.float32)).all():  # quicker by far
+            check_finite("weights", weights)
         return weights
     return as_weights(weights).astype(np.complex64)
 

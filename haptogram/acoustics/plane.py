@@ -99,7 +99,7 @@ class PlaneField:
         ConfigurationError
             Weights that are not finite or not one per element.
         """
-        from scipy.fft import fft2, ifft2  # slow to import, and only planes need it
+        from scipy.fft import fft2, ifft  # slow to import, and only planes need it
 
         drive = as_weights(weights)
         if drive.shape != (self._model.array.count,):
@@ -110,18 +110,17 @@ class PlaneField:
         sources = np.zeros((rows, columns), dtype=np.complex64)
         nodes = np.where(self._lattice.elements >= 0, drive[self._lattice.elements], 0.0)
         sources[: nodes.shape[0], : nodes.shape[1]] = nodes
-        small = fft2(sources, overwrite_x=True, workers=1)
+        small = fft2(sources, overwrite_x=True)
         shape = (m, rows, m, columns)
         np.multiply(
             self._spectrum.reshape(shape),
             small[None, :, None, :],
             out=self._buffer.reshape(shape),
         )
-        plane = ifft2(self._buffer, overwrite_x=True, workers=1)
-        first = [axis.first for axis in self._axes]
-        result: NDArray[np.complex64] = plane[
-            first[0] : first[0] + len(self.x_m), first[1] : first[1] + len(self.y_m)
-        ].copy()
+        # One axis, the part of it that is wanted, then the other: a third less than ifft2.
+        half = ifft(self._buffer, axis=1, overwrite_x=True)
+        half = half[:, self._axes[1].wanted]
+        result: NDArray[np.complex64] = ifft(half, axis=0)[self._axes[0].wanted].copy()
         return result
 
     def _kernel_spectrum(self) -> NDArray[np.complex64]:
@@ -154,19 +153,24 @@ class _Axis:
         pitch = float(np.diff(levels_m).mean()) if len(levels_m) > 1 else 2.0 * half_width_m
         self._step_m = pitch / m
         self._start_m = float(levels_m[0])
-        self.first = (len(levels_m) - 1) * m  # of the linear convolution: where node `low` sits
+        self._span = (len(levels_m) - 1) * m
         self._low = math.floor((-half_width_m - self._start_m) / self._step_m + 1e-9)
         self._high = math.ceil((half_width_m - self._start_m) / self._step_m - 1e-9)
-        length = self._high + 1 - self._low + self.first
+        length = self._high + 1 - self._low + self._span
         check_memory("an axis", (length,), 64)
         self.small_period = int(next_fast_len(-(-length // m)))
         self.period = m * self.small_period
 
+    @property
+    def wanted(self) -> slice:
+        """Where the nodes lie in the linear convolution."""
+        return slice(self._span, self._span + self._high + 1 - self._low)
+
     def nodes_m(self) -> FloatArray:
-        return self._start_m + self.offsets_m()[self.first :]
+        return self._start_m + self.offsets_m()[self._span :]
 
     def offsets_m(self) -> FloatArray:
-        steps = np.arange(self._low - self.first, self._high + 1, dtype=np.float64)
+        steps = np.arange(self._low - self._span, self._high + 1, dtype=np.float64)
         return self._step_m * steps
 
 

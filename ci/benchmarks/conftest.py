@@ -1,0 +1,85 @@
+"""One way to measure for all benchmarks: the two sides of a ratio take turns."""
+
+import statistics
+import time
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.engine import NumbaEngine
+
+SECONDS = 1.5  # for each pair
+
+
+@pytest.fixture(scope="session")
+def board():
+    """256 sources: the array of every figure."""
+    return AcousticModel.default(16, 16)
+
+
+@pytest.fixture(scope="session")
+def engine(board):
+    engine = NumbaEngine(board)
+    engine.warm_up()
+    return engine
+
+
+@pytest.fixture(scope="session")
+def drive():
+    return np.exp(2j * np.pi * np.random.default_rng(7).random(256))
+
+
+@pytest.fixture
+def scattered():
+    """Points above the array, as a haptic scene has them."""
+
+    def points(count):
+        rng = np.random.default_rng(count)
+        return np.column_stack([rng.uniform(-0.1, 0.1, (count, 2)), rng.uniform(0.05, 0.3, count)])
+
+    return points
+
+
+@pytest.fixture
+def compare(benchmark):
+    """Time *ours* as the benchmark, and a reference beside it, round for round.
+
+    On a shared machine only such pairs compare. The ratio is the median over the rounds of the
+    reference's time over ours. A reference that does only a share of the work counts as if it had
+    done all of it. `repeats` calls make one round of ours long enough for the clock.
+    """
+
+    def run(goal, ours, reference, *, repeats=1, reference_repeats=1, share=1.0, **notes):
+        ours()
+        reference()
+        ratios, times = [], ([], [])
+        deadline = time.perf_counter() + SECONDS
+        while len(ratios) < 7 or (time.perf_counter() < deadline and len(ratios) < 400):
+            theirs = timed(reference, reference_repeats) / share
+            mine = timed(ours, repeats)
+            ratios.append(theirs / mine)
+            times[0].append(mine)
+            times[1].append(theirs)
+        benchmark.pedantic(ours, rounds=5, iterations=repeats)
+        ratio = statistics.median(ratios)
+        low, high = np.quantile(ratios, [0.25, 0.75])
+        benchmark.extra_info.update(
+            goal=goal,
+            ratio=ratio,
+            ratio_quartiles=[float(low), float(high)],
+            ours_s=statistics.median(times[0]),
+            reference_s=statistics.median(times[1]),
+            rounds=len(ratios),
+            **notes,
+        )
+
+    return run
+
+
+def timed(function, repeats):
+    """Return processor time per call: on a shared machine, waiting for a core is no work."""
+    started = time.thread_time()
+    for _ in range(repeats):
+        function()
+    return (time.thread_time() - started) / repeats

@@ -1,0 +1,46 @@
+"""What anyone would write first, in numpy: the other side of every ratio."""
+
+import numpy as np
+
+
+def field(model, weights, points, chunk=64):
+    """Complex128 field of pistons in a lossy medium; the chunk is the fastest on most machines."""
+    from scipy.special import j1
+
+    array, k = model.array, model.wavenumber
+    radius = model.transducer.directivity.radius_m
+    strength = np.sqrt(2.0) * model.transducer.source_strength_pa_m
+    result = np.empty(len(points), dtype=complex)
+    for start in range(0, len(points), chunk):
+        offset = points[start : start + chunk, None, :] - array.positions_m
+        r = np.sqrt((offset * offset).sum(axis=-1))
+        cosine = (offset * array.normals).sum(axis=-1) / r
+        x = np.maximum(k * radius * np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0)), 1e-9)
+        gain = np.where(cosine >= 0.0, 2.0 * j1(x) / x, 0.0)
+        waves = gain / r * np.exp((1j * k - model.medium.absorption_np_m) * r)
+        result[start : start + chunk] = strength * (waves @ weights)
+    return result
+
+
+def focus_codes(model, targets, chunk=250):
+    """Uint8 codes of T targets; in chunks, since that is faster than at once."""
+    codes = np.empty((len(targets), model.array.count), dtype=np.uint8)
+    for start in range(0, len(targets), chunk):
+        offset = targets[start : start + chunk, None, :] - model.array.positions_m
+        phases = (-model.wavenumber * np.linalg.norm(offset, axis=-1)) % (2.0 * np.pi)
+        steps = np.round(phases / (2.0 * np.pi) * 256.0).astype(int)
+        codes[start : start + chunk] = (steps % 256).astype(np.uint8)
+    return codes
+
+
+def local_grid(centre):
+    """The 9 x 9 x 6 = 486 points of a search for the maximum around a guess."""
+    lateral, axial = (np.arange(9) - 4) * 1e-3, (np.arange(6) - 2.5) * 2e-3
+    grid = np.stack(np.meshgrid(lateral, lateral, axial, indexing="ij"), axis=-1)
+    return grid.reshape(-1, 3) + centre
+
+
+def wide_grid():
+    """The 31 x 31 x 14 points of a search with no guess."""
+    lateral, axial = np.linspace(-0.06, 0.06, 31), np.linspace(0.1, 0.27, 14)
+    return np.stack(np.meshgrid(lateral, lateral, axial, indexing="ij"), axis=-1).reshape(-1, 3)

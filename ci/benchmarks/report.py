@@ -1,0 +1,182 @@
+"""Turn the JSON of a run of ci/bench into docs/performance.md: report.py bench.json [--stdout]."""
+
+import json
+import os
+import platform
+import sys
+from pathlib import Path
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "performance.md"
+
+HEAD = """\
+# Speed of the field engine
+
+Made by `ci/bench`; do not edit. Each row is one thread, 256 sources, piston directivity and
+absorption. Times are processor time of that thread. Ours and the reference took turns, round for
+round: *ratio* is the median of reference over ours (in brackets: the quartiles), and only ratios
+compare between machines. A goal that this run missed is marked.
+"""
+
+SECTIONS = [
+    (
+        "Arbitrary points",
+        "Against plain numpy in complex128 (`ci/benchmarks/references.py`).",
+        "test_arbitrary_points_against_numpy",
+    ),
+    (
+        "Arbitrary points: share of the arithmetic limit",
+        "69 flop per pair of source and point, at the rate that sgemm of numpy reached beside it.",
+        "test_arbitrary_points_against_the_arithmetic_limit",
+    ),
+    (
+        "Without numba",
+        "numpy in single precision against plain numpy in complex128.",
+        "test_numpy_single_precision_against_numpy",
+    ),
+    (
+        "Fixed grid: share of the rate of cgemm",
+        "Names are points-frames; a call makes all frames.",
+        "test_fixed_grid_against_cgemm",
+    ),
+    (
+        "Plane parallel to the array",
+        "Convolution by FFT against our own direct kernel; names are the half-width in metres.",
+        "test_plane_against_the_direct_kernel",
+    ),
+    (
+        "Focus of one frame",
+        "Warm: the phase fit from a hint 3.6 mm off, against a search of 486 points with our own "
+        "kernel. Acquisition: no hint, against a search of 31 x 31 x 14 points with our own "
+        "kernel and the fit from the best of them.",
+        ("test_warm_fit", "test_acquisition"),
+    ),
+    (
+        "Phase codes of foci",
+        "Against numpy (norm, modulo, round); names are the number of foci in a call.",
+        "test_codes",
+    ),
+    (
+        "Weighted Gerchberg-Saxton, 100 rounds",
+        "Against numpy in complex64; names are the number of foci.",
+        "test_weighted_gerchberg_saxton",
+    ),
+]
+
+
+def main(arguments):
+    data = json.loads(Path(arguments[0]).read_text())
+    text = "\n".join([HEAD, machine(data), *sections(data["benchmarks"])])
+    if "--stdout" in arguments[1:]:
+        sys.stdout.write(text)
+    else:
+        DOCUMENT.write_text(text)
+        sys.stdout.write(f"bench: wrote {DOCUMENT.name}\n{missed(data['benchmarks'])}")
+
+
+def machine(data):
+    info, commit = data["machine_info"], data.get("commit_info", {})
+    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
+    state = " with changes" if commit.get("dirty") else ""
+    return (
+        f"Machine: {info['cpu'].get('brand_raw', info['machine'])}, {os.cpu_count()} cores, "
+        f"{info['system']} {info['release']}; Python {platform.python_version()}, {versions}.\n"
+        f"Commit {str(commit.get('id'))[:10]}{state}, {data['datetime'][:10]}.\n"
+    )
+
+
+def version(name):
+    from importlib.metadata import version
+
+    return version(name)
+
+
+def sections(benchmarks):
+    for title, text, prefixes in SECTIONS:
+        rows = [entry for entry in benchmarks if entry["name"].startswith(prefixes)]
+        if rows:
+            yield f"## {title}\n\n{text}\n\n" + "\n".join([*ratio_table(rows), ""])
+    for entry in benchmarks:
+        if "solvers" in entry["extra_info"]:
+            yield solver_table(entry["extra_info"]["solvers"])
+
+
+def ratio_table(rows):
+    yield "| case | ours | rate | ratio | goal | |"
+    yield "|---|---|---|---|---|---|"
+    for entry in sorted(rows, key=lambda entry: (entry["group"] or "", case_key(entry))):
+        info = entry["extra_info"]
+        low, high = info["ratio_quartiles"]
+        pairs = info.get("pairs")
+        rate = f"{pairs / info['ours_s'] / 1e9:.3g} Gpairs/s" if pairs else ""
+        goal = "" if info["goal"] is None else f"{info['goal']:g}"
+        yield (
+            f"| {case(entry)} | {duration(info['ours_s'])} | {rate} "
+            f"| **{info['ratio']:.3g}** ({low:.3g} to {high:.3g}) | {goal} | {notes(info)} |"
+        )
+
+
+def notes(info):
+    said = []
+    if info["goal"] is not None and info["ratio"] < info["goal"]:
+        said.append("missed in this run")
+    if "error" in info:
+        said.append(f"error {info['error']:.1e}")
+    if "nodes" in info:
+        said.append(f"{info['nodes']} nodes")
+    if "median_error_um" in info:
+        said.append(f"median error {info['median_error_um']:.1f} um")
+    if "found" in info:
+        said.append(f"found {info['found']}")
+    return ", ".join(said)
+
+
+def missed(benchmarks):
+    lines = [
+        f"bench: {entry['name']}: ratio {entry['extra_info']['ratio']:.3g}, "
+        f"goal {entry['extra_info']['goal']:g}\n"
+        for entry in benchmarks
+        if "missed" in (notes(entry["extra_info"]) if "goal" in entry["extra_info"] else "")
+    ]
+    return "".join(lines)
+
+
+def case(entry):
+    return entry["param"] or entry["name"].removeprefix("test_").split("_against_")[0]
+
+
+def case_key(entry):
+    numbers = (entry["param"] or "").split("-")
+    return [float(number) for number in numbers if number]
+
+
+def duration(seconds):
+    for unit, scale in (("s", 1.0), ("ms", 1e3), ("us", 1e6)):
+        if seconds * scale >= 1.0 or unit == "us":
+            return f"{seconds * scale:.3g} {unit}"
+    raise AssertionError
+
+
+def solver_table(rows):
+    lines = [
+        "## Solvers for several foci",
+        "",
+        "50 rounds; medians over five sets of foci, z = 150 mm, x and y within 60 mm. Efficiency: "
+        "sum of (|p_i| / sum_n |g_in|)^2. Uniformity: 1 - (max - min) / (max + min) of |p_i|^2. "
+        "The time holds everything from foci to drive, checks and propagators included.",
+        "",
+        "| foci | " + " | ".join(dict.fromkeys(row["method"] for row in rows)) + " |",
+    ]
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    lines.append("|---" * (1 + len(methods)) + "|")
+    for foci in dict.fromkeys(row["foci"] for row in rows):
+        cells = {row["method"]: row for row in rows if row["foci"] == foci}
+        texts = [
+            f"{cell['efficiency']:.2f} / {cell['uniformity']:.3f} / {cell['time_us'] / 1e3:.2g} ms"
+            for cell in (cells[method] for method in methods)
+        ]
+        lines.append(f"| {foci} | " + " | ".join(texts) + " |")
+    return "\n".join([*lines, ""])
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
