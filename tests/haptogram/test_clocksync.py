@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.clocksync import ClockEstimate
+from haptogram.clocksync import ClockEstimate, Sample, fit_drift
 from haptogram.errors import NoAnswerError
 
 WRAP_US = 2**32
@@ -115,3 +115,92 @@ def test_both_directions_agree(host_ns):
     board, clock = Board(), ClockEstimate()
     board.exchange(clock, 0, 17, 29)
     assert 0 <= host_ns - clock.to_host_ns(clock.to_device_us(host_ns)) < 1000
+
+
+# --- drift ---------------------------------------------------------------------------------------
+
+EXCHANGES = st.lists(
+    st.tuples(st.integers(5, 20_000), st.integers(5, 20_000), st.integers(1, 1_500)),
+    min_size=2,
+    max_size=60,
+)
+
+
+@given(EXCHANGES, st.integers(-100, 100), st.integers(0, 40_000_000))
+def test_offset_and_drift_stay_within_their_bounds_between_the_pings_too(exchanges, ppm, to_wrap):
+    """Over random delays, gaps, drift, and across the wrap of the 32-bit clock."""
+    board, clock = Board(start_us=WRAP_US - to_wrap, ppm=ppm), ClockEstimate(device_ppm=50)
+    host_ns = 0
+    for there_us, back_us, gap_ms in exchanges:
+        board.exchange(clock, host_ns, there_us, back_us)
+        for ahead_ns in (0, gap_ms * 1_000_000):
+            at_ns = host_ns + (there_us + 20 + back_us) * 500 + ahead_ns
+            error_us = clock.to_device_us(at_ns) - board.clock_us(at_ns) + unwrapped(clock, board)
+            assert abs(error_us) <= clock.uncertainty_at_us(at_ns) + 1
+        host_ns += (there_us + back_us + 40) * 1000 + gap_ms * 1_000_000
+    assert (clock.rejected, clock.jumps) == (0, 0)
+    if not math.isnan(clock.drift_ppm):
+        assert abs(clock.drift_ppm - ppm) <= clock.drift_uncertainty_ppm
+
+
+def unwrapped(clock, board):
+    """Whole wraps by which a host that came after one counts differently."""
+    return WRAP_US * round((board.clock_us(0) - clock.to_device_us(0)) / WRAP_US)
+
+
+@given(st.integers(-90, 90))
+def test_the_drift_is_reckoned_with_once_it_is_known(ppm):
+    board, clock = Board(ppm=ppm), ClockEstimate(device_ppm=50)
+    for ping in range(40):
+        board.exchange(clock, ping * 980_000_000, 40 + ping % 5, 40)
+    last_ns = 39 * 980_000_000
+    assert clock.drift_uncertainty_ppm < 5
+    later_ns = last_ns + 20 * 10**9
+    error_us = abs(clock.to_device_us(later_ns) - board.clock_us(later_ns))
+    assert error_us <= clock.uncertainty_at_us(later_ns) + 1
+    assert clock.uncertainty_at_us(later_ns) < 200  # 100 ppm alone would make it 2000
+
+
+def test_the_bound_of_the_drift_is_what_wrong_margins_could_do():
+    samples = [Sample(0, 0, 1000), Sample(10**9, 0, 1000)]
+    drift = fit_drift(samples)
+    assert drift.ppm == 0.0
+    # one end up by its margin, the other down by its own: 2 us in a second
+    assert drift.uncertainty_ppm == pytest.approx(2.0)
+
+
+def test_old_samples_fade():
+    steady = [Sample(n * 10**9, 0, 1000) for n in range(60)]
+    drifting = [Sample((60 + n) * 10**9, 50_000 * n, 1000) for n in range(30)]
+    assert fit_drift(steady + drifting[:1]).ppm == pytest.approx(0.0, abs=0.1)
+    # the line of all is less than 25 ppm; the newest third weighs more
+    assert fit_drift(steady + drifting).ppm > 25.0
+
+
+@given(
+    st.integers(-(2**30), 2**30).filter(lambda us: abs(us) > 10_000),
+    st.integers(-50, 50),
+    st.integers(1, 20),
+)
+def test_a_clock_that_was_set_is_believed_after_three_exchanges_and_counted(step_us, ppm, before):
+    board, clock = Board(ppm=ppm), ClockEstimate()
+    other = Board(board.start_us + step_us, ppm)
+    for ping in range(before):
+        board.exchange(clock, ping * 980_000_000, 50, 40)
+    assert not clock.doubtful
+    for ping in range(before, before + 3):
+        assert clock.jumps == 0
+        other.exchange(clock, ping * 980_000_000, 50, 40)
+        assert clock.doubtful == (ping < before + 2)
+    assert (clock.jumps, clock.rejected) == (1, 3)
+    assert abs(clock.jump_us - step_us) <= 10 + 3 * (before + 3) * 100
+    now_ns = (before + 2) * 980_000_000
+    assert abs(clock.to_device_us(now_ns) - other.clock_us(now_ns)) <= clock.uncertainty_us + 1
+
+
+@given(st.integers(0, 10**12), st.integers(-150, 150))
+def test_both_directions_agree_with_a_drift(host_ns, ppm):
+    board, clock = Board(ppm=ppm), ClockEstimate(device_ppm=150)
+    for ping in range(10):
+        board.exchange(clock, ping * 980_000_000, 17, 29)
+    assert -2 <= host_ns - clock.to_host_ns(clock.to_device_us(host_ns)) < 1010
