@@ -78,6 +78,7 @@ def observation_of(record: Mapping[str, Any]) -> Observation:
             drive=_drive(record),
             drive_crc=record["drive_crc"],
             reconstruction=_reconstruction(record["reconstruction"]),
+            radiated=None if record["radiated"] is None else _drive(record["radiated"]),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigurationError(f"not a latch record of a back door: {error!r}") from error

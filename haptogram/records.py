@@ -152,6 +152,8 @@ class Observation:
         CRC-32 of that drive (:meth:`Drive.digest`), where only that was seen, or both.
     reconstruction : Reconstruction or None
         Field that somebody rebuilt from what was radiated.
+    radiated : Drive or None
+        What left the transducers, where somebody saw that it is not the latched drive.
     """
 
     key: FrameKey
@@ -161,3 +163,4 @@ class Observation:
     drive: Drive | None = None
     drive_crc: int | None = None
     reconstruction: Reconstruction | None = None
+    radiated: Drive | None = None

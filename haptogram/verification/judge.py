@@ -100,14 +100,26 @@ class Judge:
         seen = dataclasses.replace(seen, note=note)
         if latched is None:
             return seen
-        if intended.drive.is_muted:
-            return self._judge_silence(seen, intended, latched)
-        if len(intended.foci) > 1:
-            return self._judge_several(seen, intended, latched)
-        found = observation.reconstruction or self._reconstruct(latched, intended.phase_bits)
+        found = observation.reconstruction
         if isinstance(found, NoFocus) and found.reason == "ramping":
             return dataclasses.replace(seen, note="the output was ramping down when it was latched")
-        return self._judge_single(seen, intended, latched, found)
+        # The field is that of what was radiated, so that is what is judged where somebody saw it.
+        output = observation.radiated or latched
+        faults = self._faults(intended, latched, output)
+        if intended.drive.is_muted:
+            return self._judge_silence(seen, intended, output, faults)
+        if len(intended.foci) > 1:
+            return self._judge_several(seen, intended, output, faults)
+        found = found or self._reconstruct(output, intended.phase_bits)
+        return self._judge_single(seen, intended, output, found, faults)
+
+    def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
+        """Name what is wrong with the latched drive or, if it is right, with the output."""
+        faults = name_faults(self._model, intended, latched)
+        if faults or output is latched:
+            return faults
+        radiated = name_faults(self._model, intended, output)
+        return tuple(f"{fault}, at the output: the latched drive is right" for fault in radiated)
 
     def _latched_drive(
         self, intended: Intended, observation: Observation
@@ -147,11 +159,15 @@ class Judge:
         return self._reconstructors[phase_bits].reconstruct(latched)
 
     def _judge_single(
-        self, seen: FrameVerdict, intended: Intended, latched: Drive, found: Reconstruction
+        self,
+        seen: FrameVerdict,
+        intended: Intended,
+        latched: Drive,
+        found: Reconstruction,
+        faults: tuple[str, ...],
     ) -> FrameVerdict:
         target = self._target(intended.foci[0], intended.phase_bits)
         measures, verdicts = self._drive_criteria(intended, latched, target)
-        faults = name_faults(self._model, intended, latched)
         if verdicts["S1"] and self._ambiguous(intended, latched, target, found):
             measures["note"] = "; ".join(filter(None, (seen.note, _AMBIGUOUS)))
         else:
@@ -232,11 +248,11 @@ class Judge:
         return measures, verdicts
 
     def _judge_silence(
-        self, seen: FrameVerdict, intended: Intended, latched: Drive
+        self, seen: FrameVerdict, intended: Intended, latched: Drive, faults: tuple[str, ...]
     ) -> FrameVerdict:
         """Judge a frame that shall radiate nothing: there is no focus, only S5."""
         verdicts = {"S5": criteria.amplitudes_ok(intended, latched)}
-        faults = () if verdicts["S5"] else name_faults(self._model, intended, latched)
+        faults = () if verdicts["S5"] else faults
         return dataclasses.replace(
             seen,
             status=_status(verdicts, faults, focused=False),
@@ -246,14 +262,13 @@ class Judge:
         )
 
     def _judge_several(
-        self, seen: FrameVerdict, intended: Intended, latched: Drive
+        self, seen: FrameVerdict, intended: Intended, latched: Drive, faults: tuple[str, ...]
     ) -> FrameVerdict:
         targets = [self._target(focus, intended.phase_bits) for focus in intended.foci]
         verdicts = {
             "S3": criteria.several_foci_ok(intended, latched.weights(), targets),
             "S5": criteria.amplitudes_ok(intended, latched),
         }
-        faults = name_faults(self._model, intended, latched)
         return dataclasses.replace(
             seen,
             status=_status(verdicts, faults, focused=False),
