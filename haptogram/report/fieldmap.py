@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from haptogram.acoustics import AcousticModel, Drive, focus_phases, pressure
 from haptogram.verification import FrameVerdict, RunVerdict
@@ -170,6 +169,8 @@ def _sample(
     across_mm: Floats,
     up_mm: Floats,
 ) -> FieldMap:
+    from scipy.spatial import KDTree  # slow to import, and only a map of the field needs it
+
     shape = len(up_mm), len(across_mm)
     points = np.tile(np.array(target_m), (shape[0] * shape[1], 1))
     up, across = np.meshgrid(up_mm, across_mm, indexing="ij")
