@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, Drive, TransducerArray
+from haptogram.acoustics import AcousticModel, Drive, PointSource, TransducerArray
 from haptogram.frames import with_sound_speed
 from haptogram.identity import model_of
 from haptogram.records import Focus, FrameKey, Intended
@@ -33,6 +34,9 @@ def model_of_board(bench: Bench, elements: Sequence[tuple[int, ...]]) -> Acousti
     if grid is not None and np.array_equal(grid.positions_um(), array.positions_um()):
         array = grid
     model = model_of(array, identity)
+    # Phases do not depend on how a transducer beams, and that of a piston needs scipy.
+    transducer = dataclasses.replace(model.transducer, directivity=PointSource())
+    model = dataclasses.replace(model, transducer=transducer)
     return with_sound_speed(model, bench.config.sound_speed_mm_s)
 
 

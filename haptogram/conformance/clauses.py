@@ -15,6 +15,7 @@ from typing import Final
 
 _CLAUSE: Final = re.compile(r"^- \*\*(HG-\d+\.\d+/\d+)\*\* ((?:.|\n  )*)", re.MULTILINE)
 _WIDTH: Final = 94
+_FITS: Final = 92  # beside its indent and a comma: the formatter would join what is shorter
 _HEAD: Final = '''\
 """Every clause of SPEC.md: its number and its text.
 
@@ -86,15 +87,19 @@ def render_table(clauses: tuple[Clause, ...]) -> str:
 
 
 def _row(clause: Clause) -> str:
+    pieces = [clause.text] if len(_quoted(clause.text)) < _FITS else _wrapped(clause)
+    quoted = "".join(f"        {_quoted(piece)}\n" for piece in pieces)
+    return f'    (\n        "{clause.number}",\n{quoted.rstrip()},\n    ),\n'
+
+
+def _wrapped(clause: Clause) -> list[str]:
     pieces, line = [], ""
     for word in clause.text.split(" "):
         if line and len(repr(line + word)) + 8 > _WIDTH:
             pieces.append(line)
             line = ""
         line += word + " "
-    pieces.append(line.rstrip())
-    quoted = "".join(f"        {_quoted(piece)}\n" for piece in pieces)
-    return f'    (\n        "{clause.number}",\n{quoted.rstrip()},\n    ),\n'
+    return [*pieces, line.rstrip()]
 
 
 def _quoted(text: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -54,13 +55,25 @@ class Recording:
         if not self._first:
             return ()
         start_us = self._first[0].t_us
-        lines = [line for chunk in self._first for line in _lines(chunk, start_us)]
+        lines = _told(self._first, start_us)
         if self._dropped:
             lines.append(f"... {self._dropped} chunks left out ...")
-        return (*lines, *(line for chunk in self._last for line in _lines(chunk, start_us)))
+            return (*lines, *_told(self._last, start_us))
+        return tuple(_told([*self._first, *self._last], start_us))
 
 
-def _lines(chunk: Chunk, start_us: int) -> list[str]:
+def _told(chunks: Iterable[Chunk], start_us: int) -> list[str]:
+    """Return chunks as lines; a frame is told where its end came."""
+    partial = dict.fromkeys(Direction, b"")
+    lines = []
+    for chunk in chunks:
+        *ended, rest = (partial[chunk.direction] + chunk.data).split(DELIMITER)
+        partial[chunk.direction] = rest
+        lines += _lines(chunk, start_us, [piece for piece in ended if piece])
+    return lines
+
+
+def _lines(chunk: Chunk, start_us: int, pieces: list[bytes]) -> list[str]:
     head = f"{(chunk.t_us - start_us) / 1e6:+11.6f} s {chunk.direction.value} "
     shown = chunk.data[:_SHOWN_BYTES]
     rows = [shown[start : start + _PER_LINE].hex(" ") for start in range(0, len(shown), _PER_LINE)]
@@ -68,8 +81,7 @@ def _lines(chunk: Chunk, start_us: int) -> list[str]:
         rows[-1] += f" ... ({len(chunk.data)} bytes)"
     indent = " " * len(head)
     texts = [(head if number == 0 else indent) + row for number, row in enumerate(rows)]
-    frames = [describe(piece) for piece in chunk.data.split(DELIMITER) if piece]
-    return texts + [f"{indent}= {frame}" for frame in frames]
+    return texts + [f"{indent}= {describe(piece)}" for piece in pieces]
 
 
 def describe(piece: bytes) -> str:

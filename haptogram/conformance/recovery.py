@@ -29,9 +29,12 @@ def recover(bench: Bench) -> Recovery:
     A session is opened first if the case left none.
     """
     bench.wire.begin_case()
-    for number in range(1, MAX_FRAMES + 1):
-        if _answers(bench):
-            return Recovery(number, _stream_fault(bench))
+    try:
+        for number in range(1, MAX_FRAMES + 1):
+            if _answers(bench):
+                return Recovery(number, _stream_fault(bench))
+    except CaseEndedError as error:  # a flood
+        return Recovery(None, str(error))
     return Recovery(None)
 
 

@@ -25,7 +25,7 @@ from .case import fail, inconclusive
 from .recording import Direction, Recording
 
 _RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
-_FLOOD_BYTES: Final = 4 << 20  # more than this in one case is no board that one can talk to
+_FLOOD_BYTES: Final = 2 << 20  # more than this in one case is no board that one can talk to
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 
@@ -235,9 +235,14 @@ class Wire:
                 self.received.append(_received(now_us, piece, shared=self._zeros == 1))
                 self._zeros = 0
             self._zeros += 1
-        self._partial = (self._partial + rest)[-_PARTIAL_BYTES:]
+        self._keep(rest)
         if self.heard > _FLOOD_BYTES or len(self.received) > _FLOOD_FRAMES:
             fail(f"the board floods the line: {self.heard} bytes in one case")
+
+    def _keep(self, rest: bytes) -> None:
+        """Keep what no delimiter has ended yet, in bounded memory."""
+        if len(self._partial) < _PARTIAL_BYTES:
+            self._partial += rest
 
 
 def _received(t_us: int, piece: bytes, *, shared: bool) -> Received:

@@ -1,0 +1,171 @@
+"""Boards that are wrong, ports that are no boards: a clear verdict, and never a hang."""
+
+import pytest
+from boards import Dying, Wrapped, port, run, virtual
+
+from haptogram.conformance.case import Case, CaseEndedError, check
+from haptogram.conformance.runner import Options, Runner
+from haptogram.conformance.verdict import Behaviour, Evidence, Result, exit_status
+from haptogram_protocol.framing import FrameDecoder, encode_frame
+from haptogram_protocol.messages import MessageType
+
+FEW = ("HG-2", "HG-4.3", "HG-6.2")
+
+
+def behaviours(suite):
+    return {result.case: result.behaviour for result in suite.results}
+
+
+class Rewritten(Wrapped):
+    """A board whose frames are changed on their way to the host."""
+
+    def __init__(self, inner, change):
+        super().__init__(inner)
+        self.change, self.decoder = change, FrameDecoder()
+
+    def read_available(self, deadline_ns):
+        bodies = self.decoder.feed(super().read_available(deadline_ns))
+        return b"".join(encode_frame(self.change(body)) for body in bodies)
+
+
+def test_a_failure_shows_its_bytes_and_what_they_mean():
+    def armed_for_muted(body):
+        lies = body[0] == MessageType.MUTE_REPLY
+        return body[:10] + b"\x01" if lies else body
+
+    access = virtual(array="4x4", wrap=lambda inner: Rewritten(inner, armed_for_muted))
+    suite = run(access, "HG-6.4/1", "HG-2.3")
+    assert behaviours(suite) == {"HG-6.4/1": Behaviour.FAILED, "HG-2.3/1": Behaviour.OK}
+    failed = next(r for r in suite.results if r.case == "HG-6.4/1")
+    text = "\n".join(failed.transcript)
+    assert "= MUTE seq" in text
+    assert "= MUTE_REPLY seq" in text
+    assert "state ARMED" in text
+    assert "02 42" in text
+    assert suite.exit_status == 1
+
+
+class Drowsy(Wrapped):
+    """Loses so many writes after one that says so."""
+
+    lost = 0
+
+    def write_some(self, data):
+        if data.startswith(b"lose "):
+            self.lost = int(data[5:])
+        elif self.lost:
+            self.lost -= 1
+        else:
+            return super().write_some(data)
+        return len(data)
+
+
+@pytest.mark.parametrize(("writes", "frames", "status"), [(0, 1, 0), (2, 3, 0), (3, None, 1)])
+def test_recovery_is_a_verdict_of_its_own(writes, frames, status):
+    case = Case("HG-2.3/1", "loses writes", lambda bench: bench.send(b"lose %d" % writes))
+    suite = Runner(virtual(array="4x4", wrap=Drowsy), Options(timeout_s=0.2)).run([case])
+    (result,) = suite.results
+    assert result.behaviour is Behaviour.OK
+    assert (result.recovery.frames, result.recovers) == (frames, status == 0)
+    assert suite.exit_status == status
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "why"),
+    [
+        ({}, "the port is silent"),
+        ({"say": lambda data: data}, "sends back what is written"),
+        ({"say": lambda _: b"ok\r\n\x00"}, "but no frame"),
+        ({"babble": b"login: "}, "floods"),
+        ({"babble": b"\x00\x01" * 4000}, "floods"),
+    ],
+)
+def test_a_port_that_is_no_board(behaviour, why):
+    suite = run(port(**behaviour), *FEW, timeout_s=0.1)
+    assert why in suite.cut_short
+    found = behaviours(suite)
+    assert set(found.values()) <= {Behaviour.INCONCLUSIVE, Behaviour.FAILED, Behaviour.NOT_OBSERVED}
+    assert found["HG-6.2/1"] is Behaviour.INCONCLUSIVE
+    assert suite.exit_status in (1, 3)
+
+
+def test_a_board_of_another_version():
+    def version_2(body):
+        if body[0] == MessageType.HELLO_REPLY:
+            return bytes([MessageType.ERROR]) + body[1:10] + b"\x40\x07\x02\x00\x00\x00"
+        return body
+
+    suite = run(virtual(wrap=lambda inner: Rewritten(inner, version_2)), *FEW)
+    assert "another major version" in suite.cut_short
+    assert suite.exit_status in (1, 3)
+
+
+def test_a_board_that_dies_in_mid_suite_keeps_the_results_so_far():
+    access = virtual(array="4x4", wrap=lambda inner: Dying(inner, 150))
+    access.can_reset = False
+    starts = access.open
+    opened = []
+
+    def open_once():
+        opened.append(1)
+        if len(opened) > 1:
+            raise CaseEndedError(Behaviour.FAILED, "no such port")
+        return starts()
+
+    access.open = open_once
+    suite = run(access, "HG-2", "HG-3")
+    found = [result.behaviour for result in suite.results]
+    assert found[0] is Behaviour.OK
+    assert found[-1] is Behaviour.INCONCLUSIVE
+    assert "the board is gone" in suite.cut_short
+    assert suite.exit_status == 1  # the case in which it died
+
+
+def test_a_mixed_result_is_flaky_and_counts_as_failed():
+    seen = []
+
+    def body(_):
+        seen.append(1)
+        check(len(seen) != 2, "this time")
+
+    case = Case("HG-2.3/1", "fails every second time", body)
+    suite = Runner(virtual(array="4x4"), Options(repeat=3)).run([case])
+    (result,) = suite.results
+    assert result.behaviour is Behaviour.FLAKY
+    assert result.seen == (Behaviour.OK, Behaviour.FAILED, Behaviour.OK)
+    assert suite.exit_status == 1
+
+
+@pytest.mark.parametrize(("strict", "due"), [(False, "NON-STRICT"), (True, "FAILED")])
+def test_a_should_that_is_not_met(strict, due):
+    case = Case("HG-4.11/3", "a SHOULD", lambda _: check(False, "not met"))
+    (result,) = Runner(virtual(array="4x4"), Options(strict=strict)).run([case]).results
+    assert result.behaviour == due
+
+
+def test_a_case_that_breaks_off_is_no_verdict_on_the_board():
+    case = Case("HG-2.3/1", "divides by zero", lambda _: 1 // 0)
+    (result,) = Runner(virtual(array="4x4"), Options()).run([case]).results
+    assert result.behaviour is Behaviour.INCONCLUSIVE
+    assert "ZeroDivisionError" in result.detail
+
+
+def made(behaviour, expected=None):
+    return Result("a", "a", "", "", behaviour, Evidence.WIRE, expected=expected)
+
+
+@pytest.mark.parametrize(
+    ("results", "status"),
+    [
+        ([], 0),
+        ([made(Behaviour.OK), made(Behaviour.NON_STRICT), made(Behaviour.UNIMPLEMENTED)], 0),
+        ([made(Behaviour.NOT_OBSERVED), made(Behaviour.INFORMATIONAL)], 0),
+        ([made(Behaviour.INCONCLUSIVE)], 3),
+        ([made(Behaviour.INCONCLUSIVE), made(Behaviour.FAILED)], 1),
+        ([made(Behaviour.FLAKY)], 1),
+        ([made(Behaviour.FAILED, "FAILED")], 0),
+        ([made(Behaviour.OK, "FAILED")], 0),
+    ],
+)
+def test_exit_status(results, status):
+    assert exit_status(results) == status

@@ -1,0 +1,74 @@
+"""The healthy board passes everything, and what nothing can show is known by name."""
+
+import functools
+
+import pytest
+from boards import run, virtual
+
+from haptogram.conformance.verdict import Behaviour
+
+#: Clauses about the host, about this text, or that no line can show: never passed.
+NEVER_SHOWN = {
+    "HG-3.3/4",
+    "HG-3.7/3",
+    "HG-4.1/1",
+    "HG-4.1/2",
+    "HG-4.4/2",
+    "HG-4.5/1",
+    "HG-4.5/2",
+    "HG-4.8/1",
+    "HG-4.8/2",
+    "HG-4.8/3",
+    "HG-4.11/4",
+    "HG-5.3/2",
+    "HG-6.4/3",
+    "HG-6.6/3",
+    "HG-6.9/3",
+    "HG-10.1/3",
+    "HG-11.2/1",
+    "HG-11.3/1",
+    "HG-11.4/1",
+    "HG-11.4/2",
+    "HG-11.4/3",
+    "HG-12.6/1",
+    "HG-12.6/2",
+}
+#: What this board does not show: it can do everything, and its line is fast.
+NOT_HERE = {"HG-1.2/2", "HG-1.2/3", "HG-7.1/2", "HG-7.1/6"}
+
+
+@functools.cache
+def result(array, baud=3_000_000):
+    return run(virtual(array=array, baud=baud))
+
+
+@pytest.mark.parametrize(
+    ("array", "baud", "not_here"),
+    [
+        ("16x16", 3_000_000, NOT_HERE | {"HG-5.2/2"}),
+        ("5x5", 3_000_000, NOT_HERE),  # leaves spare bits
+        ("5x5", 115_200, NOT_HERE - {"HG-7.1/2"}),  # a line that STATUS could fill
+    ],
+)
+def test_the_healthy_board_passes_everything(array, baud, not_here):
+    suite = result(array, baud)
+    wrong = {r.case: r.detail for r in suite.results if r.behaviour is Behaviour.FAILED}
+    assert wrong == {}
+    assert {r.case: str(r.recovery) for r in suite.results if not r.recovers} == {}
+    silent = {r.clause for r in suite.results if r.behaviour is Behaviour.NOT_OBSERVED}
+    assert silent == NEVER_SHOWN | not_here
+    others = {r.behaviour for r in suite.results}
+    assert others == {Behaviour.OK, Behaviour.NOT_OBSERVED}
+    assert suite.exit_status == 0
+    assert suite.device["firmware"] == "haptogram-sim 1"
+
+
+def test_the_same_seed_gives_the_same_result():
+    first, second = (run(virtual(array="4x4"), "HG-3.6", "HG-5.2", seed=5) for _ in range(2))
+    assert first == second
+
+
+def test_a_clause_is_judged_alike_alone_and_repeated():
+    suite = run(virtual(array="4x4"), "HG-6.2", "HG-4.3/5", repeat=3)
+    assert {r.behaviour for r in suite.results} == {Behaviour.OK}
+    assert all(len(r.seen) == 3 for r in suite.results)

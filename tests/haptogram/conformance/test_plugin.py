@@ -1,0 +1,76 @@
+"""The suite inside pytest, in a repository that has its own ``protocol/`` and ``tests/``."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+OWN = """
+from haptogram_protocol.messages import Ping, Pong
+
+def test_own_case(haptogram_link):
+    assert haptogram_link.call(Ping(5), Pong).echo == 5
+
+def test_board(haptogram_board):
+    from haptogram.conformance.cases import all_cases
+    case = next(case for case in all_cases() if case.id == "HG-2.3/1")
+    assert haptogram_board.result(case).behaviour == "OK"
+"""
+
+
+@pytest.mark.pty
+def test_in_a_foreign_repository(tmp_path):
+    for folder in ("protocol", "tests"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "__init__.py").write_text("raise RuntimeError('not ours')\n")
+    (tmp_path / "test_own.py").write_text(OWN)
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "pytest", "-q", "-p", "haptogram.conformance.pytest_plugin"),
+            *("-p", "no:cacheprovider", "--haptogram-timeout=5", "test_own.py"),
+            *("--pyargs", "haptogram.conformance", "-k", "own or board or HG-2.3 or HG-4.1 or 6.1"),
+        ],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "skipped" in done.stdout  # HG-4.1/1 is about the host
+
+
+def test_the_plugin_imports_nothing_heavy():
+    done = subprocess.run(
+        [
+            *(sys.executable, "-c"),
+            "import sys, haptogram.conformance.pytest_plugin; "
+            "print({'numpy', 'scipy', 'numba', 'serial', 'haptogram_protocol'} & set(sys.modules))",
+        ],
+        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "set()\n"
+
+
+def test_the_suite_imports_neither_scipy_nor_numba():
+    done = subprocess.run(
+        [
+            *(sys.executable, "-c"),
+            "import sys; from haptogram.cli import main; "
+            "main(['conform', '--quiet', '--port', 'haptogram://?clock=virtual&array=6x6', "
+            "'--clause', 'HG-5.4', '--clause', 'HG-5.2/1']); "
+            "print({'scipy', 'numba'} & set(sys.modules))",
+        ],
+        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.endswith("\nset()\n"), done.stdout

@@ -1,0 +1,76 @@
+"""Every clause has a case, every case a clause, and the table that ships is that of SPEC.md."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from haptogram.conformance import clauses
+from haptogram.conformance.case import WIRE, Case
+from haptogram.conformance.cases import all_cases
+from haptogram.conformance.clauses import Clause, Level, load_clauses, parse_spec, render_table
+from haptogram.conformance.runner import select
+
+ROOT = Path(__file__).parents[3]
+SPEC = (ROOT / "protocol" / "SPEC.md").read_text("utf-8")
+CASES = all_cases()
+
+
+def test_the_table_is_up_to_date():
+    table = Path(clauses.__file__).with_name("clause_table.py").read_text("utf-8")
+    hint = "run python -m haptogram.conformance.clauses protocol/SPEC.md"
+    assert table == render_table(parse_spec(SPEC)), hint
+
+
+def test_every_clause_that_demands_something_has_a_case():
+    with_case = {case.clause for case in CASES}
+    assert [number for number in load_clauses() if number not in with_case] == []
+
+
+def test_every_case_has_a_clause():
+    assert [case.id for case in CASES if case.clause not in load_clauses()] == []
+
+
+def test_every_line_that_begins_like_a_clause_was_read():
+    assert len(load_clauses()) == SPEC.count("\n- **HG-")
+
+
+def test_ids_are_unique():
+    assert [name for name, count in Counter(case.id for case in CASES).items() if count > 1] == []
+
+
+def test_cases_are_in_the_order_of_the_text():
+    order = [load_clauses()[case.clause].order for case in CASES]
+    assert order == sorted(order)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+def test_every_case_says_in_one_line_what_it_does(case):
+    assert 10 < len(case.what) < 120
+    assert "\n" not in case.what
+
+
+def test_level_is_the_strongest_word():
+    assert Clause("HG-1.1/1", "A board SHOULD do this and MUST do that.").level is Level.MUST
+    assert Clause("HG-1.1/1", "A board SHOULD do this and MAY do that.").level is Level.SHOULD
+
+
+def test_selection_by_case_clause_section_and_chapter():
+    cases = [
+        Case("HG-1.1/1", "x", None),
+        Case("HG-1.1/10", "x", None),
+        Case("HG-1.10/1", "x", None),
+    ]
+    cases.append(Case("HG-10.1/1", "x", None, variant="y", evidence=WIRE))
+    chosen = {
+        name: [case.id for case in select(cases, [name])]
+        for name in ("HG-1.1/1", "HG-1.1", "HG-1", "HG-10.1/1-y", "HG-10.1/1", "HG-9")
+    }
+    assert chosen == {
+        "HG-1.1/1": ["HG-1.1/1"],
+        "HG-1.1": ["HG-1.1/1", "HG-1.1/10"],
+        "HG-1": ["HG-1.1/1", "HG-1.1/10", "HG-1.10/1"],
+        "HG-10.1/1-y": ["HG-10.1/1-y"],
+        "HG-10.1/1": ["HG-10.1/1-y"],
+        "HG-9": [],
+    }
