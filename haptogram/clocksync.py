@@ -114,7 +114,15 @@ class ClockEstimate:
         self._rate_ppb = 0  # drift that is reckoned with
         self._growth_ppm = self._ppm  # of the error, as a sample ages
 
-    def add(self, t_send_ns: int, t_rx_us: int, t_tx_us: int, t_receive_ns: int) -> None:
+    def add(
+        self,
+        t_send_ns: int,
+        t_rx_us: int,
+        t_tx_us: int,
+        t_receive_ns: int,
+        *,
+        disprove: bool = False,
+    ) -> None:
         """Take one exchange.
 
         Parameters
@@ -124,6 +132,8 @@ class ClockEstimate:
             answer came: without the time that the bytes themselves take on the line.
         t_rx_us, t_tx_us : int
             Device time of the same two moments, modulo 2^32.
+        disprove : bool
+            Whether it shows that those before it were taken wrongly: they are forgotten.
         """
         stay_us = (t_tx_us - t_rx_us) & 0xFFFFFFFF
         if t_receive_ns - t_send_ns < (stay_us - CLOCK_STEPS_US) * 1000:
@@ -133,6 +143,9 @@ class ClockEstimate:
         host_ns = (t_send_ns + t_receive_ns) // 2
         device_ns = arrival_us * 1000 + stay_us * 500
         trip_ns = max(0, t_receive_ns - t_send_ns - stay_us * 1000)
+        if disprove:
+            self._samples.clear()
+            self._best = None
         self._take(Sample(host_ns, device_ns - host_ns, trip_ns // 2 + _ROUNDING_NS))
 
     def _take(self, sample: Sample) -> None:

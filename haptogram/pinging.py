@@ -34,6 +34,7 @@ class Pinger:
         self._seq: int | None = None
         self._handed_over_ns = 0
         self._left_ns = 0
+        self._unpaced = False
 
     def synchronise(self) -> None:
         """Exchange a few pings, one after the other; see :meth:`Link.request` for the errors."""
@@ -63,9 +64,14 @@ class Pinger:
         received_ns = reply.t_rx_us * 1000
         came_ns = received_ns - transmission_ns(_PONG_BYTES, self._link.line.baudrate)
         stay_ns = ((pong.t_tx_us - pong.t_rx_us) & 0xFFFFFFFF) * 1000
-        if came_ns - self._left_ns >= stay_ns - CLOCK_STEPS_US * 1000:
+        faster = came_ns - self._left_ns < stay_ns - CLOCK_STEPS_US * 1000
+        if faster or self._unpaced:
+            # Once faster than its baud rate, as a pseudo-terminal is: no time is spent on the line,
+            # and what was taken off the exchanges before was no such time either.
+            disprove, self._unpaced = not self._unpaced, True
+            sent_ns, rx_us, tx_us = self._handed_over_ns, pong.t_rx_us, pong.t_tx_us
+            self.clock.add(sent_ns, rx_us, tx_us, received_ns, disprove=disprove)
+        else:
             self.clock.add(self._left_ns, pong.t_rx_us, pong.t_tx_us, came_ns)
-        else:  # faster than its baud rate, as a pseudo-terminal is: there was no time on the line
-            self.clock.add(self._handed_over_ns, pong.t_rx_us, pong.t_tx_us, received_ns)
         if self.clock.doubtful:
             self._due_ns = min(self._due_ns, received_ns + _DOUBTFUL_NS)
