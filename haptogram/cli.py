@@ -9,21 +9,25 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from . import __version__
 from .commands import bench, budget, conform, field, paper, verify
 from .commands.exit_status import EXIT_STATUS, USAGE
-from .errors import HaptogramError
+from .errors import ConfigurationError, HaptogramError
 
 if TYPE_CHECKING:
     from .boards import BoardUnderTest
     from .config import VerifyConfig
     from .conformance.access import VirtualAccess
     from .transport import Transport
+
+_ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -32,12 +36,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = _parser().parse_args(argv)
     try:
-        return int(arguments.run(arguments))
+        with _terminated_like_interrupted():
+            return int(arguments.run(arguments))
     except HaptogramError as error:
         print(f"haptogram: {error}", file=sys.stderr)
     except KeyboardInterrupt:  # before there was anything to keep
         print("haptogram: interrupted", file=sys.stderr)
+    except BrokenPipeError:  # nobody reads on: no need to say so
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return USAGE
+
+
+@contextlib.contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP (a CI out of time, a closed terminal) clean up as Ctrl-C does."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # whoever owns the main thread decides
+        return
+    before = {number: signal.signal(number, interrupt) for number in _ENDINGS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -96,18 +121,23 @@ def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAcces
     from .transport import PyserialTransport
 
     sim_device.register_url_handler()
-    options = {"clock": "virtual"} if url is None else dict(parse_qsl(urlsplit(url).query))
-    options = {"baud": str(baudrate), "seed": str(seed)} | options
+    given = [("clock", "virtual")] if url is None else parse_qsl(urlsplit(url).query)
+    options = {"baud": str(baudrate), "seed": str(seed)} | dict(given)
+    repeated = [(name, value) for name, value in given if name not in ("baud", "seed")]
+    for name in ("baud", "seed"):
+        if not options[name].isdecimal():
+            raise ConfigurationError(f"{url}: {name} is {options[name]!r}, must be a number")
     first_seed = int(options["seed"])
 
     def start(number: int) -> Transport:
         # Another seed is another boot_id, as after a reset.
-        here = f"haptogram://?{urlencode(options | {'seed': first_seed + number})}"
+        own = [("baud", options["baud"]), ("seed", str(first_seed + number))]
+        here = f"haptogram://?{urlencode(own + repeated)}"
         port: Any = serial.serial_for_url(here, timeout=0)  # the stubs know no URL handler
         return PyserialTransport(port, here)
 
     return VirtualAccess(
-        f"haptogram://?{urlencode(options)}",
+        url or f"haptogram://?{urlencode(options)}",
         start,
         baudrate=int(options["baud"]),
         virtual=options.get("clock") == "virtual",

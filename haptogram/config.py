@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import tomllib
 import types
 from collections.abc import Mapping
@@ -108,8 +107,9 @@ def _check_limits(field: dataclasses.Field[Any], value: Any) -> None:
     if limits is None or value is None:
         return
     low, high = limits
-    if not (math.isfinite(value) and low <= value <= high):
-        raise ConfigurationError(f"{field.name} is {value:g}; it can be {low:g} to {high:g}")
+    if not low <= value <= high:  # NaN is not, either
+        shown = f"{value:g}" if isinstance(value, float) else str(value)[:40]
+        raise ConfigurationError(f"{field.name} is {shown}; it can be {low:g} to {high:g}")
 
 
 def _check_choice(name: str, value: Any, known: tuple[Any, ...]) -> None:
@@ -154,10 +154,14 @@ def _read_table(path: Path) -> dict[str, Any]:
     return {name: _converted(path, name, value, kinds[name]) for name, value in table.items()}
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
 def _converted(path: Path, name: str, value: Any, kind: Any) -> Any:
     """Return a TOML value as the type of its setting."""
     wanted = tuple(k for k in (get_args(kind) if isinstance(kind, types.UnionType) else (kind,)))
-    number = isinstance(value, int | float) and not isinstance(value, bool)
+    number = _is_number(value)
     if bool in wanted and isinstance(value, bool):
         return value
     if Path in wanted and isinstance(value, str):
@@ -168,7 +172,8 @@ def _converted(path: Path, name: str, value: Any, kind: Any) -> Any:
         return value
     if float in wanted and number:
         return float(value)
-    if name == "center_mm" and isinstance(value, list) and len(value) == 3:
+    triple = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
+    if name == "center_mm" and triple:
         return tuple(float(v) for v in value)
     names = " or ".join(k.__name__ for k in wanted if hasattr(k, "__name__"))
     raise ConfigurationError(f"{path}: {name} is {value!r}; {names} is expected")

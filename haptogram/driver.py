@@ -40,6 +40,8 @@ _MUTE_TIMEOUT_NS: Final = NS_PER_S  # to say goodbye: the board's own timers mut
 _PAUSES: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 _REFRESHES: Final = 4  # of a held focus within the shorter one of the two timers
 
+DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
+
 
 class Driver(Session):
     """A session with one board.
@@ -289,7 +291,7 @@ class Driver(Session):
         *,
         loops: int = 1,
         kind: Mode = "phases",
-        lead_us: int = 100_000,
+        lead_us: int = DEFAULT_PLAY_LEAD_US,
         unattended_ms: int = 3000,
         progress: Progress | None = None,
     ) -> PlayReport:

@@ -13,10 +13,10 @@ from haptogram import tactile
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.boards import BoardUnderTest
 from haptogram.config import VerifyConfig
-from haptogram.driver import Driver
+from haptogram.driver import DEFAULT_PLAY_LEAD_US, Driver
 from haptogram.errors import LinkError
 from haptogram.playing import PlayReport
-from haptogram.records import Intended, Observation
+from haptogram.records import STREAM, Intended, Observation
 from haptogram.streaming import StreamReport
 from haptogram_protocol.messages import HelloReply, StateChanged
 
@@ -129,6 +129,8 @@ def measure(config: VerifyConfig, board: BoardUnderTest, progress: Progress | No
         _say_goodbye(driver, found)
     found.warnings += _state_changes(driver)
     found.observations = board.observations(driver)
+    if found.cut_short is not None:
+        found.observations = _until_the_cut(found)
     found.unseen = board.unseen
     return found
 
@@ -139,15 +141,28 @@ def _display(
     points: NDArray[np.float64],
     progress: Progress | None,
 ) -> StreamReport | PlayReport:
+    lead_us = None if config.lead_ms is None else round(config.lead_ms * 1e3)
     if config.mode == "sequence":
-        return driver.play(points, config.rate_hz, loops=config.repeat, progress=progress)
+        return driver.play(
+            points,
+            config.rate_hz,
+            loops=config.repeat,
+            lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
+            progress=progress,
+        )
     return driver.stream(
         np.tile(points, (config.repeat, 1)),
         config.rate_hz,
-        lead_us=None if config.lead_ms is None else round(config.lead_ms * 1e3),
+        lead_us=lead_us,
         mode="points" if config.mode == "points" else "phases",
         progress=progress,
     )
+
+
+def _until_the_cut(found: Measured) -> list[Observation]:
+    """Leave out what a sequence played on by itself between the cut and the MUTE."""
+    wanted = {intended.key for intended in found.intended}
+    return [o for o in found.observations if o.key.sequence == STREAM or o.key in wanted]
 
 
 def _state_changes(driver: Driver) -> list[str]:

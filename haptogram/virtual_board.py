@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 _READY: Final = "listening on "
 _START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy machine
-_STOP_S: Final = 15.0
+_STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
 _POLL_S: Final = 0.01
-_QUIET_S: Final = 5.0  # without a new record: the one that is waited for will not come
+_QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
 
 
 class VirtualBoard:

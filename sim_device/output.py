@@ -115,6 +115,8 @@ class OutputStage:
         if state is not self.state:
             self.state, self.reason = state, reason
             self._new_notices.append(StateChange(self._now_us, state, reason, requested))
+        elif event is OutputInput.MUTE:
+            self.reason = reason  # somebody asked for it now: no host may take it for a pause
 
     def _silence_output(self) -> None:
         """Stop radiating, and forget the timers."""

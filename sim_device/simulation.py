@@ -272,8 +272,9 @@ class Heartbeat:
 
     def stop(self) -> None:
         """Make :meth:`run` return; may be called from a signal handler."""
-        self._stopping = True
-        os.write(self._wake_write, b"!")
+        if not self._stopping:  # a second signal finds the pipe closed
+            self._stopping = True
+            os.write(self._wake_write, b"!")
 
     def stop_on_signals(self) -> None:
         """Let SIGINT, SIGTERM and SIGHUP stop the board in good order."""

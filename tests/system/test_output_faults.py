@@ -1,4 +1,4 @@
-"""Faults between registers and air: the latched drive is right, the field is not, nothing passes."""
+"""Faults between registers and air: the latched drive is right, the field is not."""
 
 from __future__ import annotations
 

@@ -25,6 +25,8 @@ int output_enter(struct board *board, enum output_input input, uint8_t reason)
     if (state != board->state) {
         board->state = state;
         board->reason = reason;
+    } else if (input == MUTE) {
+        board->reason = reason; /* somebody asked for it now: no host may take it for a pause */
     }
     return 1;
 }
