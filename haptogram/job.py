@@ -18,7 +18,7 @@ from haptogram.errors import LinkError
 from haptogram.playing import PlayReport
 from haptogram.records import STREAM, Intended, Observation
 from haptogram.streaming import StreamReport
-from haptogram_protocol.messages import HelloReply, StateChanged
+from haptogram_protocol.messages import HelloReply, StateChanged, unwrap
 
 Progress: TypeAlias = Callable[[int, int], None]
 
@@ -127,7 +127,7 @@ def measure(config: VerifyConfig, board: BoardUnderTest, progress: Progress | No
         found.cut_short = str(error)
     finally:
         _say_goodbye(driver, found)
-    found.warnings += _state_changes(driver)
+    found.warnings += _state_changes(driver, found.report)
     found.observations = board.observations(driver)
     if found.cut_short is not None:
         found.observations = _until_the_cut(found)
@@ -165,12 +165,17 @@ def _until_the_cut(found: Measured) -> list[Observation]:
     return [o for o in found.observations if o.key.sequence == STREAM or o.key in wanted]
 
 
-def _state_changes(driver: Driver) -> list[str]:
-    """Tell when the board changed its output by itself: it explains frames that were lost."""
+def _state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:
+    """Tell when the board changed its output by itself: it explains frames that were lost.
+
+    Not of the time before the first frame: while many are prepared the lease may run out, and the
+    driver arms the board again.
+    """
     return [
-        f"the board went {message.state.name} by itself: {message.reason.name}"
-        for message in (event.message for event in driver.events)
-        if isinstance(message, StateChanged)
+        f"the board went {event.message.state.name} by itself: {event.message.reason.name}"
+        for event in driver.events
+        if isinstance(event.message, StateChanged)
+        and (report is None or unwrap(event.header.time_us, report.t0_us, 32) >= report.t0_us)
     ]
 
 

@@ -13,6 +13,6 @@ EXIT_STATUS: Final = """\
 exit status:
   0  pass: enough frames were verified and none was wrong
   1  fail: a focus off target, a wrong drive, or a damaged frame that was latched
-  2  usage or environment error: nothing was judged
+  2  usage or environment error: nothing was judged, or a result could not be written
   3  inconclusive: too few frames could be verified, or the run was interrupted
 """
