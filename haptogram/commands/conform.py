@@ -124,8 +124,7 @@ def _add_results(group: argparse._ArgumentGroup) -> None:
 
 def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     """Run the cases, write and print the result, and return the exit status."""
-    from haptogram.conformance.cases import all_cases
-    from haptogram.conformance.runner import select
+    from haptogram.conformance.cases import all_cases, select
     from haptogram.errors import ConfigurationError
 
     if arguments.compare:

@@ -30,8 +30,6 @@ from haptogram_protocol.messages import (
     HelloReply,
     PhaseFormat,
     Phases,
-    Ping,
-    Pong,
     SetConfig,
     SetConfigReply,
     StatusReply,
@@ -44,22 +42,19 @@ from haptogram_protocol.messages import (
     UploadCommitReply,
     UploadKind,
     pack_phases,
-    unwrap,
 )
 from haptogram_protocol.state import OutputState
 
 from .case import CaseEndedError, check, fail, inconclusive, unimplemented
-from .exchange import Exchange
+from .device_clock import DeviceClock
 from .wire import Wire
 
-BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
 #: Counters that move without anything being wrong.
 _HARMLESS: Final = frozenset({"frames", "requests", "latched", "late", "trace_dropped"})
 _STATUS_BYTES: Final = 144  # of a STATUS on the line
-_SPARE_US: Final = 200  # host's idea of the device clock, in virtual time
 
 
-class Bench(Exchange):
+class Bench(DeviceClock):
     """A session with a board.
 
     Parameters
@@ -83,7 +78,6 @@ class Bench(Exchange):
         What the board said, and had in force, before it was reset.
     """
 
-    identity: HelloReply
     config: Config
     last_boot_id: int | None = None
     last_config: Config | None = None
@@ -91,12 +85,8 @@ class Bench(Exchange):
     def __init__(
         self, wire: Wire, random_source: random.Random, description_hash: int, *, booted: bool
     ) -> None:
-        super().__init__(wire, random_source)
-        self.booted = booted
+        super().__init__(wire, random_source, booted=booted)
         self.description_hash = description_hash
-        self._device_us = BOOT_US  # unwrapped, at the last PONG
-        # Device clock - clock of the transport: the least and the most that it can be.
-        self._behind_us = self._ahead_us = 0
         self._last_nonce = 0
 
     # --- session -------------------------------------------------------------------------------
@@ -172,7 +162,7 @@ class Bench(Exchange):
         if isinstance(answer, StatusReply) and answer.last_seq:
             wraps = range(self.carrier_us)
             fits = (k for k in wraps if (answer.last_latch_us + (k << 32)) % self.carrier_us == 0)
-            self._device_us = answer.last_latch_us + (next(fits, 0) << 32)
+            self.set_device_us(answer.last_latch_us + (next(fits, 0) << 32))
 
     # --- phases --------------------------------------------------------------------------------
 
@@ -298,61 +288,6 @@ class Bench(Exchange):
         counted["frames"] -= 1
         counted["requests"] -= 1
         return counted
-
-    # --- time ----------------------------------------------------------------------------------
-
-    def device_us(self) -> int:
-        """Ask for the device time and return it, unwrapped as far as that is known."""
-        sent_us = self.wire.now_us()
-        answer = self.ask(Ping(self.random.getrandbits(64)))
-        pong = self.reply_in(answer, Pong, Ping.TYPE)
-        self._device_us = unwrap(pong.t_rx_us, self._device_us, 32)
-        self._ahead_us = self._device_us - sent_us
-        done_us = self.wire.line_us(len(answer.piece) + 2)
-        left_us = unwrap(pong.t_tx_us, self._device_us, 32)
-        self._behind_us = left_us + done_us - self.wire.now_us()
-        return self._device_us
-
-    def device_estimate_us(self) -> int:
-        """Return the device time by the host's clock and the last PONG, or a little less."""
-        return self.wire.now_us() + self._behind_us
-
-    def unwrap(self, t_wire_us: int) -> int:
-        """Return a device time from a frame, unwrapped."""
-        return unwrap(t_wire_us, self.device_estimate_us(), 32)
-
-    def soon_us(self, *wires: bytes) -> int:
-        """Return a multiple of the carrier period by which *wires* are certain to have come."""
-        extra_us = self.wire.line_us(sum(map(len, wires)))
-        return self.on_carrier(self.device_us() + self.wire.limits.lead_us + 2 * extra_us)
-
-    def on_carrier(self, t_us: int) -> int:
-        """Return the first multiple of the carrier period at or after *t_us*."""
-        return -(-t_us // self.carrier_us) * self.carrier_us
-
-    @property
-    def carrier_us(self) -> int:
-        """Carrier period."""
-        return 1_000_000 // max(1, self.identity.carrier_hz)
-
-    def until(self, t_device_us: int) -> None:
-        """Wait until the device clock has passed *t_device_us*."""
-        left_us = t_device_us - self.device_estimate_us()
-        self.wire.idle(max(0, left_us) + self.wire.limits.slack_us + _SPARE_US)
-
-    def rest(self, size: int = 0) -> None:
-        """Wait until *size* bytes have been sent, and what they hold has been latched."""
-        slack_us = self.wire.limits.slack_us
-        if slack_us:  # only an answer shows that a board that had to wait has read them
-            self.barrier()
-        self.wire.idle(self.wire.line_us(size) + 4 * self.carrier_us + slack_us // 10)
-
-    def in_time(self, t_device_us: int) -> None:
-        """End the case as INCONCLUSIVE if it is too late for what had to be sent before."""
-        exact = not self.wire.limits.slack_us
-        offset_us = self._behind_us if exact else self._ahead_us
-        if self.wire.now_us() + offset_us >= t_device_us:
-            inconclusive("the host was held up and sent its frames too late")
 
     # --- uploads -------------------------------------------------------------------------------
 

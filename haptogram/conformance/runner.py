@@ -5,19 +5,20 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import random
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Self, TypeAlias
 
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
 from haptogram.transport import Transport
 from haptogram_protocol.export import description_hash
-from haptogram_protocol.messages import Feature, HelloReply
+from haptogram_protocol.messages import HelloReply
 
 from .access import Access
 from .bench import Bench, is_version_error
 from .case import Case, CaseEndedError
 from .clauses import Clause, Level, load_clauses
+from .introduction import describe_device, explain_silence
 from .recovery import farewell, recover
 from .verdict import Behaviour, Evidence, Recovery, Result, SuiteResult
 from .wire import Limits, Wire
@@ -162,12 +163,12 @@ class Runner:
             for _ in range(_GREETINGS):
                 reply = bench.greet()
                 if isinstance(reply, HelloReply):
-                    self._device = _device(reply)
+                    self._device = describe_device(reply)
                     return bench
                 if is_version_error(reply):
                     self._dead = f"the board speaks another major version: {reply}"
                     return None
-            self._dead = _silence(bench)
+            self._dead = explain_silence(bench)
         except (LinkError, CaseEndedError) as error:
             self._dead = f"the board is gone: {error}"
         return None
@@ -311,39 +312,3 @@ def _not_run(case: Case, clause: Clause, why: str) -> Result:
     return Result(
         case.id, case.clause, clause.text, case.what, Behaviour.INCONCLUSIVE, evidence, why
     )
-
-
-def _silence(bench: Bench) -> str:
-    wire = bench.wire
-    if not wire.heard:
-        return "the port is silent: nothing came back to HELLO"
-    if not any(piece.header is not None for piece in wire.received):
-        return f"{wire.heard} bytes came, but no frame: not a board, or another line rate"
-    if not any(piece.is_response or piece.is_event for piece in wire.received):
-        return "the port sends back what is written to it; no board answers"
-    return "frames came, but no answer to HELLO"
-
-
-def _device(reply: HelloReply) -> dict[str, object]:
-    known = Feature(reply.features & sum(Feature))
-    return {
-        "firmware": reply.firmware,
-        "protocol": f"{reply.major}.{reply.minor}",
-        "boot_id": f"{reply.boot_id:#010x}",
-        "transducers": reply.transducers,
-        "carrier_hz": reply.carrier_hz,
-        "features": [str(feature.name) for feature in known],
-    }
-
-
-def select(cases: Sequence[Case], wanted: Sequence[str]) -> Iterator[Case]:
-    """Yield the cases of the clauses, sections or chapters named: HG-3.4/1, HG-3.4, HG-3."""
-    for case in cases:
-        if not wanted or any(_is_of(case, name) for name in wanted):
-            yield case
-
-
-def _is_of(case: Case, name: str) -> bool:
-    if name in (case.id, case.clause):
-        return True
-    return case.clause.startswith((f"{name}/", f"{name}.")) and "/" not in name

@@ -12,8 +12,9 @@ from haptogram_protocol.messages import (
 )
 
 from .. import crafting
-from ..bench import BOOT_US, Bench
+from ..bench import Bench
 from ..case import case, check, not_observed, unobservable
+from ..device_clock import BOOT_US
 from ..wire import Received
 
 _WRAP_US: Final = 2**32

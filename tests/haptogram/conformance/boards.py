@@ -4,8 +4,8 @@ import serial
 
 import sim_device
 from haptogram.conformance.access import VirtualAccess
-from haptogram.conformance.cases import all_cases
-from haptogram.conformance.runner import Options, Runner, select
+from haptogram.conformance.cases import all_cases, select
+from haptogram.conformance.runner import Options, Runner
 from haptogram.errors import LinkLostError
 from haptogram.transport import PyserialTransport
 
