@@ -24,7 +24,7 @@ from haptogram.budget import check_rate, frame_bytes
 from haptogram.clocksync import next_boundary_us
 from haptogram.errors import ConfigurationError, LinkError
 from haptogram.frames import Frame
-from haptogram.lead import LeadTrim, default_lead_us
+from haptogram.lead import LeadTrim, Reserve, default_lead_us
 from haptogram.link import Link, Progress
 from haptogram.pinging import Pinger
 from haptogram.process import real_time
@@ -338,14 +338,14 @@ class _Run:
             period_ns=int(schedule.period_us * 1000),
             spin_ns=pacing.spin_us * 1000,
         )
+        self._reserve = Reserve(pinger.clock.uncertainty_us)
         self._deadline_ns = self._wake_ns = 0
         self._lead_changed = True  # until the first report that began with this stream
 
     def wait(self, due_us: int) -> None:
         """Wait until it is time to send what is due at *due_us*."""
         self._pinger.keep()
-        if self._trim is not None:
-            self._adjust(self._trim)
+        self._read_status()
         while (now_ns := self._link.now_ns()) + _WATCH_NS < self._at_ns(due_us):
             self._link.run_until(now_ns + _WATCH_NS)
             self._pinger.keep()
@@ -370,7 +370,7 @@ class _Run:
             now_ns=ready_ns,
             line_free_ns=link.line.free_ns,
             transmission_ns=link.transmission_ns(wire),
-            due_ns=self._pinger.clock.to_host_ns(due_us),
+            due_ns=self._pinger.clock.to_host_ns(due_us) - self._reserve.ns,
         )
         if in_time:
             link.make_room(wire)
@@ -394,14 +394,17 @@ class _Run:
         """Wait until the last frame is latched."""
         self._link.run_until(self._pinger.clock.to_host_ns(due_us) + _SETTLING_NS)
 
-    def _adjust(self, trim: LeadTrim) -> None:
+    def _read_status(self) -> None:
         """Take the newest report of arrival margins, once."""
         status = self._status()
         if status is None or status is self._seen:
             return
         changed, self._seen = self._lead_changed, status
         self._lead_changed = False
-        if status.margins and not changed:  # else its frames were sent with two different leads
-            lead_us = trim.add(self.lead_us - status.margin_min_us, status.margins)
+        if not status.margins:
+            return
+        self._reserve.take(status.margin_min_us, self._pinger.clock.uncertainty_us)
+        if self._trim is not None and not changed:  # else its frames had two different leads
+            lead_us = self._trim.add(self.lead_us - status.margin_min_us, status.margins)
             self._lead_changed = lead_us != self.lead_us
             self.lead_us = lead_us

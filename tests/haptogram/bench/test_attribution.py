@@ -99,6 +99,14 @@ def test_a_burst_has_the_cause_of_the_stall_that_it_follows(stage, cause):
     assert {CAUSES[place] for place in attribute(parts)[late]} == {cause}
 
 
+def test_sleeping_on_while_the_line_is_free_again_is_scheduling():
+    first = a_tick(0)
+    late = a_tick(MS, wake=0, room=3 * MS)  # the line had room all the time
+    parts = parts_of([first, late])
+    assert (parts.scheduling[1], parts.room[1]) == (3 * MS, 0)
+    assert CAUSES[attribute(parts)[1]] is Cause.SCHEDULING
+
+
 def test_what_ran_into_the_first_tick_is_work_of_the_host():
     parts = parts_of([a_tick(0, idle=3 * MS, wake=3 * MS)])
     assert parts.before[0] == 3 * MS
