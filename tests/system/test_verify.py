@@ -80,8 +80,9 @@ _PATHS = {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
 
 
 @pytest.mark.pty
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_keeps_what_it_measured_and_leaves_nothing_behind(
-    tmp_path: Path,
+    tmp_path: Path, ending: signal.Signals
 ) -> None:
     path = tmp_path / "result.json"
     words = ["--rate-hz", "100", "--repeat", "1000", "--json", str(path)]
@@ -93,7 +94,7 @@ def test_an_interrupted_run_keeps_what_it_measured_and_leaves_nothing_behind(
         env=environment,
     )
     _wait_for_latches(tmp_path, 20)
-    run.send_signal(signal.SIGINT)
+    run.send_signal(ending)
     said, complaints = run.communicate(timeout=60)
     assert run.returncode == 3, (said, complaints)
     assert b"interrupted after" in said
