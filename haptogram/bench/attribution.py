@@ -1,9 +1,9 @@
 """Whose fault a late frame was.  Pure: stamps in, causes out.
 
 The lateness of a frame is parted, without rest, into what came before its tick (the tick before it
-was still at work), host scheduling (the loop slept on, or slept on while it waited for the line),
-host work (encode ahead and write), line
-(it had no room yet, or other bytes were before it) and board (from the line to a complete frame).
+was still at work), host scheduling (the loop slept on, at its tick or when the line had room
+again), host work (encode ahead and write), line (it had no room yet, or other bytes were before it)
+and board (from the line to a complete frame).
 
 What came before is in turn parted as the lateness of the frame before it was, so that all frames of
 a burst after one stall are put down to that stall, and a backlog that several causes have built up
@@ -100,7 +100,7 @@ def part(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> Parts:
     begun = np.clip(idle, deadline, np.maximum(wake, deadline))
     sent = transmission_ns > 0
     queue = np.where(sent, np.maximum(0, line_free - done - transmission_ns), 0)
-    # The line had room once the frame before the last one had left; what came after is oversleeping.
+    # The line had room once the frame before the last one had left; after that, the loop slept on.
     free_before = np.concatenate([room[:1] + transmission_ns[:1], line_free[:-1]])
     overslept = room - np.clip(free_before - transmission_ns, ready, room)
     return Parts(
