@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,10 @@ def test_board(haptogram_board):
     assert haptogram_board.result(case).behaviour == "OK"
 """
 
+# An installed package registers its plugin itself; a checkout that is only on the path does not.
+_INSTALLED = any(point.name == "haptogram" for point in entry_points(group="pytest11"))
+_PLUGIN = [] if _INSTALLED else ["-p", "haptogram.conformance.pytest_plugin"]
+
 
 @pytest.mark.pty
 def test_in_a_foreign_repository(tmp_path):
@@ -29,7 +34,7 @@ def test_in_a_foreign_repository(tmp_path):
     (tmp_path / "test_own.py").write_text(OWN)
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "pytest", "-q", "-p", "haptogram.conformance.pytest_plugin"),
+            *(sys.executable, "-m", "pytest", "-q", *_PLUGIN),
             *("-p", "no:cacheprovider", "--haptogram-timeout=5", "test_own.py"),
             *("--pyargs", "haptogram.conformance", "-k", "own or board or HG-2.3 or HG-4.1 or 6.1"),
         ],
