@@ -75,8 +75,11 @@ class LineModel:
 
     def unsent_bytes(self, now_ns: int) -> int:
         """Return how many bytes have not left the port yet."""
-        waiting_ns = max(0, self.free_ns - now_ns)
-        return waiting_ns * self.baudrate // (BITS_PER_BYTE * 1_000_000_000)
+        return self.bytes_in(max(0, self.free_ns - now_ns))
+
+    def bytes_in(self, duration_ns: int) -> int:
+        """Return how many whole bytes the line carries in *duration_ns*."""
+        return duration_ns * self.baudrate // (BITS_PER_BYTE * 1_000_000_000)
 
     def room_at_ns(self, unsent: int) -> int:
         """Return when no more than *unsent* bytes will be left in the port."""

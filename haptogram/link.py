@@ -23,6 +23,7 @@ from haptogram_protocol.connection import (
 from haptogram_protocol.messages import ErrorCode, Message, UploadChunk
 
 NS_PER_S: Final = 1_000_000_000
+BURST_NS: Final = 1_800_000  # of line time that may be unsent: two frames of 276 B at 3 Mbaud
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 
 _Outcome: TypeAlias = ReplyReceived | RequestRefused | RequestTimedOut
@@ -158,14 +159,15 @@ class Link:
     # --- stream --------------------------------------------------------------------------------
 
     def make_room(self, wire: bytes) -> None:
-        """Wait until no more than one frame as long as *wire* is unsent.
+        """Wait until *wire* would be no more than the second frame unsent, or 1.8 ms of the line.
 
-        What lies in the port cannot be overtaken: with more than two frames in it, a MUTE would
-        come too late.
+        What lies in the port cannot be overtaken: with more in it, a MUTE would come too late.  With
+        less, a host that catches up would sleep once a frame, and oversleep as often.
         """
-        while self._unwritten or self.line.unsent_bytes(self.now_ns()) > len(wire):
+        unsent = max(len(wire), self.line.bytes_in(BURST_NS) - len(wire))
+        while self._unwritten or self.line.unsent_bytes(self.now_ns()) > unsent:
             wait_ns = _STALL_RETRY_NS if self._unwritten else 1
-            self.turn(max(self.line.room_at_ns(len(wire)), self.now_ns() + wait_ns))
+            self.turn(max(self.line.room_at_ns(unsent), self.now_ns() + wait_ns))
 
     def write_frame(self, wire: bytes) -> None:
         """Send a stream frame, once there is room for it."""

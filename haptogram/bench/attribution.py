@@ -21,6 +21,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from haptogram.link import BURST_NS
 from haptogram.realtime import TickLog
 
 Times = NDArray[np.int64]
@@ -100,9 +101,10 @@ def part(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> Parts:
     begun = np.clip(idle, deadline, np.maximum(wake, deadline))
     sent = transmission_ns > 0
     queue = np.where(sent, np.maximum(0, line_free - done - transmission_ns), 0)
-    # The line had room once the frame before the last one had left; after that, the loop slept on.
-    free_before = np.concatenate([room[:1] + transmission_ns[:1], line_free[:-1]])
-    overslept = room - np.clip(free_before - transmission_ns, ready, room)
+    # The line had room again before all was sent (Link.make_room); from then on the loop slept on.
+    unsent_ns = np.maximum(transmission_ns, BURST_NS - transmission_ns)
+    free_before = np.concatenate([room[:1] + unsent_ns[:1], line_free[:-1]])
+    overslept = room - np.clip(free_before - unsent_ns, ready, room)
     return Parts(
         before=begun - deadline,
         scheduling=np.maximum(wake, deadline) - begun + overslept,
