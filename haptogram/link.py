@@ -161,8 +161,8 @@ class Link:
     def make_room(self, wire: bytes) -> None:
         """Wait until *wire* would be no more than the second frame unsent, or 1.8 ms of the line.
 
-        What lies in the port cannot be overtaken: with more in it, a MUTE would come too late.  With
-        less, a host that catches up would sleep once a frame, and oversleep as often.
+        What lies in the port cannot be overtaken: with more in it, a MUTE would come too late.
+        With less, a host that catches up would sleep once a frame, and oversleep as often.
         """
         unsent = max(len(wire), self.line.bytes_in(BURST_NS) - len(wire))
         while self._unwritten or self.line.unsent_bytes(self.now_ns()) > unsent:

@@ -16,6 +16,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from haptogram.bench.percentiles import with_missed_ticks
 from haptogram.errors import ConfigurationError
 
 STALL_NS: Final = 100_000  # lateness from which on the control counts as stalled
@@ -64,6 +65,7 @@ class ControlLoop:
     """
 
     def __init__(self, period_ns: int, seconds: float) -> None:
+        self._period_ns = period_ns
         count = int(seconds * 1e9 / period_ns) + 1
         self._command = [sys.executable, "-I", "-c", _PROGRAM, str(period_ns), str(count)]
         self.deadline_ns: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -95,9 +97,8 @@ class ControlLoop:
 
     @property
     def lateness_us(self) -> NDArray[np.float64]:
-        """How late it was at each of its (n,) ticks, in microseconds."""
-        late: NDArray[np.float64] = (self.wake_ns - self.deadline_ns) / 1e3
-        return late
+        """How late it was at each of its (n,) ticks, those it missed included, in microseconds."""
+        return with_missed_ticks((self.wake_ns - self.deadline_ns) / 1e3, self._period_ns / 1e3)
 
     def stalled(self, begin_ns: NDArray[np.int64], end_ns: NDArray[np.int64]) -> Any:
         """Tell for each of (n,) spans of time whether the control was stalled within it."""

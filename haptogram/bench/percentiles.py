@@ -69,6 +69,19 @@ class Percentiles:
         return f"{values}{self.greatest:>11.1f}{self.count:>9}"
 
 
+def with_missed_ticks(lateness_us: NDArray[np.float64], period_us: float) -> NDArray[np.float64]:
+    """Return the lateness of every tick, those that a loop missed because it was late included.
+
+    A loop that is late by three periods skips the ticks in between.  They would have been late by
+    two and by one; left out, its percentiles would look better than they are.
+    """
+    each = 1 + np.floor(np.maximum(lateness_us, 0.0) / period_us).astype(np.int64)
+    ends = np.cumsum(each)
+    place = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - each, each)
+    late: NDArray[np.float64] = np.repeat(lateness_us, each) - place * period_us
+    return late
+
+
 def heading() -> str:
     """Return the names of the columns of :class:`Percentiles` as text."""
     return "".join(f"{f'p{level:g}':>10}" for level in LEVELS) + f"{'max':>11}{'n':>9}"

@@ -11,7 +11,7 @@ from haptogram.bench.compare import compare, differences
 from haptogram.bench.control import ControlLoop
 from haptogram.bench.fingerprint import cpu_share, cpu_times, fingerprint
 from haptogram.bench.focus_error import focus_error
-from haptogram.bench.percentiles import BLOCKS, Percentiles
+from haptogram.bench.percentiles import BLOCKS, Percentiles, with_missed_ticks
 
 
 @given(st.lists(st.floats(-10, 1e6), min_size=1, max_size=400))
@@ -37,6 +37,18 @@ def test_the_tenths_of_a_run_are_in_order_of_time():
     found = Percentiles.of(np.repeat(np.arange(BLOCKS), 50))
     assert found.blocks["p50"] == list(range(BLOCKS))
     assert Percentiles.of(np.arange(100)).blocks == {}
+
+
+@given(st.lists(st.integers(0, 20), min_size=1, max_size=50))
+def test_missed_ticks_are_late_too(tenths):
+    """Against a walk over the grid: a tick is late until the loop is there again."""
+    expected, tick = [], 0
+    for late in tenths:
+        expected += [late - 5 * k for k in range(late // 5 + 1)]
+        tick += late // 5 + 1
+    found = with_missed_ticks(np.array(tenths, float), 5.0)
+    assert found.tolist() == expected
+    assert len(found) == tick
 
 
 # --- comparison ----------------------------------------------------------------------------------
