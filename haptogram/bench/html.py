@@ -16,7 +16,7 @@ _PAGE: Final = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>haptogram bench</title>
 <style>
 body {{ font: 15px/1.5 sans-serif; max-width: 72em; margin: 2em auto; padding: 0 1em; }}
-pre {{ font-size: 13px; overflow-x: auto; background: #f6f6f6; padding: 1em; }}
+pre {{ font-size: 13px; white-space: pre-wrap; background: #f6f6f6; padding: 1em; }}
 img {{ max-width: 100%; }}
 </style></head><body>
 <h1>Timing of the loop</h1>

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,13 @@ _SHOWN: Final = (
 )
 
 
+# Above the axes: what a loop does can lie anywhere within them.
+_LEGEND: Final[Any] = {"loc": "outside upper center", "ncols": 2}
+
+
 def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
     """Draw how often each stage took how long; both axes logarithmic, so that the tail is seen."""
-    figure = new_figure(7.0, 4.2)
+    figure = new_figure(7.0, 4.6)
     with styled():
         axes = figure.add_subplot()
         for name, label, colour in _SHOWN:
@@ -41,13 +45,13 @@ def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
                     label=f"{label} (n = {len(values)})",
                 )
         axes.set(xscale="log", yscale="log", xlabel="time / µs", ylabel="frames")
-        axes.legend(loc="upper right")
+        figure.legend(**_LEGEND)
     return figure
 
 
 def draw_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: float) -> Figure:
     """Draw the lateness of every frame and of the control loop over time."""
-    figure = new_figure(7.0, 3.0)
+    figure = new_figure(7.0, 3.2)
     with styled():
         axes = figure.add_subplot()
         for name, label, colour in (_SHOWN[4], _SHOWN[3]):
@@ -55,5 +59,5 @@ def draw_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: float) ->
             times_s = np.arange(len(values)) / rate_hz
             axes.plot(times_s, np.maximum(values, 0.1), ".", ms=1.5, color=colour, label=label)
         axes.set(yscale="log", xlabel="time / s", ylabel="lateness / µs")
-        axes.legend(loc="upper right", markerscale=4.0)
+        figure.legend(**_LEGEND, markerscale=4.0)
     return figure
