@@ -248,7 +248,7 @@ class Driver(Session):
         self._resume()
         stalls = self._link.stalls
         done = self._streamer.stream(frames, schedule, pacing, progress)
-        self._collect_ring()
+        self.collect_ring()
         self.warnings += done.not_permitted
         lateness_us = done.ticks.lateness_us()
         return StreamReport(
@@ -321,7 +321,7 @@ class Driver(Session):
         self._player.store(data)
         self._resume()  # an upload takes longer than a drive is held
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
-        self._collect_ring()
+        self.collect_ring()
         return PlayReport(
             frames=loops * len(frames),
             latched=None if end is None else end.frames,

@@ -226,7 +226,7 @@ class Session:
         """Return the drive at the transducers now; see :class:`TraceReader`."""
         return self._traces.read_drive(self._link, kind)
 
-    def _collect_ring(self) -> None:
+    def collect_ring(self) -> None:
         """Take what the board kept in its trace ring, if that is where it keeps it."""
         if self._config.trace_mode is TraceMode.RING:
             self.observations += self._traces.read_ring(self._link)
