@@ -16,6 +16,7 @@ from haptogram.identity import check_model, model_of, read_array, read_geometry
 from haptogram.link import NS_PER_S, Link
 from haptogram.pinging import Pinger
 from haptogram.records import Observation
+from haptogram.stuffing import fastest_cobs
 from haptogram.tracing import TraceReader
 from haptogram.transport import DEFAULT_BAUDRATE, Transport, open_transport
 from haptogram.upload import check_upload, upload
@@ -61,7 +62,9 @@ class Session:
         trace: TraceMode | None = None,
     ) -> None:
         self.session = _nonce(nonce, seed)
-        connection = HostConnection(nonce=self.session, description_hash=description_hash())
+        connection = HostConnection(
+            nonce=self.session, description_hash=description_hash(), cobs=fastest_cobs()
+        )
         transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
         self._link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s)
         self.observations: list[Observation] = []

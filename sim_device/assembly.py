@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from haptogram.stuffing import fastest_cobs
 from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.framing import FrameDecoder
 
@@ -30,7 +31,7 @@ class Parts:
 
         class _Connection(self.connection):  # type: ignore[name-defined,misc]  # chosen at run time
             def __init__(self, description_hash: int, *, output_limit: int) -> None:
-                super().__init__(description_hash, output_limit=output_limit)
+                super().__init__(description_hash, output_limit=output_limit, cobs=fastest_cobs())
                 if decoder is not FrameDecoder:
                     self._inbox._decoder = decoder()  # noqa: SLF001  it takes none
 

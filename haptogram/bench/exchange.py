@@ -26,6 +26,7 @@ from haptogram.pinging import Pinger
 from haptogram.process import real_time
 from haptogram.records import Intended
 from haptogram.streaming import Pacing, Schedule, Streamer
+from haptogram.stuffing import fastest_cobs
 from haptogram.transport import open_transport
 from haptogram_protocol import HostConnection
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
@@ -200,7 +201,9 @@ def highest_verified_rate_hz(exchanger: Exchanger, step_s: float) -> float:
 def exchanger(url: str) -> Iterator[Exchanger]:
     """Open a session for exchanges; leave the board mute."""
     connection = HostConnection(
-        nonce=secrets.randbelow(0xFFFF) + 1, description_hash=description_hash()
+        nonce=secrets.randbelow(0xFFFF) + 1,
+        description_hash=description_hash(),
+        cobs=fastest_cobs(),
     )
     link = Link(open_transport(url), connection, baudrate=_UNPACED, timeout_s=2.0)
     try:

@@ -16,7 +16,9 @@ from haptogram.budget import frame_bytes, highest_rate_hz, transmission_ns
 from haptogram.errors import ConfigurationError
 from haptogram.process import real_time
 from haptogram.realtime import PeriodicLoop
+from haptogram.stuffing import fastest_cobs
 from haptogram_protocol import FrameDecoder, encode_frame
+from haptogram_protocol.framing import Stuffing
 from haptogram_protocol.messages import (
     Drives,
     FocalPoint,
@@ -102,9 +104,10 @@ def measure_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget
     """
     if baudrate < 1:
         raise ConfigurationError(f"baud is {baudrate}; it is 1 or more")
-    wire = _encode(message)
-    encode_ns = _median_ns(lambda: _encode(message))
-    decoder = FrameDecoder()
+    cobs = fastest_cobs()
+    wire = _encode(message, cobs.encode)
+    encode_ns = _median_ns(lambda: _encode(message, cobs.encode))
+    decoder = FrameDecoder(cobs.decode)
     decode_ns = _median_ns(lambda: _decode(decoder, wire))
     with _drained_pty() as (fd, drain):
         write_ns = _median_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
@@ -139,8 +142,9 @@ def sleep_until(deadline_ns: int) -> None:
         time.sleep(wait_ns / 1e9)
 
 
-def _encode(message: Message) -> bytes:
-    return encode_frame(build_body(message, flags=0, seq=4711, time_us=123_456_789, session=77))
+def _encode(message: Message, stuff: Stuffing) -> bytes:
+    body = build_body(message, flags=0, seq=4711, time_us=123_456_789, session=77)
+    return encode_frame(body, stuff)
 
 
 def _decode(decoder: FrameDecoder, wire: bytes) -> None:

@@ -51,8 +51,8 @@ class CrcHalf(FrameDecoder):
 class Crc16(BoardConnection):
     """Has CRC-16/CCITT in place of CRC-32, in both directions."""
 
-    def __init__(self, description_hash: int, *, output_limit: int) -> None:
-        super().__init__(description_hash, output_limit=output_limit)
+    def __init__(self, description_hash: int, **options: Any) -> None:
+        super().__init__(description_hash, **options)
         self._inbox._decoder = _Crc16Decoder()
 
     def _queue(self, wire: bytes, limit: int) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final, cast
 
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import encode_frame
+from ..framing import PURE_PYTHON, Cobs, encode_frame
 from ..messages import (
     EVENT_RANGE,
     FIRST_STREAM_SEQ,
@@ -96,6 +96,8 @@ class BoardConnection:
         CRC-32 of the board's description of the protocol, for the HELLO_REPLY.
     output_limit : int, keyword-only
         Bytes that may wait for the line; droppable events get half of it.
+    cobs : Cobs, keyword-only
+        A compiled COBS may be passed in.
 
     Attributes
     ----------
@@ -105,12 +107,19 @@ class BoardConnection:
         :data:`LINK_COUNTERS`, modulo 2^32.
     """
 
-    def __init__(self, description_hash: int, *, output_limit: int = OUTPUT_LIMIT) -> None:
+    def __init__(
+        self,
+        description_hash: int,
+        *,
+        output_limit: int = OUTPUT_LIMIT,
+        cobs: Cobs = PURE_PYTHON,
+    ) -> None:
         self.description_hash = description_hash
         self.session = 0
         self.counters = dict.fromkeys(LINK_COUNTERS, 0)
         self._output_limit = output_limit
-        self._inbox = Inbox()
+        self._stuff = cobs.encode
+        self._inbox = Inbox(cobs)
         self._output: deque[bytes] = deque()
         self._output_bytes = 0
         self._greeting: HelloReply | None = None
@@ -369,7 +378,7 @@ class BoardConnection:
             message, flags=flags, seq=self._event_seq, time_us=now_us, session=self.session
         )
         limit = self._output_limit // 2 if droppable else self._output_limit
-        sent = self._queue(encode_frame(body), limit)
+        sent = self._queue(encode_frame(body, self._stuff), limit)
         self._event_seq += sent  # one that was not sent leaves no gap: a gap is the line's fault
         return sent
 
@@ -396,7 +405,8 @@ class BoardConnection:
         self, message: Message, seq: int, now_us: int, session: int | None = None
     ) -> bytes:
         session = self.session if session is None else session
-        return encode_frame(build_body(message, flags=0, seq=seq, time_us=now_us, session=session))
+        body = build_body(message, flags=0, seq=seq, time_us=now_us, session=session)
+        return encode_frame(body, self._stuff)
 
     def _queue(self, wire: bytes, limit: int) -> bool:
         """Queue a frame if there is room; a host that misses a response asks again (HG-9.6)."""

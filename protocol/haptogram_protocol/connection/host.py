@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import encode_frame
+from ..framing import PURE_PYTHON, Cobs, encode_frame
 from ..messages import (
     EVENT_RANGE,
     FIRST_STREAM_SEQ,
@@ -96,6 +96,8 @@ class HostConnection:
         Session to ask for, 1 to 65535, chosen at random.
     description_hash : int, keyword-only
         CRC-32 of the host's description of the protocol.
+    cobs : Cobs, keyword-only
+        A compiled COBS may be passed in.
 
     Attributes
     ----------
@@ -108,7 +110,7 @@ class HostConnection:
         :data:`HOST_COUNTERS`.
     """
 
-    def __init__(self, *, nonce: int, description_hash: int) -> None:
+    def __init__(self, *, nonce: int, description_hash: int, cobs: Cobs = PURE_PYTHON) -> None:
         if not 1 <= nonce <= 0xFFFF:
             raise LocalProtocolError(f"session nonce {nonce}; it is 1 to 65535")
         self.session = nonce
@@ -117,7 +119,8 @@ class HostConnection:
         self.identity: HelloReply | None = None
         self.warnings: list[str] = []
         self.counters = dict.fromkeys(HOST_COUNTERS, 0)
-        self._inbox = Inbox()
+        self._stuff = cobs.encode
+        self._inbox = Inbox(cobs)
         self._output = bytearray()
         self._events: deque[HostEvent] = deque()
         self._pending: dict[int, _Pending] = {}  # by seq
@@ -222,7 +225,7 @@ class HostConnection:
             time_us=t_apply_us or 0,
             session=self.session,
         )
-        wire = encode_frame(body)
+        wire = encode_frame(body, self._stuff)
         index = self._stream_index
         self._stream_index += 1
         return index, wire
@@ -260,7 +263,7 @@ class HostConnection:
     ) -> int:
         seq = self._control_seq
         body = build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
-        wire = encode_frame(body)
+        wire = encode_frame(body, self._stuff)
         self._control_seq = (seq + 1) & 0xFFFF
         self._output += wire
         # A MUTE does not wait as long as a bad line has taught the others to wait.

@@ -1,0 +1,82 @@
+"""COBS in C does what COBS in Python does, and those who put connections together take it."""
+
+import sys
+from collections.abc import Callable
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+import haptogram.session
+import sim_device.assembly
+from haptogram.driver import Driver
+from haptogram.stuffing import fastest_cobs
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import PURE_PYTHON, Cobs, FrameDecoder, encode_frame
+from virtual_ports import BoardPort
+
+EXTENSION = "cobs.cobs._cobs_ext"
+
+runs = st.sampled_from([b"\0", b"\1", b"\2\7", b"\0\7", b"\7" * 253, b"\7" * 254, b"\xff" * 255])
+content = st.one_of(st.binary(max_size=600), st.lists(runs, max_size=12).map(b"".join))
+
+
+@pytest.fixture(scope="module")
+def compiled() -> Cobs:
+    pytest.importorskip(EXTENSION, reason="the C extension of the package cobs is not installed")
+    return fastest_cobs()
+
+
+def _outcome(decode: Callable[[bytes], bytes], encoded: bytes) -> tuple[bytes | str, str]:
+    try:
+        return decode(encoded), ""
+    except RemoteProtocolError as error:
+        return str(error), error.reason
+
+
+@given(content)
+def test_the_same_bytes_come_out_of_both_encoders(compiled: Cobs, data: bytes) -> None:
+    encoded = compiled.encode(data)
+    assert encoded == PURE_PYTHON.encode(data)
+    assert compiled.decode(encoded) == data
+
+
+@given(content)
+@example(b"\3\0\7")  # a zero inside a piece, which no decoder of a stream hands on
+@example(b"\5\7")
+@example(b"")
+def test_the_same_bytes_or_errors_come_out_of_both_decoders(compiled: Cobs, noise: bytes) -> None:
+    assert _outcome(compiled.decode, noise) == _outcome(PURE_PYTHON.decode, noise)
+
+
+def test_a_damaged_frame_is_told_and_the_next_one_kept(compiled: Cobs) -> None:
+    decoder = FrameDecoder(compiled.decode)
+    body = b"0123456789"
+    damaged, whole = decoder.feed(b"\0\7abc\0" + encode_frame(body, compiled.encode))
+    assert isinstance(damaged, RemoteProtocolError)
+    assert (damaged.reason, damaged.__traceback__, damaged.__context__) == ("cobs", None, None)
+    assert whole == body
+
+
+def test_python_serves_without_the_extension(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cobs.cobs", None)
+    assert fastest_cobs() is PURE_PYTHON
+
+
+def test_driver_and_board_take_what_is_fastest(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (haptogram.session, sim_device.assembly):
+        used = dict.fromkeys(Cobs._fields, 0)
+
+        def counted(name: str, used: dict[str, int] = used) -> Callable[[bytes], bytes]:
+            def stuffing(data: bytes) -> bytes:
+                used[name] += 1
+                return getattr(PURE_PYTHON, name)(data)
+
+            return stuffing
+
+        monkeypatch.setattr(
+            module, "fastest_cobs", lambda make=counted: Cobs(*map(make, Cobs._fields))
+        )
+        with Driver(BoardPort()):
+            pass
+        assert min(used.values()) > 0, module.__name__
