@@ -98,14 +98,12 @@ class Board(OutputStage):
 
     def _next_due(self) -> Due | None:
         """Return what happens next; at one time, latches come before timers."""
-        due: list[Due] = []
-        if (head := self._queue.head) is not None:
-            due.append((head.t_latch_us, self._latch_stream))
+        due = self._timer() if self.state is OutputState.ARMED else None
         if self._playback is not None:
-            due.append((self._boundary_us(self._playback.due_us), self._latch_playback))
-        if self.state is OutputState.ARMED:
-            due += self._timers()
-        return min(due, key=lambda event: event[0], default=None)
+            due = _earlier((self._boundary_us(self._playback.due_us), self._latch_playback), due)
+        if (head := self._queue.head) is not None:
+            due = _earlier((head.t_latch_us, self._latch_stream), due)
+        return due
 
     # --- session -------------------------------------------------------------------------------
 
@@ -309,3 +307,8 @@ class Board(OutputStage):
             self._new_notices.append(
                 PlaybackEnd(self._now_us, ended.sequence, ended.loops_done, ended.played)
             )
+
+
+def _earlier(due: Due, other: Due | None) -> Due:
+    """Return what happens first; *due*, if both do at one time."""
+    return due if other is None or due[0] <= other[0] else other

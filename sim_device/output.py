@@ -20,7 +20,7 @@ from .counters import BoardCounters
 from .drives import radiated_drive
 from .latch import Latch, Notice, RampBegan, RampEnded, StateChange
 from .refusal import RefusalError
-from .safety import Safety
+from .safety import NEVER_US, Safety
 from .settings import BoardSettings
 
 Due: TypeAlias = tuple[int, Callable[[], None]]  # when, and what happens then
@@ -128,35 +128,28 @@ class OutputStage:
 
     # --- timers --------------------------------------------------------------------------------
 
-    def _timers(self) -> list[Due]:
-        due: list[Due] = []
-        first = self._safety.first_deadline()
-        if first is not None and first.deadline_us is not None and not self._ramping:
-            due.append((first.deadline_us, self._begin_ramp))
-        first = self._safety.first_end()
-        if first is not None and first.end_us is not None:
-            due.append((first.end_us, self._time_out))
-        return due
+    def _timer(self) -> Due | None:
+        """Return what the timers do next."""
+        if not self._ramping and (begin_us := self._safety.first_deadline().deadline_us) < NEVER_US:
+            return begin_us, self._begin_ramp
+        end_us = self._safety.first_end().end_us
+        return (end_us, self._time_out) if end_us < NEVER_US else None
 
     def _begin_ramp(self) -> None:
-        first = self._safety.first_deadline()
-        if first is not None:
-            self._ramping = True
-            self._new_notices.append(RampBegan(self._now_us, first.reason))
+        self._ramping = True
+        reason = self._safety.first_deadline().reason
+        self._new_notices.append(RampBegan(self._now_us, reason))
 
     def _end_ramp_if_restored(self) -> None:
-        first = self._safety.first_deadline()
-        burning = first is not None and (first.deadline_us or 0) <= self._now_us
-        if self._ramping and not burning:
+        if self._ramping and self._now_us < self._safety.first_deadline().deadline_us:
             self._ramping = False
             self._new_notices.append(RampEnded(self._now_us, restored=True))
 
     def _time_out(self) -> None:
-        first = self._safety.first_end()
-        if first is not None:
-            self.counters.timeouts += 1
-            self._enter(OutputInput.RAMP_ENDED, first.reason, requested=False)
-            self._silence_output()
+        self.counters.timeouts += 1
+        reason = self._safety.first_end().reason
+        self._enter(OutputInput.RAMP_ENDED, reason, requested=False)
+        self._silence_output()
 
     # --- latch ---------------------------------------------------------------------------------
 

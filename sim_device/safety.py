@@ -8,35 +8,38 @@ the two deadlines, so no state of "a ramp is under way" can disagree with them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from haptogram_protocol.messages import Config
 from haptogram_protocol.state import MuteReason
 
 
+NEVER_US: Final = 1 << 62  # when a fuse that does not burn runs out
+
+
 @dataclass(slots=True)
 class Fuse:
-    """One timer: full output until ``deadline_us``, silence ``ramp_us`` later."""
+    """One timer: full output until ``deadline_us``, silence from ``end_us`` on."""
 
     reason: MuteReason
-    deadline_us: int | None = None
-    ramp_us: int = 0
+    deadline_us: int = NEVER_US
+    end_us: int = NEVER_US
 
     def restart(self, deadline_us: int, ramp_us: int, reason: MuteReason | None = None) -> None:
         """Renew the timer; a ramp that it had started is undone."""
-        self.deadline_us, self.ramp_us = deadline_us, ramp_us
+        self.deadline_us, self.end_us = deadline_us, deadline_us + ramp_us
         self.reason = self.reason if reason is None else reason
 
-    @property
-    def end_us(self) -> int | None:
-        """When the output is silent, if nothing renews the timer."""
-        return None if self.deadline_us is None else self.deadline_us + self.ramp_us
+    def stop(self) -> None:
+        """Burn no more."""
+        self.deadline_us = self.end_us = NEVER_US
 
     def gain(self, t_us: int) -> float:
         """Return the share of the amplitude that is radiated, 1 down to 0 in a straight line."""
-        if self.deadline_us is None or t_us < self.deadline_us:
+        if t_us < self.deadline_us:
             return 1.0
-        left_us = self.deadline_us + self.ramp_us - t_us
-        return left_us / self.ramp_us if left_us > 0 else 0.0
+        left_us = self.end_us - t_us
+        return left_us / (self.end_us - self.deadline_us) if left_us > 0 else 0.0
 
 
 class Safety:
@@ -55,7 +58,8 @@ class Safety:
 
     def disarm(self) -> None:
         """Stop both fuses: the output is off anyway."""
-        self._lease.deadline_us = self._hold.deadline_us = None
+        self._lease.stop()
+        self._hold.stop()
 
     def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
         """Start the lease anew; playback brings its own, *unattended_ms*."""
@@ -70,24 +74,23 @@ class Safety:
     def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
         """Apply new timers to a hold that has not run out; a ramp that has begun runs on."""
         deadline_us = self._hold.deadline_us
-        if deadline_us is not None and deadline_us > now_us:
+        if now_us < deadline_us < NEVER_US:
             renewed_us = max(now_us, last_latch_us + config.hold_ms * 1000)
             self._hold.restart(renewed_us, self._ramp_us(config))
 
-    def first_deadline(self) -> Fuse | None:
+    def first_deadline(self) -> Fuse:
         """Return the fuse that runs out first."""
-        return min(self._burning(), key=lambda fuse: fuse.deadline_us or 0, default=None)
+        lease, hold = self._lease, self._hold
+        return lease if lease.deadline_us <= hold.deadline_us else hold
 
-    def first_end(self) -> Fuse | None:
+    def first_end(self) -> Fuse:
         """Return the fuse that silences the output first."""
-        return min(self._burning(), key=lambda fuse: fuse.end_us or 0, default=None)
+        lease, hold = self._lease, self._hold
+        return lease if lease.end_us <= hold.end_us else hold
 
     def gain(self, t_us: int) -> float:
         """Return the share of the amplitude that is radiated."""
         return min(self._lease.gain(t_us), self._hold.gain(t_us))
-
-    def _burning(self) -> list[Fuse]:
-        return [fuse for fuse in (self._lease, self._hold) if fuse.deadline_us is not None]
 
     def _ramp_us(self, config: Config) -> int:
         return config.ramp_ms * 1000 if self._graded else 0
