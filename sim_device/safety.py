@@ -13,7 +13,6 @@ from typing import Final
 from haptogram_protocol.messages import Config
 from haptogram_protocol.state import MuteReason
 
-
 NEVER_US: Final = 1 << 62  # when a fuse that does not burn runs out
 
 
