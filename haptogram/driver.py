@@ -15,6 +15,7 @@ from typing import Final
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics import AcousticModel, Medium
+from haptogram.acoustics.solvers import Method
 from haptogram.budget import frame_bytes, transmission_ns
 from haptogram.errors import ConfigurationError
 from haptogram.frames import Frame, FrameBuilder, Mode, Targets, as_foci, sound_speed_mm_s
@@ -201,6 +202,7 @@ class Driver(Session):
         spin_us: int = 0,
         realtime: bool = False,
         mode: Mode = "phases",
+        solver: Method = "naive",
         progress: Progress | None = None,
     ) -> StreamReport:
         """Display *targets* one after the other at *rate_hz*, each at its time.
@@ -224,6 +226,9 @@ class Driver(Session):
             in the report and in :attr:`warnings`.
         mode : str
             ``phases`` and ``drives``: the host computes the drive; ``points``: the board does.
+        solver : str
+            How the host makes the drive of a frame with several foci: one of
+            :data:`haptogram.acoustics.solvers.METHODS`.
         progress : callable, optional
             Called with the number done and the total, about 20 times a second.
 
@@ -239,7 +244,7 @@ class Driver(Session):
         """
         queue_depth = self.identity.queue_depth
         schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=queue_depth)
-        frames = self._builder.build(as_foci(targets), mode)
+        frames = self._builder.build(as_foci(targets), mode, solver)
         schedule.check(frames, self.identity, self._link.line.baudrate)
         schedule.check_timers(self._config)
         lead_trim = self._trim(schedule, frames, miss_share) if trim else None
@@ -291,6 +296,7 @@ class Driver(Session):
         *,
         loops: int = 1,
         kind: Mode = "phases",
+        solver: Method = "naive",
         lead_us: int = DEFAULT_PLAY_LEAD_US,
         unattended_ms: int = 3000,
         progress: Progress | None = None,
@@ -311,7 +317,7 @@ class Driver(Session):
         if kind == "drives":
             raise ConfigurationError("sequences hold phases or points, not drives")
         period_us = playback_period_us(rate_hz, self.identity)
-        frames = self._builder.build(as_foci(targets), kind)
+        frames = self._builder.build(as_foci(targets), kind, solver)
         timing = Timing(period_us, loops, lead_us, unattended_ms)
         timing.check(self.identity)
         data = SequenceData.of(frames)

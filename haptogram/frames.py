@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_target, focus_phases, superpose
 from haptogram.acoustics.drive import FULL_AMPLITUDE, quantise_phase
+from haptogram.acoustics.solvers import METHODS, Method, solve
 from haptogram.errors import ConfigurationError
 from haptogram.records import Focus
 from haptogram_protocol.messages import (
@@ -53,11 +54,14 @@ class Frame:
         What is expected in the registers.
     message : Phases, Drives or Points
         What is sent.
+    solver : str
+        What made the drive.
     """
 
     foci: tuple[Focus, ...]
     drive: Drive
     message: Phases | Drives | Points
+    solver: Method = "naive"
 
     @property
     def phase_bits(self) -> int:
@@ -131,24 +135,32 @@ class FrameBuilder:
         self._identity = identity
         self._bits = _phase_format(identity, phase_bits)
 
-    def build(self, foci: list[tuple[Focus, ...]], mode: Mode) -> list[Frame]:
+    def build(
+        self, foci: list[tuple[Focus, ...]], mode: Mode, solver: Method = "naive"
+    ) -> list[Frame]:
         """Return a frame per entry of *foci*.
+
+        Parameters
+        ----------
+        solver : str
+            What makes the drive where a frame has several foci.
 
         Raises
         ------
         ConfigurationError
-            A target out of reach, foci that the mode cannot express, or a mode that the board
-            does not have; the text names the frame.
+            A target out of reach, foci that mode or solver cannot express, or a mode that the
+            board does not have; the text names the frame.
         """
         self._check_mode(mode)
+        _check_solver(solver, mode)
         for number, group in enumerate(foci):
-            self._check(number, group, mode)
+            self._check(number, group, mode, solver)
         if mode == "points":
             return [self._points(group) for group in foci]
         if mode == "drives":
-            return [self._drives(group) for group in foci]
-        batches = range(0, len(foci), _BATCH)
-        return [frame for start in batches for frame in self._phases(foci[start : start + _BATCH])]
+            return [self._drives(group, solver) for group in foci]
+        batches = [foci[start : start + _BATCH] for start in range(0, len(foci), _BATCH)]
+        return [frame for batch in batches for frame in self._phases(batch, solver)]
 
     def _check_mode(self, mode: Mode) -> None:
         if mode not in ("phases", "drives", "points"):
@@ -156,7 +168,7 @@ class FrameBuilder:
         if mode in _NEEDS and not self._identity.features & _NEEDS[mode]:
             raise ConfigurationError(f"mode {mode}: the board takes no such frames")
 
-    def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode) -> None:
+    def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode, solver: Method) -> None:
         try:
             for focus in foci:
                 check_target(self._model, focus.position_m)
@@ -171,33 +183,39 @@ class FrameBuilder:
                 f"frame {number}: a focus of amplitude {foci[0].amplitude:g}; mode phases drives "
                 "every transducer at full amplitude, drives and points do not"
             )
+        if solver != "naive" and any(focus.phase_rad != 0.0 for focus in foci):
+            raise ConfigurationError(
+                f"frame {number}: a focus with a phase of its own; the solver {solver} chooses "
+                "the phases, naive does not"
+            )
 
-    def _phases(self, foci: list[tuple[Focus, ...]]) -> list[Frame]:
+    def _phases(self, foci: list[tuple[Focus, ...]], solver: Method) -> list[Frame]:
         shift = REGISTER_BITS - self._bits
-        codes = quantise_phase(self._phases_rad(foci), self._bits)
+        codes = quantise_phase(self._phases_rad(foci, solver), self._bits)
         full = np.full(codes.shape[1], FULL_AMPLITUDE, dtype=np.uint8)
         return [
             Frame(
                 group,
                 Drive(row << shift, full),
                 Phases(self._bits, 0, pack_phases(row.tobytes(), self._bits)),
+                solver,
             )
             for group, row in zip(foci, codes, strict=True)
         ]
 
-    def _phases_rad(self, foci: list[tuple[Focus, ...]]) -> NDArray[np.float64]:
-        """Return the (T, N) phases; several foci in a frame: those of their superposition."""
+    def _phases_rad(self, foci: list[tuple[Focus, ...]], solver: Method) -> NDArray[np.float64]:
+        """Return the (T, N) phases; several foci in a frame: those of the solver's drive."""
         if all(len(group) == 1 for group in foci):
             positions = np.array([group[0].position_m for group in foci])
             lags = np.array([[group[0].phase_rad] for group in foci])
             phases: NDArray[np.float64] = focus_phases(self._model, positions) + lags
             return phases
-        return np.array([np.angle(_superposed(self._model, group)) for group in foci])
+        return np.array([np.angle(_weights(self._model, group, solver)) for group in foci])
 
-    def _drives(self, foci: tuple[Focus, ...]) -> Frame:
-        drive = Drive.from_weights(_superposed(self._model, foci), REGISTER_BITS)
+    def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
+        drive = Drive.from_weights(_weights(self._model, foci, solver), REGISTER_BITS)
         data = drive.phase_codes.tobytes() + drive.amplitude_codes.tobytes()
-        return Frame(foci, drive, Drives(PhaseFormat.BITS_8, 0, data))
+        return Frame(foci, drive, Drives(PhaseFormat.BITS_8, 0, data), solver)
 
     def _points(self, foci: tuple[Focus, ...]) -> Frame:
         points = tuple(_on_wire(focus) for focus in foci)
@@ -225,6 +243,24 @@ def _phase_format(identity: HelloReply, bits: int) -> PhaseFormat:
             f"phase_bits is {bits}; the board takes {', '.join(map(str, offered)) or 'none'}"
         )
     return PhaseFormat(bits)
+
+
+def _check_solver(solver: Method, mode: Mode) -> None:
+    if solver not in METHODS:
+        raise ConfigurationError(f"solver is {solver!r}; known are {', '.join(METHODS)}")
+    if mode == "points" and solver != "naive":
+        raise ConfigurationError(
+            f"solver {solver}: in the mode points the board computes the drive, by superposition"
+        )
+
+
+def _weights(
+    model: AcousticModel, foci: tuple[Focus, ...], solver: Method
+) -> NDArray[np.complex128]:
+    if solver == "naive" or len(foci) == 1:
+        return _superposed(model, foci)
+    positions, levels = zip(*((f.position_m, f.amplitude) for f in foci), strict=True)
+    return solve(model, positions, levels, method=solver)
 
 
 def _superposed(model: AcousticModel, foci: tuple[Focus, ...]) -> NDArray[np.complex128]:

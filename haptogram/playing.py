@@ -205,6 +205,7 @@ class Player:
                 drive=frames[place % count].drive,
                 phase_bits=frames[place % count].phase_bits,
                 board_computed=frames[place % count].board_computed,
+                solver=frames[place % count].solver,
             )
             for place in range(timing.loops * count)
         ]

@@ -18,6 +18,7 @@ from haptogram.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from haptogram.acoustics.reconstruction import Reconstruction
+    from haptogram.acoustics.solvers import Method
 
 STREAM: Final = 0  # sequence id of what came frame by frame
 
@@ -121,6 +122,9 @@ class Intended:
         Resolution of the phases on the wire, in bits.
     board_computed : bool
         Whether the board computes the drive from the foci (as rounded on the wire).
+    solver : str
+        What the host made the drive of several foci with, see
+        :func:`haptogram.acoustics.solvers.solve`.
     """
 
     number: int
@@ -130,6 +134,7 @@ class Intended:
     drive: Drive
     phase_bits: int
     board_computed: bool = False
+    solver: Method = "naive"
 
 
 @dataclass(frozen=True, slots=True)

@@ -309,6 +309,7 @@ class Streamer:
             drive=frame.drive,
             phase_bits=frame.phase_bits,
             board_computed=frame.board_computed,
+            solver=frame.solver,
         )
         self._intended.append(intended)
         return intended

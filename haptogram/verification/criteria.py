@@ -7,6 +7,8 @@ S2  the focus that was reconstructed, without knowing the target, is where the t
 S3  coherence at the target, |sum w_n g_n| / sum |A_n g_n| with the *intended* amplitudes A_n.
 S4  the peak of |p| across and along the beam is where diffraction puts it.
 S5  every latched amplitude is the intended one, within half a step.
+
+A frame with several foci is judged by S3 and S5, and by S2 where a solver made its drive.
 """
 
 from __future__ import annotations
@@ -48,6 +50,10 @@ ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
 #: prediction; 1 mm beside the target of a 16 x 16 array is 0.5 or more.
 PEAK_SLACK_RAD: Final = 0.01
 _AMPLITUDE_STEP: Final = 1.0 / FULL_AMPLITUDE
+#: Several foci made by a solver: what reaches them together, and the weakest of them, at the least.
+#: Random phases reach F / N; the solvers reach 0.6 and more (docs/performance.md).
+_LEAST_EFFICIENCY: Final = 0.25
+_LEAST_BALANCE: Final = 0.5
 
 
 def allowed_codes(intended: Intended) -> int:
@@ -108,15 +114,21 @@ def least_coherence(target: TargetField, intended: Intended) -> float:
     return math.cos(min(phase_limit_rad(intended), math.pi)) * share - ROUNDING_RAD
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PeakError:
     """S4 in one direction: how far the peak is from its place, and how far it may be.
 
     Both in the metric of the focus, radians of phase.
+
+    Attributes
+    ----------
+    offset_m : (3,) numpy.ndarray
+        From its place to the peak.
     """
 
     error_rad: float
     limit_rad: float
+    offset_m: Floats
 
     @property
     def ok(self) -> bool:
@@ -143,10 +155,11 @@ def peak_errors(
         if shift_rad > LONGEST_SHIFT_RAD:
             continue
         place_m = target.position_m + expected_m
-        error_rad = metric_length(peak_offset_m(model, latched, place_m, direction), direction)
+        offset_m = peak_offset_m(model, latched, place_m, direction)
+        error_rad = metric_length(offset_m, direction)
         rounding_rad = math.sqrt(len(direction.axes)) * phase_limit
         limit_rad = PEAK_SLACK_RAD + rounding_rad + PREDICTION_SHARE * shift_rad
-        errors.append(PeakError(error_rad, limit_rad))
+        errors.append(PeakError(error_rad, limit_rad, offset_m))
     return errors
 
 
@@ -183,11 +196,50 @@ def several_foci_ok(intended: Intended, latched: Complexes, targets: list[Target
     return bool((np.abs(found - common * wanted) <= limit).all())
 
 
+@dataclass(frozen=True, slots=True)
+class FociLevels:
+    """What reaches several foci of one frame.
+
+    Attributes
+    ----------
+    efficiency : float
+        sum_i (|p(t_i)| / sum_n |g_n(t_i)|)^2: 1 if every element served one focus only, perfectly.
+    balance : float
+        The least |p(t_i)| / A_i over the mean of them, A_i the wanted amplitudes.
+    """
+
+    efficiency: float
+    balance: float
+
+    @classmethod
+    def of(cls, intended: Intended, latched: Complexes, targets: list[TargetField]) -> FociLevels:
+        """Return the levels of the foci of *intended* under the drive *latched*."""
+        arrivals = np.array([target.arrivals for target in targets])
+        levels = np.abs(arrivals @ latched)
+        wanted = np.array([focus.amplitude for focus in intended.foci])
+        asked = wanted > 0.0
+        shares = levels[asked] / wanted[asked]
+        mean = float(shares.mean()) if asked.any() else 0.0
+        return cls(
+            float(((levels / np.abs(arrivals).sum(axis=1)) ** 2).sum()),
+            float(shares.min()) / mean if mean > 0.0 else 0.0,
+        )
+
+    @property
+    def ok(self) -> bool:
+        """S2: whether every focus is there."""
+        return self.efficiency >= _LEAST_EFFICIENCY and self.balance >= _LEAST_BALANCE
+
+
 def _ideal_weights(intended: Intended, targets: list[TargetField]) -> Complexes:
-    """Return the naive superposition that the frame asks for, clipped at full amplitude.
+    """Return what the frame asks for: the naive superposition, clipped at full amplitude.
 
     A frame that holds phases only drives every element in full: the phases of that superposition.
+    What a solver made has no closed form: there it is what the host put on the wire, and S2 tells
+    whether that makes the foci.
     """
+    if intended.solver != "naive":
+        return intended.drive.weights()
     weights = sum(
         focus.amplitude * np.exp(1j * (target.phases_rad + focus.phase_rad))
         for focus, target in zip(intended.foci, targets, strict=True)

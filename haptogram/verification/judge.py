@@ -30,6 +30,8 @@ from .verdict import JUDGED, Consequence, FrameStatus, FrameVerdict, Vector
 _REMEMBERED_BYTES: Final = 1 << 27  # of targets: a pass that repeats costs nothing new
 _BYTES_PER_ELEMENT: Final = 24  # of a target: a phase and a complex pressure
 _MM: Final = 1e3
+_STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
+_ACROSS_AND_ALONG: Final = 2
 _AMBIGUOUS: Final = (
     "the phases suit the target, but a search that is not told the target finds another point or "
     "none: S2 is not judged"
@@ -167,7 +169,7 @@ class Judge:
         faults: tuple[str, ...],
     ) -> FrameVerdict:
         target = self._target(intended.foci[0], intended.phase_bits)
-        measures, verdicts = self._drive_criteria(intended, latched, target)
+        measures, verdicts, peaks = self._drive_criteria(intended, latched, target)
         if verdicts["S1"] and self._ambiguous(intended, latched, target, found):
             measures["note"] = "; ".join(filter(None, (seen.note, _AMBIGUOUS)))
         else:
@@ -178,6 +180,8 @@ class Judge:
                 faults += _radiated_otherwise(self._model, found, faults)
                 if not faults:  # the right drive in other air: a focus, but not a sharp one
                     measures |= _where(target, found)
+                elif measures["coherence"] >= _STILL_A_FOCUS:
+                    measures |= _where_the_peak_is(target, peaks)
                 measures["note"] = "; ".join(filter(None, (seen.note, _no_focus(found))))
             elif not faults:
                 faults = (f"the drive is right, but nothing was radiated: {found.reason}",)
@@ -225,13 +229,15 @@ class Judge:
 
     def _drive_criteria(
         self, intended: Intended, latched: Drive, target: TargetField
-    ) -> tuple[dict[str, Any], dict[str, bool]]:
-        """Return measures and verdicts that need the drive alone: S1, S3, S4, S5."""
+    ) -> tuple[dict[str, Any], dict[str, bool], list[criteria.PeakError]]:
+        """Return measures and verdicts that need the drive alone, S1, S3, S4, S5, and the peaks."""
         active = (latched.amplitude_codes > 0) & (intended.drive.amplitude_codes > 0)
         s5 = criteria.amplitudes_ok(intended, latched)
-        if not active.any():
-            return {"coherence": 0.0}, {"S1": False, "S3": False, "S5": s5}
         sounding, wanted = latched.weights(), np.abs(intended.drive.weights())
+        intended_pa = float(np.abs(target.arrivals) @ wanted) / math.sqrt(2.0)
+        measures: dict[str, Any] = {"coherence": 0.0, "intended_pressure_rms_pa": intended_pa}
+        if not active.any():
+            return measures, {"S1": False, "S3": False, "S5": s5}, []
         error_rad = criteria.phase_error_rad(target, latched, active)
         coherence = criteria.coherence(target, sounding, wanted.astype(complex))
         verdicts = {
@@ -239,13 +245,13 @@ class Judge:
             "S3": coherence >= criteria.least_coherence(target, intended),
             "S5": s5,
         }
-        measures: dict[str, Any] = {"phase_error_rad": error_rad, "coherence": coherence}
+        measures |= {"phase_error_rad": error_rad, "coherence": coherence}
         limit_rad = criteria.phase_limit_rad(intended)
         peaks = criteria.peak_errors(self._model, target, sounding, wanted, limit_rad)
         if peaks:
             measures["peak_error"] = max(peak.error_rad for peak in peaks)
             verdicts["S4"] = all(peak.ok for peak in peaks)
-        return measures, verdicts
+        return measures, verdicts, peaks
 
     def _judge_silence(
         self, seen: FrameVerdict, intended: Intended, latched: Drive, faults: tuple[str, ...]
@@ -265,16 +271,17 @@ class Judge:
         self, seen: FrameVerdict, intended: Intended, latched: Drive, faults: tuple[str, ...]
     ) -> FrameVerdict:
         targets = [self._target(focus, intended.phase_bits) for focus in intended.foci]
-        verdicts = {
-            "S3": criteria.several_foci_ok(intended, latched.weights(), targets),
-            "S5": criteria.amplitudes_ok(intended, latched),
-        }
+        levels = criteria.FociLevels.of(intended, latched.weights(), targets)
+        verdicts = {} if intended.solver == "naive" else {"S2": levels.ok}
+        verdicts["S3"] = criteria.several_foci_ok(intended, latched.weights(), targets)
+        verdicts["S5"] = criteria.amplitudes_ok(intended, latched)
         return dataclasses.replace(
             seen,
             status=_status(verdicts, faults, focused=False),
             criteria=verdicts,
             faults=faults,
-            note=f"{len(targets)} foci, each judged by the pressure at its point",
+            note=f"{len(targets)} foci, each judged by the pressure at its point; the weakest has "
+            f"{levels.balance:.2f} of the mean, efficiency {levels.efficiency:.2f}",
             pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
         )
 
@@ -368,6 +375,14 @@ def _where(target: TargetField, found: SingleFocus | NotSingle) -> dict[str, Any
         "pressure_rms_pa": found.pressure_rms_pa,
         "force_n": found.force_n if isinstance(found, SingleFocus) else None,
     }
+
+
+def _where_the_peak_is(target: TargetField, peaks: list[criteria.PeakError]) -> dict[str, Any]:
+    """Return how far the pressure peak is from its place, if it was looked for all around."""
+    if len(peaks) < len(target.directions) or len(peaks) != _ACROSS_AND_ALONG:
+        return {}
+    across, along = (target.split(peak.offset_m) for peak in peaks)
+    return {"lateral_error_mm": _MM * across[0], "axial_error_mm": _MM * along[1]}
 
 
 def _finite(values: Floats) -> Floats:
