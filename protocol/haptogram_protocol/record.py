@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import struct
+from collections.abc import Sequence
 from typing import Any, ClassVar, Final, Self, TypeVar, cast, dataclass_transform
 
 from .errors import LocalProtocolError, RemoteProtocolError
@@ -46,6 +47,11 @@ class WireField:
     def size(self) -> int:
         """Bytes that the field takes."""
         return struct.calcsize("<" + self.code)
+
+    @property
+    def is_number(self) -> bool:
+        """Whether :mod:`struct` gives and takes the very value, and every value will do."""
+        return self.enumeration is None and self.record is None and not self.code.endswith("s")
 
     def to_raw(self, name: str, value: Any) -> Any:
         """Return what :mod:`struct` packs for *value*."""
@@ -137,12 +143,18 @@ class Record:
         Its fields, in their order on the wire.
     TAIL : WireTail or None
         What follows them.
+    ITEMS : int
+        How many values :mod:`struct` packs for them.
+    CONVERTED : tuple
+        Place, name and form of those fields that are not plain numbers: most records have none.
     """
 
     __slots__ = ()
     LAYOUT: ClassVar[struct.Struct]
     WIRE: ClassVar[dict[str, WireField]]
     TAIL: ClassVar[WireTail | None]
+    ITEMS: ClassVar[int]
+    CONVERTED: ClassVar[tuple[tuple[int, str, WireField], ...]]
 
     def pack(self) -> bytes:
         """Return the bytes.
@@ -152,18 +164,21 @@ class Record:
         LocalProtocolError
             If a value does not fit its field.
         """
-        raw: list[Any] = []
-        for name, field in self.WIRE.items():
-            value = getattr(self, name)
-            if field.record is not None:
-                raw += field.record.LAYOUT.unpack(value.pack())
-            else:
-                raw.append(field.to_raw(name, value))
         try:
-            fixed = self.LAYOUT.pack(*raw)
+            fixed = self.LAYOUT.pack(*self.to_raw())
         except struct.error as error:
             raise LocalProtocolError(f"{self!r} does not fit its layout: {error}") from error
         return fixed + self._pack_tail() if self.TAIL else fixed
+
+    def to_raw(self) -> list[Any]:
+        """Return what :mod:`struct` packs for the fixed fields, nested ones in line."""
+        raw = [getattr(self, name) for name in self.WIRE]
+        for place, name, field in reversed(self.CONVERTED):  # backwards: a record takes more places
+            if field.record is not None:
+                raw[place : place + 1] = raw[place].to_raw()
+            else:
+                raw[place] = field.to_raw(name, raw[place])
+        return raw
 
     def _pack_tail(self) -> bytes:
         what = cast(WireTail, self.TAIL)
@@ -194,30 +209,23 @@ class Record:
             )
         values = cls.from_raw(cls.LAYOUT.unpack_from(data), 0)
         if what:
-            values[what.name] = _unpack_tail(what, data, size)
-        return cls(**values)
+            values.append(_unpack_tail(what, data, size))
+        return cls(*values)
 
     @classmethod
-    def from_raw(cls, raw: tuple[Any, ...], base: int) -> dict[str, Any]:
-        """Return the fixed fields by name, from what :mod:`struct` gave.
+    def from_raw(cls, raw: Sequence[Any], base: int) -> list[Any]:
+        """Return the values of the fixed fields, in order, from what :mod:`struct` gave.
 
         *base* is the first byte of the record in its payload.
         """
-        values: dict[str, Any] = {}
-        items = iter(raw)
-        for name, field in cls.WIRE.items():
-            if field.record is not None:
-                inner = tuple(next(items) for _ in range(_item_count(field.record)))
-                start = base + field.offset
-                values[name] = field.record(**field.record.from_raw(inner, start))
+        values = list(raw)
+        for place, name, field in cls.CONVERTED:
+            if (inner := field.record) is not None:
+                taken = slice(place, place + inner.ITEMS)
+                values[taken] = [inner(*inner.from_raw(values[taken], base + field.offset))]
             else:
-                values[name] = field.value(name, next(items), base)
+                values[place] = field.value(name, values[place], base)
         return values
-
-
-def _item_count(record: type[Record]) -> int:
-    """Return how many values the layout of *record* packs."""
-    return sum(_item_count(f.record) if f.record else 1 for f in record.WIRE.values())
 
 
 def _tail_fits(what: WireTail, length: int) -> bool:
@@ -234,7 +242,7 @@ def _unpack_tail(what: WireTail, data: bytes, start: int) -> Any:
     size, record = what.unit, what.record
     items = (record.LAYOUT.unpack_from(data, i) for i in range(start, len(data), size))
     return tuple(
-        record(**record.from_raw(item, start + number * size)) for number, item in enumerate(items)
+        record(*record.from_raw(item, start + number * size)) for number, item in enumerate(items)
     )
 
 
@@ -260,4 +268,10 @@ def record(cls: type[_R]) -> type[_R]:
     made = dataclasses.dataclass(frozen=True, slots=True)(cls)
     made.WIRE, made.TAIL = _wire_fields(made)
     made.LAYOUT = struct.Struct("<" + "".join(field.code for field in made.WIRE.values()))
+    made.ITEMS = sum(field.record.ITEMS if field.record else 1 for field in made.WIRE.values())
+    made.CONVERTED = tuple(
+        (place, name, field)
+        for place, (name, field) in enumerate(made.WIRE.items())
+        if not field.is_number
+    )
     return made
