@@ -241,6 +241,11 @@ TABLE: Final = (
         "valid frame.",
     ),
     (
+        "HG-3.9/4",
+        "Bytes that are no valid frame MUST NOT use anything up: after megabytes of them a "
+        "board MUST answer as before and report the same `free_bytes`.",
+    ),
+    (
         "HG-4.1/1",
         "A host MUST open a session with HELLO before it sends anything but MUTE.",
     ),
@@ -331,6 +336,12 @@ TABLE: Final = (
         "correction and counters as they are.",
     ),
     (
+        "HG-4.6/6",
+        "A HELLO with another nonce MUST be accepted whatever its sequence number, which is "
+        "then the newest one of the session: the next request has to be ahead of it "
+        "(HG-4.9/3).",
+    ),
+    (
         "HG-4.7/1",
         "A board MUST NOT send an event while no session is open.",
     ),
@@ -348,6 +359,11 @@ TABLE: Final = (
         "HG-4.8/3",
         "A host MUST give every new request a sequence number that is one higher, HELLO and "
         "MUTE included.",
+    ),
+    (
+        "HG-4.8/4",
+        "The first request of a host SHOULD have the sequence number 0; HG-4.8/3 holds across "
+        "sessions, so that a later HELLO has any number.",
     ),
     (
         "HG-4.9/1",
@@ -392,6 +408,11 @@ TABLE: Final = (
     (
         "HG-4.11/4",
         "A host MUST ignore a response that answers no request which waits.",
+    ),
+    (
+        "HG-4.11/5",
+        "A response MUST leave before the events that carrying out its request leads to; of "
+        "those STATE_CHANGED MUST leave before PLAYBACK_ENDED.",
     ),
     (
         "HG-4.12/1",
@@ -551,6 +572,12 @@ TABLE: Final = (
         "ERROR(BAD_STATE) MUST have the output state as its detail.",
     ),
     (
+        "HG-6.2/3",
+        "The `reason` MUST become that of the input when the state changes (NONE for ARM); an "
+        "input that leaves the state as it is MUST leave the reason too, but for MUTE "
+        "(HG-6.4/4).",
+    ),
+    (
         "HG-6.3/1",
         "After ARM the output MUST stay silent until the first latch.",
     ),
@@ -571,6 +598,11 @@ TABLE: Final = (
         "HG-6.4/3",
         "A host MUST be able to get MUTE onto the line at once: it MUST NOT have more than "
         "two stream frames written but unsent.",
+    ),
+    (
+        "HG-6.4/4",
+        "MUTE while MUTED MUST make the `reason` MUTE, whatever it was: somebody asked for "
+        "silence now, and no host may take it for a pause of its stream.",
     ),
     (
         "HG-6.5/1",

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from . import messages as m
 from .errors import LocalProtocolError
-from .framing import CRC_BYTES, HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES, encode_frame
+from .framing import CRC_BYTES, HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
 from .record import Record, WireField
 from .state import (
     LINK_TRANSITIONS,
@@ -29,6 +29,7 @@ from .state import (
     OutputInput,
     OutputState,
 )
+from .worked import EXCHANGE, WORKED_FRAMES, worked_frame
 
 _TYPE_NAMES: Final = {"B": "u8", "H": "u16", "I": "u32", "Q": "u64", "h": "i16", "i": "i32"}
 
@@ -247,65 +248,7 @@ def hash_line(_: str = "") -> str:
     return f"`description_hash` of this version: `{description_hash():#010x}`."
 
 
-# --- Worked frames (chapter 13) ----------------------------------------------------------------
-
-_SESSION: Final = 0x5EED
-_EIGHT: Final = m.PhaseFormat.BITS_8
-
-# What the frame is, header fields, message.  The arrays are small so that the bytes can be read.
-WORKED_FRAMES: Final[Mapping[str, tuple[m.Message, dict[str, int]]]] = {
-    "HELLO, nonce 0x5EED, description hash 0x01020304": (
-        m.Hello(1, 0, _SESSION, 0x01020304),
-        {"seq": 0, "session": 0},
-    ),
-    "ARM, the request after it": (m.Arm(), {"seq": 1}),
-    "MUTE without a session": (m.Mute(), {"seq": 7, "session": 0}),
-    "PHASES, 8 bits, N = 4: 0, 64, 128, 192, t_apply 0xFFFFFF00, first of the session": (
-        m.Phases(_EIGHT, 0, bytes([0, 64, 128, 192])),
-        {"seq": m.FIRST_STREAM_SEQ, "time_us": 0xFFFFFF00},
-    ),
-    "PHASES, 6 bits, N = 4: 1, 2, 3, 63, as soon as complete": (
-        m.Phases(m.PhaseFormat.BITS_6, 0, m.pack_phases(bytes([1, 2, 3, 63]), 6)),
-        {"flags": m.Flag.IMMEDIATE, "seq": 0xFFF1},
-    ),
-    "PHASES, 5 bits, N = 4: 1, 2, 3, 31, as soon as complete": (
-        m.Phases(m.PhaseFormat.BITS_5, 0, m.pack_phases(bytes([1, 2, 3, 31]), 5)),
-        {"flags": m.Flag.IMMEDIATE, "seq": 0xFFF2},
-    ),
-    "DRIVES, N = 2: phases 10, 20, amplitudes 255, 128": (
-        m.Drives(_EIGHT, 0, bytes([10, 20, 255, 128])),
-        {"seq": 0xFFF3, "time_us": 1000},
-    ),
-    "POINTS, one: (-10, 0, 150) mm, full amplitude, phase a quarter of a turn": (
-        m.Points((m.FocalPoint(-10_000, 0, 150_000, 65535, 16384),)),
-        {"seq": 0, "time_us": 2000},
-    ),
-    "PHASES, 8 bits, N = 256, every phase 1: a run of more than 254 bytes without a zero": (
-        m.Phases(_EIGHT, 0, bytes([1]) * 256),
-        {"seq": 0x0101, "time_us": 0x01010101},
-    ),
-    "PLAY of sequence 3, 1000 us a frame, twice, unattended 5000 ms": (
-        m.Play(3, 1000, 2, 5000),
-        {"seq": 2, "time_us": 0x00100000},
-    ),
-    "PONG": (m.Pong(0x1122334455667788, 500, 620), {"seq": 3, "time_us": 620}),
-    "ERROR: ARM refused in FAULT (3)": (
-        m.Error(m.MessageType.ARM, m.ErrorCode.BAD_STATE, 3),
-        {"seq": 4, "time_us": 700},
-    ),
-    "TRACE of stream frame 65520, late": (
-        m.Trace(65520, 0xDEADBEEF),
-        {"flags": m.Flag.LATE, "seq": 0, "time_us": 0x0000000F},
-    ),
-}
-
-
-def worked_frame(title: str) -> tuple[bytes, bytes]:
-    """Return body and wire bytes of one of :data:`WORKED_FRAMES`."""
-    message, header = WORKED_FRAMES[title]
-    fields = {"flags": 0, "time_us": 0, "session": _SESSION} | header
-    body = m.build_body(message, **fields)
-    return body, encode_frame(body)
+# --- Worked frames and exchange (chapter 13) -----------------------------------------------------
 
 
 def frames_text(_: str = "") -> str:
@@ -319,9 +262,21 @@ def frames_text(_: str = "") -> str:
     return "\n\n".join(parts)
 
 
-def _hex(data: bytes, width: int = 24) -> str:
-    lines = [data[i : i + width].hex(" ") for i in range(0, len(data), width)]
-    return "\n     ".join(lines)
+def exchange_text(_: str = "") -> str:
+    """Return the worked exchange: when, who, what, and header and payload in hex."""
+    lines = ["   us  from"]
+    for step in EXCHANGE:
+        lines.append(f"{step.t_us:5}  {'host ' if step.from_host else 'board'}  {step.words}")
+        lines += [f"{'':14}{line}" for line in _rows(step.body)]
+    return "```\n" + "\n".join(lines) + "\n```"
+
+
+def _hex(data: bytes) -> str:
+    return "\n     ".join(_rows(data))
+
+
+def _rows(data: bytes, width: int = 24) -> list[str]:
+    return [data[i : i + width].hex(" ") for i in range(0, len(data), width)]
 
 
 # --- SPEC.md -----------------------------------------------------------------------------------
@@ -335,6 +290,7 @@ _GENERATORS: Final[Mapping[str, Callable[[str], str]]] = {
     "constants": constants_table,
     "hash": hash_line,
     "frames": frames_text,
+    "exchange": exchange_text,
 }
 
 _BLOCK: Final = re.compile(

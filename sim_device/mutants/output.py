@@ -69,6 +69,26 @@ class MuteKeepsQueue(Board):
         return super()._next_due() if self.state is OutputState.ARMED else None
 
 
+class MuteReasonKept(Board):
+    """Keeps the reason of the timer that had muted it when MUTE comes."""
+
+    def mute(self, *, requested: bool = True) -> None:
+        """Mute, and remember who was first."""
+        state, reason = self.state, self.reason
+        super().mute(requested=requested)
+        if state is OutputState.MUTED:
+            self.reason = reason
+
+
+class DisarmTakesTheReason(Board):
+    """Says that DISARM switched it off when it was muted before."""
+
+    def disarm(self) -> None:
+        """Disarm, and forget who was first."""
+        super().disarm()
+        self.reason = MuteReason.DISARM
+
+
 class DisarmIgnored(Board):
     """Answers DISARM and does nothing."""
 
@@ -244,6 +264,8 @@ MUTANTS: Final = (
     Mutant.of(MuteIgnored, "HG-6.2/1", _WIRE),
     Mutant.of(MuteOfOthersIgnored, "HG-6.4/1", _WIRE),
     Mutant.of(MuteKeepsQueue, "HG-6.4/2", _SELF),
+    Mutant.of(MuteReasonKept, "HG-6.4/4", _SELF),
+    Mutant.of(DisarmTakesTheReason, "HG-6.2/3", _SELF),
     Mutant.of(DisarmIgnored, "HG-6.2/1", _WIRE),
     Mutant.of(ArmLeavesFullOutput, "HG-6.3/1", _SELF),
     Mutant.of(SoundsInMuted, "HG-6.6/2", _SELF),

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any, Final
 
 from haptogram_protocol.connection import NEED_DATA, BoardConnection
-from haptogram_protocol.messages import STREAM_RANGE, Feature, Hello, signed_difference
+from haptogram_protocol.messages import STREAM_RANGE, Feature, Hello, HelloReply, signed_difference
 
 from ..board import Board
 from ..counters import BoardCounters
@@ -91,6 +91,30 @@ class HelloAlwaysAnew(BoardConnection):
         return super()._judge_hello(frame, hello)
 
 
+class HelloStartsAtZero(BoardConnection):
+    """Takes 0 for the number of every HELLO that opens a session."""
+
+    def reply(self, request: Any, message: Any, now_us: int) -> None:
+        """Answer, and take no note of the number of a HELLO."""
+        super().reply(request, message, now_us)
+        if isinstance(message, HelloReply):
+            self._control_newest = 0
+
+
+class EventsFirst(BoardDialect):
+    """Tells what a request led to before it answers the request."""
+
+    def _mute(self, message: Any, request: Any) -> Any:
+        reply = super()._mute(message, request)
+        self.collect()
+        return reply
+
+    def _stop(self, message: Any, request: Any) -> Any:
+        reply = super()._stop(message, request)
+        self.collect()
+        return reply
+
+
 class VersionIgnored(BoardConnection):
     """Opens a session for a host of any major version."""
 
@@ -172,6 +196,17 @@ class LeaksOnJunk(BoardDialect):
         return (*fields[:3], max(0, fields[3] - self._leaked), *fields[4:])
 
 
+class LeaksSlowly(BoardDialect):
+    """Loses 256 bytes of 512 KiB with every damaged frame, unsaid, and is deaf in the end."""
+
+    def receive(self, data: bytes, t_us: int) -> None:
+        """Take bytes, as long as there is memory."""
+        if 256 * sum(self._link.counters[name] for name in _DAMAGE) < 512 << 10:
+            super().receive(data, t_us)
+        else:
+            self.advance_to(t_us)
+
+
 class RestartsOnJunk(BoardDialect):
     """Loses its session at a frame that is no COBS."""
 
@@ -243,13 +278,16 @@ MUTANTS: Final = (
     Mutant.of(RepetitionsDone, "HG-4.9/1", _WIRE),
     Mutant.of(OldRequestsDone, "HG-4.9/3", _WIRE),
     Mutant.of(HelloAlwaysAnew, "HG-4.6/1", _WIRE),
+    Mutant.of(HelloStartsAtZero, "HG-4.6/6", _WIRE),
+    Mutant.of(EventsFirst, "HG-4.11/5", _WIRE),
     Mutant.of(VersionIgnored, "HG-4.4/1", _WIRE),
     Mutant.of(EventNumbersStuck, "HG-3.6/2", _WIRE),
     Mutant.of(CountersStuck, "HG-3.9/1", _SELF),
     Mutant.of(FramesUncounted, "HG-3.9/2", _SELF),
     Mutant.of(CountersCleared, "HG-4.6/5", _SELF),
     Mutant.of(DiesOnJunk, "HG-3.9/3", _WIRE),
-    Mutant.of(LeaksOnJunk, "HG-3.9/3", _WIRE),
+    Mutant.of(LeaksOnJunk, "HG-3.9/4", _WIRE),
+    Mutant.of(LeaksSlowly, "HG-3.9/4", _WIRE),
     Mutant.of(RestartsOnJunk, "HG-3.9/3", _WIRE),
     Mutant.of(StatusNeverSent, "HG-9.1/1", _WIRE),
     Mutant.of(MarginsKept, "HG-9.3/1", _SELF),

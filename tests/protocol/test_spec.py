@@ -5,8 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from haptogram_protocol.connection import INITIAL_RTO_US, MAX_ATTEMPTS, MAX_RTO_US, MIN_RTO_US
-from haptogram_protocol.export import ENUMERATIONS, RECORDS, WORKED_FRAMES, update_spec
+from haptogram_protocol.connection import (
+    INITIAL_RTO_US,
+    MAX_ATTEMPTS,
+    MAX_RTO_US,
+    MIN_RTO_US,
+    NEED_DATA,
+    HostConnection,
+)
+from haptogram_protocol.connection.events import FrameDropped, ReplyReceived
+from haptogram_protocol.export import ENUMERATIONS, RECORDS, update_spec
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -14,11 +22,15 @@ from haptogram_protocol.messages import (
     ErrorCode,
     Feature,
     Flag,
+    Hello,
     MessageType,
+    Mute,
+    Phases,
     build_body,
     parse_body,
 )
 from haptogram_protocol.state import MuteReason, OutputState
+from haptogram_protocol.worked import EXCHANGE, WORKED_FRAMES, Step
 from wire_oracles import frame_bytewise
 
 ROOT = Path(__file__).parents[2]
@@ -31,6 +43,7 @@ SOURCES = [
     for folder in ("protocol", "haptogram", "sim_device", "tests")
     for path in (ROOT / folder).rglob("*.py")
 ]
+SESSION = 0x5EED
 FRAMES = re.findall(r"\*\*Frame \d+\.\*\* (.*)\.\n\n```\nbody ([^`]*)line ([^`]*)```", SPEC)
 
 
@@ -148,3 +161,41 @@ def test_worked_frames_as_printed(title: str, body: str, line: str) -> None:
     assert message == WORKED_FRAMES[title][0]
     fields = {"flags": header.flags, "seq": header.seq, "time_us": header.time_us}
     assert encode_frame(build_body(message, **fields, session=header.session)) == line_bytes
+
+
+def test_the_worked_exchange_as_printed_is_what_a_host_says_and_takes() -> None:
+    (block,) = re.findall(r"<!-- generated: exchange -->\n\n```\n(.*?)```", SPEC, re.DOTALL)
+    printed = re.findall(
+        r"^ *\d+  (host |board)  (\w+)(?:.*)\n((?: {14}.*\n)+)", block, re.MULTILINE
+    )
+    assert len(printed) == len(EXCHANGE)
+    for (end, name, hexes), step in zip(printed, EXCHANGE, strict=True):
+        header, message = parse_body(bytes.fromhex(hexes))
+        assert (end == "host ", name) == (header.type < 0x80, message.TYPE.name)
+        assert message == step.message
+    host = HostConnection(nonce=SESSION, description_hash=0x01020304)
+    events = []
+    for step in EXCHANGE:
+        line = encode_frame(step.body)
+        if not step.from_host:
+            host.receive_data(line, step.t_us)
+            events += iter(host.next_event, NEED_DATA)
+        elif isinstance(step.message, Phases):
+            t_apply_us = step.header["time_us"]
+            assert host.stream_frame(step.message, t_apply_us=t_apply_us)[1] == line
+        else:
+            _say(host, step)
+            assert host.data_to_send() == line
+    assert [event for event in events if isinstance(event, FrameDropped)] == []
+    assert [event.message for event in events if isinstance(event, ReplyReceived)] == [
+        step.message for step in EXCHANGE if not step.from_host and step.message.TYPE < 0xC0
+    ]
+
+
+def _say(host: HostConnection, step: Step) -> None:
+    if isinstance(step.message, Hello):
+        host.send_hello(step.t_us)
+    elif isinstance(step.message, Mute):
+        host.send_mute(step.t_us)
+    else:
+        host.send_request(step.message, step.t_us)

@@ -174,15 +174,20 @@ def config_crc_is_right(bench: Bench) -> None:
             check(got == due, f"config_crc in {name} is {got:#010x}, due is {due:#010x}")
 
 
-@case("HG-7.1/6", "trace modes that are not advertised are refused", needs=Feature.CONFIG)
+@case(
+    "HG-7.1/6",
+    "trace modes that are not advertised, those of no version included, are refused",
+    needs=Feature.CONFIG,
+)
 def refuses_other_traces(bench: Bench) -> None:
-    lacking = [mode for mode, feature in _MODES.items() if not bench.has(feature)]
-    if not lacking:
-        not_observed("the board advertises every trace mode")
+    lacking = [int(mode) for mode, feature in _MODES.items() if not bench.has(feature)]
     offset = Config.WIRE["trace_mode"].offset
-    for mode in lacking:
-        wrong = dataclasses.replace(bench.base_config, trace_mode=mode)
-        bench.refused(SetConfig(wrong), ErrorCode.BAD_VALUE, offset)
+    for mode in (*lacking, max(TraceMode) + 1, 0xFF):
+        payload = bytearray(SetConfig(bench.base_config).serialize())
+        payload[offset] = mode
+        bench.refused_raw(SetConfig.TYPE, bytes(payload), ErrorCode.BAD_VALUE, offset)
+    config = bench.call(GetConfig(), ConfigReply).config
+    check(config == bench.base_config, f"a refused SET_CONFIG has led to {config}")
 
 
 @case("HG-7.5/1", "GET_GEOMETRY of 1, of some and of too many transducers shows those from first")

@@ -131,6 +131,26 @@ def tells_the_state(bench: Bench) -> None:
 
 
 @case(
+    "HG-6.2/3",
+    "an input that leaves the state, but for MUTE, leaves the reason too",
+    evidence=SELF_REPORTED,
+)
+def keeps_the_reason(bench: Bench) -> None:
+    for state in _STATES:
+        for event in (OutputInput.ARM, OutputInput.DISARM, OutputInput.NEW_SESSION):
+            if OUTPUT_TRANSITIONS[state, event] is not state:
+                continue
+            _bring_to(bench, state)
+            before = bench.status().reason
+            _do(bench, event)
+            after = bench.status().reason
+            check(
+                after is before,
+                f"{event.name} while {state.name}: the reason was {before.name}, is {after.name}",
+            )
+
+
+@case(
     "HG-6.3/1",
     "after a latch, DISARM and ARM nothing is radiated until the next latch",
     needs=Feature.READ_RADIATED,
@@ -215,6 +235,25 @@ def _check_end_of_playback(bench: Bench, message: Message) -> None:
 def mute_flushes(bench: Bench) -> None:
     _check_flush(bench, Mute())
     _check_end_of_playback(bench, Mute())
+
+
+@case(
+    "HG-6.4/4",
+    "MUTE, of the session and of none, while a timer has muted: the reason becomes MUTE",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def mute_takes_the_reason(bench: Bench) -> None:
+    for session in (bench.session, 0):
+        bench.configure(hold_ms=20, ramp_ms=0)
+        bench.arm()
+        latch_now(bench, bench.flat_phases())
+        bench.wire.idle(40_000 + bench.wire.limits.slack_us)
+        before = bench.status().reason
+        check(before is MuteReason.HOLD_EXPIRED, f"the hold ran out, the reason is {before.name}")
+        bench.call(Mute(), MuteReply, session=session)
+        after = bench.status().reason
+        check(after is MuteReason.MUTE, f"MUTE while MUTED: the reason is {after.name}")
 
 
 @case("HG-6.5/1", "DISARM flushes 3 queued frames and ends a playback", evidence=SELF_REPORTED)

@@ -9,15 +9,21 @@ from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     Arm,
     Disarm,
+    DisarmReply,
     ErrorCode,
     Feature,
     GetConfig,
     GetStatus,
+    HelloReply,
     Message,
     Mute,
     MuteReply,
     Ping,
+    PlaybackEnded,
     Pong,
+    StateChanged,
+    Stop,
+    StopReply,
     UploadChunk,
     UploadChunkReply,
     UploadKind,
@@ -27,16 +33,19 @@ from haptogram_protocol.state import OutputState
 
 from ..bench import Bench
 from ..case import case, check, unobservable
+from ..playing import play_now, store_phases
 from ..recording import type_name
 
 _PROMPT_US: Final = 10_000
 _TRIES: Final = 8
 _CLOCK_US: Final = 10
+_EVENTS_US: Final = 10_000  # until what a request leads to has been told
 _UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.CORRECTION
 
 host_waits = unobservable("HG-4.8/1", "about the host: nothing that a board sends shows it")
 host_repeats = unobservable("HG-4.8/2", "about the host: nothing that a board sends shows it")
 host_counts = unobservable("HG-4.8/3", "about the host: nothing that a board sends shows it")
+host_starts_at_0 = unobservable("HG-4.8/4", "about the host: nothing that a board sends shows it")
 host_ignores = unobservable("HG-4.11/4", "about the host: nothing that a board sends shows it")
 
 
@@ -203,6 +212,49 @@ def _round_trip_us(bench: Bench, number: int) -> int:
     start_us = bench.wire.now_us()
     bench.call(Ping(number), Pong)
     return bench.wire.now_us() - start_us
+
+
+@case("HG-4.11/5", "MUTE of no session: MUTE_REPLY comes before STATE_CHANGED")
+def answers_before_it_reports(bench: Bench) -> None:
+    bench.arm()
+    _in_order(bench, Mute(), (MuteReply, StateChanged), session=0)
+
+
+@case(
+    "HG-4.11/5",
+    "STOP, MUTE, DISARM, HELLO during playback: reply, STATE_CHANGED, then PLAYBACK_ENDED",
+    variant="play",
+    needs=Feature.SEQUENCE_PHASES,
+)
+def answers_before_playback_ends(bench: Bench) -> None:
+    store_phases(bench, 1, frames=2)
+    hello = bench.hello_message(bench.new_nonce())
+    told: tuple[tuple[Message, int, tuple[type[Message], ...]], ...] = (
+        (Stop(), bench.session, (StopReply, PlaybackEnded)),
+        (Mute(), bench.session, (MuteReply, PlaybackEnded)),
+        (Mute(), 0, (MuteReply, StateChanged, PlaybackEnded)),
+        (Disarm(), bench.session, (DisarmReply, PlaybackEnded)),
+        (hello, 0, (HelloReply, PlaybackEnded)),
+    )
+    for message, session, order in told:
+        bench.arm()
+        play_now(bench, 1, loops=0)
+        _in_order(bench, message, order, session=session)
+    bench.session = hello.nonce
+
+
+def _in_order(
+    bench: Bench, message: Message, due: tuple[type[Message], ...], *, session: int
+) -> None:
+    """Send a request; of what it is due to lead to, what comes has to come in that order."""
+    since = bench.mark()
+    bench.ask(message, session=session)
+    bench.wire.idle(_EVENTS_US + bench.wire.limits.slack_us)
+    came = [type(p.message) for p in bench.wire.received[since:] if isinstance(p.message, due)]
+    check(
+        came == sorted(came, key=due.index),
+        f"{message.TYPE.name} was followed by {', '.join(kind.__name__ for kind in came)}",
+    )
 
 
 @case("HG-4.12/1", "ARM, DISARM, PING of another session: STALE_SESSION, session 0; not done")

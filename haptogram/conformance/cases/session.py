@@ -267,6 +267,17 @@ def a_new_nonce_keeps_sequences(bench: Bench) -> None:
 
 
 @case(
+    "HG-4.6/6", "HELLO of number 0, 0x8000, 0xFFFF, ...: accepted; the next request is ahead of it"
+)
+def a_hello_of_any_number(bench: Bench) -> None:
+    for seq in (0, 0x8000, 0xFFFF, 0x7FFF, 1):
+        bench.hello(seq=seq)
+        bench.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+        bench.call(Ping(2), Pong, seq=seq + 1)
+        bench.seq = seq + 1
+
+
+@case(
     "HG-4.7/1",
     "for 0.3 s after a reset, and a PING of no session, no event comes",
     needs_reset=True,

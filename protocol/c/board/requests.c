@@ -24,17 +24,17 @@ static void mute(struct board *board, const struct request *request)
     uint8_t before = board->state;
 
     output_enter(board, MUTE, HG_REASON_MUTE);
-    output_silence(board);
-    reply_state(board, request);
+    reply_state(board, request); /* before the events below: HG-4.11/5 */
     if (!request->in_session && board->state != before)
         output_tell(board); /* HG-6.8/2: the open session learns what another one did */
+    output_silence(board);
 }
 
 static void disarm(struct board *board, const struct request *request)
 {
     output_enter(board, DISARM, HG_REASON_DISARM);
-    output_silence(board);
     reply_state(board, request);
+    output_silence(board);
 }
 
 static void ping(struct board *board, const struct request *request)
@@ -113,16 +113,16 @@ static void set_config(struct board *board, const struct request *request)
     board->config = message.config;
     board->traced = 0;
     board_schedule_status(board);
+    reply_config(board, request); /* before what the new timers lead to: HG-4.11/5 */
     output_reconfigure(board);
-    reply_config(board, request);
 }
 
 /* --- Playback --------------------------------------------------------------------------------- */
 
 static void stop(struct board *board, const struct request *request)
 {
-    playback_stop(board);
     reply_state(board, request);
+    playback_stop(board);
 }
 
 /* --- Table ------------------------------------------------------------------------------------ */

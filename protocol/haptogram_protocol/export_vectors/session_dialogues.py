@@ -5,6 +5,7 @@ from __future__ import annotations
 from .. import messages as m
 from ..export import description_hash
 from ..state import OutputState
+from ..worked import EXCHANGE
 from .script import Script
 from .vector import SESSION, body_of, wire
 
@@ -31,6 +32,8 @@ def scripts() -> list[Script]:
         _junk_between(),
         _control_wraps(),
         _in_one_chunk(),
+        _any_number(),
+        _first_latch(),
     ]
 
 
@@ -301,4 +304,44 @@ def _in_one_chunk() -> Script:
     s.answer_with(_T.HELLO_REPLY, {"nonce": SESSION}, seq=1)
     s.answer(m.ArmReply(OutputState.ARMED), seq=2)
     s.answer(m.MuteReply(OutputState.MUTED), seq=3)
+    return s
+
+
+def _any_number() -> Script:
+    s = Script(
+        "hello-of-any-number",
+        "HG-4.6/6 HG-4.9/3",
+        "session wrap",
+        "a HELLO of any number opens a session; the next request has to be ahead of it",
+        session=None,
+    )
+    for nonce, seq in ((1, 0), (2, 0x8000), (3, 0xFFFF), (4, 0x7FFF)):
+        s.seq = seq - 1
+        s.hello(nonce)
+        s.raw(m.Ping(1))
+        s.refusal(_T.PING, _E.SEQUENCE_REUSED, seq)
+        s.request(m.Ping(2))
+        s.answer(m.Pong(2, s.wire_us(), s.wire_us()))
+    return s
+
+
+def _first_latch() -> Script:
+    s = Script(
+        "first-latch",
+        "HG-4.1/1 HG-4.8/4 HG-3.6/3 HG-3.6/4 HG-5.8/1 HG-8.3/1",
+        "worked-exchange",
+        "the exchange of chapter 13: HELLO, configuration, time, ARM, a frame, its latch, MUTE",
+        session=None,
+    )
+    for step in EXCHANGE:
+        s.t_us = step.t_us
+        if step.from_host:
+            s.send(wire(step.body))
+        elif isinstance(step.message, m.HelloReply):  # the rest is the board's own
+            s.answer_with(_T.HELLO_REPLY, {"nonce": SESSION}, **step.header)
+        elif isinstance(step.message, m.Trace):
+            s.look()
+            s.answer(step.message, **step.header)
+        else:
+            s.answer(step.message, **step.header)
     return s

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from .. import messages as m
-from ..export import WORKED_FRAMES, worked_frame
 from ..framing import MAX_BODY_BYTES
+from ..worked import WORKED_FRAMES, worked_frame
 from .samples import HOW, sample
 from .vector import SESSION, body_of, ending_in_run, frame, vector, wire
 

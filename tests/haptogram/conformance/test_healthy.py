@@ -19,6 +19,7 @@ NEVER_SHOWN = {
     "HG-4.8/1",
     "HG-4.8/2",
     "HG-4.8/3",
+    "HG-4.8/4",
     "HG-4.11/4",
     "HG-5.3/2",
     "HG-6.4/3",
@@ -34,7 +35,7 @@ NEVER_SHOWN = {
     "HG-12.6/2",
 }
 #: What this board does not show: it can do everything, and its line is fast.
-NOT_HERE = {"HG-1.2/2", "HG-1.2/3", "HG-7.1/2", "HG-7.1/6"}
+NOT_HERE = {"HG-1.2/2", "HG-1.2/3", "HG-7.1/2"}
 
 
 @functools.cache
