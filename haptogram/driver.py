@@ -25,7 +25,7 @@ from haptogram.playing import Player, PlayReport, Timing, playback_period_us
 from haptogram.realtime import next_deadline_ns
 from haptogram.records import Focus, Intended
 from haptogram.session import Session
-from haptogram.streaming import Pacing, Schedule, Streamer, StreamReport
+from haptogram.streaming import Pacing, Schedule, Streamer, StreamReport, preparation_ns
 from haptogram.transport import DEFAULT_BAUDRATE, Transport
 from haptogram.upload import SequenceData
 from haptogram_protocol.messages import (
@@ -33,7 +33,9 @@ from haptogram_protocol.messages import (
     ArmReply,
     Disarm,
     DisarmReply,
+    StatusReply,
     TraceMode,
+    unwrap,
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -163,7 +165,7 @@ class Driver(Session):
         focus = target_m if isinstance(target_m, Focus) else Focus.at(target_m)
         (frame,) = self._builder.build([(focus,)], mode)
         self._agree_on_air(mode)
-        self._resume()
+        self._resume(0)
         self._held = frame
         return self._streamer.send_now(frame)
 
@@ -250,7 +252,7 @@ class Driver(Session):
         lead_trim = self._trim(schedule, frames, miss_share) if trim else None
         pacing = Pacing(spin_us, realtime, lead_trim)
         self._agree_on_air(mode)
-        self._resume()
+        self._resume(schedule.lead_us + preparation_ns(len(frames)) // 1000)
         stalls = self._link.stalls
         done = self._streamer.stream(frames, schedule, pacing, progress)
         self.collect_ring()
@@ -323,9 +325,9 @@ class Driver(Session):
         data = SequenceData.of(frames)
         data.check(self.identity)
         self._agree_on_air(kind)
-        self._resume()
+        self._resume(lead_us)
         self._player.store(data)
-        self._resume()  # an upload takes longer than a drive is held
+        self._resume(lead_us)  # an upload takes longer than a drive is held
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
         self.collect_ring()
         return PlayReport(
@@ -336,8 +338,14 @@ class Driver(Session):
             status=self.status(),
         )
 
-    def _resume(self) -> None:
-        """Arm again a board whose timers muted it while this host had nothing to send.
+    def _resume(self, first_us: int) -> None:
+        """Arm again a board whose timers muted it, or would, while this host had nothing to send.
+
+        Parameters
+        ----------
+        first_us : int
+            How long until the first latch of what comes.  A hold that runs out before would mute
+            the board under the frames on their way, and all of them would be lost.
 
         Raises
         ------
@@ -345,15 +353,32 @@ class Driver(Session):
             If it is not armed for any other reason.
         """
         status = self.status()
-        if self._armed and status.reason in _PAUSES:
+        if self._armed and self._hold_ends_within(first_us + _margin_us(first_us), status):
+            super().mute()
+            self.arm()
+        elif self._armed and status.reason in _PAUSES:
             self.arm()
         elif status.state is not OutputState.ARMED:
             raise ConfigurationError(
                 f"the board is {status.state.name} ({status.reason.name}); arm it first"
             )
 
+    def _hold_ends_within(self, wait_us: int, status: StatusReply) -> bool:
+        """Tell whether a drive is held now, and will not be any more after *wait_us*."""
+        if status.state is not OutputState.ARMED or not status.counters.latched:
+            return False
+        now_us = self.clock.to_device_us(self._link.now_ns())
+        held_us = now_us - unwrap(status.last_latch_us, now_us, 32)
+        hold_us, ramp_us = self._config.hold_ms * 1000, self._config.ramp_ms * 1000
+        return hold_us - wait_us < held_us <= hold_us + ramp_us  # later: armed, nothing latched yet
+
     def _agree_on_air(self, mode: Mode) -> None:
         """Tell a board that computes drives which speed of sound the host assumes."""
         speed_mm_s = sound_speed_mm_s(self.model)
         if mode == "points" and self._config.sound_speed_mm_s != speed_mm_s:
             self.configure(sound_speed_mm_s=speed_mm_s)
+
+
+def _margin_us(first_us: int) -> int:
+    """Return by how much the first latch may miss its plan: half its time, 20 ms at the least."""
+    return max(20_000, first_us // 2)

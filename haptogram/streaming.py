@@ -290,7 +290,7 @@ class Streamer:
 
     def _start_us(self, schedule: Schedule, count: int) -> int:
         """Return when the first frame is due: late enough to encode what is encoded before it."""
-        begin_ns = self._link.now_ns() + _START_NS + min(count, _AHEAD) * _ENCODING_NS
+        begin_ns = self._link.now_ns() + preparation_ns(count)
         begin_us = self._pinger.clock.to_device_us(begin_ns)
         return next_boundary_us(begin_us + schedule.lead_us, self._identity.carrier_hz)
 
@@ -313,6 +313,11 @@ class Streamer:
         )
         self._intended.append(intended)
         return intended
+
+
+def preparation_ns(count: int) -> int:
+    """Return how long before its lead a stream of *count* frames begins."""
+    return _START_NS + min(count, _AHEAD) * _ENCODING_NS
 
 
 class _Run:

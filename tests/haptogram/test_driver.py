@@ -2,7 +2,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, TransducerArray
@@ -462,6 +462,27 @@ def test_a_pause_of_the_host_does_not_disarm(driver, port, output, pause_ns):
     output(driver)
     driver.status()  # behind the last frame on the line
     assert len(port.latches) == len(driver.intended) > 1
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@given(pause_ms=st.integers(0, 300))
+@settings(max_examples=12)
+def test_no_pause_lets_the_hold_run_out_under_the_first_frames(output, pause_ms):
+    port = small_board()
+    with Driver(port, seed=1) as driver:
+        driver.arm()
+        driver.stream(CIRCLE[:5], 1000)
+        port.stall(pause_ms * 1_000_000)
+        output(driver)
+        driver.status()  # behind the last frame on the line
+        assert len(port.latches) == len(driver.intended) > 5
+
+
+def test_streams_that_follow_each_other_at_once_leave_no_silence(driver, port):
+    driver.stream(CIRCLE[:5], 1000)
+    driver.stream(CIRCLE[:5], 1000)
+    assert port.board.counters.timeouts == 0
+    assert driver.events == []  # neither muted nor armed anew
 
 
 @pytest.mark.parametrize(
