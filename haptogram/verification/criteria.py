@@ -227,7 +227,11 @@ class FociLevels:
 
     @property
     def ok(self) -> bool:
-        """S2: whether every focus is there."""
+        """S2: whether every focus is there.
+
+        Coarse: foci that share an aperture pull at each other, by up to half their own width, so
+        no bound in millimetres holds for all of them.
+        """
         return self.efficiency >= _LEAST_EFFICIENCY and self.balance >= _LEAST_BALANCE
 
 

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Drive, focus_phases, superpose
+from haptogram.acoustics.solvers import METHODS, solve
 from haptogram.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.frames import FrameBuilder, as_foci, sound_speed_mm_s, with_sound_speed
@@ -115,3 +116,45 @@ def test_what_are_no_targets(targets):
 @given(st.integers(300_000, 380_000))
 def test_the_speed_of_sound_survives_the_wire(speed_mm_s):
     assert sound_speed_mm_s(with_sound_speed(MODEL, speed_mm_s)) == speed_mm_s
+
+
+# --- Several foci by a solver --------------------------------------------------------------------
+
+PAIR = (Focus((0.02, 0.0, 0.1), 0.8), Focus((-0.02, 0.01, 0.12), 0.4))
+
+
+@pytest.mark.parametrize("solver", METHODS)
+@pytest.mark.parametrize("mode", ["phases", "drives"])
+def test_several_foci_get_the_drive_of_the_solver(identity, solver, mode):
+    (frame,) = FrameBuilder(MODEL, identity, 8).build([PAIR], mode, solver)
+    positions, levels = [f.position_m for f in PAIR], [f.amplitude for f in PAIR]
+    wanted = (
+        superpose(MODEL, positions, levels, [0.0, 0.0])
+        if solver == "naive"
+        else solve(MODEL, positions, levels, method=solver)
+    )
+    if mode == "phases":
+        wanted = np.exp(1j * np.angle(wanted))
+    assert frame.drive == Drive.from_weights(wanted)
+    assert frame.solver == solver
+
+
+def test_one_focus_needs_no_solver(identity):
+    builder = FrameBuilder(MODEL, identity, 8)
+    (alone,) = builder.build([PAIR[:1]], "drives", "wgs")
+    (plain,) = builder.build([PAIR[:1]], "drives")
+    assert alone.drive == plain.drive
+
+
+@pytest.mark.parametrize(
+    ("foci", "mode", "solver", "text"),
+    [
+        (PAIR, "phases", "best", "solver is 'best'; known are naive, ibp"),
+        (PAIR, "points", "wgs", "in the mode points the board computes"),
+        ((PAIR[0], Focus(PAIR[1].position_m, 0.5, 1.0)), "phases", "gs", "frame 0: a focus with"),
+        ((PAIR[0], Focus(PAIR[1].position_m, 0.0)), "phases", "gs", "must be above 0"),
+    ],
+)
+def test_what_a_solver_cannot_do_is_refused(identity, foci, mode, solver, text):
+    with pytest.raises(ConfigurationError, match=text):
+        FrameBuilder(MODEL, identity, 8).build([foci], mode, solver)

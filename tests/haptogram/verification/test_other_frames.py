@@ -17,6 +17,7 @@ from haptogram.acoustics import (
     superpose,
 )
 from haptogram.acoustics.drive import quantise_phase
+from haptogram.acoustics.solvers import solve
 from haptogram.records import Focus
 from haptogram.verification import FrameStatus, Judge, Verdict, verify_run
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
@@ -179,6 +180,45 @@ def test_several_foci_in_other_air_are_off_target():
     intended = intend(MODEL, TARGET, foci=foci, drive=drive)
     found = Judge(board, carrier_us=25).judge(intended, seen(intended))
     assert (found.status, found.faults) == (FrameStatus.OFF_TARGET, ())
+
+
+RING = [(0.03 * math.cos(turn), 0.03 * math.sin(turn), 0.12) for turn in np.arange(4) * math.pi / 2]
+
+
+def solved(points, *, drive_for=None, **changes):
+    """Intend foci on *points*, with the drive of a solver for them or for others."""
+    weights = solve(MODEL, points if drive_for is None else drive_for, method="wgs")
+    foci = tuple(Focus.at(point) for point in points)
+    drive = Drive.from_weights(weights)
+    return intend(MODEL, points[0], foci=foci, drive=drive, solver="wgs", **changes)
+
+
+def test_every_focus_of_a_solver_is_there():
+    found = judge(solved(RING))
+    assert found.status is FrameStatus.ON_TARGET
+    assert found.criteria == {"S2": True, "S3": True, "S5": True}
+    assert "4 foci" in found.note
+
+
+@pytest.mark.parametrize(
+    "drive_for",
+    [
+        RING[:3],  # one is missing
+        [(x, y, z + 0.05) for x, y, z in RING],
+        [(-x - 0.01, y, z) for x, y, z in RING],
+    ],
+)
+def test_a_solver_that_served_other_foci_is_found_out(drive_for):
+    found = judge(solved(RING, drive_for=drive_for))
+    assert found.status is FrameStatus.OFF_TARGET
+    assert not found.criteria["S2"]
+
+
+def test_another_drive_than_the_solvers_is_wrong():
+    intended = solved(RING)
+    found = judge(intended, drive_of(-codes(intended)))
+    assert found.status is FrameStatus.WRONG_DRIVE
+    assert not found.criteria["S3"]
 
 
 # --- Evidence ------------------------------------------------------------------------------------
