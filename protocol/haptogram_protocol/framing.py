@@ -1,103 +1,40 @@
 """Bytes on the line: COBS, CRC-32 and a bounded decoder.  SPEC.md chapter 2.
 
-A frame travels as ``00 COBS(body | CRC-32(body)) 00``.  Consistent Overhead Byte Stuffing (Cheshire
-and Baker, IEEE/ACM Trans. Networking 7(2), 1999) leaves no zero inside, so a zero always ends a
-frame and the receiver is in step again after one frame at the most, whatever was damaged.
+A frame travels as ``00 COBS(body | CRC-32(body)) 00``.  COBS leaves no zero inside, so a zero
+always ends a frame and the receiver is in step again after one frame at the most, whatever was
+damaged.
 """
 
 from __future__ import annotations
 
-import re
 import zlib
-from collections.abc import Callable
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final
 
+from .cobs import BLOCK, PURE_PYTHON, Cobs, Stuffing, cobs_decode, cobs_encode
 from .errors import LocalProtocolError, RemoteProtocolError
+
+__all__ = [
+    "CRC_BYTES",
+    "DELIMITER",
+    "HEADER_BYTES",
+    "MAX_BODY_BYTES",
+    "MAX_ENCODED_BYTES",
+    "PURE_PYTHON",
+    "Cobs",
+    "FrameDecoder",
+    "Stuffing",
+    "cobs_decode",
+    "cobs_encode",
+    "decode_frame",
+    "encode_frame",
+]
 
 DELIMITER: Final = b"\x00"  # HG-2.1
 CRC_BYTES: Final = 4  # HG-2.4
 HEADER_BYTES: Final = 10  # HG-3.1
 MAX_ENCODED_BYTES: Final = 4096  # HG-2.6: between two delimiters, whatever the size of the array
-_BLOCK: Final = 254  # longest run of non-zero bytes under one COBS code byte
-_FULL: Final = 0xFF  # code byte of such a run; no zero is implied after it
-MAX_BODY_BYTES: Final = MAX_ENCODED_BYTES - CRC_BYTES - (MAX_ENCODED_BYTES // _BLOCK + 1)
-
-Stuffing: TypeAlias = Callable[[bytes], bytes]
-
-_zeros = re.compile(rb"\x00+").match
-_ones = re.compile(rb"\x01+").match
-
-
-def cobs_encode(data: bytes) -> bytes:
-    """Return *data* without zero bytes; one byte longer, and one more per 254 bytes without a zero.
-
-    The work goes by runs, not by bytes: a plane wave or a muted frame (all bytes zero) costs no
-    more than noise.
-    """
-    out = bytearray()
-    rest = data + DELIMITER  # the phantom zero that ends the last run
-    start, end = 0, len(rest)
-    while start < end:
-        run = _zeros(rest, start)
-        if run:  # each zero is an empty block
-            out += b"\x01" * (run.end() - start)
-            start = run.end()
-            continue
-        stop = rest.index(0, start)
-        while stop - start >= _BLOCK:
-            out.append(_FULL)
-            out += rest[start : start + _BLOCK]
-            start += _BLOCK
-        if start == stop == end - 1:
-            break  # a full last block implies no zero, so nothing is left to say
-        out.append(stop - start + 1)
-        out += rest[start:stop]
-        start = stop + 1
-    return bytes(out)
-
-
-def cobs_decode(encoded: bytes) -> bytes:
-    """Return the bytes that :func:`cobs_encode` was given.
-
-    Raises
-    ------
-    RemoteProtocolError
-        If a code byte is zero or points past the end (reason ``cobs``).
-    """
-    out = bytearray()
-    start, end = 0, len(encoded)
-    zero_due = False  # a block stands for its bytes and a zero, unless it is full or the last one
-    while start < end:
-        if zero_due:
-            out += DELIMITER
-        run = _ones(encoded, start)
-        if run:  # empty blocks: a zero each, the last one still due
-            out += bytes(run.end() - start - 1)
-            start, zero_due = run.end(), True
-            continue
-        code = encoded[start]
-        stop = start + code
-        if code == 0 or stop > end:
-            raise RemoteProtocolError(
-                f"COBS code {code} at byte {start} of {end} points past the end", reason="cobs"
-            )
-        out += encoded[start + 1 : stop]
-        start, zero_due = stop, code != _FULL
-    return bytes(out)
-
-
-class Cobs(NamedTuple):
-    """An implementation of COBS: both ends of a connection take one, the default or a faster one.
-
-    It must give the same bytes and raise the same errors as :func:`cobs_encode` and
-    :func:`cobs_decode`.
-    """
-
-    encode: Stuffing = cobs_encode
-    decode: Stuffing = cobs_decode
-
-
-PURE_PYTHON: Final = Cobs()
+MAX_BODY_BYTES: Final = MAX_ENCODED_BYTES - CRC_BYTES - (MAX_ENCODED_BYTES // BLOCK + 1)
+_CRC_OF_ALL: Final = 0x2144DF1C  # CRC-32 of anything with its own CRC-32 behind it
 
 
 def encode_frame(body: bytes, stuff: Stuffing = cobs_encode) -> bytes:
@@ -130,16 +67,16 @@ def decode_frame(encoded: bytes, unstuff: Stuffing = cobs_decode) -> bytes:
         With the reason ``cobs``, ``short`` or ``crc``.
     """
     decoded = unstuff(encoded)
-    body, crc = decoded[:-CRC_BYTES], decoded[-CRC_BYTES:]
-    if len(body) < HEADER_BYTES:
+    if len(decoded) < HEADER_BYTES + CRC_BYTES:
         raise RemoteProtocolError(
             f"frame of {len(decoded)} bytes; header and CRC take {HEADER_BYTES + CRC_BYTES}",
             reason="short",
         )
-    if zlib.crc32(body) != int.from_bytes(crc, "little"):
+    body = decoded[:-CRC_BYTES]
+    if zlib.crc32(decoded) != _CRC_OF_ALL:
+        crc = int.from_bytes(decoded[-CRC_BYTES:], "little")
         raise RemoteProtocolError(
-            f"CRC-32 is {zlib.crc32(body):08x}, the frame says {int.from_bytes(crc, 'little'):08x}",
-            reason="crc",
+            f"CRC-32 is {zlib.crc32(body):08x}, the frame says {crc:08x}", reason="crc"
         )
     return body
 

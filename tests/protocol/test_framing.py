@@ -1,11 +1,11 @@
-"""COBS, CRC-32 and the frame decoder against slow oracles and damage of every kind."""
+"""CRC-32 and the frame decoder against slow oracles and damage of every kind."""
 
 import gc
 import random
 import zlib
 
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram_protocol.errors import LocalProtocolError, RemoteProtocolError
@@ -14,21 +14,15 @@ from haptogram_protocol.framing import (
     MAX_BODY_BYTES,
     MAX_ENCODED_BYTES,
     FrameDecoder,
-    cobs_decode,
-    cobs_encode,
     decode_frame,
     encode_frame,
 )
 from strategies_protocol import chunkings, noise
 from wire_oracles import (
-    cobs_decode_bytewise,
-    cobs_encode_bytewise,
     crc32_bitwise,
     frame_bytewise,
 )
 
-EDGES = [0, 1, 2, 253, 254, 255, 256, 507, 508, 509, 510, 762, 763]
-sparse = st.lists(st.sampled_from([b"\0", b"\1", b"\xff", b"\1" * 253, b"\1" * 254]), max_size=8)
 bodies = st.binary(min_size=HEADER_BYTES, max_size=600)
 
 
@@ -39,40 +33,6 @@ def _outcomes(found: list[bytes | RemoteProtocolError]) -> list[bytes | str]:
 def _feed_all(chunks: list[bytes]) -> list[bytes | str]:
     decoder = FrameDecoder()
     return [item for chunk in chunks for item in _outcomes(decoder.feed(chunk))]
-
-
-@pytest.mark.parametrize("length", EDGES)
-@pytest.mark.parametrize("byte", [0, 1, 0xFF])
-def test_cobs_agrees_with_the_oracle_at_the_edges(length: int, byte: int) -> None:
-    for data in (bytes([byte]) * length, bytes([byte]) * length + b"\0", b"\0" + b"\7" * length):
-        encoded = cobs_encode(data)
-        assert encoded == cobs_encode_bytewise(data)
-        assert cobs_decode(encoded) == data
-        assert cobs_decode_bytewise(encoded) == data
-
-
-@given(st.one_of(st.binary(max_size=1200), sparse.map(b"".join)))
-def test_cobs_agrees_with_the_oracle_and_comes_back(data: bytes) -> None:
-    encoded = cobs_encode(data)
-    assert encoded == cobs_encode_bytewise(data)
-    assert 0 not in encoded
-    assert len(encoded) <= len(data) + len(data) // 254 + 1
-    assert cobs_decode(encoded) == data
-
-
-@given(st.one_of(st.binary(max_size=600), sparse.map(b"".join)))
-@example(b"\x00")
-@example(b"\x05\x01")
-@example(b"\xff" + b"\1" * 254 + b"\1")  # HG-2.2/3: a needless last piece
-@example(b"\x02\x07\x00\x01")
-def test_cobs_decoder_agrees_with_the_oracle_on_anything(encoded: bytes) -> None:
-    expected = cobs_decode_bytewise(encoded)
-    if expected is None:
-        with pytest.raises(RemoteProtocolError) as caught:
-            cobs_decode(encoded)
-        assert caught.value.reason == "cobs"
-    else:
-        assert cobs_decode(encoded) == expected
 
 
 def test_crc_of_the_check_string_is_the_published_one() -> None:

@@ -1,0 +1,154 @@
+"""Consistent Overhead Byte Stuffing: bytes without a zero among them.  SPEC.md HG-2.2.
+
+Cheshire and Baker, IEEE/ACM Trans. Networking 7(2), 1999.  A piece is what lies before a zero; it
+travels behind its code byte, which is its length and one.  A piece of 254 bytes or more travels in
+blocks of 254 with the code byte 255, behind which no zero is implied.
+
+Plane waves and muted frames are zeros throughout, so the work must not grow with the number of
+zeros: few of them are handled piece by piece, many all at once.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Final, NamedTuple, TypeAlias
+
+from .errors import RemoteProtocolError
+
+Stuffing: TypeAlias = Callable[[bytes], bytes]
+
+BLOCK: Final = 254  # longest run of non-zero bytes under one code byte
+_FULL: Final = 0xFF  # code byte of such a run; no zero is implied after it
+_ZERO: Final = b"\x00"
+_FEW: Final = 32  # pieces that are done one by one sooner than all at once
+_CODES: Final = [bytes([length + 1]) for length in range(BLOCK + 1)]  # by the length of the piece
+_NON_ZERO: Final = bytes([0]) + bytes([0xFF]) * 255  # translates a byte to a mask of its bits
+_ONES: Final = int.from_bytes(b"\x01" * BLOCK, "little")
+_EMPTY_PIECES: Final = b"\x01" * 8  # that are decoded sooner at once than one by one
+_runs_of_empty_pieces = re.compile(rb"\x01{8,}").finditer
+
+
+# --- Encoder ------------------------------------------------------------------------------------
+
+
+def cobs_encode(data: bytes) -> bytes:
+    """Return *data* without zero bytes; one byte longer, and one more per 254 bytes without a zero.
+
+    The time depends on the length, and hardly on the content.
+    """
+    return _one_by_one(data) if data.count(0) <= _FEW else _all_at_once(data)
+
+
+def _one_by_one(data: bytes) -> bytes:
+    pieces = data.split(_ZERO)
+    out = b"".join([_CODES[len(p)] + p if len(p) < BLOCK else _blocks(p) for p in pieces])
+    # A full block at the very end implies no zero, so nothing is left to say behind it.
+    last = len(pieces[-1])
+    return out[:-1] if last and last % BLOCK == 0 else out
+
+
+def _blocks(piece: bytes) -> bytes:
+    whole = len(piece) - len(piece) % BLOCK
+    full = [_CODES[BLOCK] + piece[at : at + BLOCK] for at in range(0, whole, BLOCK)]
+    return b"".join([*full, _CODES[len(piece) - whole], piece[whole:]])
+
+
+def _all_at_once(data: bytes) -> bytes:
+    out = []
+    rest = data + _ZERO  # the phantom zero that ends the last piece
+    start, end = 0, len(rest)
+    while start < end:
+        stop = rest.rfind(0, start, start + BLOCK) + 1
+        if stop:
+            out.append(_short_pieces(rest[start:stop]))
+        else:
+            stop = start + BLOCK
+            out.append(_CODES[BLOCK] + rest[start:stop])
+            if stop == end - 1:
+                break  # nothing is left to say
+        start = stop
+    return b"".join(out)
+
+
+def _short_pieces(chunk: bytes) -> bytes:
+    """Return the code of at most 254 bytes that end with a zero.
+
+    It is the chunk with its last zero in front, and in place of every zero the distance to the
+    next.  The bytes of a long integer do that side by side.  Doubling: the run of non-zero bytes
+    behind a place, counted up to 2n, is that counted up to n, and where this is all of them, the
+    same n places on.
+    """
+    size = len(chunk)
+    moved = _ZERO + chunk[:-1]
+    non_zero = int.from_bytes(moved.translate(_NON_ZERO), "little")
+    ones = _ONES >> 8 * (BLOCK - size)
+    unbroken = non_zero >> 8  # a mask of the places with no zero among the next n
+    run = unbroken & ones
+    bits = 8  # 8 n
+    while unbroken:
+        run += run >> bits & unbroken
+        unbroken &= unbroken >> bits
+        bits *= 2
+    distances = (run + ones) & ~non_zero
+    return (int.from_bytes(moved, "little") | distances).to_bytes(size, "little")
+
+
+# --- Decoder ------------------------------------------------------------------------------------
+
+
+def cobs_decode(encoded: bytes) -> bytes:
+    """Return the bytes that :func:`cobs_encode` was given.
+
+    Raises
+    ------
+    RemoteProtocolError
+        If a code byte is zero or points past the end (reason ``cobs``).
+    """
+    out = bytearray(encoded)  # every code byte becomes the zero before its piece
+    without_zero = [0]  # but for the first, and those behind a full block
+    at = 0
+    if _EMPTY_PIECES in encoded:
+        for run in _runs_of_empty_pieces(encoded):
+            at = _walk(encoded, at, run.start(), out, without_zero)
+            empty = run.end() - at  # unless a piece reaches beyond the run
+            if empty > 0:
+                out[at : run.end()] = bytes(empty)
+                at = run.end()
+    _walk(encoded, at, len(encoded), out, without_zero)
+    for place in reversed(without_zero):
+        del out[place : place + 1]
+    return bytes(out)
+
+
+def _walk(encoded: bytes, at: int, stop: int, out: bytearray, without_zero: list[int]) -> int:
+    """Go from code byte to code byte up to *stop*; return the place of the next one."""
+    code = 1
+    while at < stop:
+        code = encoded[at]
+        out[at] = 0
+        at += code
+        if not 0 < code < _FULL:
+            if code == 0:
+                break
+            without_zero.append(at)
+    if code == 0 or at > len(encoded):
+        raise RemoteProtocolError(
+            f"COBS code {code} at byte {at - code} of {len(encoded)} points past the end",
+            reason="cobs",
+        )
+    return at
+
+
+class Cobs(NamedTuple):
+    """An implementation of COBS: both ends of a connection take one, the default or a faster one.
+
+    It must give the same bytes and raise the same errors as :func:`cobs_encode` and
+    :func:`cobs_decode`.
+    """
+
+    encode: Stuffing = cobs_encode
+    decode: Stuffing = cobs_decode
+
+
+PURE_PYTHON: Final = Cobs()
