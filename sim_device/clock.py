@@ -13,6 +13,15 @@ _MILLION: Final = 1_000_000
 _NS_PER_US: Final = 1_000
 
 
+def earliest(*times: int | None) -> int | None:
+    """Return the first of *times*; None stands for never."""
+    first = None
+    for t in times:
+        if t is not None and (first is None or t < first):
+            first = t
+    return first
+
+
 @dataclass(frozen=True, slots=True)
 class DeviceClock:
     """A clock that is fast by ``ppm``, and jumps ahead.

@@ -67,6 +67,7 @@ from haptogram_protocol.messages import (
 
 from . import readout
 from .board import Board, StreamFrame
+from .clock import earliest
 from .drives import REGISTER_BITS, Content, full_amplitude, split_codes
 from .latch import Latch, Notice, PlaybackEnd, StateChange
 from .refusal import RefusalError
@@ -127,6 +128,7 @@ class BoardDialect:
         self._trace_dropped = 0
         self._traced = 0
         self._next_status_us: int | None = None
+        self._unsupported = _unsupported(board.settings.features)
         self._latches: list[Latch] = []
         self._notices: list[Notice] = []
         self._handlers: dict[type[Message], _Handler] = {
@@ -151,8 +153,7 @@ class BoardDialect:
 
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
-        times = (self.board.next_event_us(), self._next_status_us)
-        return min((t_us for t_us in times if t_us is not None), default=None)
+        return earliest(self.board.next_event_us(), self._next_status_us)
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, and say so on the line."""
@@ -251,10 +252,8 @@ class BoardDialect:
             self._link.reply(request, reply, self._first_byte_us)
 
     def _check_features(self, message: Message) -> None:
-        features = self.board.settings.features
         kind = type(message)
-        lacking = _NEEDS.get(kind, Feature(0)) & ~features
-        if lacking or (kind in _NEEDS_ANY and not _NEEDS_ANY[kind] & features):
+        if kind in self._unsupported:
             text = f"no {kind.TYPE.name} on this board"
             raise RefusalError(ErrorCode.UNSUPPORTED, int(kind.TYPE), text)
 
@@ -362,6 +361,13 @@ class BoardDialect:
     def _status(self) -> readout.StatusFields:
         free = self.board.settings.rx_window
         return readout.status(self.board, self.counters, free_bytes=free)
+
+
+def _unsupported(features: Feature) -> frozenset[type[Message]]:
+    """Return the messages that a board with these *features* does not take."""
+    lacking = [kind for kind, all_of in _NEEDS.items() if all_of & ~features]
+    useless = [kind for kind, any_of in _NEEDS_ANY.items() if not any_of & features]
+    return frozenset(lacking + useless)
 
 
 def _demand(holds: bool, text: str, reason: str = "bad_value") -> None:

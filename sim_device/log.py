@@ -47,9 +47,13 @@ class CountLog:
         self._next_ns = interval_ns
         self._last: dict[str, int] = {}
 
+    def is_due(self, now_ns: int) -> bool:
+        """Tell whether it is time for a line."""
+        return now_ns >= self._next_ns
+
     def update(self, counters: Mapping[str, int], now_ns: int) -> None:
         """Log what has moved since the last line, if it is time."""
-        if now_ns < self._next_ns:
+        if not self.is_due(now_ns):
             return
         self._next_ns = now_ns + self._interval_ns
         moved = [f"{name} {n}" for name, n in counters.items() if n != self._last.get(name, 0)]

@@ -8,7 +8,10 @@ spot.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import fcntl
+import io
+import operator
 import os
 import pickle
 import selectors
@@ -18,11 +21,15 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
+from haptogram.acoustics import Drive
 from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram_protocol.messages import LatchKey
 
 from .backdoor import to_line
 from .latch import Latch, Notice
@@ -35,6 +42,8 @@ START_TIMEOUT_S: Final = 60.0
 DRAIN_TIMEOUT_S: Final = 120.0
 HURRY_AFTER_S: Final = 20.0  # from then on the last records come without their field
 LINGER_S: Final = 5.0  # for readers of the back door to take the last records
+
+BATCH: Final = 64  # records that are handed over at a time, unless time is up before
 
 _LENGTH: Final = struct.Struct("<I")
 _READ_BYTES: Final = 65_536
@@ -66,7 +75,10 @@ class ReconstructionWorker:
     """A recorder that hands everything to a process of its own, and never waits for it.
 
     Up to :data:`QUEUE_LATCHES` records wait; a latch that finds no room is counted in ``dropped``.
-    The worker ends when its input does, so it cannot outlive the board, however that ends.
+    They are handed over many at a time, because each time wakes the worker up, maybe on the board's
+    own processor: whenever :data:`BATCH` of them wait, and by :meth:`pump`, which whoever runs the
+    board calls every so often.  The worker ends when its input does, so it cannot outlive the
+    board, however that ends.
 
     Parameters
     ----------
@@ -87,10 +99,12 @@ class ReconstructionWorker:
 
     def __init__(self, settings: BoardSettings, target: str, *, reconstruct: bool = True) -> None:
         self.dropped = self.notices_dropped = 0
-        self._waiting: deque[bytes] = deque()
+        self._waiting: deque[object] = deque()
+        self._unsent = b""  # the rest of a batch
+        self._batch = 0  # records in it
         self._alive = True
         self._process = _start_process()
-        self._input.write(_packed(_Job(settings, target, reconstruct)))
+        self._input.write(_packed([_Job(settings, target, reconstruct)]))
         self._input.flush()
         self._await_ready()
         _widen(self._input.fileno())
@@ -103,7 +117,12 @@ class ReconstructionWorker:
     @property
     def pending(self) -> int:
         """Records that wait for the worker."""
-        return len(self._waiting)
+        return len(self._waiting) + self._batch
+
+    @property
+    def is_refusing(self) -> bool:
+        """Whether the worker has not taken all that it was offered."""
+        return bool(self._unsent)
 
     def fileno(self) -> int:
         """Return the file descriptor that is writable when :meth:`pump` can go on."""
@@ -111,43 +130,51 @@ class ReconstructionWorker:
 
     def latch(self, latch: Latch) -> None:
         """Take down a latch, or count it as dropped."""
-        if not self._alive or len(self._waiting) >= QUEUE_LATCHES:
+        if not self._alive or self.pending >= QUEUE_LATCHES:
             self.dropped += 1
-            return
-        self._waiting.append(_packed(latch))
-        self.pump()
+        else:
+            self._queue(latch)
 
     def notice(self, notice: Notice) -> None:
         """Take down a change of the output; these have a quarter more room than latches."""
-        if not self._alive or len(self._waiting) >= QUEUE_LATCHES + QUEUE_LATCHES // 4:
+        if not self._alive or self.pending >= QUEUE_LATCHES + QUEUE_LATCHES // 4:
             self.notices_dropped += 1
-            return
-        self._waiting.append(_packed(notice))
-        self.pump()
+        else:
+            self._queue(notice)
+
+    def _queue(self, item: object) -> None:
+        self._waiting.append(item)
+        if len(self._waiting) >= BATCH and not self.is_refusing:
+            self.pump()
 
     def pump(self) -> None:
         """Hand over what the worker takes now."""
-        while self._waiting and self._alive:
-            data = self._waiting[0]
+        while self.pending and self._alive:
+            if not self._unsent:
+                self._pack_batch()
             try:
-                sent = os.write(self.fileno(), data)
+                sent = os.write(self.fileno(), self._unsent)
             except BlockingIOError:
                 return
             except OSError:
                 self._lose()
                 return
-            if sent < len(data):
-                self._waiting[0] = data[sent:]
+            self._unsent = self._unsent[sent:]
+            if self._unsent:
                 return
-            self._waiting.popleft()
+            self._batch = 0
+
+    def _pack_batch(self) -> None:
+        self._batch = min(BATCH, len(self._waiting))
+        self._unsent = _packed([self._waiting.popleft() for _ in range(self._batch)])
 
     def close(self, timeout_s: float = DRAIN_TIMEOUT_S) -> None:
         """Let the worker write everything down and end; kill it if it takes too long."""
         deadline_s = time.monotonic() + timeout_s
-        self._waiting.append(_packed(_End(self.dropped, self.notices_dropped)))
+        self._waiting.append(_End(self.dropped, self.notices_dropped))
         self._drain(min(deadline_s, time.monotonic() + HURRY_AFTER_S))
         if self._waiting and self._alive:  # every latch is written down, if not its field
-            self._waiting.insert(1, _packed(_Hurry()))  # the first one may be half sent
+            self._waiting.appendleft(_Hurry())
             self._drain(deadline_s)
         self._alive = False
         for pipe in (self._input, self._process.stdout):
@@ -161,15 +188,16 @@ class ReconstructionWorker:
     def _drain(self, deadline_s: float) -> None:
         with selectors.DefaultSelector() as selector:
             selector.register(self._input, selectors.EVENT_WRITE)
-            while self._waiting and self._alive and time.monotonic() < deadline_s:
+            while self.pending and self._alive and time.monotonic() < deadline_s:
                 selector.select(max(0.0, deadline_s - time.monotonic()))
                 self.pump()
 
     def _lose(self) -> None:
         """Go on without the worker, which is gone; count what it did not take."""
         self._alive = False
-        self.dropped += len(self._waiting)
+        self.dropped += self.pending
         self._waiting.clear()
+        self._unsent, self._batch = b"", 0
 
     def _await_ready(self) -> None:
         answer = _read_line(self._process.stdout, START_TIMEOUT_S)
@@ -205,9 +233,38 @@ def _start_process() -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
 
 
-def _packed(item: object) -> bytes:
-    data = pickle.dumps(item, protocol=pickle.HIGHEST_PROTOCOL)
-    return _LENGTH.pack(len(data)) + data
+def _packed(items: list[object]) -> bytes:
+    stream = io.BytesIO(bytes(_LENGTH.size))
+    stream.seek(_LENGTH.size)
+    pickler = pickle.Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL)
+    pickler.dispatch_table = _REDUCERS
+    pickler.dump(items)
+    data = stream.getbuffer()
+    _LENGTH.pack_into(data, 0, len(data) - _LENGTH.size)
+    return bytes(data)
+
+
+def _by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...]]:
+    """Return how to pickle a dataclass by its values: a third of the time of the usual way."""
+    values = operator.attrgetter(*(field.name for field in dataclasses.fields(kind)))
+    return lambda item: (kind, values(item))
+
+
+def _reduced_drive(drive: Drive) -> tuple[Any, ...]:
+    codes = drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes()
+    return _drive_of, (*codes, drive.phase_bits)
+
+
+def _drive_of(phase_codes: bytes, amplitude_codes: bytes, phase_bits: int) -> Drive:
+    phases, amplitudes = (np.frombuffer(c, np.uint8) for c in (phase_codes, amplitude_codes))
+    return Drive(phases, amplitudes, phase_bits)
+
+
+_REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {
+    Drive: _reduced_drive,
+    Latch: _by_fields(Latch),
+    LatchKey: _by_fields(LatchKey),
+}
 
 
 def _widen(pipe: int) -> None:
@@ -310,6 +367,6 @@ def _unpacked(buffer: bytearray) -> Iterator[Any]:
         (length,) = _LENGTH.unpack_from(buffer)
         if len(buffer) < size + length:
             return
-        item = bytes(buffer[size : size + length])
+        batch = bytes(buffer[size : size + length])
         del buffer[: size + length]
-        yield pickle.loads(item)
+        yield from pickle.loads(batch)

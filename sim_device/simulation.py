@@ -19,6 +19,7 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 
 from .assembly import HEALTHY, Parts
 from .board import Board
+from .clock import earliest
 from .faults import FaultPlan
 from .injection import Injection
 from .latch import Latch, Notice
@@ -32,6 +33,8 @@ HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the boa
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
 _LINE_CHUNK: Final = MAX_ENCODED_BYTES + 2  # handed to the line at a time: the longest frame
 MAX_CREDIT_NS: Final = 100_000_000  # of line time, for a process that stalled
+_SHORT_NS: Final = 60_000  # what a sleep takes at least; the next carrier boundary is nearer
+_HAND_OVER_NS: Final = 20_000_000  # from one batch of records for the worker to the next
 _NS_PER_US: Final = 1_000
 
 
@@ -171,13 +174,12 @@ class Simulation:
     def next_event_ns(self) -> int | None:
         """Return when something happens next by itself, or None."""
         board_us = self.dialect.next_event_us()
-        times = (
+        first_ns = earliest(
             None if board_us is None else self._ns(board_us),
             _whole_us(self._down.next_delimiter_ns(DELIMITER)),
             self._up.next_delimiter_ns(DELIMITER),
             self._up.free_ns if self._can_feed else None,
         )
-        first_ns = min((t_ns for t_ns in times if t_ns is not None), default=None)
         return None if first_ns is None else max(first_ns, self._now_ns)
 
     def advance_to(self, t_ns: int) -> None:
@@ -236,6 +238,13 @@ class Simulation:
         return self._clock.reached_ns(device_us)
 
 
+def _timeout_s(wait_ns: int | None) -> float | None:
+    """Return how long to sleep; not at all if waking up would take longer than the wait."""
+    if wait_ns is None:
+        return None
+    return wait_ns / 1e9 if wait_ns > _SHORT_NS else 0.0
+
+
 def _whole_us(t_ns: int | None) -> int | None:
     """Return *t_ns* rounded up to the microseconds that the board counts in."""
     return None if t_ns is None else -(-t_ns // _NS_PER_US) * _NS_PER_US
@@ -267,6 +276,7 @@ class Heartbeat:
         self._worker, self._counts = worker, counts
         self._stopping = False
         self._due_ns: int | None = None  # when it meant to wake
+        self._hand_over_ns = 0
         self._wake_read, self._wake_write = os.pipe()
         self._start_ns = time.monotonic_ns()
 
@@ -312,21 +322,31 @@ class Heartbeat:
         port.write(b"")  # the rest of last time; once it is gone nothing else would wake us up
         if not port.pending:
             port.write(simulation.host_read())
-        if self._worker is not None:
-            self._worker.pump()
-        if self._counts is not None:
+        self._hand_over(now_ns)
+        if self._counts is not None and self._counts.is_due(now_ns):
             self._counts.update(simulation.dialect.counters, now_ns)
+
+    def _hand_over(self, now_ns: int) -> None:
+        """Let the worker have its records: every so often, as each time wakes it up."""
+        worker = self._worker
+        if worker is not None and worker.pending and now_ns >= self._hand_over_ns:
+            worker.pump()
+            self._hand_over_ns = now_ns + _HAND_OVER_NS
 
     def _wait(self) -> None:
         """Sleep until bytes come, the other side takes bytes, or something is due."""
         reading = self._port.reading() if self._simulation.host_room else []
         writing = self._port.writing()
-        if self._worker is not None and self._worker.pending:
+        hand_over_ns = None
+        if self._worker is not None and self._worker.is_refusing:
             writing = [*writing, self._worker.fileno()]
-        self._due_ns = next_ns = self._simulation.next_event_ns()
-        timeout_s = None if next_ns is None else max(0, next_ns - self._elapsed_ns()) / 1e9
+        elif self._worker is not None and self._worker.pending:
+            hand_over_ns = self._hand_over_ns
+        self._due_ns = self._simulation.next_event_ns()
+        next_ns = earliest(self._due_ns, hand_over_ns)
+        wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
         # select, because it alone waits for fractions of a millisecond everywhere.
-        select.select([self._wake_read, *reading], writing, [], timeout_s)
+        select.select([self._wake_read, *reading], writing, [], _timeout_s(wait_ns))
 
     def _elapsed_ns(self) -> int:
         """Return the time since power-up, in the whole microseconds on which bytes are taken."""

@@ -71,12 +71,15 @@ def test_a_worker_that_died_costs_records_not_the_board(tmp_path):
     worker._process.wait()  # noqa: SLF001
     for index in range(10):
         worker.latch(a_latch(index))
+    worker.pump()
     assert worker.dropped == 10
+    assert worker.pending == 0
     worker.close()
 
 
 def test_out_of_time_every_latch_is_written_down_without_its_field(tmp_path, monkeypatch):
     monkeypatch.setattr(reconstruction, "HURRY_AFTER_S", 0.0)
+    monkeypatch.setattr(reconstruction, "_PIPE_BYTES", 4096)
     worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"))
     os.kill(worker._process.pid, signal.SIGSTOP)  # noqa: SLF001  so that records pile up
     for index in range(4000):
@@ -116,8 +119,10 @@ def test_what_was_seen_lately_is_remembered_within_bounds(monkeypatch):
 
 
 def test_settings_and_latches_survive_the_way_to_the_worker():
-    latch = a_latch(1)
-    assert pickle.loads(pickle.dumps(latch)) == latch
+    latches = [a_latch(index) for index in range(3)]
+    packed = bytearray(b"".join(map(reconstruction._packed, (latches[:2], latches[2:]))))  # noqa: SLF001
+    assert list(reconstruction._unpacked(packed)) == latches  # noqa: SLF001
+    assert not packed
     settings = pickle.loads(pickle.dumps(SETTINGS))
     assert settings.model.array.digest() == MODEL.array.digest()
     assert settings.boot_id == SETTINGS.boot_id
