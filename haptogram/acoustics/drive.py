@@ -160,10 +160,11 @@ def _as_codes(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint8]:
         )
     if not 1 <= array.size <= MAX_TRANSDUCERS:
         raise ConfigurationError(f"{name} holds {array.size} codes, must be 1 to {MAX_TRANSDUCERS}")
-    low, high = int(array.min()), int(array.max())
-    if low < 0 or high > limit:
-        worst = low if low < 0 else high
-        raise ConfigurationError(f"{name} holds {worst}, must be 0 to {limit}")
+    if array.dtype != np.uint8 or limit < FULL_AMPLITUDE:  # else there is nothing to find
+        low, high = int(array.min()), int(array.max())
+        if low < 0 or high > limit:
+            worst = low if low < 0 else high
+            raise ConfigurationError(f"{name} holds {worst}, must be 0 to {limit}")
     codes = array.astype(np.uint8)
     read_only(codes)
     return codes
