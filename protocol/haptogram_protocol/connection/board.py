@@ -63,6 +63,7 @@ LINK_COUNTERS: Final = (
 
 # HG-3.5: IMMEDIATE has a meaning in these only.  MUTE is carried out whatever its flags (HG-6.4).
 _TAKES_IMMEDIATE: Final = frozenset({*STREAM_RANGE, int(MessageType.PLAY)})
+_IMMEDIATE: Final = int(Flag.IMMEDIATE)  # as a number: an operation on a Flag costs microseconds
 # HG-4.10: never compared with the last request, because doing it again does no harm.
 _IDEMPOTENT: Final = frozenset({MessageType.MUTE, MessageType.UPLOAD_CHUNK})
 
@@ -213,7 +214,7 @@ class BoardConnection:
         return StreamReceived(
             cast(Phases | Drives | Points, message),  # the only types below 0x40
             index,
-            None if header.flags & Flag.IMMEDIATE else header.time_us,
+            None if header.flags & _IMMEDIATE else header.time_us,
             header.session,
             frame.t_rx_us,
         )
@@ -298,7 +299,7 @@ class BoardConnection:
             seq=header.seq,
             session=header.session,
             t_wire_us=header.time_us,
-            immediate=bool(header.flags & Flag.IMMEDIATE),
+            immediate=bool(header.flags & _IMMEDIATE),
             t_rx_us=frame.t_rx_us,
             new_session=new_session,
             renews_lease=frame.in_session,
@@ -418,8 +419,7 @@ class BoardConnection:
 
 
 def _unknown_flags(header: Header) -> int:
-    # As a number: the complement of an IntFlag would hold none but its own bits.
-    known = int(Flag.IMMEDIATE) if header.type in _TAKES_IMMEDIATE else 0
+    known = _IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
     return header.flags & MUST_UNDERSTAND & ~known
 
 
