@@ -28,6 +28,9 @@ _KINDS: Final[Mapping[str, type[SingleFocus] | type[NoFocus] | type[NotSingle]]]
 }
 
 
+_END: Final = "end"
+
+
 class BackdoorFile:
     """A file that a board appends records to while it runs.
 
@@ -93,6 +96,41 @@ def observations_of(
         for record in records
         if record["kind"] == "latch" and session in (None, record["session"])
     ]
+
+
+def fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
+    """Return how often each fault has fired; None: the board has not ended, or had no faults."""
+    if not records or records[-1]["kind"] != _END:
+        return None
+    counts: dict[str, int] | None = records[-1].get("faults")
+    return counts
+
+
+def why_incomplete(
+    records: Sequence[Mapping[str, Any]], session: int | None = None, last: FrameKey | None = None
+) -> str | None:
+    """Return why latches of *session* may be missing among *records*; None: none is.
+
+    Parameters
+    ----------
+    last : FrameKey, optional
+        A frame with which the records are taken to be whole, if the board has not ended.
+    """
+    numbers = [
+        record["number"]
+        for record in records
+        if record["kind"] == "latch" and session in (None, record["session"])
+    ]
+    end = records[-1] if records and records[-1]["kind"] == _END else None
+    gaps = max(numbers) + 1 - len(numbers) if numbers and session is not None else 0
+    missing = max(gaps, end["dropped"] if end else 0)
+    if missing:
+        return f"the back door lacks {missing} latches that found its queue full"
+    if end is not None:
+        return None if end["clean"] else "the board was killed before its last latches were told"
+    if last is not None and any(is_latch_of(record, last) for record in records):
+        return None
+    return "the back door fell silent before the last frame"
 
 
 def is_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Protocol, TypeAlias
 
 from haptogram.acoustics import AcousticModel
-from haptogram.backdoor import observations_of, on_the_clock_of
+from haptogram.backdoor import fault_counts, observations_of, on_the_clock_of, why_incomplete
 from haptogram.budget import BITS_PER_BYTE, frame_bytes
 from haptogram.driver import Driver
 from haptogram.errors import ConfigurationError
@@ -15,6 +15,8 @@ from haptogram.records import Observation
 from haptogram.transport import Transport
 from haptogram.virtual_board import VirtualBoard
 from haptogram_protocol.messages import Feature, HelloReply, TraceDrive, TraceMode
+
+Progress: TypeAlias = Callable[[int, int], None]
 
 _TRACE_SHARE: Final = 0.5  # of the line from the board, for full drives
 
@@ -45,13 +47,24 @@ class BoardUnderTest(Protocol):
         """Take down what can only be asked while the session lasts."""
         ...
 
-    def observations(self, driver: Driver) -> list[Observation]:
-        """Return what it latched in the session of *driver*, which is closed by now."""
+    def observations(self, driver: Driver, progress: Progress | None = None) -> list[Observation]:
+        """Return what it latched in the session of *driver*, which is closed by now.
+
+        *progress* is called with what has come so far and what may come, if that takes time.
+        """
         ...
 
     @property
     def unseen(self) -> str | None:
-        """Why a frame may have been latched that nobody saw; None: everything is seen."""
+        """Why a frame may have been latched that nobody saw; None: everything is seen.
+
+        It is known once the observations are.
+        """
+        ...
+
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """How often each fault on purpose has fired, once the observations are there; or None."""
         ...
 
 
@@ -63,8 +76,7 @@ class ProcessBoard:
         self.label = "virtual board, on a pty, in a process of its own"
         self.port = board.url
         self.model = board.model
-
-    unseen = None
+        self.unseen: str | None = None
 
     def prepare(self, driver: Driver) -> None:
         """Nothing to do: the back door shows everything."""
@@ -72,10 +84,18 @@ class ProcessBoard:
     def finish(self, driver: Driver) -> None:
         """Nothing to do: the back door stays open."""
 
-    def observations(self, driver: Driver) -> list[Observation]:
-        """Return what came out of the back door, once the last field has been rebuilt."""
-        self._board.settle(driver.intended)
+    def observations(self, driver: Driver, progress: Progress | None = None) -> list[Observation]:
+        """End the board, and return everything that came out of its back door."""
+        expected = len(driver.intended)
+        show = None if progress is None else lambda done: progress(min(done, expected), expected)
+        self._board.finish(show)
+        self.unseen = why_incomplete(self._board.records(), driver.session)
         return on_the_clock_of(driver.intended, self._board.observations(driver.session))
+
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """What the board told at its end."""
+        return self._board.fault_counts
 
 
 class InProcessBoard:
@@ -94,7 +114,7 @@ class InProcessBoard:
     def __init__(
         self,
         port: Transport,
-        records: Callable[[], Iterable[Mapping[str, Any]]],
+        records: Callable[[], Sequence[Mapping[str, Any]]],
         model: AcousticModel,
     ) -> None:
         self._records = records
@@ -110,10 +130,19 @@ class InProcessBoard:
     def finish(self, driver: Driver) -> None:
         """Nothing to do: the back door stays open."""
 
-    def observations(self, driver: Driver) -> list[Observation]:
+    def observations(
+        self,
+        driver: Driver,
+        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
+    ) -> list[Observation]:
         """Return what came out of the back door."""
         found = observations_of(self._records(), driver.session)
         return on_the_clock_of(driver.intended, found)
+
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """What the board told when its port was closed."""
+        return fault_counts(self._records())
 
 
 class PortBoard:
@@ -134,6 +163,8 @@ class PortBoard:
         Why it may have latched what it did not show.
     """
 
+    fault_counts = None  # it may have any, and does not say
+
     def __init__(self, url: str, *, baudrate: int, rate_hz: float, board_computes: bool) -> None:
         self.label = url
         self.port = url
@@ -142,6 +173,8 @@ class PortBoard:
         self._baudrate = baudrate
         self._rate_hz = rate_hz
         self._board_computes = board_computes
+        self._mode = TraceMode.OFF
+        self._dropped_before = 0
         self._read_back: list[Observation] = []
 
     def prepare(self, driver: Driver) -> None:
@@ -153,22 +186,37 @@ class PortBoard:
             If the board can show nothing at all: nothing could be verified.
         """
         features = Feature(driver.identity.features)
-        traces = features if Feature.CONFIG in features else Feature(0)
-        if self._board_computes and Feature.TRACE_DRIVE in traces:
-            divider = self._divider(driver.identity)
-            driver.configure(trace_mode=TraceMode.DRIVE, trace_divider=divider)
-            if divider > 1:
-                self.unseen = f"the board shows one drive in {divider}: more do not fit the line"
-        elif Feature.TRACE in traces:
-            driver.configure(trace_mode=TraceMode.CRC)
-        elif Feature.TRACE_RING in traces:
-            driver.configure(trace_mode=TraceMode.RING)
-        elif Feature.READ_LATCHED in features:
-            self.unseen = "the board has no trace, and its last drive only was read back"
-        else:
+        config = driver.config()
+        if Feature.CONFIG in features and (wanted := self._best_trace(features)) is not None:
+            divider = self._divider(driver.identity) if wanted is TraceMode.DRIVE else 1
+            config = driver.configure(trace_mode=wanted, trace_divider=divider)
+        self._mode = config.trace_mode  # without CONFIG: whatever the board does by itself
+        if self._mode is TraceMode.OFF and Feature.READ_LATCHED not in features:
             raise ConfigurationError(
                 f"{self.port}: the board has neither trace nor read-back to verify it by"
             )
+        self.unseen = self._gaps_of(self._mode, config.trace_divider)
+        self._dropped_before = driver.status().counters.trace_dropped
+
+    def _best_trace(self, features: Feature) -> TraceMode | None:
+        """Return the mode that tells most of what is sent; None: the board has none."""
+        by_feature = {
+            Feature.TRACE: TraceMode.CRC,
+            Feature.TRACE_DRIVE: TraceMode.DRIVE,
+            Feature.TRACE_RING: TraceMode.RING,
+        }
+        if self._board_computes:
+            by_feature = {Feature.TRACE_DRIVE: TraceMode.DRIVE} | by_feature
+        return next((mode for feature, mode in by_feature.items() if feature in features), None)
+
+    @staticmethod
+    def _gaps_of(mode: TraceMode, divider: int) -> str | None:
+        """Return what a trace in *mode* leaves out."""
+        if mode is TraceMode.OFF:
+            return "the board has no trace in force, and its last drive only was read back"
+        if mode is TraceMode.DRIVE and divider > 1:
+            return f"the board shows one drive in {divider}: more do not fit the line"
+        return None
 
     def _divider(self, identity: HelloReply) -> int:
         """Return k so that every k-th drive in full leaves half of the line free."""
@@ -177,14 +225,21 @@ class PortBoard:
         return max(1, math.ceil(self._rate_hz / carried_hz))
 
     def finish(self, driver: Driver) -> None:
-        """Read the last drive back if there is no trace; see how much of the trace was sent."""
-        features = Feature(driver.identity.features)
-        if not features & (Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING):
+        """Take down what the board kept, and see how much it did not keep or send."""
+        if self._mode is TraceMode.OFF:
             self._read_back = [driver.read_drive()]
-        dropped = driver.status().counters.trace_dropped
+        driver.collect_ring()  # what a run that was cut short has left there
+        dropped = driver.status().counters.trace_dropped - self._dropped_before
+        kept = driver.identity.trace_ring
         if dropped and self.unseen is None:
             self.unseen = f"the board found no room on the line for {dropped} trace events"
+        if self._mode is TraceMode.RING and len(driver.intended) > kept:
+            self.unseen = f"the board's trace ring keeps the last {kept} latches"
 
-    def observations(self, driver: Driver) -> list[Observation]:
+    def observations(
+        self,
+        driver: Driver,
+        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
+    ) -> list[Observation]:
         """Return what the board said that it latched."""
         return driver.observations + self._read_back

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .conformance.access import VirtualAccess
     from .transport import Transport
 
+_SCHEME: Final = "haptogram://"
 _ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -75,15 +76,33 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"haptogram {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    verify.add(commands, _board_in_virtual_time)
+    verify.add(commands, _prepare_simulator, board_in_virtual_time)
     conform.add(commands, access_in_program)
     for command in (bench, budget, field, paper):
         command.add(commands)
     return parser
 
 
+def _prepare_simulator(config: VerifyConfig) -> None:
+    """Open the way to a board in this program, and refuse faults that nobody knows.
+
+    Raises
+    ------
+    ConfigurationError
+        For a fault that is not known, or a parameter of it.
+    """
+    if config.port is not None and config.port.startswith(_SCHEME):
+        import sim_device
+
+        sim_device.register_url_handler()
+    if config.fault:
+        from sim_device.faults import FaultPlan
+
+        FaultPlan.parse(config.fault, config.seed)
+
+
 @contextlib.contextmanager
-def _board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
+def board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
     """Make a virtual board in this program, behind the same bytes as any other."""
     import serial
 
@@ -93,7 +112,7 @@ def _board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
     from .transport import PyserialTransport
 
     sim_device.register_url_handler()
-    options = {
+    options: dict[str, Any] = {
         "clock": "virtual",
         "array": config.virtual_array,
         "pitch_mm": config.pitch_mm,
@@ -101,8 +120,9 @@ def _board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
         "baud": config.link_baud,
         "seed": config.seed,
         "reconstruct": 1,
+        "fault": config.fault,
     }
-    url = f"haptogram://?{urlencode(options)}"
+    url = f"{_SCHEME}?{urlencode(options, doseq=True)}"
     virtual: Any = serial.serial_for_url(url, timeout=0)  # the stubs know no URL handler
     with contextlib.closing(virtual) as port:
         model = port.simulation.board.settings.model
@@ -133,12 +153,12 @@ def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAcces
     def start(number: int) -> Transport:
         # Another seed is another boot_id, as after a reset.
         own = [("baud", options["baud"]), ("seed", str(first_seed + number))]
-        here = f"haptogram://?{urlencode(own + repeated)}"
+        here = f"{_SCHEME}?{urlencode(own + repeated)}"
         port: Any = serial.serial_for_url(here, timeout=0)  # the stubs know no URL handler
         return PyserialTransport(port, here)
 
     return VirtualAccess(
-        url or f"haptogram://?{urlencode(options)}",
+        url or f"{_SCHEME}?{urlencode(options)}",
         start,
         baudrate=int(options["baud"]),
         virtual=options.get("clock") == "virtual",

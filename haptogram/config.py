@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import tomllib
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, get_args, get_type_hints
 
@@ -23,13 +23,29 @@ def _limits(low: float, high: float) -> dict[str, tuple[float, float]]:
     return {"limits": (low, high)}
 
 
+class SettingError(ConfigurationError):
+    """A setting has a value that cannot be.
+
+    Parameters
+    ----------
+    name : str
+        Field of :class:`VerifyConfig`.
+    told : str
+        What is wrong: the rest of the sentence that begins with the name.
+    """
+
+    def __init__(self, name: str, told: str) -> None:
+        super().__init__(f"{name} {told}")
+        self.name, self.told = name, told
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class VerifyConfig:
     """What ``haptogram verify`` does.  Names, units and defaults are those of its options.
 
     Raises
     ------
-    ConfigurationError
+    SettingError
         If a value is outside its limits; the text names both.
     """
 
@@ -52,6 +68,7 @@ class VerifyConfig:
     lead_ms: float | None = dataclasses.field(default=None, metadata=_limits(1.0, 1000.0))
     min_verified: float | None = dataclasses.field(default=None, metadata=_limits(0.0, 1.0))
     seed: int = dataclasses.field(default=0, metadata=_limits(0, 2**32 - 1))
+    fault: tuple[str, ...] = ()
     virtual_time: bool = False
     json: Path | None = None
     junit: Path | None = None
@@ -63,14 +80,26 @@ class VerifyConfig:
         _check_choice("mode", self.mode, MODES)
         _check_choice("phase_bits", self.phase_bits, PHASE_BITS)
         if self.object not in SHAPES and Path(self.object).suffix.lower() not in MESH_SUFFIXES:
-            raise ConfigurationError(
-                f"object is {self.object!r}; known are {', '.join(SHAPES)} and a mesh file "
-                f"({', '.join(MESH_SUFFIXES)})"
+            raise SettingError(
+                "object",
+                f"is {self.object!r}; known are {', '.join(SHAPES)} and a mesh file "
+                f"({', '.join(MESH_SUFFIXES)})",
             )
-        if self.virtual_time and self.port is not None:
-            raise ConfigurationError(
-                f"virtual_time runs on the board inside this program; port {self.port!r} has a "
-                "clock of its own"
+        if self.port is not None:
+            self._check_port(self.port)
+
+    def _check_port(self, port: str) -> None:
+        """Refuse what only the board that is started here can do."""
+        if self.virtual_time:
+            raise SettingError(
+                "virtual_time",
+                f"runs on the board inside this program; port {port!r} has a clock of its own",
+            )
+        if self.fault:
+            raise SettingError(
+                "fault",
+                f"is for the virtual board that is started here; the one at port {port!r} has its "
+                "own (a virtual one takes them when it is started: docs/faults.md)",
             )
 
     @property
@@ -109,12 +138,12 @@ def _check_limits(field: dataclasses.Field[Any], value: Any) -> None:
     low, high = limits
     if not low <= value <= high:  # NaN is not, either
         shown = f"{value:g}" if isinstance(value, float) else str(value)[:40]
-        raise ConfigurationError(f"{field.name} is {shown}; it can be {low:g} to {high:g}")
+        raise SettingError(field.name, f"is {shown}; it can be {low:.10g} to {high:.10g}")
 
 
 def _check_choice(name: str, value: Any, known: tuple[Any, ...]) -> None:
     if value not in known:
-        raise ConfigurationError(f"{name} is {value!r}; known are {', '.join(map(str, known))}")
+        raise SettingError(name, f"is {value!r}; known are {', '.join(map(str, known))}")
 
 
 def load_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig:
@@ -130,11 +159,22 @@ def load_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, a key is not known, or a value has the wrong type or size.
+        If the file cannot be read, a key is not known, or a value has the wrong type or size; the
+        text names the setting as it was written: the key in the file, or the option.
     """
-    values = _read_table(path) if path is not None else {}
-    values |= {name: value for name, value in overrides.items() if value is not None}
-    return VerifyConfig(**values)
+    in_file = _read_table(path) if path is not None else {}
+    given = {name: value for name, value in overrides.items() if value is not None}
+    given = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items()}
+    try:
+        return VerifyConfig(**(in_file | given))
+    except SettingError as error:
+        written = option_name(error.name) if error.name in given else f"{path}: {error.name}"
+        raise ConfigurationError(f"{written} {error.told}") from error
+
+
+def option_name(setting: str) -> str:
+    """Return how *setting* is written on the command line."""
+    return f"--{setting.replace('_', '-')}"
 
 
 def _read_table(path: Path) -> dict[str, Any]:
@@ -172,8 +212,27 @@ def _converted(path: Path, name: str, value: Any, kind: Any) -> Any:
         return value
     if float in wanted and number:
         return float(value)
-    triple = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
-    if name == "center_mm" and triple:
-        return tuple(float(v) for v in value)
+    if name in _LISTS and isinstance(value, list) and _LISTS[name].fits(value):
+        return tuple(map(_LISTS[name].kind, value))
     names = " or ".join(k.__name__ for k in wanted if hasattr(k, "__name__"))
-    raise ConfigurationError(f"{path}: {name} is {value!r}; {names} is expected")
+    told = _LISTS[name].told if name in _LISTS else names
+    raise ConfigurationError(f"{path}: {name} is {value!r}; {told} is expected")
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _ListKind:
+    """A setting that is a list in a file: what its items are, and how to say so."""
+
+    kind: type
+    told: str
+    fits: Callable[[list[Any]], bool]
+
+
+_LISTS: Final = {
+    "center_mm": _ListKind(
+        float, "[x, y, z]", lambda items: len(items) == 3 and all(map(_is_number, items))
+    ),
+    "fault": _ListKind(
+        str, "a list of texts", lambda items: all(isinstance(item, str) for item in items)
+    ),
+}

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,17 @@ from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArr
 from haptogram.boards import BoardUnderTest
 from haptogram.config import VerifyConfig
 from haptogram.driver import DEFAULT_PLAY_LEAD_US, Driver
-from haptogram.errors import LinkError
+from haptogram.errors import ConfigurationError, LinkError
 from haptogram.playing import PlayReport
 from haptogram.records import STREAM, Intended, Observation
 from haptogram.streaming import StreamReport
-from haptogram_protocol.messages import HelloReply, StateChanged, unwrap
+from haptogram_protocol.messages import Counters, HelloReply, StateChanged, unwrap
 
 Progress: TypeAlias = Callable[[int, int], None]
+
+#: A run keeps its frames, with what was seen of them: some 6 kB each.
+MOST_FRAMES: Final = 200_000
+_NO_TROUBLE: Final = frozenset({"frames", "latched", "requests"})
 
 
 @dataclass(slots=True)
@@ -45,6 +50,11 @@ class Measured:
         Why a frame may have been latched that nobody saw; None: everything was seen.
     warnings : list of str
         What was odd.
+    fault_counts : dict of str to int, or None
+        How often each fault on purpose has fired; None: there was none, or the board did not tell.
+    troubles : dict of str to dict of str to int
+        What ``board`` and ``host`` counted of frames that were damaged, lost or out of time, by the
+        names of SPEC.md chapter 9; the counts that are not 0.
     """
 
     board: str
@@ -56,6 +66,8 @@ class Measured:
     cut_short: str | None = None
     unseen: str | None = None
     warnings: list[str] = field(default_factory=list)
+    fault_counts: dict[str, int] | None = None
+    troubles: dict[str, dict[str, int]] = field(default_factory=dict)
 
 
 def host_model(config: VerifyConfig, array: TransducerArray | None = None) -> AcousticModel:
@@ -73,9 +85,16 @@ def sample_object(config: VerifyConfig) -> NDArray[np.float64]:
     Raises
     ------
     ConfigurationError
-        A resolution that the object cannot have, or a mesh that cannot be read.
+        A resolution that the object cannot have, a mesh that cannot be read, or more frames than
+        one run can keep.
     """
-    return _shape(config).sample(config.resolution_mm / 1e3)
+    points = _shape(config).sample(config.resolution_mm / 1e3)
+    if len(points) * config.repeat > MOST_FRAMES:
+        raise ConfigurationError(
+            f"{config.repeat} times {len(points)} points are {len(points) * config.repeat} frames; "
+            f"a run keeps them all, and can have {MOST_FRAMES}"
+        )
+    return points
 
 
 def _shape(config: VerifyConfig) -> tactile.TactileObject:
@@ -96,11 +115,22 @@ def _shape(config: VerifyConfig) -> tactile.TactileObject:
     return tactile.MeshSurface.from_file(config.object, center_m=center_m)
 
 
-def measure(config: VerifyConfig, board: BoardUnderTest, progress: Progress | None) -> Measured:
+def measure(
+    config: VerifyConfig,
+    board: BoardUnderTest,
+    progress: Progress | None,
+    settling: Progress | None = None,
+) -> Measured:
     """Display the object on *board* and collect what it latched.
 
     An interrupt (Ctrl-C) or a link that breaks ends the run early, not in vain: what was measured
     until then is returned, and says why it is not all.
+
+    Parameters
+    ----------
+    progress, settling : callable, optional
+        Called with what has been done and what there is to do: of the frames, and of what the board
+        has still to tell when they are over.
     """
     points = sample_object(config)
     model = host_model(config)
@@ -117,22 +147,55 @@ def measure(config: VerifyConfig, board: BoardUnderTest, progress: Progress | No
     found = Measured(board.label, truth, driver.identity, warnings=driver.warnings)
     found.intended = driver.intended
     try:
-        board.prepare(driver)
-        driver.arm()
-        found.report = _display(config, driver, points, progress)
-        board.finish(driver)
-    except KeyboardInterrupt:
-        found.cut_short = f"interrupted after {len(driver.intended)} frames"
-    except LinkError as error:
-        found.cut_short = str(error)
+        with _cut_short(found, driver):
+            before = driver.status().counters
+            board.prepare(driver)
+            with _interrupted(found, driver):
+                driver.arm()
+                found.report = _display(config, driver, points, progress)
+            board.finish(driver)  # after an interrupt as well: the board is there
+            found.troubles = _troubles(driver, before)
     finally:
         _say_goodbye(driver, found)
     found.warnings += _state_changes(driver, found.report)
-    found.observations = board.observations(driver)
+    found.observations = board.observations(driver, settling)
     if found.cut_short is not None:
         found.observations = _until_the_cut(found)
-    found.unseen = board.unseen
+    found.unseen, found.fault_counts = board.unseen, board.fault_counts
     return found
+
+
+@contextlib.contextmanager
+def _interrupted(found: Measured, driver: Driver) -> Iterator[None]:
+    """Let an interrupt end what is done here, and nothing more."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        found.cut_short = f"interrupted after {len(driver.intended)} frames"
+
+
+@contextlib.contextmanager
+def _cut_short(found: Measured, driver: Driver) -> Iterator[None]:
+    """Let a broken link, or an interrupt at any time, end what is done here."""
+    try:
+        with _interrupted(found, driver):
+            yield
+    except LinkError as error:
+        found.cut_short = found.cut_short or str(error)
+
+
+def _troubles(driver: Driver, before: Counters) -> dict[str, dict[str, int]]:
+    """Return what both sides of the line counted that should not have been."""
+    after = driver.status().counters
+    by_board = {
+        name: (getattr(after, name) - getattr(before, name)) % (1 << 32) for name in Counters.WIRE
+    }
+    sides = {"board": by_board, "host": driver.link_counters}
+    bad = {
+        side: {name: count for name, count in counts.items() if count and name not in _NO_TROUBLE}
+        for side, counts in sides.items()
+    }
+    return {side: counts for side, counts in bad.items() if counts}
 
 
 def _display(

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -24,7 +24,14 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import haptogram
 import haptogram_protocol
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
-from haptogram.backdoor import BackdoorFile, is_latch_of, observations_of, on_the_clock_of
+from haptogram.backdoor import (
+    BackdoorFile,
+    fault_counts,
+    is_latch_of,
+    observations_of,
+    on_the_clock_of,
+    why_incomplete,
+)
 from haptogram.errors import ConfigurationError, LinkLostError
 from haptogram.records import Intended, Observation
 
@@ -36,6 +43,7 @@ _START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy mach
 _STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
 _POLL_S: Final = 0.01
 _QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
+_LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
 
 
 class VirtualBoard:
@@ -57,6 +65,9 @@ class VirtualBoard:
         wait for a processor is slow to catch up, as it would not be in a real board.
     reconstruct : bool
         Whether it rebuilds the field of every latch.
+    faults : sequence of str
+        What goes wrong with its line, clock and transducers, such as ``"line.flip ber=1e-5"``; all
+        of them are in docs/faults.md.
 
     Attributes
     ----------
@@ -68,7 +79,8 @@ class VirtualBoard:
     Raises
     ------
     ConfigurationError
-        If the board does not come up; the text holds what it said.
+        If the board does not come up, because of a fault that is not known for example; the text
+        holds what it said.
     """
 
     def __init__(
@@ -80,6 +92,7 @@ class VirtualBoard:
         seed: int = 0,
         baudrate: int | None = None,
         reconstruct: bool = True,
+        faults: Sequence[str] = (),
     ) -> None:
         self.model = AcousticModel(
             TransducerArray.parse(array, pitch_m=pitch_mm / 1000),
@@ -101,6 +114,7 @@ class VirtualBoard:
         if baudrate is not None:
             options["--baud"] = baudrate
         arguments = [str(part) for option in options.items() for part in option]
+        arguments += [f"--fault={fault}" for fault in faults]
         self._process = self._start(arguments + ([] if reconstruct else ["--no-reconstruct"]))
         try:
             self._wait_until_ready()
@@ -158,20 +172,62 @@ class VirtualBoard:
         """Return what was latched, in one session or in all of them."""
         return observations_of(self.records(), session)
 
-    def settle(self, intended: Sequence[Intended]) -> None:
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """How often each fault has fired; None before the board has ended, or without faults."""
+        self._backdoor.read()
+        return fault_counts(self._backdoor.records)
+
+    def settle(self, intended: Sequence[Intended]) -> str | None:
         """Wait until the back door shows the last of *intended*, is closed, or falls silent.
 
         The board latches first and rebuilds the field later: its records lag behind, and go on
         for a while after a board that was killed.
+
+        Returns
+        -------
+        str or None
+            Why a frame may have been latched that it does not show; None: it shows all.
         """
         if not intended:
-            return
+            return None
         last, looked_at = intended[-1].key, 0
+
+        def is_there() -> bool:
+            nonlocal looked_at
+            new = self._backdoor.records[looked_at:]
+            looked_at += len(new)
+            return any(is_latch_of(record, last) for record in new)
+
+        self._read_until(is_there)
+        return why_incomplete(self._backdoor.records, last.session, last)
+
+    def finish(self, progress: Callable[[int], None] | None = None) -> None:
+        """End the board in order, if it runs, and read its back door to the end.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with the number of records so far: the board may take a while to rebuild what it
+            still owes.
+        """
+        self._process.terminate()  # nothing, if it has ended
+        self._read_until(lambda: False, progress)
+
+    def _read_until(
+        self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
+    ) -> None:
+        """Read the back door until *enough*, or until no more is to be expected of it."""
         quiet_since_s = time.monotonic()
-        while not any(is_latch_of(record, last) for record in self.records()[looked_at:]):
-            if len(self._backdoor.records) > looked_at:
-                looked_at, quiet_since_s = len(self._backdoor.records), time.monotonic()
-            elif self._closed_its_door or time.monotonic() - quiet_since_s > _QUIET_S:
+        while True:
+            if self._backdoor.read():
+                quiet_since_s = time.monotonic()
+                if progress is not None:
+                    progress(len(self._backdoor.records))
+            if enough() or self._closed_its_door:
+                return
+            patience_s = _QUIET_S if self._process.poll() is None else _LAST_WORDS_S
+            if time.monotonic() - quiet_since_s > patience_s:
                 return
             time.sleep(_POLL_S)
 
@@ -194,11 +250,16 @@ class VirtualBoard:
         # Late, because it is much: whoever only wants a board does not pay for it.
         from haptogram.verification import verify_run
 
-        self.settle(intended)
+        unseen = self.settle(intended)
         session = intended[0].key.session if intended else None
         observations = on_the_clock_of(intended, self.observations(session))
-        model = self.model if model is None else model
-        return verify_run(intended, observations, model=model, min_verified=min_verified)
+        return verify_run(
+            intended,
+            observations,
+            model=self.model if model is None else model,
+            min_verified=min_verified,
+            unseen=unseen,
+        )
 
     @property
     def _closed_its_door(self) -> bool:

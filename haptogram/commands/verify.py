@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.config import VerifyConfig, load_config
 from haptogram.errors import ConfigurationError
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from haptogram.job import Measured, Progress
     from haptogram.verification import RunVerdict
 
+#: Looks at what concerns the virtual board, before anything starts.
+Prepare: TypeAlias = "Callable[[VerifyConfig], None]"
 InProcess: TypeAlias = "Callable[[VerifyConfig], AbstractContextManager[BoardUnderTest]]"
 
 _EXAMPLES: Final = """\
@@ -35,11 +37,15 @@ examples:
       a real board, by its own trace
   haptogram verify --object shape.stl --mode sequence --report out.html
       a mesh, uploaded once and played on the board's clock
+  haptogram verify --fault "line.flip ber=1e-5" --fault "device.stuck column=3 from=2s"
+      what a bad line and a broken column do to the focus
 """
 
 
 def add(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser], in_process: InProcess
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    prepare: Prepare,
+    in_process: InProcess,
 ) -> None:
     """Add the command; *in_process* makes the virtual board that has no wall clock."""
     verify = commands.add_parser(
@@ -50,11 +56,11 @@ def add(
         epilog=_EXAMPLES + "\n" + EXIT_STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    verify.set_defaults(run=functools.partial(run, in_process=in_process))
+    verify.set_defaults(run=functools.partial(run, prepare=prepare, in_process=in_process))
     add_options(verify)
 
 
-def run(arguments: argparse.Namespace, in_process: InProcess) -> int:
+def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) -> int:
     """Run the job, write and print its result, and return the exit status."""
     from haptogram import report
     from haptogram.job import measure
@@ -63,9 +69,14 @@ def run(arguments: argparse.Namespace, in_process: InProcess) -> int:
     names = {field.name for field in dataclasses.fields(VerifyConfig)}
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_config(arguments.config, given)
+    prepare(config)
     quiet = arguments.quiet
-    with _board(config, in_process) as board, _bar("displaying", quiet=quiet) as progress:
-        found = measure(config, board, progress)
+    with (
+        _board(config, in_process) as board,
+        _bar("displaying", quiet=quiet) as progress,
+        _bar("waiting for what the board saw", quiet=quiet) as settling,
+    ):
+        found = measure(config, board, progress, settling)
     with _bar("verifying", quiet=quiet) as progress:
         verdict = verify_run(
             found.intended,
@@ -83,10 +94,14 @@ def run(arguments: argparse.Namespace, in_process: InProcess) -> int:
         board=_board_dict(found),
         warnings=found.warnings,
         cut_short=found.cut_short,
+        faults=_faults_dict(config, found),
+        troubles=found.troubles,
         host=None if config.virtual_time else _host_dict(found),
         environment=None if config.virtual_time else report.environment(),
     )
     print(verdict)  # before the files: a full disk must not cost the result
+    for line in report.faults_and_troubles(result):
+        print(f"  {line}")
     for warning in found.warnings:
         print(f"  warning   {warning}")
     return verdict.exit_status if _write(config, verdict, result, found) else USAGE
@@ -115,6 +130,7 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
             temperature_c=config.air_over_board_c,
             seed=config.seed,
             baudrate=None,  # the driver paces itself; twice would count every stall twice
+            faults=config.fault,
         ) as virtual:
             yield ProcessBoard(virtual)
 
@@ -129,13 +145,20 @@ def _bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
 
     # No monitor thread: it would run beside the 1 kHz loop.
     tqdm.monitor_interval = 0
-    with tqdm(desc=what, unit=" frames", leave=False, dynamic_ncols=True, disable=None) as bar:
+    bar: Any = None  # until there is something to show
 
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
+    def show(done: int, total: int) -> None:
+        nonlocal bar
+        if bar is None:
+            bar = tqdm(desc=what, unit=" frames", leave=False, dynamic_ncols=True, disable=None)
+        bar.total = total
+        bar.update(done - bar.n)
 
+    try:
         yield show
+    finally:
+        if bar is not None:
+            bar.close()
 
 
 def _board_dict(found: Measured) -> dict[str, object]:
@@ -147,6 +170,13 @@ def _board_dict(found: Measured) -> dict[str, object]:
         "carrier_hz": found.identity.carrier_hz,
         "sound_speed_m_s": found.model.medium.sound_speed_m_s,
     }
+
+
+def _faults_dict(config: VerifyConfig, found: Measured) -> dict[str, object] | None:
+    """Return the faults on purpose, and how often each fired (None: the board did not tell)."""
+    if not config.fault:
+        return None
+    return {"plan": list(config.fault), "seed": config.seed, "fired": found.fault_counts}
 
 
 def _host_dict(found: Measured) -> dict[str, object] | None:

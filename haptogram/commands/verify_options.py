@@ -106,12 +106,24 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     )
     link.add_argument(
         "--virtual-time",
-        action="store_true",
-        default=None,
+        action=argparse.BooleanOptionalAction,
         help="no wall clock at all: the same inputs give the same result, byte for byte",
     )
     link.add_argument(
-        "--seed", type=int, metavar="N", help=f"seed of everything random [{default.seed}]"
+        "--fault",
+        action="append",
+        metavar="FAULT",
+        help="something that goes wrong with the virtual board's line, clock or transducers, such "
+        'as "line.flip ber=1e-5" or "device.stuck column=3 from=2s"; may be repeated. from= and '
+        "until= are times since power-up, a moment before the first frame: in virtual time the "
+        "session is up after some milliseconds, over a pty after a second or so. What there is "
+        "before it hits the handshake as well. All faults: docs/faults.md",
+    )
+    link.add_argument(
+        "--seed",
+        type=int,
+        metavar="N",
+        help=f"seed of everything random, faults among it [{default.seed}]",
     )
 
     result = verify.add_argument_group("result")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from haptogram.acoustics import AcousticModel, Drive
-from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
+from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, consequence_text
 
 from . import pictures, prose
 from .checks import NAMED_FRAMES, Check, Outcome, checks
@@ -17,7 +17,7 @@ from .files import write_atomically
 from .markup import Html, element, listing, picture, section, table, text
 from .series import relative_error, worst
 from .style import CSS
-from .wording import NOTHING, effect, figure, timeliness
+from .wording import NOTHING, figure, timeliness
 
 HOW_TO_GET_PICTURES: Final = "pip install 'haptogram[report]'"
 
@@ -69,6 +69,10 @@ def _document(
     yield f"<title>{text(title)}</title>\n<style>{CSS}</style>\n</head>\n<body>\n"
     yield _banner(run, result)
     yield section("Key figures", _key_figures(result))
+    if "faults" in result:
+        yield section("Faults on purpose", *_faults(result["faults"]))
+    if result["troubles"]:
+        yield section("Damage on the line", *_troubles(result["troubles"]))
     yield section("Checks", *_checks(checks(run, result["cut_short"])))
     yield section("Pictures", *_pictures(run, result, model, drives))
     yield section("Frames with the largest errors", *_worst_frames(run))
@@ -82,7 +86,8 @@ def _document(
 
 
 def _banner(run: RunVerdict, result: Mapping[str, Any]) -> Html:
-    lines = (element("p", line) for line in prose.summary(result))
+    effect = [] if run.effect is None else [f"The focus was {run.effect}."]
+    lines = (element("p", line) for line in [*prose.summary(result), *effect])
     headline = element("h1", prose.HEADLINES[run.verdict])
     return Html(element("header", headline, *lines, class_=f"verdict {run.verdict}") + "\n")
 
@@ -100,7 +105,7 @@ def _key_figures(result: Mapping[str, Any]) -> Html:
         ("error along the beam, median", figure(axial["p50"], 4), "mm"),
         ("error along the beam, 99th percentile", figure(axial["p99"], 4), "mm"),
         ("error along the beam, largest", figure(axial["max"], 4), "mm"),
-        ("largest error that rounding explains", figure(result["smallest_miss_mm"]), "mm"),
+        ("smallest miss that shows", figure(result["smallest_miss_mm"]), "mm"),
         ("coherence at the target, lowest", figure(result["coherence"]["min"], 5), ""),
         ("pressure at the focus, mean", figure(pressure["mean"], 0), "Pa RMS"),
         ("pressure at the focus, standard deviation", figure(pressure["std"], 0), "Pa RMS"),
@@ -111,6 +116,26 @@ def _key_figures(result: Mapping[str, Any]) -> Html:
         ("latched after its time, largest", figure(late["max"], 0), "µs"),
     ]
     return table(("figure", "value", "unit"), rows, numbers=1)
+
+
+def _faults(faults: Mapping[str, Any]) -> Iterator[Html]:
+    """Yield what was to go wrong, and how often it did."""
+    fired = faults["fired"] or {}
+    rows = [(element("code", told), fired.get(told.split()[0], NOTHING)) for told in faults["plan"]]
+    yield table(("fault", "fired"), rows, numbers=1)
+    yield element(
+        "p",
+        f"With the seed {faults['seed']}. Counted is what docs/faults.md says, for all faults of a "
+        "name together; a dash: the board did not tell.",
+    )
+
+
+def _troubles(troubles: Mapping[str, Mapping[str, int]]) -> Iterator[Html]:
+    """Yield what each side counted of frames that were damaged, lost or out of time."""
+    names = sorted(set().union(*troubles.values()))
+    sides = ("board", "host")
+    rows = [(name, *(troubles.get(side, {}).get(name, 0) for side in sides)) for name in names]
+    yield table(("counter (SPEC.md 9.2)", *sides), rows, numbers=1)
 
 
 def _checks(answers: list[Check]) -> Iterator[Html]:
@@ -168,7 +193,7 @@ def _missing_frames(run: RunVerdict) -> Html:
             _place(frame),
             NOTHING if frame.t_apply_us is None else frame.t_apply_us,
             timeliness(frame) if frame.late else str(frame.status),
-            NOTHING if frame.consequence is None else effect(frame.consequence),
+            NOTHING if frame.consequence is None else consequence_text(frame.consequence),
         )
         for frame in odd[: 5 * NAMED_FRAMES]
     ]

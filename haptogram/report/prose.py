@@ -60,7 +60,10 @@ def summary(result: Mapping[str, Any]) -> Iterator[str]:
         along = "" if axial is None else f" and {axial:.3f} mm along the beam"
         yield f"The largest distance from a target was {lateral:.3f} mm across{along}."
     if result["smallest_miss_mm"] is not None:
-        yield f"Rounding of the phases alone could make it {result['smallest_miss_mm']:.2f} mm."
+        yield (
+            f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: so much could "
+            "come of the rounding of the phases alone."
+        )
     if frames["lost"] or frames["late"]:
         yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
 

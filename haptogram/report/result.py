@@ -31,6 +31,8 @@ def result_dict(
     cut_short: str | None,
     host: Mapping[str, Any] | None,
     environment: Mapping[str, Any] | None,
+    faults: Mapping[str, Any] | None = None,
+    troubles: Mapping[str, Mapping[str, int]] | None = None,
 ) -> dict[str, Any]:
     """Return the result for JSON, in a fixed order, of JSON types only.
 
@@ -54,6 +56,11 @@ def result_dict(
         :func:`environment`; None leaves it out: in virtual time the result must not know where it
         was made.
 
+    faults : mapping or None
+        Faults on purpose: ``plan``, ``seed``, and how often each ``fired``; None leaves it out.
+    troubles : mapping or None
+        What ``board`` and ``host`` counted of frames that were damaged, lost or out of time.
+
     Raises
     ------
     ValueError
@@ -66,9 +73,10 @@ def result_dict(
         "warnings": warnings,
         "seed": seed,
         "board": board,
+        "troubles": troubles or {},
         "configuration": configuration,
     }
-    optional = {"host": host, "environment": environment}
+    optional = {"faults": faults, "host": host, "environment": environment}
     result |= {name: value for name, value in optional.items() if value is not None}
     plain: dict[str, Any] = _plain(result)
     return plain

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
-from haptogram.verification import Consequence, FrameStatus, FrameVerdict
+from haptogram.verification import FrameStatus, FrameVerdict, consequence_text, pressure_text
 
 NOTHING = "–"
 
@@ -45,8 +46,10 @@ def _findings(frame: FrameVerdict) -> Iterator[str]:
         yield f"{', '.join(failed)} failed"
     if frame.status is not FrameStatus.ON_TARGET and frame.lateral_error_mm is not None:
         yield f"focus {where(frame)}"
+    if (pressure := pressure_text(frame)) is not None:
+        yield pressure
     if frame.consequence is not None:
-        yield effect(frame.consequence)
+        yield consequence_text(frame.consequence)
     if frame.note:
         yield frame.note
 
@@ -67,10 +70,20 @@ def where(frame: FrameVerdict) -> str:
     return f"{frame.lateral_error_mm:.3f} mm across{along}"
 
 
-def effect(consequence: Consequence) -> str:
-    """Return what it did in space that a frame was not latched in time."""
-    wanted = f"instead of {consequence.intended_pressure_rms_pa:.0f} Pa"
-    if consequence.focus_error_mm is None:
-        return f"silence {wanted}"
-    away = f"the focus stayed {consequence.focus_error_mm:.1f} mm away"
-    return f"{away}: {consequence.pressure_rms_pa:.0f} Pa {wanted}"
+def faults_and_troubles(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what went wrong on purpose, and what both sides counted of damage on the line."""
+    if "faults" in result:
+        yield f"faults on purpose: {_fired(result['faults'])}"
+    sides = [
+        f"the {side} counted " + ", ".join(f"{number} {name}" for name, number in counts.items())
+        for side, counts in result["troubles"].items()
+    ]
+    if sides:
+        yield f"line: {'; '.join(sides)} (SPEC.md 9.2)"
+
+
+def _fired(faults: Mapping[str, Any]) -> str:
+    if faults["fired"] is None:
+        return f"{', '.join(faults['plan'])}; the board did not tell how often they fired"
+    times = (f"{name} {count(number, 'time')}" for name, number in faults["fired"].items())
+    return f"{', '.join(times)}; seed {faults['seed']}"

@@ -4,18 +4,23 @@ Every verdict is one of physics (criteria S1 to S5, see :mod:`.criteria`), says 
 rests on, and names the smallest miss that it could have shown.
 """
 
+from .effect import Effect
 from .faults import name_faults
 from .judge import Judge
 from .run import RunVerdict, verify_run
+from .summary import consequence_text, pressure_text
 from .verdict import Consequence, FrameStatus, FrameVerdict, Verdict
 
 __all__ = [
     "Consequence",
+    "Effect",
     "FrameStatus",
     "FrameVerdict",
     "Judge",
     "RunVerdict",
     "Verdict",
+    "consequence_text",
     "name_faults",
+    "pressure_text",
     "verify_run",
 ]

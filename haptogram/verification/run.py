@@ -14,11 +14,12 @@ from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram.records import FrameKey, Intended, Observation
 
+from .effect import Effect
 from .judge import Held, Judge, lost
-from .verdict import JUDGED, WRONG, FrameStatus, FrameVerdict, Verdict
+from .summary import summary
+from .verdict import JUDGED, FrameStatus, FrameVerdict, Verdict
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
-_NAMED_FRAMES: Final = 8  # in the summary; the JSON names all
 
 Progress = Callable[[int, int], None]
 
@@ -39,6 +40,10 @@ class RunVerdict:
         What was latched although nobody intended it.
     min_verified : float
         Share of frames that had to be verified.
+    counts : dict of str to int
+        How many frames were sent, latched, verified, lost and so on.
+    effect : Effect or None
+        What lost, late and wrong frames did in space; None: there were none.
     """
 
     verdict: Verdict
@@ -47,6 +52,7 @@ class RunVerdict:
     unexpected: list[FrameKey]
     min_verified: float
     counts: dict[str, int] = field(default_factory=dict)
+    effect: Effect | None = None
 
     @property
     def exit_status(self) -> int:
@@ -72,6 +78,7 @@ class RunVerdict:
             "lateral_error_mm": _percentiles(self.values("lateral_error_mm"), "p50 p99 max"),
             "axial_error_mm": _percentiles(np.abs(self.values("axial_error_mm")), "p50 p99 max"),
             "smallest_miss_mm": _largest(self.values("smallest_miss_mm")),
+            "effect": None if self.effect is None else self.effect.as_dict(),
             "coherence": {"min": _least(coherence)},
             "pressure_rms_pa": _spread(pressure),
             "force_mn": _spread(force_mn),
@@ -86,7 +93,7 @@ class RunVerdict:
 
     def __str__(self) -> str:
         """Return a summary that fits a screen."""
-        return "\n".join(_summary(self))
+        return "\n".join(summary(self))
 
 
 def verify_run(
@@ -173,7 +180,8 @@ def _conclude(
         needed = f"{100.0 * min_verified:g} %"
         missing.append(f"{verified} of {sent} frames were verified; {needed} must be")
     verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
-    return RunVerdict(verdict, (*wrong, *missing), frames, unexpected, min_verified, counts)
+    reasons, effect = (*wrong, *missing), Effect.of(frames)
+    return RunVerdict(verdict, reasons, frames, unexpected, min_verified, counts, effect)
 
 
 _FAILURES: Final = {
@@ -239,68 +247,3 @@ def _frame_dict(frame: FrameVerdict) -> dict[str, Any]:
     fields["evidence"] = None if frame.evidence is None else str(frame.evidence)
     fields["lateness_us"] = frame.lateness_us
     return {name: value for name, value in fields.items() if value not in (None, (), {}, "")}
-
-
-def _summary(run: RunVerdict) -> list[str]:
-    result, counts = run.as_dict(), run.counts
-    lines = [
-        f"{str(run.verdict).upper()}: " + ("; ".join(run.reasons) or "every focus is on target"),
-        f"  frames    {counts['sent']} sent, {counts['latched']} latched, "
-        f"{counts['verified']} verified, {counts['lost']} lost, {counts['late']} late",
-    ]
-    if result["lateral_error_mm"]["max"] is not None:
-        lines.append(_error_line(result))
-    if result["force_mn"]["mean"] is not None:
-        pressure, force = result["pressure_rms_pa"], result["force_mn"]
-        lines.append(
-            f"  field     {pressure['mean']:.0f} Pa RMS on average, force {force['mean']:.2f} ± "
-            f"{force['std']:.2f} mN, coherence {result['coherence']['min']:.5f} or more"
-        )
-    lines.append(f"  evidence  {result['evidence'] or 'none: no latch was seen'}")
-    odd = [f for f in run.frames if f.status is not FrameStatus.ON_TARGET or _untimely(f)]
-    lines += [f"  {_frame_line(frame)}" for frame in odd[:_NAMED_FRAMES]]
-    if len(odd) > _NAMED_FRAMES:
-        lines.append(f"  ... and {len(odd) - _NAMED_FRAMES} more, in the JSON file")
-    return lines
-
-
-def _untimely(frame: FrameVerdict) -> bool:
-    return frame.late or frame.early or frame.latches > 1
-
-
-def _error_line(result: dict[str, Any]) -> str:
-    lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
-    along = "not observable" if axial["max"] is None else f"{axial['p50']:.3f} / {axial['max']:.3f}"
-    return (
-        f"  focus     off by {lateral['p50']:.3f} / {lateral['max']:.3f} mm across, {along} mm "
-        f"along the beam (median / largest); rounding of the phases could make it "
-        f"{result['smallest_miss_mm']:.2f} mm"
-    )
-
-
-def _frame_line(frame: FrameVerdict) -> str:
-    parts = [f"frame {frame.number}: {frame.status}"]
-    if (frame.late or frame.early) and frame.lateness_us is not None:
-        parts.append(f"{abs(frame.lateness_us)} us {'late' if frame.late else 'early'}")
-    if frame.latches > 1:
-        parts.append(f"latched {frame.latches} times")
-    parts += frame.faults
-    if frame.status in WRONG and frame.lateral_error_mm is not None:
-        axial = f"{frame.axial_error_mm:.3f} mm along" if frame.axial_error_mm is not None else ""
-        parts.append(f"{frame.lateral_error_mm:.3f} mm across, {axial}".rstrip(", "))
-    if frame.consequence is not None:
-        parts.append(_consequence_text(frame))
-    if frame.note and frame.status is FrameStatus.NOT_VERIFIED:
-        parts.append(frame.note)
-    return "; ".join(parts)
-
-
-def _consequence_text(frame: FrameVerdict) -> str:
-    effect = frame.consequence
-    assert effect is not None  # the caller asked
-    if effect.focus_error_mm is None:
-        return f"silence instead of {effect.intended_pressure_rms_pa:.0f} Pa"
-    return (
-        f"the focus stayed {effect.focus_error_mm:.1f} mm away: {effect.pressure_rms_pa:.0f} Pa "
-        f"instead of {effect.intended_pressure_rms_pa:.0f} Pa"
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -81,7 +82,8 @@ class FrameVerdict:
         Where the focus was found.
     lateral_error_mm, axial_error_mm : float or None
         Distance of the two across, and signed along, the line from the array's centre to the
-        target; None where that direction cannot be observed.
+        target; None where that direction cannot be observed. Of a wrong drive that no one point
+        explains: how far the peak of its pressure is from its place (S4), if it is still a focus.
     bound_mm : tuple or None
         S2: largest error per axis that quantisation can make; None for a direction that this array
         cannot observe.
@@ -95,6 +97,8 @@ class FrameVerdict:
         S4: largest distance of the pressure peak from its place, in radians of phase.
     pressure_rms_pa, force_n : float or None
         At the focus that was found.
+    intended_pressure_rms_pa : float or None
+        At the target, of the intended amplitudes with ideal phases.
     criteria : dict of str to bool
         S1 to S5, those that were judged.
     faults : tuple of str
@@ -129,6 +133,7 @@ class FrameVerdict:
     peak_error: float | None = None
     pressure_rms_pa: float | None = None
     force_n: float | None = None
+    intended_pressure_rms_pa: float | None = None
     criteria: dict[str, bool] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
     note: str = ""
@@ -138,6 +143,20 @@ class FrameVerdict:
     early: bool = False
     latches: int = 0
     consequence: Consequence | None = None
+
+    @property
+    def target_pressure_rms_pa(self) -> float | None:
+        """Pressure at the target, of what was radiated."""
+        if self.coherence is None or self.intended_pressure_rms_pa is None:
+            return None
+        return self.coherence * self.intended_pressure_rms_pa
+
+    @property
+    def error_mm(self) -> float | None:
+        """Distance of the focus from its target, in the directions that can be observed."""
+        if self.lateral_error_mm is None:
+            return None
+        return math.hypot(self.lateral_error_mm, self.axial_error_mm or 0.0)
 
     @property
     def lateness_us(self) -> int | None:

@@ -14,16 +14,16 @@ from haptogram.cli import main
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--rate-hz", "nan"], "rate_hz is nan; it can be 1 to 40000"),
+        (["--rate-hz", "nan"], "--rate-hz is nan; it can be 1 to 40000"),
         (["--rate-hz", "2000"], "carry 1086 frames/s, 2000 Hz asked"),
         (["--link-baud", "115200"], "bytes a frame at 115200 baud carry 41 frames/s"),
-        (["--resolution-mm", "0"], "resolution_mm is 0"),
+        (["--resolution-mm", "0"], "--resolution-mm is 0"),
         (["--center-mm", "0,0,-100"], "must be at least"),
         (["--object", "absent.stl"], "absent.stl"),
-        (["--object", "teapot"], "object is 'teapot'; known are hemisphere"),
+        (["--object", "teapot"], "--object is 'teapot'; known are hemisphere"),
         (["--array", "0x16"], "0x16"),
         (["--config", "absent.toml"], "absent.toml"),
-        (["--min-verified", "2"], "min_verified is 2; it can be 0 to 1"),
+        (["--min-verified", "2"], "--min-verified is 2; it can be 0 to 1"),
     ],
 )
 def test_a_wrong_argument_is_one_line_and_status_2(

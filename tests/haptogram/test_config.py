@@ -39,13 +39,14 @@ def test_file_converts_to_the_type_of_the_setting(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("values", "told"),
     [
-        ({"rate_hz": math.nan}, "rate_hz is nan; it can be 1 to 40000"),
-        ({"rate_hz": 0.0}, "rate_hz is 0; it can be 1 to 40000"),
-        ({"resolution_mm": -1.0}, "resolution_mm is -1; it can be 0.1 to 100"),
-        ({"mode": "morse"}, "mode is 'morse'; known are phases, points, sequence"),
-        ({"phase_bits": 7}, "phase_bits is 7; known are 8, 6, 5"),
-        ({"object": "teapot"}, "object is 'teapot'; known are hemisphere"),
+        ({"rate_hz": math.nan}, "--rate-hz is nan; it can be 1 to 40000"),
+        ({"rate_hz": 0.0}, "--rate-hz is 0; it can be 1 to 40000"),
+        ({"resolution_mm": -1.0}, "--resolution-mm is -1; it can be 0.1 to 100"),
+        ({"mode": "morse"}, "--mode is 'morse'; known are phases, points, sequence"),
+        ({"phase_bits": 7}, "--phase-bits is 7; known are 8, 6, 5"),
+        ({"object": "teapot"}, "--object is 'teapot'; known are hemisphere"),
         ({"virtual_time": True, "port": "/dev/ttyUSB0"}, "has a clock of its own"),
+        ({"fault": ["line.drop"], "port": "/dev/ttyUSB0"}, "--fault is for the virtual board"),
     ],
 )
 def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: str) -> None:
@@ -58,6 +59,10 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
     [
         ("[verify]\nspeed = 3\n", "'speed' is not a setting; known are object"),
         ("[verify]\nrate_hz = 'fast'\n", "rate_hz is 'fast'; float is expected"),
+        ("[verify]\nrate_hz = 0\n", r"run\.toml: rate_hz is 0; it can be 1 to 40000"),
+        ("[verify]\nseed = -1\n", "seed is -1; it can be 0 to 4294967295"),
+        ("[verify]\nfault = 'line.drop'\n", "fault is 'line.drop'; a list of texts is expected"),
+        ("[verify]\nfault = [3]\n", r"fault is \[3\]; a list of texts is expected"),
         ("[verify]\nrepeat = true\n", "repeat is True; int is expected"),
         ("[verify]\ncenter_mm = [1, 2]\n", r"center_mm is \[1, 2\]"),
         ("[other]\n", r"one table \[verify\] and nothing else"),
@@ -67,6 +72,12 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
 def test_a_bad_file_is_named(tmp_path: Path, text: str, told: str) -> None:
     with pytest.raises(ConfigurationError, match=told):
         load_config(_file(tmp_path, text), {})
+
+
+def test_faults_are_a_list_in_the_file_and_the_command_line_has_its_own(tmp_path: Path) -> None:
+    path = _file(tmp_path, '[verify]\nfault = ["line.drop p=0.1", "clock.ppm"]\n')
+    assert load_config(path, {}).fault == ("line.drop p=0.1", "clock.ppm")
+    assert load_config(path, {"fault": ["line.flip"]}).job()["fault"] == ["line.flip"]
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

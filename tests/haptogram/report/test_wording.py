@@ -3,8 +3,13 @@ from __future__ import annotations
 import dataclasses
 
 from haptogram.records import FrameKey
-from haptogram.report.wording import count, describe, effect, figure, timeliness, where
-from haptogram.verification import Consequence, FrameStatus, FrameVerdict
+from haptogram.report.wording import count, describe, figure, timeliness, where
+from haptogram.verification import (
+    Consequence,
+    FrameStatus,
+    FrameVerdict,
+    consequence_text,
+)
 
 LOST = FrameVerdict(3, FrameKey(1, 0, 0, 65539), FrameStatus.LOST, None, (0.0, 0.0, 0.1))
 
@@ -47,7 +52,7 @@ def test_an_axis_that_cannot_be_observed_is_left_out() -> None:
 
 
 def test_silence_has_no_place() -> None:
-    assert effect(Consequence(None, 0.0, 2000.0)) == "silence instead of 2000 Pa"
+    assert consequence_text(Consequence(None, 0.0, 2000.0)) == "silence instead of 2000 Pa"
 
 
 def test_one_is_not_many() -> None:

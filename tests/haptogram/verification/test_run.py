@@ -49,6 +49,12 @@ def elsewhere(frame):
     return registers(focus_phases(MODEL, np.add(frame.foci[0].position_m, AWAY_M)))
 
 
+def one_element_off(frame, codes):
+    turned = frame.drive.phase_codes.astype(int)
+    turned[5] += codes
+    return drive_of(turned)
+
+
 def one_step_off(frame):
     """Off by one step where S1 has most room left: the field does not show it."""
     codes = frame.drive.phase_codes.astype(int)
@@ -389,14 +395,21 @@ def test_evidence_of_two_kinds_is_named():
     assert run.as_dict()["evidence"] == ["external", "self-reported"]
 
 
-def test_the_summary_names_the_first_odd_frames_and_counts_the_others():
+def test_the_summary_takes_many_frames_with_the_same_fault_together():
     intended = intended_frames(12)
-    text = str(verify(intended, [seen(f, wrong_sign(f)) for f in intended]))
+    text = str(verify(intended, [seen(f, wrong_sign(f)) for f in intended[:-1]]))
     lines = text.splitlines()
-    assert lines[0] == "FAIL: 12 with a wrong drive"
-    assert "frame 0: wrong drive; opposite sign of all phases" in text
-    assert lines[-1].strip() == "... and 4 more, in the JSON file"
+    assert lines[0].startswith("FAIL: 11 with a wrong drive; 11 of 12 frames were verified")
+    named = "11 frames (0, 1, 2, 3, 4, 5, 6, 7, ...): wrong drive; opposite sign of all phases"
+    assert lines[-2].strip().startswith(named)
+    assert lines[-1].strip().startswith("frame 11: lost")
     assert len(lines) < 20
+
+
+def test_the_summary_counts_the_frames_that_it_does_not_name():
+    intended = intended_frames(12)
+    observations = [seen(f, one_element_off(f, n + 20)) for n, f in enumerate(intended)]
+    assert str(verify(intended, observations)).endswith("... and 4 frames more, in the JSON file")
 
 
 def test_the_summary_says_why_a_frame_was_not_verified():
