@@ -126,8 +126,8 @@ class VirtualBoard:
         # Into a file: a pipe that nobody empties would stop the board once it is full.
         with self._log.open("wb") as log:
             return subprocess.Popen(
-                [sys.executable, "-m", "sim_device", *arguments],
-                stdin=subprocess.DEVNULL,
+                [sys.executable, "-m", "sim_device", "--until-eof", *arguments],
+                stdin=subprocess.PIPE,  # never written to: it ends with us, whatever ends us
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=_environment(),
@@ -289,6 +289,8 @@ class VirtualBoard:
             if self._process.poll() is None:
                 self.stop()
         finally:
+            if self._process.stdin is not None:
+                self._process.stdin.close()
             self._backdoor.read()
             shutil.rmtree(self._folder, ignore_errors=True)
 

@@ -70,6 +70,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--fault", action="append", default=[], metavar="FAULT", help="see docs/faults.md"
     )
+    parser.add_argument(
+        "--until-eof", action="store_true", help="end with standard input: with who started it"
+    )
     parser.add_argument("--quiet", action="store_true", help="log warnings only")
     parser.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
     return parser
@@ -105,7 +108,10 @@ def _run(options: argparse.Namespace) -> None:
         paced = options.serial is None
         simulation = Simulation(settings, *recorders, paced=paced, parts=parts, faults=plan)
         counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
-        _serve(Heartbeat(simulation, port, worker, counts), port)
+        heartbeat = Heartbeat(simulation, port, worker, counts)
+        if options.until_eof:
+            heartbeat.stop_at_eof(sys.stdin.fileno())
+        _serve(heartbeat, port)
     finally:
         port.close()
         if worker is not None:

@@ -36,6 +36,7 @@ MAX_CREDIT_NS: Final = 100_000_000  # of line time, for a process that stalled
 _SHORT_NS: Final = 60_000  # what a sleep takes at least; the next carrier boundary is nearer
 _HAND_OVER_NS: Final = 20_000_000  # from one batch of records for the worker to the next
 _NS_PER_US: Final = 1_000
+_CHUNK: Final = 4_096
 
 
 class Recorder(Protocol):
@@ -275,6 +276,7 @@ class Heartbeat:
         self._simulation, self._port = simulation, port
         self._worker, self._counts = worker, counts
         self._stopping = False
+        self._parents: list[int] = []  # whose end is that of the board
         self._due_ns: int | None = None  # when it meant to wake
         self._hand_over_ns = 0
         self._wake_read, self._wake_write = os.pipe()
@@ -290,6 +292,10 @@ class Heartbeat:
         """Let SIGINT, SIGTERM and SIGHUP stop the board in good order."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, lambda *_: self.stop())
+
+    def stop_at_eof(self, descriptor: int) -> None:
+        """Let the end of a pipe stop the board: whoever held it open has ended, however it did."""
+        self._parents.append(descriptor)
 
     def run(self) -> None:
         """Serve the port until :meth:`stop`; then mute the board.
@@ -346,7 +352,10 @@ class Heartbeat:
         next_ns = earliest(self._due_ns, hand_over_ns)
         wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
         # select, because it alone waits for fractions of a millisecond everywhere.
-        select.select([self._wake_read, *reading], writing, [], _timeout_s(wait_ns))
+        waiting = [self._wake_read, *self._parents, *reading]
+        ready, _, _ = select.select(waiting, writing, [], _timeout_s(wait_ns))
+        if any(parent in ready and not os.read(parent, _CHUNK) for parent in self._parents):
+            self.stop()
 
     def _elapsed_ns(self) -> int:
         """Return the time since power-up, in the whole microseconds on which bytes are taken."""
