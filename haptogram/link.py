@@ -26,6 +26,7 @@ NS_PER_S: Final = 1_000_000_000
 BURST_NS: Final = 1_800_000  # of line time that may be unsent: two frames of 276 B at 3 Mbaud
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 
+_UNASKED: Final = (EventReceived, FrameDropped)
 _Outcome: TypeAlias = ReplyReceived | RequestRefused | RequestTimedOut
 Handler: TypeAlias = Callable[[EventReceived | ReplyReceived | FrameDropped], None]
 #: Called with what is done and the total.
@@ -55,6 +56,8 @@ class Link:
         How often the port did not take all bytes that it was offered.
     idle_since_ns : int
         When it last had nothing to do but wait for bytes.
+    now_ns : callable
+        Returns the time on the port's clock.
     """
 
     def __init__(
@@ -62,9 +65,11 @@ class Link:
     ) -> None:
         self.connection = connection
         self.line = LineModel(baudrate)
+        self._burst_bytes = self.line.bytes_in(BURST_NS)
         self.handler: Handler = _ignore
         self.stalls = 0
         self.idle_since_ns = 0
+        self.now_ns = transport.now_ns  # the very method: it is called a dozen times a frame
         self._transport = transport
         self._timeout_ns = int(timeout_s * NS_PER_S)
         self._unwritten = b""
@@ -81,13 +86,9 @@ class Link:
         """How long the board may take to answer."""
         return self._timeout_ns
 
-    def now_ns(self) -> int:
-        """Return the time on the port's clock."""
-        return self._transport.now_ns()
-
     def now_us(self) -> int:
         """Return the same time in microseconds: the clock of the connection."""
-        return self._transport.now_ns() // 1000
+        return self.now_ns() // 1000
 
     # --- the pump ------------------------------------------------------------------------------
 
@@ -127,10 +128,9 @@ class Link:
         """Offer the port what waits: the rest of a frame first, then requests."""
         data = self._unwritten + self.connection.data_to_send()
         if data:
-            self._offer(data)
+            self._offer(data, self.now_ns())
 
-    def _offer(self, data: bytes) -> None:
-        now_ns = self.now_ns()
+    def _offer(self, data: bytes, now_ns: int) -> None:
         written = self._transport.write_some(data)
         self._unwritten = data[written:]
         self.line.add(written, now_ns)
@@ -147,7 +147,7 @@ class Link:
 
     def _dispatch(self) -> None:
         while (event := self.connection.next_event()) is not NEED_DATA:
-            if isinstance(event, EventReceived | FrameDropped):
+            if isinstance(event, _UNASKED):
                 self.handler(event)
             elif event.seq in self._awaited:
                 self._awaited[event.seq] = event
@@ -158,21 +158,21 @@ class Link:
 
     # --- stream --------------------------------------------------------------------------------
 
-    def make_room(self, wire: bytes) -> None:
-        """Wait until *wire* would be no more than the second frame unsent, or 1.8 ms of the line.
+    def write_frame(self, wire: bytes) -> int:
+        """Send a stream frame, once there is room for it, and return when there was.
 
-        What lies in the port cannot be overtaken: with more in it, a MUTE would come too late.
-        With less, a host that catches up would sleep once a frame, and oversleep as often.
+        There is room when *wire* would be no more than the second frame unsent, or 1.8 ms of the
+        line.  What lies in the port cannot be overtaken: with more in it, a MUTE would come too
+        late.  With less, a host that catches up would sleep once a frame, and oversleep as often.
         """
-        unsent = max(len(wire), self.line.bytes_in(BURST_NS) - len(wire))
-        while self._unwritten or self.line.unsent_bytes(self.now_ns()) > unsent:
+        unsent = max(len(wire), self._burst_bytes - len(wire))
+        now_ns = self.now_ns()
+        while self._unwritten or self.line.unsent_bytes(now_ns) > unsent:
             wait_ns = _STALL_RETRY_NS if self._unwritten else 1
-            self.turn(max(self.line.room_at_ns(unsent), self.now_ns() + wait_ns))
-
-    def write_frame(self, wire: bytes) -> None:
-        """Send a stream frame, once there is room for it."""
-        self.make_room(wire)
-        self._offer(wire)
+            self.turn(max(self.line.room_at_ns(unsent), now_ns + wait_ns))
+            now_ns = self.now_ns()
+        self._offer(wire, now_ns)
+        return now_ns
 
     def transmission_ns(self, wire: bytes) -> int:
         """Return how long *wire* takes on the line."""

@@ -379,9 +379,7 @@ class _Run:
             due_ns=self._pinger.clock.to_host_ns(due_us) - self._reserve.ns,
         )
         if in_time:
-            link.make_room(wire)
-            room_ns = link.now_ns()
-            link.write_frame(wire)
+            room_ns = link.write_frame(wire)
         elif self._trim is not None:
             late_ns = ready_ns - self._deadline_ns + link.transmission_ns(wire)
             self.lead_us = self._trim.add(late_ns // 1000, 1)

@@ -27,6 +27,7 @@ from haptogram.errors import (
 
 DEFAULT_BAUDRATE: Final = 3_000_000
 _CHUNK: Final = 65_536
+_GONE: Final = (OSError, ValueError, TypeError)  # the last two: closed under our feet
 _BUSY: Final = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
 _ABSENT: Final = frozenset(
     {errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ECONNREFUSED, errno.EHOSTUNREACH}
@@ -97,21 +98,24 @@ class FdTransport:
         """Return what has come in; see :class:`Transport`."""
         # select, not poll: its timeout has microseconds where that of poll has milliseconds.
         wait_s = max(0, deadline_ns - time.monotonic_ns()) / 1e9
-        with _loss(self.url):
+        try:
             if not select.select([self._fd], [], [], wait_s)[0]:
                 return b""
             data = os.read(self._fd, _CHUNK)
+        except _GONE as error:
+            raise _lost(self.url, error) from error
         if not data:
             raise LinkLostError(f"{self.url}: the other end closed the port")
         return data
 
     def write_some(self, data: bytes) -> int:
         """Hand over what the port takes; see :class:`Transport`."""
-        with _loss(self.url):
-            try:
-                return os.write(self._fd, data)
-            except BlockingIOError:
-                return 0
+        try:
+            return os.write(self._fd, data)
+        except BlockingIOError:
+            return 0
+        except _GONE as error:
+            raise _lost(self.url, error) from error
 
     def close(self) -> None:
         """Close the port."""
@@ -244,8 +248,12 @@ def _loss(url: str) -> Iterator[None]:
         yield
     except LinkError:
         raise
-    except (OSError, ValueError, TypeError) as error:  # the last two: closed under our feet
-        raise LinkLostError(f"{url}: the port is gone: {_one_line(error)}") from error
+    except _GONE as error:
+        raise _lost(url, error) from error
+
+
+def _lost(url: str, error: BaseException) -> LinkLostError:
+    return LinkLostError(f"{url}: the port is gone: {_one_line(error)}")
 
 
 def _close(port: Any) -> None:

@@ -232,6 +232,8 @@ class HostConnection:
 
     def data_to_send(self) -> bytes:
         """Return the bytes of requests that are due; stream frames are not among them."""
+        if not self._output:
+            return b""
         taken = bytes(self._output)
         self._output.clear()
         return taken
@@ -276,7 +278,9 @@ class HostConnection:
 
     def next_deadline_us(self) -> int | None:
         """Return when :meth:`advance_to` has something to do; None: never."""
-        return min((waiting.deadline_us for waiting in self._pending.values()), default=None)
+        if not self._pending:
+            return None
+        return min(waiting.deadline_us for waiting in self._pending.values())
 
     def advance_to(self, now_us: int) -> None:
         """Send again what was not answered by now, or give it up.  HG-12.6."""
