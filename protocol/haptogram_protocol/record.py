@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import operator
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Final, Self, TypeVar, cast, dataclass_transform
 
 from .errors import LocalProtocolError, RemoteProtocolError
@@ -145,6 +146,8 @@ class Record:
         What follows them.
     ITEMS : int
         How many values :mod:`struct` packs for them.
+    VALUES : callable
+        Returns the values of the fixed fields of a record.
     CONVERTED : tuple
         Place, name and form of those fields that are not plain numbers: most records have none.
     """
@@ -154,6 +157,7 @@ class Record:
     WIRE: ClassVar[dict[str, WireField]]
     TAIL: ClassVar[WireTail | None]
     ITEMS: ClassVar[int]
+    VALUES: ClassVar[Callable[[Record], tuple[Any, ...]]]
     CONVERTED: ClassVar[tuple[tuple[int, str, WireField], ...]]
 
     def pack(self) -> bytes:
@@ -172,7 +176,7 @@ class Record:
 
     def to_raw(self) -> list[Any]:
         """Return what :mod:`struct` packs for the fixed fields, nested ones in line."""
-        raw = [getattr(self, name) for name in self.WIRE]
+        raw = list(self.VALUES(self))
         for place, name, field in reversed(self.CONVERTED):  # backwards: a record takes more places
             if field.record is not None:
                 raw[place : place + 1] = raw[place].to_raw()
@@ -259,6 +263,13 @@ def _wire_fields(made: Any) -> tuple[dict[str, WireField], WireTail | None]:
     return fixed, None
 
 
+def _getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]]:
+    """Return what gets the attributes *names*, all at once."""
+    if len(names) > 1:
+        return staticmethod(operator.attrgetter(*names))
+    return staticmethod(lambda record: tuple(getattr(record, name) for name in names))
+
+
 _R = TypeVar("_R", bound=Record)
 
 
@@ -268,6 +279,7 @@ def record(cls: type[_R]) -> type[_R]:
     made = dataclasses.dataclass(frozen=True, slots=True)(cls)
     made.WIRE, made.TAIL = _wire_fields(made)
     made.LAYOUT = struct.Struct("<" + "".join(field.code for field in made.WIRE.values()))
+    made.VALUES = _getter(tuple(made.WIRE))
     made.ITEMS = sum(field.record.ITEMS if field.record else 1 for field in made.WIRE.values())
     made.CONVERTED = tuple(
         (place, name, field)
