@@ -175,12 +175,13 @@ class Simulation:
     def next_event_ns(self) -> int | None:
         """Return when something happens next by itself, or None."""
         board_us = self.dialect.next_event_us()
-        first_ns = earliest(
-            None if board_us is None else self._ns(board_us),
-            _whole_us(self._down.next_delimiter_ns(DELIMITER)),
-            self._up.next_delimiter_ns(DELIMITER),
-            self._up.free_ns if self._can_feed else None,
-        )
+        first_ns = None if board_us is None else self._clock.reached_ns(board_us)
+        if self._down.in_transit:
+            first_ns = earliest(first_ns, _whole_us(self._down.next_delimiter_ns(DELIMITER)))
+        if self._up.in_transit:
+            first_ns = earliest(first_ns, self._up.next_delimiter_ns(DELIMITER))
+        if self._can_feed:
+            first_ns = earliest(first_ns, self._up.free_ns)
         return None if first_ns is None else max(first_ns, self._now_ns)
 
     def advance_to(self, t_ns: int) -> None:
@@ -234,9 +235,6 @@ class Simulation:
         if self._can_feed and self._up.free_ns <= self._now_ns:
             self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self._now_ns)
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
-
-    def _ns(self, device_us: int) -> int:
-        return self._clock.reached_ns(device_us)
 
 
 def _timeout_s(wait_ns: int | None) -> float | None:
@@ -316,13 +314,12 @@ class Heartbeat:
 
     def _turn(self) -> None:
         simulation, port, now_ns = self._simulation, self._port, self._elapsed_ns()
-        simulation.advance_to(now_ns)
         # Late for what it meant to wake for: for so long the host's bytes may lie here already.
         # Time spent idle is not counted, or a frame after a pause would take no time on the line.
         stalled_ns = 0 if self._due_ns is None else max(0, now_ns - self._due_ns)
         if data := port.read(simulation.host_room):
             simulation.host_write(data, now_ns, waited_ns=stalled_ns)
-            simulation.advance_to(now_ns)
+        simulation.advance_to(now_ns)
         if port.take_departure():
             simulation.unplug()  # the next client must not get what this one left
         port.write(b"")  # the rest of last time; once it is gone nothing else would wake us up
