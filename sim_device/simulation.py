@@ -176,10 +176,10 @@ class Simulation:
         """Return when something happens next by itself, or None."""
         board_us = self.dialect.next_event_us()
         first_ns = None if board_us is None else self._clock.reached_ns(board_us)
-        if self._down.in_transit:
-            first_ns = earliest(first_ns, _whole_us(self._down.next_delimiter_ns(DELIMITER)))
-        if self._up.in_transit:
-            first_ns = earliest(first_ns, self._up.next_delimiter_ns(DELIMITER))
+        if (down_ns := self._down.next_delimiter_ns(DELIMITER)) is not None:
+            first_ns = earliest(first_ns, _whole_us(down_ns))
+        if (up_ns := self._up.next_delimiter_ns(DELIMITER)) is not None:
+            first_ns = earliest(first_ns, up_ns)
         if self._can_feed:
             first_ns = earliest(first_ns, self._up.free_ns)
         return None if first_ns is None else max(first_ns, self._now_ns)
@@ -244,9 +244,9 @@ def _timeout_s(wait_ns: int | None) -> float | None:
     return wait_ns / 1e9 if wait_ns > _SHORT_NS else 0.0
 
 
-def _whole_us(t_ns: int | None) -> int | None:
+def _whole_us(t_ns: int) -> int:
     """Return *t_ns* rounded up to the microseconds that the board counts in."""
-    return None if t_ns is None else -(-t_ns // _NS_PER_US) * _NS_PER_US
+    return -(-t_ns // _NS_PER_US) * _NS_PER_US
 
 
 class Heartbeat:
