@@ -176,7 +176,7 @@ class Record:
 
     def to_raw(self) -> list[Any]:
         """Return what :mod:`struct` packs for the fixed fields, nested ones in line."""
-        raw = list(self.VALUES(self))
+        raw = list(type(self).VALUES(self))
         for place, name, field in reversed(self.CONVERTED):  # backwards: a record takes more places
             if field.record is not None:
                 raw[place : place + 1] = raw[place].to_raw()
@@ -266,8 +266,8 @@ def _wire_fields(made: Any) -> tuple[dict[str, WireField], WireTail | None]:
 def _getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]]:
     """Return what gets the attributes *names*, all at once."""
     if len(names) > 1:
-        return staticmethod(operator.attrgetter(*names))
-    return staticmethod(lambda record: tuple(getattr(record, name) for name in names))
+        return operator.attrgetter(*names)
+    return lambda record: tuple(getattr(record, name) for name in names)
 
 
 _R = TypeVar("_R", bound=Record)
