@@ -89,12 +89,26 @@ class Board(OutputStage):
         ValueError
             If time would run backwards.
         """
-        if t_us < self._now_us:
-            raise ValueError(f"board is at {self._now_us} us, cannot go back to {t_us} us")
+        self._refuse_past(t_us)
         while (due := self._next_due()) is not None and due[0] <= t_us:
             self._now_us = max(self._now_us, due[0])
             due[1]()
         self._now_us = t_us
+
+    def idle_to(self, t_us: int) -> None:
+        """Let time pass in which nothing is due.
+
+        Raises
+        ------
+        ValueError
+            If time would run backwards.
+        """
+        self._refuse_past(t_us)
+        self._now_us = t_us
+
+    def _refuse_past(self, t_us: int) -> None:
+        if t_us < self._now_us:
+            raise ValueError(f"board is at {self._now_us} us, cannot go back to {t_us} us")
 
     def _next_due(self) -> Due | None:
         """Return what happens next; at one time, latches come before timers."""
@@ -133,8 +147,10 @@ class Board(OutputStage):
             return dropped
         if frame.t_apply_us is None:
             self.counters.flushed += self._queue.flush()
-        self.counters.flushed += self._queue.push(self._entry(frame))
-        self.advance_to(self._now_us)  # its boundary may be this very moment
+        entry = self._entry(frame)
+        self.counters.flushed += self._queue.push(entry)
+        if entry.t_latch_us <= self._now_us:  # its boundary is this very moment
+            self.advance_to(self._now_us)
         return None
 
     @property

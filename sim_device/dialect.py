@@ -162,7 +162,7 @@ class BoardDialect:
             self.collect()
             if next_us == self._next_status_us:
                 self._send_status(next_us)
-        self.board.advance_to(t_us)
+        self.board.idle_to(t_us)
 
     def receive(self, data: bytes, t_us: int) -> None:
         """Take bytes whose last one is complete at *t_us*."""

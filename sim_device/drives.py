@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import Final, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptogram.acoustics import Drive, superpose
 from haptogram_protocol.messages import Feature, FocalPoint
@@ -24,7 +26,14 @@ Content: TypeAlias = Drive | Sequence[FocalPoint]
 def full_amplitude(phase_codes: bytes, bits: int) -> Drive:
     """Return the drive of a PHASES frame: every amplitude 255.  HG-5.2."""
     codes = np.frombuffer(phase_codes, dtype=np.uint8)
-    return Drive(codes, np.full(len(codes), 255, dtype=np.uint8), bits)
+    return Drive(codes, _all_full(len(codes)), bits)
+
+
+@functools.cache
+def _all_full(count: int) -> NDArray[np.uint8]:
+    codes = np.full(count, 255, dtype=np.uint8)
+    codes.flags.writeable = False
+    return codes
 
 
 def split_codes(data: bytes) -> Drive:
