@@ -6,23 +6,13 @@ it is installed; where there is no C compiler it comes in Python, which gains no
 
 from __future__ import annotations
 
-from haptogram_protocol.framing import PURE_PYTHON, Cobs, Stuffing, cobs_decode
+from haptogram_protocol.cobs import PURE_PYTHON, Cobs
 
 
 def fastest_cobs() -> Cobs:
-    """Return COBS in C if it is installed, otherwise in Python; both do the same."""
+    """Return COBS in C if it is installed, otherwise in Python."""
     try:
-        from cobs.cobs import _cobs_ext
+        from cobs.cobs import _cobs_ext as in_c
     except ImportError:
         return PURE_PYTHON
-
-    in_c: Stuffing = _cobs_ext.decode
-
-    def decode(encoded: bytes) -> bytes:
-        try:
-            return in_c(encoded)
-        except _cobs_ext.DecodeError:
-            pass
-        return cobs_decode(encoded)  # has the last word: what is refused, and why, is the same
-
-    return Cobs(_cobs_ext.encode, decode)
+    return Cobs(in_c.encode, in_c.decode, in_c.DecodeError)

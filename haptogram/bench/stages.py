@@ -107,7 +107,7 @@ def measure_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget
     cobs = fastest_cobs()
     wire = _encode(message, cobs.encode)
     encode_ns = _median_ns(lambda: _encode(message, cobs.encode))
-    decoder = FrameDecoder(cobs.decode)
+    decoder = FrameDecoder(cobs)
     decode_ns = _median_ns(lambda: _decode(decoder, wire))
     with _drained_pty() as (fd, drain):
         write_ns = _median_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))

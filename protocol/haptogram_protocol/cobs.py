@@ -143,12 +143,17 @@ def _walk(encoded: bytes, at: int, stop: int, out: bytearray, without_zero: list
 class Cobs(NamedTuple):
     """An implementation of COBS: both ends of a connection take one, the default or a faster one.
 
-    It must give the same bytes and raise the same errors as :func:`cobs_encode` and
-    :func:`cobs_decode`.
+    Attributes
+    ----------
+    encode, decode : callable
+        They give the same bytes as :func:`cobs_encode` and :func:`cobs_decode`.
+    refusal : type
+        What *decode* raises on bytes, none of them zero, that are not COBS.
     """
 
     encode: Stuffing = cobs_encode
     decode: Stuffing = cobs_decode
+    refusal: type[Exception] = RemoteProtocolError
 
 
 PURE_PYTHON: Final = Cobs()

@@ -66,16 +66,23 @@ def decode_frame(encoded: bytes, unstuff: Stuffing = cobs_decode) -> bytes:
     RemoteProtocolError
         With the reason ``cobs``, ``short`` or ``crc``.
     """
-    decoded = unstuff(encoded)
+    found = _body_of(unstuff(encoded))
+    if isinstance(found, RemoteProtocolError):
+        raise found
+    return found
+
+
+def _body_of(decoded: bytes) -> bytes | RemoteProtocolError:
+    """Return the body of what was unstuffed, or what is wrong with it."""
     if len(decoded) < HEADER_BYTES + CRC_BYTES:
-        raise RemoteProtocolError(
+        return RemoteProtocolError(
             f"frame of {len(decoded)} bytes; header and CRC take {HEADER_BYTES + CRC_BYTES}",
             reason="short",
         )
     body = decoded[:-CRC_BYTES]
     if zlib.crc32(decoded) != _CRC_OF_ALL:
         crc = int.from_bytes(decoded[-CRC_BYTES:], "little")
-        raise RemoteProtocolError(
+        return RemoteProtocolError(
             f"CRC-32 is {zlib.crc32(body):08x}, the frame says {crc:08x}", reason="crc"
         )
     return body
@@ -86,10 +93,15 @@ class FrameDecoder:
 
     At most :data:`MAX_ENCODED_BYTES` are kept between two calls.  A longer run without a delimiter
     is discarded up to the next delimiter and reported once (HG-2.6).
+
+    Parameters
+    ----------
+    cobs : Cobs
+        A compiled COBS may be passed in.
     """
 
-    def __init__(self, unstuff: Stuffing = cobs_decode) -> None:
-        self._unstuff = unstuff
+    def __init__(self, cobs: Cobs = PURE_PYTHON) -> None:
+        self._cobs = cobs
         self._partial = b""
         self._discarding = False
 
@@ -105,30 +117,29 @@ class FrameDecoder:
 
     def feed(self, chunk: bytes) -> list[bytes | RemoteProtocolError]:
         """Return, in order, a body for every whole frame and an error for every damaged one."""
-        found: list[bytes | RemoteProtocolError] = []
-        *ended, rest = chunk.split(DELIMITER)
-        for piece in ended:
-            encoded, self._partial = self._partial + piece, b""
-            if self._discarding:  # reported when the limit was passed
-                self._discarding = False
-            elif len(encoded) > MAX_ENCODED_BYTES:
-                found.append(_oversize())
-            elif encoded:  # HG-2.3: nothing between two delimiters is no frame and no error
-                found.append(self._decode(encoded))
-        if not self._discarding:
-            self._partial += rest
-            if len(self._partial) > MAX_ENCODED_BYTES:
-                self._partial, self._discarding = b"", True
-                found.append(_oversize())
+        *ended, rest = (self._partial + chunk).split(DELIMITER)
+        if ended and self._discarding:  # reported when the limit was passed
+            self._discarding = False
+            del ended[0]
+        # HG-2.3: nothing between two delimiters is no frame and no error
+        found = [self._decode(encoded) for encoded in ended if encoded]
+        if not self._discarding and len(rest) > MAX_ENCODED_BYTES:
+            self._discarding = True
+            found.append(_oversize())
+        self._partial = b"" if self._discarding else rest
         return found
 
     def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
+        # Nothing is raised on the way: a traceback would hold the caller's frame, and that the list
+        # which holds the error: a cycle for every damaged frame, in processes that switch the cycle
+        # collector off. It would also make noise slower to decode than frames.
+        if len(encoded) > MAX_ENCODED_BYTES:
+            return _oversize()
         try:
-            return decode_frame(encoded, self._unstuff)
-        except RemoteProtocolError as error:
-            # Its traceback would hold the caller's frame, and that the list which holds the error:
-            # a cycle for every damaged frame, in processes that switch the cycle collector off.
-            return error.with_traceback(None)
+            decoded = self._cobs.decode(encoded)
+        except self._cobs.refusal as refused:
+            return RemoteProtocolError(str(refused), reason="cobs")
+        return _body_of(decoded)
 
 
 def _oversize() -> RemoteProtocolError:

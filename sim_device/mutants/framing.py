@@ -12,6 +12,7 @@ from haptogram_protocol.framing import (
     CRC_BYTES,
     DELIMITER,
     HEADER_BYTES,
+    Cobs,
     FrameDecoder,
     cobs_decode,
     cobs_encode,
@@ -75,7 +76,7 @@ class CobsAt254(FrameDecoder):
     """Adds a zero behind every full piece, as if its code byte were an ordinary one."""
 
     def __init__(self) -> None:
-        super().__init__(unstuff=_with_zero_after_full_pieces)
+        super().__init__(Cobs(decode=_with_zero_after_full_pieces))
 
 
 class SpareCodeByteRefused(FrameDecoder):

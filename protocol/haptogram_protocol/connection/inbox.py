@@ -23,7 +23,7 @@ class Inbox:
     def __init__(self, cobs: Cobs = PURE_PYTHON) -> None:
         self._chunks: deque[tuple[bytes, int]] = deque()
         self._frames: deque[tuple[bytes | RemoteProtocolError, int]] = deque()
-        self._decoder = FrameDecoder(cobs.decode)
+        self._decoder = FrameDecoder(cobs)
         self._waiting = 0
         self.bytes_received = 0
 
