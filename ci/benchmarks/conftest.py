@@ -10,6 +10,29 @@ from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.engine import NumbaEngine
 
 SECONDS = 1.5  # for each pair
+ALONE_S = 0.25  # for what has no reference
+BRIEF_S = 0.15  # for each benchmark of a comparison with another commit
+LONGEST_COUNT = 100_000  # of points in such a comparison: more say the same, and take seconds
+ROUND_S = 1e-3  # long enough for the clock
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--brief",
+        action="store_true",
+        help="time each benchmark for a moment and without its reference, to compare commits",
+    )
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--brief"):
+        items[:] = [item for item in items if is_brief(item)]
+
+
+def is_brief(item):
+    """Tell whether a benchmark is timed by the fixtures here, and in no more than a moment."""
+    count = item.callspec.params.get("count", 0) if hasattr(item, "callspec") else 0
+    return count <= LONGEST_COUNT and {"compare", "measure"} & set(item.fixturenames)
 
 
 @pytest.fixture(scope="session")
@@ -42,7 +65,7 @@ def scattered():
 
 
 @pytest.fixture
-def compare(benchmark):
+def compare(benchmark, measure, request):
     """Time *ours* as the benchmark, and a reference beside it, round for round.
 
     On a shared machine only such pairs compare. The ratio is the median over the rounds of the
@@ -51,6 +74,9 @@ def compare(benchmark):
     """
 
     def run(goal, ours, reference, *, repeats=1, reference_repeats=1, share=1.0, **notes):
+        if request.config.getoption("--brief"):
+            measure(ours, repeats=repeats, **notes)
+            return
         ours()
         reference()
         ratios, times = [], ([], [])
@@ -69,9 +95,30 @@ def compare(benchmark):
             ratio=ratio,
             ratio_quartiles=[float(low), float(high)],
             ours_s=statistics.median(times[0]),
+            best_s=min(times[0]),
             reference_s=statistics.median(times[1]),
             rounds=len(ratios),
             **notes,
+        )
+
+    return run
+
+
+@pytest.fixture
+def measure(benchmark, request):
+    """Time *ours* as the benchmark, with nothing beside it."""
+
+    def run(ours, *, repeats=None, **notes):
+        ours()
+        repeats = repeats or max(1, int(ROUND_S / max(timed(ours, 1), 1e-7)))
+        brief = request.config.getoption("--brief")
+        deadline = time.perf_counter() + (BRIEF_S if brief else ALONE_S)
+        times = []
+        while len(times) < 3 or (time.perf_counter() < deadline and len(times) < 400):
+            times.append(timed(ours, repeats))
+        benchmark.pedantic(ours, rounds=1, iterations=1)
+        benchmark.extra_info.update(
+            ours_s=statistics.median(times), best_s=min(times), rounds=len(times), **notes
         )
 
     return run

@@ -67,7 +67,7 @@ def test_fixed_grid_against_cgemm(frames, points, compare, board, scattered):
     grid = GridField(board, scattered(points))
     rng = np.random.default_rng(1)
     drives = np.exp(2j * np.pi * rng.random((frames, 256))).astype(np.complex64)
-    out = np.empty((frames, points), dtype=np.complex64)
+    out = np.empty((frames, points), dtype=np.complex64, order="F")
     side = 512
     a = (rng.random((side, side)) + 1j).astype(np.complex64)
     b, c = a.copy(), np.empty_like(a)

@@ -64,11 +64,13 @@ class GridField:
         weights : (N,) or (F, N) array_like of complex
             Element weights.
         out : numpy.ndarray of complex64, optional
-            Where to put the result, of its shape: no memory is allocated then.
+            Where to put the result, of its shape: no memory is allocated then. Fortran order, in
+            which the drives of one point lie side by side, is up to a tenth faster.
 
         Returns
         -------
         (M,) or (F, M) numpy.ndarray of complex64
+            In Fortran order, or *out*.
 
         Raises
         ------
@@ -88,7 +90,11 @@ class GridField:
             raise ConfigurationError(
                 f"out is {out.dtype} of shape {out.shape}, must be complex64 of shape {shape}"
             )
-        result: NDArray[np.complex64] = np.matmul(drives, self._matrix.T, out=out)
+        result = np.empty(shape, dtype=np.complex64, order="F") if out is None else out
+        if result.flags.f_contiguous:
+            np.matmul(self._matrix, drives.T, out=result.T)
+        else:
+            np.matmul(drives, self._matrix.T, out=result)
         return result
 
 

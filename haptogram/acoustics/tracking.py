@@ -30,7 +30,7 @@ _RIVALS: Final = 48  # regions looked at, best first
 _APART: Final = 0.1  # of their distance
 _REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M
 _CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M
-
+_CODES: Final = np.dtype(np.uint8)
 
 Point: TypeAlias = tuple[float, float, float]
 
@@ -95,8 +95,8 @@ class FocusTracker:
         self._order = np.argsort(distance, kind="stable")
         self._places = np.ascontiguousarray(layout.elements[self._order, :3].T)
         self._counts = _widening_counts(model.array.count)
+        self._shape = (model.array.count,)
         self._bottom_m = float(model.array.centre_m[2])
-        self._result = np.empty(8)
         self._cells: FloatArray | None = None
 
     def fit(self, codes: NDArray[np.uint8], start_m: Point) -> Fix:
@@ -184,12 +184,11 @@ class FocusTracker:
         return fix
 
     def _fit(self, codes: NDArray[np.uint8], start: Point, count: int) -> Fix:
-        self._kernels.fit_phases(
-            codes, self._order, self._places, self._frame, start, self._steps, count, _MAX_STEPS,
-            self._result,
-        )  # fmt: skip
-        x, y, z, phase, residual, steps, converged, clearance = self._result.tolist()
-        return Fix((x, y, z), phase, residual, int(steps), converged == 1.0, clearance)
+        return Fix(
+            *self._kernels.fit_phases(
+                codes, self._order, self._places, self._frame, start, self._steps, count, _MAX_STEPS
+            )
+        )
 
     def _explains(self, fix: Fix) -> bool:
         if fix.residual_rms_rad > self._limit_rad:
@@ -198,10 +197,14 @@ class FocusTracker:
         return above and _CLEARANCE_M <= fix.clearance_m <= _REACH_M
 
     def _check_codes(self, codes: NDArray[np.uint8]) -> None:
-        if codes.dtype != np.uint8 or codes.shape != (self._model.array.count,):
+        if codes.dtype is not _CODES or codes.shape != self._shape:  # one object for each type
+            self._refuse(codes)
+
+    def _refuse(self, codes: NDArray[np.uint8]) -> None:
+        if codes.dtype != _CODES or codes.shape != self._shape:
             raise ConfigurationError(
                 f"codes are {codes.dtype} of shape {codes.shape}, "
-                f"must be uint8 of shape ({self._model.array.count},)"
+                f"must be uint8 of shape {self._shape}"
             )
 
 

@@ -1,0 +1,34 @@
+"""Compiled inner loops; plain arrays in, plain arrays out, nothing is checked here.
+
+Only :mod:`haptogram.acoustics._compiled` imports this package, and only where numba is installed.
+Lengths are in wavelengths and phases in half turns, so that r modulo the wavelength is exact.
+"""
+
+from haptogram.acoustics._kernels._blocks import usable_points
+from haptogram.acoustics._kernels._waves import COSINE, SINE
+from haptogram.acoustics._kernels.fields import (
+    free_pressure,
+    free_waves,
+    lattice_pressure,
+    lattice_waves,
+    polar_form,
+)
+from haptogram.acoustics._kernels.foci import fit_phases, focus_codes
+from haptogram.acoustics._kernels.multifocus import weighted_gerchberg_saxton
+from haptogram.acoustics._kernels.search import best_cell, cell_scores
+
+__all__ = [
+    "COSINE",
+    "SINE",
+    "best_cell",
+    "cell_scores",
+    "fit_phases",
+    "focus_codes",
+    "free_pressure",
+    "free_waves",
+    "lattice_pressure",
+    "lattice_waves",
+    "polar_form",
+    "usable_points",
+    "weighted_gerchberg_saxton",
+]
