@@ -248,8 +248,12 @@ class Streamer:
 
     def send_now(self, frame: Frame) -> Intended:
         """Send one frame that is latched as soon as it is complete."""
-        index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=None)
-        intended = self._note(frame, index, None)
+        return self.send_for(frame, None)
+
+    def send_for(self, frame: Frame, due_us: int | None) -> Intended:
+        """Send one frame that is due at the unwrapped device time *due_us*; None: at once."""
+        index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=due_us)
+        intended = self._note(frame, index, due_us)
         self._link.write_frame(wire)
         return intended
 

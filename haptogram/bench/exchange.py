@@ -52,6 +52,9 @@ _LOWEST_HZ: Final = 1000.0
 _HIGHEST_HZ: Final = 40_000.0  # of the carrier: a board latches no faster
 _TRIES: Final = 3
 _WAIT_NS: Final = 2_000_000_000
+_WINDOW: Final = 112  # frames on their way: what the queue of a virtual board holds, less a few
+_LEAD_US: Final = 8_000  # of each: what the board's process may stall without a loss
+_LOST_NS: Final = 100_000_000  # after which those that are on their way are given up
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +112,9 @@ class Exchanger:
             link, self._pinger, identity, intended=self._intended, status=lambda: None
         )
         self._depth = identity.queue_depth
+        self._carrier_us = -(-1_000_000 // identity.carrier_hz)
         self._traced: dict[int, tuple[int, int]] = {}  # by index: CRC, when it came
+        self._newest = 0  # index of the last one
         link.handler = self._take
         self._pinger.synchronise()
 
@@ -143,7 +148,34 @@ class Exchanger:
             seconds = (link.now_ns() - begin_ns) / 1e9
         return Exchange(count, self._verified(), seconds, np.array(trips_ns) / 1e3)
 
-    def pipelined(self, count: int, rate_hz: float) -> Exchange:
+    def pipelined(self, count: int) -> Exchange:
+        """Send *count* frames as fast as they are confirmed, a window of them on their way.
+
+        Each is due at a time of its own, no two within one carrier period, or the board would latch
+        the later one only.
+        """
+        link, due_us = self._begin(), 0
+        with real_time():
+            begin_ns = link.now_ns()
+            for number in range(count):
+                soon_us = self._clock.to_device_us(link.now_ns()) + _LEAD_US
+                due_us = max(due_us + self._carrier_us, soon_us)
+                frame = self._frames[number % len(self._frames)]
+                sent = self._streamer.send_for(frame, due_us).key.index
+                self._wait_until_traced(sent - _WINDOW)
+            self._wait_until_traced(sent)
+            seconds = (link.now_ns() - begin_ns) / 1e9
+        return Exchange(count, self._verified(), seconds, np.zeros(0))
+
+    def _wait_until_traced(self, index: int) -> None:
+        """Wait until the latch of this frame, or a later one, was traced, or it must be lost."""
+        deadline_ns = self._link.now_ns() + _LOST_NS
+        while self._newest < index:
+            self._link.turn(deadline_ns)
+            if self._link.now_ns() >= deadline_ns:
+                self._newest = index
+
+    def streamed(self, count: int, rate_hz: float) -> Exchange:
         """Stream *count* frames at *rate_hz*, and wait for the traces of their latches."""
         link = self._begin()
         frames = [self._frames[number % len(self._frames)] for number in range(count)]
@@ -180,6 +212,7 @@ class Exchanger:
         elif isinstance(event, EventReceived) and isinstance(event.message, Trace):
             trace = event.message
             self._traced[trace.index] = (trace.crc, self._link.now_ns())
+            self._newest = trace.index
 
 
 def highest_verified_rate_hz(exchanger: Exchanger, step_s: float) -> float:
@@ -191,7 +224,7 @@ def highest_verified_rate_hz(exchanger: Exchanger, step_s: float) -> float:
     passed_hz, rate_hz = 0.0, _LOWEST_HZ
     while rate_hz <= _HIGHEST_HZ:
         count = int(rate_hz * step_s)
-        if not any(exchanger.pipelined(count, rate_hz).verified == count for _ in range(_TRIES)):
+        if not any(exchanger.streamed(count, rate_hz).verified == count for _ in range(_TRIES)):
             break
         passed_hz, rate_hz = rate_hz, rate_hz * 1.25
     return passed_hz
