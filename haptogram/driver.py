@@ -39,7 +39,6 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-_MUTE_TIMEOUT_NS: Final = NS_PER_S  # to say goodbye: the board's own timers mute it soon after
 _PAUSES: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 _REFRESHES: Final = 4  # of a held focus within the shorter one of the two timers
 
@@ -172,24 +171,30 @@ class Driver(Session):
     def hold(self, seconds: float) -> None:
         """Keep the last focus for so long: neither lease nor hold timer expires meanwhile.
 
+        After a pause in which they did, before this or in a stall of the host, it sounds again.
+
         Raises
         ------
         ConfigurationError
-            If nothing was focused on yet.
+            If nothing was focused on yet, or the board is not armed.
         """
         if self._held is None:
             raise ConfigurationError("there is no focus to hold; call focus first")
         timer_ms = min(self._config.hold_ms, self._config.host_timeout_ms)
-        period_ns = timer_ms * 1_000_000 // _REFRESHES
+        timer_ns = timer_ms * 1_000_000
+        period_ns = timer_ns // _REFRESHES
         deadline_ns = self._link.now_ns()
         end_ns = deadline_ns + int(seconds * NS_PER_S)
+        sent_ns = deadline_ns - timer_ns
         while deadline_ns < end_ns:
             self._link.run_until(deadline_ns)
             self._pinger.keep()
+            if self._link.now_ns() - sent_ns >= timer_ns:  # a timer may have run out
+                self._resume(0)
             self._streamer.send_now(self._held)
-            now_ns = self._link.now_ns()
+            sent_ns = self._link.now_ns()
             deadline_ns = next_deadline_ns(
-                deadline_ns=deadline_ns, now_ns=now_ns, period_ns=period_ns
+                deadline_ns=deadline_ns, now_ns=sent_ns, period_ns=period_ns
             )
         self._link.run_until(end_ns)
 

@@ -368,6 +368,34 @@ def test_a_focus_that_is_not_held_falls_silent(driver, port):
     assert [event.message.reason for event in driver.events] == [MuteReason.HOLD_EXPIRED]
 
 
+def test_a_focus_is_held_again_after_a_pause_and_after_a_stall_in_the_middle(driver, port):
+    intended = driver.focus((0.01, 0.0, 0.15))
+    port.stall(1_000_000_000)
+    driver.hold(0.5)
+    assert port.board.state is OutputState.ARMED
+    read, turns = port.read_available, []
+
+    def stalling_once(deadline_ns):
+        turns.append(deadline_ns)
+        if len(turns) == 5:
+            port.stall(1_000_000_000)
+        return read(deadline_ns)
+
+    port.read_available = stalling_once
+    driver.hold(2.0)
+    assert port.board.state is OutputState.ARMED
+    assert port.board.counters.timeouts == 2
+    assert port.board.counters.dropped_state == 0
+    assert port.board.radiated(port.board.now_us) == intended.drive
+
+
+def test_nothing_is_held_on_a_board_that_was_muted(driver):
+    driver.focus((0.01, 0.0, 0.15))
+    driver.mute()
+    with pytest.raises(ConfigurationError, match="arm it first"):
+        driver.hold(1.0)
+
+
 def test_nothing_to_hold(driver):
     with pytest.raises(ConfigurationError, match="call focus first"):
         driver.hold(1.0)
