@@ -7,8 +7,8 @@ damaged.
 
 from __future__ import annotations
 
-import zlib
 from typing import Final
+from zlib import crc32
 
 from .cobs import BLOCK, PURE_PYTHON, Cobs, Stuffing, cobs_decode, cobs_encode
 from .errors import LocalProtocolError, RemoteProtocolError
@@ -34,7 +34,11 @@ CRC_BYTES: Final = 4  # HG-2.4
 HEADER_BYTES: Final = 10  # HG-3.1
 MAX_ENCODED_BYTES: Final = 4096  # HG-2.6: between two delimiters, whatever the size of the array
 MAX_BODY_BYTES: Final = MAX_ENCODED_BYTES - CRC_BYTES - (MAX_ENCODED_BYTES // BLOCK + 1)
+_SHORTEST: Final = HEADER_BYTES + CRC_BYTES
 _CRC_OF_ALL: Final = 0x2144DF1C  # CRC-32 of anything with its own CRC-32 behind it
+
+# One for all noise, to be looked at and never raised.
+_NOT_COBS: Final = RemoteProtocolError("a COBS code byte points past the end", reason="cobs")
 
 
 def encode_frame(body: bytes, stuff: Stuffing = cobs_encode) -> bytes:
@@ -54,7 +58,7 @@ def encode_frame(body: bytes, stuff: Stuffing = cobs_encode) -> bytes:
     """
     if len(body) > MAX_BODY_BYTES:
         raise LocalProtocolError(f"frame body of {len(body)} bytes; the limit is {MAX_BODY_BYTES}")
-    crc = zlib.crc32(body).to_bytes(CRC_BYTES, "little")
+    crc = crc32(body).to_bytes(CRC_BYTES, "little")
     return DELIMITER + stuff(body + crc) + DELIMITER
 
 
@@ -66,26 +70,21 @@ def decode_frame(encoded: bytes, unstuff: Stuffing = cobs_decode) -> bytes:
     RemoteProtocolError
         With the reason ``cobs``, ``short`` or ``crc``.
     """
-    found = _body_of(unstuff(encoded))
-    if isinstance(found, RemoteProtocolError):
-        raise found
-    return found
+    decoded = unstuff(encoded)
+    if crc32(decoded) == _CRC_OF_ALL and len(decoded) >= _SHORTEST:
+        return decoded[:-CRC_BYTES]
+    raise _damage(decoded)
 
 
-def _body_of(decoded: bytes) -> bytes | RemoteProtocolError:
-    """Return the body of what was unstuffed, or what is wrong with it."""
-    if len(decoded) < HEADER_BYTES + CRC_BYTES:
+def _damage(decoded: bytes) -> RemoteProtocolError:
+    """Return what is wrong with bytes that were COBS and are no frame."""
+    if len(decoded) < _SHORTEST:
         return RemoteProtocolError(
-            f"frame of {len(decoded)} bytes; header and CRC take {HEADER_BYTES + CRC_BYTES}",
+            f"frame of {len(decoded)} bytes; header and CRC take {_SHORTEST}",
             reason="short",
         )
-    body = decoded[:-CRC_BYTES]
-    if zlib.crc32(decoded) != _CRC_OF_ALL:
-        crc = int.from_bytes(decoded[-CRC_BYTES:], "little")
-        return RemoteProtocolError(
-            f"CRC-32 is {zlib.crc32(body):08x}, the frame says {crc:08x}", reason="crc"
-        )
-    return body
+    right, crc = crc32(decoded[:-CRC_BYTES]), int.from_bytes(decoded[-CRC_BYTES:], "little")
+    return RemoteProtocolError(f"CRC-32 is {right:08x}, the frame says {crc:08x}", reason="crc")
 
 
 class FrameDecoder:
@@ -101,7 +100,7 @@ class FrameDecoder:
     """
 
     def __init__(self, cobs: Cobs = PURE_PYTHON) -> None:
-        self._cobs = cobs
+        self._unstuff, self._refusal = cobs.decode, cobs.refusal
         self._partial = b""
         self._discarding = False
 
@@ -122,7 +121,8 @@ class FrameDecoder:
             self._discarding = False
             del ended[0]
         # HG-2.3: nothing between two delimiters is no frame and no error
-        found = [self._decode(encoded) for encoded in ended if encoded]
+        decode = self._decode
+        found = [decode(encoded) for encoded in ended if encoded]
         if not self._discarding and len(rest) > MAX_ENCODED_BYTES:
             self._discarding = True
             found.append(_oversize())
@@ -130,16 +130,21 @@ class FrameDecoder:
         return found
 
     def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
-        # Nothing is raised on the way: a traceback would hold the caller's frame, and that the list
+        # Errors are not raised here: a traceback would hold the caller's frame, and that the list
         # which holds the error: a cycle for every damaged frame, in processes that switch the cycle
-        # collector off. It would also make noise slower to decode than frames.
-        if len(encoded) > MAX_ENCODED_BYTES:
+        # collector off. Raising and wording would also take longer than decoding a frame does.
+        size = len(encoded)
+        if encoded[0] > size:  # so most noise is known by its first byte
+            return _NOT_COBS
+        if size > MAX_ENCODED_BYTES:
             return _oversize()
         try:
-            decoded = self._cobs.decode(encoded)
-        except self._cobs.refusal as refused:
-            return RemoteProtocolError(str(refused), reason="cobs")
-        return _body_of(decoded)
+            decoded = self._unstuff(encoded)
+        except self._refusal:
+            return _NOT_COBS
+        if crc32(decoded) == _CRC_OF_ALL and len(decoded) >= _SHORTEST:
+            return decoded[:-CRC_BYTES]
+        return _damage(decoded)
 
 
 def _oversize() -> RemoteProtocolError:
