@@ -142,7 +142,7 @@ class FrameDecoder:
             decoded = self._unstuff(encoded)
         except self._refusal:
             return _NOT_COBS
-        if crc32(decoded) == _CRC_OF_ALL and len(decoded) >= _SHORTEST:
+        if crc32(decoded) == _CRC_OF_ALL and size > _SHORTEST:  # COBS adds a byte
             return decoded[:-CRC_BYTES]
         return _damage(decoded)
 
