@@ -52,9 +52,9 @@ _LOWEST_HZ: Final = 1000.0
 _HIGHEST_HZ: Final = 40_000.0  # of the carrier: a board latches no faster
 _TRIES: Final = 3
 _WAIT_NS: Final = 2_000_000_000
-_WINDOW: Final = 112  # frames on their way: what the queue of a virtual board holds, less a few
+_WINDOWS: Final = (32, 48, 64, 80, 96)  # frames on their way; the queue of a virtual board has 128
 _LEAD_US: Final = 8_000  # of each: what the board's process may stall without a loss
-_LOST_NS: Final = 100_000_000  # after which those that are on their way are given up
+_LOST_NS: Final = 20_000_000  # after which those that are on their way are given up
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,8 +148,8 @@ class Exchanger:
             seconds = (link.now_ns() - begin_ns) / 1e9
         return Exchange(count, self._verified(), seconds, np.array(trips_ns) / 1e3)
 
-    def pipelined(self, count: int) -> Exchange:
-        """Send *count* frames as fast as they are confirmed, a window of them on their way.
+    def pipelined(self, count: int, window: int) -> Exchange:
+        """Send *count* frames as fast as they are confirmed, *window* of them on their way.
 
         Each is due at a time of its own, no two within one carrier period, or the board would latch
         the later one only.
@@ -162,7 +162,7 @@ class Exchanger:
                 due_us = max(due_us + self._carrier_us, soon_us)
                 frame = self._frames[number % len(self._frames)]
                 sent = self._streamer.send_for(frame, due_us).key.index
-                self._wait_until_traced(sent - _WINDOW)
+                self._wait_until_traced(sent - window)
             self._wait_until_traced(sent)
             seconds = (link.now_ns() - begin_ns) / 1e9
         return Exchange(count, self._verified(), seconds, np.zeros(0))
@@ -213,6 +213,16 @@ class Exchanger:
             trace = event.message
             self._traced[trace.index] = (trace.crc, self._link.now_ns())
             self._newest = trace.index
+
+
+def fastest_pipeline(exchanger: Exchanger, count: int) -> Exchange:
+    """Return the fastest exchange of *count* frames of which every one was verified, if any was.
+
+    How many frames on their way are best depends on the board: with too few it waits for the host,
+    with more than it can work off within their lead they come too late.
+    """
+    tried = (exchanger.pipelined(count, window) for window in _WINDOWS)
+    return max(tried, key=lambda done: (done.verified, done.rate_hz))
 
 
 def highest_verified_rate_hz(exchanger: Exchanger, step_s: float) -> float:

@@ -14,7 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.bench.c_programs import CPrograms, c_programs
-from haptogram.bench.exchange import Exchange, exchanger, highest_verified_rate_hz
+from haptogram.bench.exchange import (
+    Exchange,
+    exchanger,
+    fastest_pipeline,
+    highest_verified_rate_hz,
+)
 from haptogram.bench.fingerprint import cpu_share, cpu_times, fingerprint
 from haptogram.bench.measure import BenchConfig, BenchRun, run_bench
 from haptogram.bench.percentiles import with_missed_ticks
@@ -172,7 +177,7 @@ def _line_goals(programs: CPrograms | None, trips: int, step_s: float) -> list[G
     with VirtualBoard(reconstruct=False) as board, exchanger(board.url) as session:
         trips_us = session.round_trips_us(trips)
         closed = session.closed_loop(trips)
-        pipelined = session.pipelined(trips)
+        pipelined = fastest_pipeline(session, trips)
         streamed_hz = highest_verified_rate_hz(session, step_s)
     beside = None
     if programs is not None:

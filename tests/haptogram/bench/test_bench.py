@@ -138,7 +138,7 @@ def test_every_frame_of_a_closed_loop_is_confirmed_and_verified(board):
         found = session.closed_loop(100)
         assert found.verified == found.frames == len(found.trips_us) == 100
         assert (found.trips_us > 0).all()
-        full = session.pipelined(300)
+        full = session.pipelined(300, 16)
         assert 0 < full.verified <= full.frames == 300
         paced = session.streamed(100, 200)
         assert 0 < paced.verified <= paced.frames == 100
