@@ -11,6 +11,7 @@ from haptogram.acoustics import Drive, Reconstruction
 from .latch import (
     FaultsCounted,
     Latch,
+    LineCounted,
     Notice,
     PlaybackEnd,
     RampBegan,
@@ -92,9 +93,11 @@ def end_record(
     dropped: int,
     notices_dropped: int,
     clean: bool,
-    faults: dict[str, int] | None = None,
+    faults: FaultsCounted | None = None,
+    line: LineCounted | None = None,
 ) -> Record:
     """Return the last record: how many latches there were, and how many records are missing."""
+    plan = {} if faults is None else {"faults": faults.counts, "fault_plan": faults.plan}
     return {
         "kind": "end",
         "latched": latched,
@@ -102,7 +105,8 @@ def end_record(
         "dropped": dropped,
         "notices_dropped": notices_dropped,
         "clean": clean,
-        **({} if faults is None else {"faults": faults}),
+        **plan,
+        **({} if line is None else {"line": line.counts}),
     }
 
 
@@ -129,8 +133,8 @@ def _what(notice: Notice) -> Record:
         return {"event": "ramp_began", "reason": notice.reason.name}
     if isinstance(notice, RampEnded):
         return {"event": "ramp_ended", "restored": notice.restored}
-    if isinstance(notice, FaultsCounted):
-        return {"event": "faults", "counts": notice.counts}
+    if isinstance(notice, FaultsCounted | LineCounted):
+        raise TypeError(f"{type(notice).__name__} belongs to the last record")
     return _playback(notice)
 
 

@@ -11,10 +11,10 @@ from typing import Final, NoReturn
 
 from haptogram.errors import ConfigurationError, HaptogramError
 
-from .faults import FaultPlan
+from .fault_kinds import described
 from .log import CountLog, NoticeLog
 from .mutants import parts_of
-from .options import board_settings
+from .options import board_settings, fault_plan
 from .port import Port, PtyPort, SerialPort, TcpPort
 from .reconstruction import ReconstructionWorker
 from .settings import BoardSettings
@@ -24,11 +24,29 @@ _LOG: Final = logging.getLogger(__name__)
 _SERIAL_BAUD: Final = 3_000_000
 _COUNTS_S: Final = 10
 _LOOPBACK: Final = "127.0.0.1"
+_LINE_OPTIONS: Final = (
+    "baud_error_ppm",
+    "rx_fifo",
+    "rx_poll_us",
+    "latency_ms",
+    "host_buffer",
+)
 _EPILOG: Final = """\
 examples:
   python -m sim_device --link /tmp/board            open /tmp/board as a serial port
   python -m sim_device --tcp 7000                   open socket://127.0.0.1:7000
   python -m sim_device --link /tmp/board --backdoor /tmp/board.jsonl
+  python -m sim_device --link /tmp/board --baud 3000000 --latency-ms 16
+                     as behind a USB adapter whose latency timer was left alone
+  python -m sim_device --link /tmp/board --baud 3000000 --rx-fifo 16 --rx-poll-us 50
+                     a UART of 16 bytes, emptied every 50 us: one that does not overrun
+  python -m sim_device --link /tmp/board --seed 1 --fault "line.flip ber=1e-5" \\
+      --fault "device.stuck column=3 from=2s"
+
+The line: without --baud it takes no time, as a pseudo-terminal does, and whatever fits a
+pseudo-terminal fits it.  With --baud a byte takes 10 bits, in both directions; the other
+options of the line say what else a real one has.  What it loses by its nature is counted:
+in the log at the end and in the last record of the back door.
 
 It ends on SIGINT or SIGTERM: muted, every record written, the link removed.
 """
@@ -44,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m sim_device",
         description="A virtual ultrasonic phased array at the far end of a serial line.",
-        epilog=_EPILOG,
+        epilog=_epilog(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     where = parser.add_mutually_exclusive_group(required=True)
@@ -54,6 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--baud", type=int, metavar="N", help="pace of the line [none; --serial: 3000000]"
     )
+    _add_line(parser)
     parser.add_argument("--array", default="16x16", help="NXxNY or a CSV file [%(default)s]")
     parser.add_argument("--pitch-mm", type=float, default=10.0, metavar="MM", help="[%(default)s]")
     parser.add_argument(
@@ -68,7 +87,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
     parser.add_argument(
-        "--fault", action="append", default=[], metavar="FAULT", help="see docs/faults.md"
+        "--fault",
+        action="append",
+        default=[],
+        metavar="FAULT",
+        help="something that goes wrong on purpose, as listed below; may be given many times",
+    )
+    parser.add_argument(
+        "--fault-plan",
+        metavar="FILE",
+        help="faults from a TOML file: seed = N, and tables [[fault]] with name and parameters",
     )
     parser.add_argument(
         "--until-eof", action="store_true", help="end with standard input: with who started it"
@@ -76,6 +104,48 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--quiet", action="store_true", help="log warnings only")
     parser.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
     return parser
+
+
+def _add_line(parser: argparse.ArgumentParser) -> None:
+    line = parser.add_argument_group("the line, beyond its rate")
+    line.add_argument(
+        "--baud-error-ppm",
+        type=int,
+        metavar="PPM",
+        help="the board's UART is so fast; from 53000 (5.3 %%) on characters are damaged [0]",
+    )
+    line.add_argument(
+        "--rx-fifo",
+        type=int,
+        metavar="BYTES",
+        help="the board's UART holds so many bytes, what finds it full is lost [no limit]",
+    )
+    line.add_argument(
+        "--rx-poll-us", type=int, metavar="US", help="how often its firmware empties that [50]"
+    )
+    line.add_argument(
+        "--latency-ms",
+        type=float,
+        metavar="MS",
+        help="the host has a USB adapter with this latency timer: bytes come in packets of 62, or "
+        "when it runs out; 16 is usual, 1 the least of a good driver [no adapter]",
+    )
+    line.add_argument(
+        "--host-buffer",
+        type=int,
+        metavar="BYTES",
+        help="so much may lie unread at the host, what comes then is lost [the board waits]",
+    )
+
+
+def _epilog() -> str:
+    """Return examples, and the faults with their parameters."""
+    faults = "\n".join(f"  {text}" for text in described())
+    return (
+        f"{_EPILOG}\nfaults, their parameters and what these are if left out (all take from=2s "
+        f"until=500ms,\nthose of the line direction=down or up; docs/faults.md tells more):\n"
+        f"{faults}\n"
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -99,7 +169,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     settings, parts = _settings(options), parts_of(options.mutant)
-    plan = FaultPlan.parse(options.fault, settings.seed)
+    plan = fault_plan(options.fault, options.fault_plan, settings.seed)
     port = _open_port(options)
     worker = None
     try:
@@ -133,12 +203,18 @@ def _settings(options: argparse.Namespace) -> BoardSettings:
     baud = options.baud
     if options.serial is not None and baud is None:
         baud = _SERIAL_BAUD
+    line = {name: getattr(options, name) for name in _LINE_OPTIONS}
+    given = {name: value for name, value in line.items() if value is not None}
+    if given and options.serial is not None:
+        named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise ConfigurationError(f"{named}: the line of --serial is a real one")
     return board_settings(
         array=options.array,
         pitch_mm=options.pitch_mm,
         temperature_c=options.temperature_c,
         seed=secrets.randbits(32) if options.seed is None else options.seed,
         baud=baud,
+        **given,
     )
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import random
 
 import numpy as np
+from numpy.typing import NDArray
 
-from haptogram.acoustics import Drive
-from haptogram.errors import ConfigurationError
-
-from .faults import Fault, FaultPlan
+from .clock import earliest
+from .device_faults import Situation, faulty, place_of
+from .faults import Fault, FaultPlan, is_of_transducers
 from .latch import FaultsCounted, Latch
 from .line_faults import Chunk
 from .settings import BoardSettings
@@ -22,16 +21,20 @@ class Injection:
     Raises
     ------
     ConfigurationError
-        If a fault is to be in a transducer or column that the array does not have.
+        If a fault is to be in a place that the array does not have.
     """
 
     def __init__(self, plan: FaultPlan, settings: BoardSettings) -> None:
         self.plan = plan
-        self._settings = settings
         self.counts = {fault.name: 0 for fault in plan.faults}
-        for fault in plan.faults:
-            if fault.name.startswith("device."):
-                self._place(fault)  # found out now, not at the first latch
+        self._places = [
+            place_of(fault, settings) if is_of_transducers(fault.name) else slice(0, 0)
+            for fault in plan.faults
+        ]
+        self._disconnects = list(plan.named("line.disconnect"))
+        self._away: Fault | None = None
+        self._before: Latch | None = None
+        self._reached: dict[int, NDArray[np.complex128]] = {}
 
     def line(self, direction: str, t_ns: int, data: bytes) -> list[Chunk]:
         """Return what becomes of *data* on the line."""
@@ -40,40 +43,52 @@ class Injection:
             self.counts[name] += count
         return chunks
 
+    # --- the port ------------------------------------------------------------------------------
+
+    @property
+    def is_away(self) -> bool:
+        """Whether the port is gone, as of the last :meth:`has_left`."""
+        return self._away is not None
+
+    def has_left(self, t_ns: int) -> bool:
+        """Return whether the port has gone since the last call; see ``line.disconnect``."""
+        before = self._away
+        self._away = next((fault for fault in self._disconnects if fault.is_there(t_ns)), None)
+        left = self._away is not None and before is None
+        if left:
+            self.counts["line.disconnect"] += 1
+        return left
+
+    def next_change_ns(self, t_ns: int) -> int | None:
+        """Return when the port next goes or comes back after *t_ns*."""
+        times = [t for fault in self._disconnects for t in (fault.from_ns, fault.until_ns)]
+        return earliest(*(t for t in times if t > t_ns))
+
+    # --- transducers ---------------------------------------------------------------------------
+
     def radiate(self, latch: Latch, t_ns: int) -> Latch:
         """Return *latch* with what its faulty transducers radiate; what is latched stays."""
         radiated = latch.radiated
-        for fault, source in self.plan.of_device(t_ns):
-            faulty = self._faulty(radiated, fault, source)
-            self.counts[fault.name] += faulty != radiated
-            radiated = faulty
+        for number, fault, source in self.plan.of_device(t_ns):
+            now = Situation(
+                healthy=latch.radiated,
+                drive=radiated,
+                before=self._before,
+                t_us=latch.t_latch_us,
+                place=self._places[number],
+                reached=self._reached.get(number),
+            )
+            changed = faulty(fault, now, source)
+            if now.reached is not None:
+                self._reached[number] = now.reached
+            if changed != radiated:
+                self.counts[fault.name] += 1
+                radiated = changed
+        self._before = latch
         return (
             latch if radiated is latch.radiated else dataclasses.replace(latch, radiated=radiated)
         )
 
     def counted(self, t_us: int) -> FaultsCounted:
         """Return how often each fault has done something."""
-        return FaultsCounted(t_us, dict(self.counts))
-
-    def _faulty(self, drive: Drive, fault: Fault, source: random.Random) -> Drive:
-        place = self._place(fault)
-        phases, amplitudes = drive.phase_codes.copy(), drive.amplitude_codes.copy()
-        if fault.name == "device.stuck":
-            phases[place] = round(fault.values["code"]) % 256
-        elif fault.name == "device.delayed":
-            phases[place] += np.uint8(round(fault.values["code"]) % 256)
-        elif fault.name == "device.dead" or source.random() < fault.values["p"]:
-            amplitudes[place] = 0
-        return Drive(phases, amplitudes)
-
-    def _place(self, fault: Fault) -> slice:
-        count = self._settings.count
-        columns, rows = self._settings.model.array.grid_shape or (0, 0)
-        column, transducer = (round(fault.values[key]) for key in ("column", "transducer"))
-        first, width, limit = (
-            (transducer, 1, count) if transducer >= 0 else (column * rows, rows, columns * rows)
-        )
-        if first >= limit:
-            has = f"{count} transducers in {columns} columns"
-            raise ConfigurationError(f"{fault.name}: no such place; the array has {has}")
-        return slice(first, first + width)
+        return FaultsCounted(t_us, dict(self.counts), self.plan.as_toml())

@@ -96,12 +96,27 @@ class PlaybackEnd:
 
 @dataclass(frozen=True, slots=True)
 class FaultsCounted:
-    """How often each fault of a plan has fired, at the end."""
+    """How often each fault of a plan has fired, at the end.
+
+    Attributes
+    ----------
+    plan : str
+        The plan and its seed, as TOML: with it the run can be repeated.
+    """
+
+    t_us: int
+    counts: dict[str, int]
+    plan: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LineCounted:
+    """What a line has lost or damaged by itself, by its own nature, at the end."""
 
     t_us: int
     counts: dict[str, int]
 
 
 Notice: TypeAlias = (
-    FaultsCounted | SessionOpened | StateChange | RampBegan | RampEnded | PlaybackEnd
+    FaultsCounted | LineCounted | SessionOpened | StateChange | RampBegan | RampEnded | PlaybackEnd
 )

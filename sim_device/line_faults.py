@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
+from .characters import sample
+
 _NS_PER_US: Final = 1_000
 _NS_PER_MS: Final = 1_000_000
 
@@ -89,11 +91,34 @@ def _truncate(data: bytearray, values: Values, source: random.Random) -> int:
     return int(fires)
 
 
+def _overrun(data: bytearray, values: Values, source: random.Random) -> int:
+    fires = bool(data) and source.random() < values["p"]
+    if fires:
+        first = source.randrange(len(data))
+        del data[first : first + round(values["bytes"])]
+    return int(fires)
+
+
 def _break(data: bytearray, values: Values, source: random.Random) -> int:
     fires = bool(data) and source.random() < values["p"]
     if fires:
         data[:] = b"\x00"  # what a receiver makes of a line held low
     return int(fires)
+
+
+def _baud(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:
+    ratio = 1 + values["ppm"] / 1e6
+    received = [Chunk(chunk.t_ns, sample(chunk.data, ratio)[0]) for chunk in chunks]
+    changed = sum(new != old for new, old in zip(received, chunks, strict=True))
+    return received, changed
+
+
+def _nothing(chunks: list[Chunk], _: Values, __: random.Random) -> tuple[list[Chunk], int]:
+    return [], len(chunks)
+
+
+def _gone(_: list[Chunk], __: Values, ___: random.Random) -> tuple[list[Chunk], int]:
+    return [], 0  # it fires once, when the port goes: see Injection.has_left
 
 
 def _duplicate(
@@ -143,7 +168,11 @@ LINE_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
         "line.insert": _bytewise(_insert),
         "line.burst": _bytewise(_burst),
         "line.truncate": _bytewise(_truncate),
+        "line.overrun": _bytewise(_overrun),
         "line.break": _bytewise(_break),
+        "line.baud": _baud,
+        "line.half_open": _nothing,
+        "line.disconnect": _gone,
         "line.duplicate": _duplicate,
         "line.delay": _delay,
         "line.slice": _slice,

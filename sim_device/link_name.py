@@ -39,13 +39,17 @@ class LinkName:
             raise ConfigurationError(f"cannot make the link {self._path}: {error}") from error
         self._target = target
 
+    def withdraw(self) -> None:
+        """Remove the link, if it is still ours; the name stays taken."""
+        with contextlib.suppress(OSError):
+            if self._target and os.readlink(self._path) == self._target:
+                os.unlink(self._path)
+
     def release(self) -> None:
         """Remove the link, if it is still ours, and then the lock."""
         if self._lock < 0:
             return
-        with contextlib.suppress(OSError):
-            if self._target and os.readlink(self._path) == self._target:
-                os.unlink(self._path)
+        self.withdraw()
         with contextlib.suppress(OSError):
             os.unlink(self._lock_path)
         os.close(self._lock)

@@ -11,6 +11,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 from .latch import (
     FaultsCounted,
     Latch,
+    LineCounted,
     Notice,
     PlaybackEnd,
     RampBegan,
@@ -73,8 +74,14 @@ def describe(notice: Notice) -> str:
     if isinstance(notice, RampEnded):
         return "ramp undone: full output" if notice.restored else "ramp ended: silence"
     if isinstance(notice, FaultsCounted):
-        return "faults: " + ", ".join(f"{name} {n}" for name, n in notice.counts.items())
+        return f"faults: {_counts(notice)}"
+    if isinstance(notice, LineCounted):
+        return f"line: {_counts(notice)}"
     return _playback(notice)
+
+
+def _counts(notice: FaultsCounted | LineCounted) -> str:
+    return ", ".join(f"{name} {n}" for name, n in notice.counts.items())
 
 
 def _state(state: OutputState, reason: MuteReason) -> str:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Final
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
 
+from .faults import FaultPlan
 from .settings import BoardSettings
+from .uart import LineSettings
 
 MAX_SEED: Final = 2**64 - 1
+_MAX_LATENCY_MS: Final = 255  # of the timer's eight bits
 
 
 def board_settings(
@@ -19,6 +24,11 @@ def board_settings(
     temperature_c: float = 20.0,
     seed: int = 0,
     baud: int | None = None,
+    baud_error_ppm: int = 0,
+    rx_fifo: int | None = None,
+    rx_poll_us: int | None = None,
+    latency_ms: float | None = None,
+    host_buffer: int | None = None,
 ) -> BoardSettings:
     """Return the settings of a board.
 
@@ -30,6 +40,8 @@ def board_settings(
         Pitch of a grid, millimetres.
     temperature_c : float
         Temperature of the air that the board radiates into, degrees Celsius.
+    baud, baud_error_ppm, rx_fifo, rx_poll_us, latency_ms, host_buffer
+        The line; see :class:`~sim_device.uart.LineSettings`.
 
     Raises
     ------
@@ -44,4 +56,52 @@ def board_settings(
         Medium.air(temperature_c, frequency_hz=transducer.frequency_hz),
         transducer,
     )
-    return BoardSettings(model=model, seed=seed, baud=baud)
+    line = _line(baud_error_ppm, rx_fifo, rx_poll_us, latency_ms, host_buffer)
+    return BoardSettings(model=model, seed=seed, baud=baud, line=line)
+
+
+def _line(
+    baud_error_ppm: int,
+    rx_fifo: int | None,
+    rx_poll_us: int | None,
+    latency_ms: float | None,
+    host_buffer: int | None,
+) -> LineSettings:
+    if rx_poll_us is not None and rx_fifo is None:
+        raise ConfigurationError("rx_poll_us says how often a FIFO is emptied: give rx_fifo too")
+    if latency_ms is not None and not 0 < latency_ms <= _MAX_LATENCY_MS:
+        raise ConfigurationError(
+            f"latency_ms is {latency_ms:g}, must be above 0, at most {_MAX_LATENCY_MS}"
+        )
+    given = {} if rx_poll_us is None else {"rx_poll_us": rx_poll_us}
+    return LineSettings(
+        baud_error_ppm=baud_error_ppm,
+        rx_fifo=rx_fifo,
+        latency_us=None if latency_ms is None else max(1, round(latency_ms * 1000)),
+        host_buffer=host_buffer,
+        **given,
+    )
+
+
+def fault_plan(texts: Iterable[str], file: str | None, seed: int) -> FaultPlan:
+    """Return the plan of a file, if one is named, and of *texts* after it.
+
+    Parameters
+    ----------
+    seed : int
+        Of the plan, unless the file says another.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, or for a fault that makes no sense.
+    """
+    added = FaultPlan.parse(texts, seed)
+    if file is None:
+        return added
+    try:
+        plan = FaultPlan.from_toml(Path(file).read_text(encoding="utf-8"), seed)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigurationError(f"cannot read the fault plan {file}: {reason}") from error
+    return FaultPlan(plan.faults + added.faults, plan.seed)

@@ -24,6 +24,7 @@ from haptogram.errors import ConfigurationError, HaptogramError
 from .link_name import LinkName
 
 _LOG: Final = logging.getLogger(__name__)
+_CLOSED: Final = -1
 _GONE: Final = (errno.EIO, errno.EPIPE, errno.ECONNRESET, errno.ENXIO, errno.ENODEV)
 
 
@@ -92,6 +93,9 @@ class Port:
         """Return whether the client has gone since the last call, where that can be told."""
         return False
 
+    def plug(self, is_there: bool) -> None:
+        """Let the port vanish, as if a cable were pulled, or come back, where it can do that."""
+
     def close(self) -> None:
         """Close the port and remove what it left in the file system."""
         with contextlib.suppress(OSError):
@@ -121,23 +125,53 @@ class PtyPort(Port):
 
     def __init__(self, link: str | Path) -> None:
         self._link = LinkName(Path(link))
-        master, self._slave = pty.openpty()
-        super().__init__(master, str(link))
-        for fd in (master, self._slave):
-            tty.setraw(fd)  # cooked, a terminal would echo, and turn 0A into 0D 0A
-        os.set_blocking(master, False)
+        super().__init__(_CLOSED, str(link))
+        self._slave = _CLOSED
         try:
-            self._link.point_to(os.ttyname(self._slave))
+            self._open()
         except BaseException:
             self.close()
             raise
 
+    def _open(self) -> None:
+        self._fd, self._slave = pty.openpty()
+        for fd in (self._fd, self._slave):
+            tty.setraw(fd)  # cooked, a terminal would echo, and turn 0A into 0D 0A
+        os.set_blocking(self._fd, False)
+        self._link.point_to(os.ttyname(self._slave))
+
+    def reading(self) -> list[int]:
+        """Return the file descriptors to wait on for input: none while it is gone."""
+        return [] if self._fd == _CLOSED else super().reading()
+
+    def read(self, limit: int) -> bytes:
+        """Return what has come; nothing while the port is gone."""
+        return b"" if self._fd == _CLOSED else super().read(limit)
+
+    def write(self, data: bytes) -> None:
+        """Hand over *data*; it is lost while the port is gone."""
+        if self._fd != _CLOSED:
+            super().write(data)
+
+    def plug(self, is_there: bool) -> None:
+        """Close both sides and remove the link, or open another pair under the same link."""
+        if is_there and self._fd == _CLOSED:
+            self._open()
+        elif not is_there:
+            self._link.withdraw()
+            self._close_both()
+
     def close(self) -> None:
         """Remove the link, then close both sides."""
         self._link.release()
-        super().close()
-        with contextlib.suppress(OSError):
-            os.close(self._slave)
+        self._close_both()
+
+    def _close_both(self) -> None:
+        for fd in {self._fd, self._slave} - {_CLOSED}:
+            with contextlib.suppress(OSError):
+                os.close(fd)
+        self._fd = self._slave = _CLOSED
+        self._unsent = b""
 
     def _lost(self, error: OSError) -> bytes:
         if error.errno == errno.EIO:  # a client closed: only said where our slave did not count
@@ -167,6 +201,7 @@ class TcpPort(Port):
         self._server.setblocking(False)
         self._client: socket.socket | None = None
         self._departed = False
+        self._is_there = True
         name = self._server.getsockname()
         super().__init__(-1, f"socket://{name[0]}:{name[1]}")
 
@@ -199,6 +234,12 @@ class TcpPort(Port):
         departed, self._departed = self._departed, False
         return departed
 
+    def plug(self, is_there: bool) -> None:
+        """Let the client go and take none in, or take one in again."""
+        self._is_there = is_there
+        if not is_there:
+            self._drop_client()
+
     def close(self) -> None:
         """Close the client and the server."""
         if self._client is not None:
@@ -210,8 +251,9 @@ class TcpPort(Port):
             client, address = self._server.accept()
         except OSError:  # nobody waits, or who waited has gone
             return
-        if self._client is not None:
-            _LOG.info("client %s:%d turned away: there is one already", *address[:2])
+        if self._client is not None or not self._is_there:
+            why = "there is one already" if self._client is not None else "the port is gone"
+            _LOG.info("client %s:%d turned away: %s", *address[:2], why)
             client.close()
             return
         client.setblocking(False)

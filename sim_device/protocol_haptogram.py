@@ -24,9 +24,8 @@ from haptogram.errors import ConfigurationError
 
 from .assembly import HEALTHY
 from .backdoor import Record, to_line
-from .faults import FaultPlan
 from .mutants import parts_of
-from .options import board_settings
+from .options import board_settings, fault_plan
 from .reconstruction import ReconstructionWorker
 from .recorder import InlineReconstruction
 from .settings import BoardSettings
@@ -74,9 +73,15 @@ _PARAMETERS: Final[dict[str, Callable[[str, str], Any]]] = {
     "pitch_mm": _number(float),
     "temperature_c": _number(float),
     "baud": _number(int),
+    "baud_error_ppm": _number(int),
+    "rx_fifo": _number(int),
+    "rx_poll_us": _number(int),
+    "latency_ms": _number(float),
+    "host_buffer": _number(int),
     "backdoor": _text,
     "reconstruct": _choice(**{"0": False, "1": True}),
     "fault": _text,
+    "fault_plan": _text,
     "mutant": lambda _, name: parts_of(name),
 }
 
@@ -145,14 +150,20 @@ class Serial(serial.SerialBase):
         backdoor = options.pop("backdoor", None)
         reconstruct = options.pop("reconstruct", None)
         parts = options.pop("mutant", HEALTHY)
-        plan = FaultPlan.parse(options.pop("fault", []), options.get("seed", 0))
+        plan = fault_plan(
+            options.pop("fault", []), options.pop("fault_plan", None), options.get("seed", 0)
+        )
         settings = board_settings(**options)
         self.records = []
         self._sink: RecordSink | None = None
         self._worker: ReconstructionWorker | None = None
         self._inline: InlineReconstruction | None = None
-        recorders = self._recorders(settings, backdoor, reconstruct)
-        self.simulation = Simulation(settings, *recorders, parts=parts, faults=plan)
+        try:
+            recorders = self._recorders(settings, backdoor, reconstruct)
+            self.simulation = Simulation(settings, *recorders, parts=parts, faults=plan)
+        except BaseException:
+            self._close_records()
+            raise
         self._start_ns = time.monotonic_ns()
         self.is_open = True
 
@@ -174,11 +185,14 @@ class Serial(serial.SerialBase):
         return [self._inline]
 
     def close(self) -> None:
-        """Power the board down, and write the last record."""
+        """Power the board down: it is muted, and the last record is written."""
         if not self.is_open:
             return
         self.is_open = False
-        self.simulation.report_faults()
+        self.simulation.power_down()
+        self._close_records()
+
+    def _close_records(self) -> None:
         if self._inline is not None:
             self._inline.finish()
         if self._worker is not None:
@@ -241,19 +255,26 @@ class Serial(serial.SerialBase):
 
     # --- bytes ---------------------------------------------------------------------------------
 
+    def _check_cable(self) -> None:
+        """Fail as a port does whose cable was pulled; see ``line.disconnect``."""
+        self._catch_up()
+        if not self.simulation.is_connected:
+            raise serial.SerialException(f"{self._port}: the port is gone, by line.disconnect")
+
     @property
     def in_waiting(self) -> int:
         """Bytes that can be read without waiting."""
-        self._catch_up()
+        self._check_cable()
         return self.simulation.host_waiting
 
     def read(self, size: int = 1) -> bytes:
         """Return *size* bytes, or fewer when the timeout has passed."""
-        self._catch_up()
+        self._check_cable()
         deadline_ns = self._deadline_ns(self._timeout)
         data = self.simulation.host_read(size)
         while len(data) < size and not self._is_over(deadline_ns):
             self._pass_time(deadline_ns)
+            self._check_cable()
             data += self.simulation.host_read(size - len(data))
         return data
 
@@ -267,7 +288,7 @@ class Serial(serial.SerialBase):
         serial.SerialTimeoutException
             If a timeout above 0 passes first.
         """
-        self._catch_up()
+        self._check_cable()
         data = bytes(b)
         deadline_ns = self._deadline_ns(self._write_timeout)
         sent = self._put(data)

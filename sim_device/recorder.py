@@ -9,7 +9,7 @@ from typing import Final
 from haptogram.acoustics import AcousticModel, Drive, Reconstruction, Reconstructor
 
 from .backdoor import Record, board_record, end_record, latch_record, output_record
-from .latch import FaultsCounted, Latch, Notice
+from .latch import FaultsCounted, Latch, LineCounted, Notice
 from .settings import BoardSettings
 
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
@@ -67,7 +67,8 @@ class InlineReconstruction:
         self._write = write
         self._estimator = Estimator(settings.model) if reconstruct else None
         self._latched = self._reconstructed = 0
-        self._faults: dict[str, int] | None = None
+        self._faults: FaultsCounted | None = None
+        self._line: LineCounted | None = None
         write(board_record(settings))
 
     def latch(self, latch: Latch) -> None:
@@ -82,11 +83,13 @@ class InlineReconstruction:
         self._estimator = None
 
     def notice(self, notice: Notice) -> None:
-        """Take down a change of the output; counts of faults belong to the last record."""
+        """Take down a change of the output; counts belong to the last record."""
         if isinstance(notice, FaultsCounted):
-            self._faults = notice.counts
-            return
-        self._write(output_record(notice))
+            self._faults = notice
+        elif isinstance(notice, LineCounted):
+            self._line = notice
+        else:
+            self._write(output_record(notice))
 
     def finish(self, *, dropped: int = 0, notices_dropped: int = 0, clean: bool = True) -> None:
         """Write the totals; *dropped* latches and *notices_dropped* notices never came here."""
@@ -98,5 +101,6 @@ class InlineReconstruction:
                 notices_dropped=notices_dropped,
                 clean=clean,
                 faults=self._faults,
+                line=self._line,
             )
         )

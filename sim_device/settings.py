@@ -10,6 +10,8 @@ from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.messages import Feature, PhaseFormat
 
+from .uart import LineSettings
+
 BOOT_US: Final = 2**32 - 10_000_000  # the 32-bit clock of every run wraps 10 s after power-up
 MAX_BAUD: Final = 50_000_000
 ALL_FEATURES: Final = (
@@ -45,6 +47,8 @@ class BoardSettings:
         Unwrapped device time at power-up.
     baud : int or None
         Rate of the line, for the share of it that STATUS may take; None: no limit.
+    line : LineSettings
+        What else the line is: FIFOs, USB adapter, error of the rate.
     phase_formats : tuple of PhaseFormat
         Resolutions that PHASES frames may have.
 
@@ -63,6 +67,7 @@ class BoardSettings:
     max_horizon_us: int = 10_000_000
     boot_us: int = BOOT_US
     baud: int | None = None
+    line: LineSettings = field(default_factory=LineSettings)
     clock_ppm: int = 50
     trace_ring: int = 4096
     max_points: int = 8
@@ -86,6 +91,7 @@ class BoardSettings:
             value = getattr(self, name)
             if value is not None and not 1 <= value <= limit:
                 raise ConfigurationError(f"{name} is {value}, must be 1 to {limit}")
+        self.line.check(self.baud)
 
     @property
     def carrier_hz(self) -> int:

@@ -22,12 +22,12 @@ from .board import Board
 from .clock import earliest
 from .faults import FaultPlan
 from .injection import Injection
-from .latch import Latch, Notice
+from .latch import Latch, LineCounted, Notice
 from .log import CountLog
 from .port import Port
 from .reconstruction import ReconstructionWorker
 from .settings import BoardSettings
-from .uart import Line
+from .uart import Line, LineSettings, line_to_board, line_to_host
 
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
@@ -85,14 +85,16 @@ class Simulation:
         self._injection: Injection | None = None
         if faults is not None and faults.faults:
             self._injection = Injection(faults, settings)
+            self._injection.has_left(0)
             self._clock = faults.clock(self._clock)
             settings = dataclasses.replace(settings, boot_us=self._clock.boot_us)
         self.dialect = parts.assemble(settings, description_hash())
         self.board: Board = self.dialect.board
         self._recorders = recorders
-        baud = settings.baud if paced else None
-        self._down, self._up = Line(baud), Line(baud)
+        baud, self._line = (settings.baud, settings.line) if paced else (None, LineSettings())
+        self._down, self._up = line_to_board(baud, self._line), line_to_host(baud, self._line)
         self._unread = bytearray()
+        self._unread_lost = 0
         self._now_ns = 0
 
     @property
@@ -157,18 +159,37 @@ class Simulation:
         self.dialect.advance_to(self.board.now_us)
         self.dialect.collect()
         self._record()
-        self.report_faults()
+        self.report_counts()
 
     @property
     def fault_counts(self) -> dict[str, int]:
         """How often each fault has fired."""
         return {} if self._injection is None else dict(self._injection.counts)
 
-    def report_faults(self) -> None:
-        """Tell the recorders how often each fault has fired, for their last record."""
+    @property
+    def line_counts(self) -> dict[str, int]:
+        """What the line has lost or damaged by its own nature, in bytes."""
+        return {
+            "board_overrun": self._down.overrun,
+            "host_overrun": self._unread_lost,
+            "framing": self._down.framing + self._up.framing,
+        }
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the host has a port: not while ``line.disconnect`` keeps it away."""
+        return self._injection is None or not self._injection.is_away
+
+    def report_counts(self) -> None:
+        """Tell the recorders of faults and losses, for their last record."""
+        notices: list[Notice] = []
+        if self._line != LineSettings():
+            notices.append(LineCounted(self.board.now_us, self.line_counts))
         if self._injection is not None:
-            for recorder in self._recorders:
-                recorder.notice(self._injection.counted(self.board.now_us))
+            notices.append(self._injection.counted(self.board.now_us))
+        for recorder in self._recorders:
+            for notice in notices:
+                recorder.notice(notice)
 
     # --- time ----------------------------------------------------------------------------------
 
@@ -176,12 +197,14 @@ class Simulation:
         """Return when something happens next by itself, or None."""
         board_us = self.dialect.next_event_us()
         first_ns = None if board_us is None else self._clock.reached_ns(board_us)
-        if (down_ns := self._down.next_delimiter_ns(DELIMITER)) is not None:
+        if (down_ns := self._down.next_event_ns(DELIMITER)) is not None:
             first_ns = earliest(first_ns, _whole_us(down_ns))
-        if (up_ns := self._up.next_delimiter_ns(DELIMITER)) is not None:
+        if (up_ns := self._up.next_event_ns(DELIMITER)) is not None:
             first_ns = earliest(first_ns, up_ns)
         if self._can_feed:
             first_ns = earliest(first_ns, self._up.free_ns)
+        if self._injection is not None:
+            first_ns = earliest(first_ns, self._injection.next_change_ns(self._now_ns))
         return None if first_ns is None else max(first_ns, self._now_ns)
 
     def advance_to(self, t_ns: int) -> None:
@@ -200,6 +223,8 @@ class Simulation:
 
     def _step(self, t_ns: int) -> None:
         self._now_ns = t_ns
+        if self._injection is not None and self._injection.has_left(t_ns):
+            self.unplug()
         t_us = self._clock.device_us(t_ns)
         if t_ns % _NS_PER_US == 0 and (data := self._down.receive(t_ns)):
             self.dialect.receive(data, t_us)  # only on whole microseconds: never before it came
@@ -208,6 +233,7 @@ class Simulation:
         self._record()
         self._feed_line()
         self._unread += self._up.receive(t_ns)
+        self._overrun_host()
 
     def _record(self) -> None:
         notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
@@ -225,6 +251,13 @@ class Simulation:
             return
         for chunk in self._injection.line(direction, t_ns, data):
             line.send(chunk.data, chunk.t_ns - credit_ns)
+
+    def _overrun_host(self) -> None:
+        """Lose what the host's buffer has no room for, if it has an end."""
+        limit = self._line.host_buffer
+        if limit is not None and len(self._unread) > limit:
+            self._unread_lost += len(self._unread) - limit
+            del self._unread[limit:]
 
     @property
     def _can_feed(self) -> bool:
@@ -274,6 +307,7 @@ class Heartbeat:
         self._simulation, self._port = simulation, port
         self._worker, self._counts = worker, counts
         self._stopping = False
+        self._is_plugged = True
         self._parents: list[int] = []  # whose end is that of the board
         self._due_ns: int | None = None  # when it meant to wake
         self._hand_over_ns = 0
@@ -320,6 +354,9 @@ class Heartbeat:
         if data := port.read(simulation.host_room):
             simulation.host_write(data, now_ns, waited_ns=stalled_ns)
         simulation.advance_to(now_ns)
+        if simulation.is_connected is not self._is_plugged:
+            self._is_plugged = simulation.is_connected
+            port.plug(self._is_plugged)
         if port.take_departure():
             simulation.unplug()  # the next client must not get what this one left
         port.write(b"")  # the rest of last time; once it is gone nothing else would wake us up

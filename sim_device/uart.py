@@ -2,16 +2,85 @@
 
 Times are whole nanoseconds on the clock of the simulation; a byte is there when its stop bit has
 ended. Without a baud rate the line takes no time, as a pseudo-terminal does.
+
+What receives may be more than a wire: :class:`PolledLine` ends in the FIFO of a board's UART,
+:class:`UsbLine` in a USB adapter with its latency timer.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Final
 
-_BITS_PER_BYTE: Final = 10  # start bit, 8 data bits, stop bit
+from haptogram.errors import ConfigurationError
+
+from .characters import BITS_PER_BYTE, is_understood, sample
+
+USB_PACKET_BYTES: Final = 62  # of 64; two tell the state of the modem lines
+MAX_ERROR_PPM: Final = 200_000
 _NS_PER_S: Final = 1_000_000_000
+_NS_PER_US: Final = 1_000
+_MILLION: Final = 1_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineSettings:
+    """What a line is beyond its rate; by default nothing more than a wire.
+
+    Attributes
+    ----------
+    baud_error_ppm : int
+        By how much the board's UART is fast, both when it sends and when it listens.
+    rx_fifo : int or None
+        Bytes that the board's UART holds until its firmware takes them; None: as many as come.
+    rx_poll_us : int
+        How often the firmware takes them, if ``rx_fifo`` is given.
+    latency_us : int or None
+        Latency timer of the host's USB adapter; None: there is no adapter.
+    host_buffer : int or None
+        Bytes that may wait to be read by the host, what comes then is lost; None: the board waits,
+        as a pseudo-terminal makes it.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is out of its limits.
+    """
+
+    baud_error_ppm: int = 0
+    rx_fifo: int | None = None
+    rx_poll_us: int = 50
+    latency_us: int | None = None
+    host_buffer: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, (least, most) in _LIMITS.items():
+            value = getattr(self, name)
+            if value is not None and not least <= value <= most:
+                raise ConfigurationError(f"{name} is {value}, must be {least} to {most}")
+
+    def check(self, baud: int | None) -> None:
+        """Refuse what makes no sense on a line that takes no time.
+
+        Raises
+        ------
+        ConfigurationError
+            If *baud* is None and something here depends on the rate.
+        """
+        for name in ("baud_error_ppm", "rx_fifo"):
+            if baud is None and getattr(self, name):
+                raise ConfigurationError(f"{name} needs a baud rate: without one, bytes take none")
+
+
+_LIMITS: Final = {
+    "baud_error_ppm": (-MAX_ERROR_PPM, MAX_ERROR_PPM),
+    "rx_fifo": (1, 65_536),
+    "rx_poll_us": (1, 1_000_000),
+    "latency_us": (1, 255_000),
+    "host_buffer": (1, 1 << 30),
+}
 
 
 @dataclass(slots=True)
@@ -30,13 +99,27 @@ class Line:
     ----------
     baud : int or None
         Bits per second; None: no time at all.
+    sender_ppm, receiver_ppm : int
+        By how much the clock of either end is fast.
+
+    Attributes
+    ----------
+    overrun : int
+        Bytes that were lost because nobody took them in time.
+    framing : int
+        Characters without a stop bit: the rates of the two ends differ too much.
     """
 
-    def __init__(self, baud: int | None) -> None:
-        self._baud = baud
+    def __init__(self, baud: int | None, *, sender_ppm: int = 0, receiver_ppm: int = 0) -> None:
+        sender = None if baud is None else Fraction(baud * (_MILLION + sender_ppm), _MILLION)
+        byte_ns = Fraction(0) if sender is None else BITS_PER_BYTE * _NS_PER_S / sender
+        self._byte_ns, self._per_bytes = byte_ns.numerator, byte_ns.denominator
+        self._ratio = (_MILLION + sender_ppm) / (_MILLION + receiver_ppm)
+        self._is_clear = is_understood(self._ratio)
         self._bursts: deque[_Burst] = deque()
         self._in_transit = 0
         self._free_ns = 0
+        self.overrun = self.framing = 0
 
     @property
     def free_ns(self) -> int:
@@ -53,11 +136,15 @@ class Line:
         if not data:
             return
         start_ns = max(t_ns, self._free_ns)
-        self._bursts.append(_Burst(start_ns, bytes(data)))
-        self._in_transit += len(data)
         self._free_ns = self._end_ns(start_ns, len(data))
+        if not self._is_clear:
+            data, errors = sample(data, self._ratio)
+            self.framing += errors
+        if data:
+            self._bursts.append(_Burst(start_ns, bytes(data)))
+            self._in_transit += len(data)
 
-    def next_delimiter_ns(self, delimiter: bytes) -> int | None:
+    def next_event_ns(self, delimiter: bytes) -> int | None:
         """Return when the next *delimiter* has been received, or else the last byte; None: idle.
 
         Nothing can depend on the bytes before it, so that a frame costs one event and not one for
@@ -90,16 +177,136 @@ class Line:
         self._in_transit = 0
         self._free_ns = 0
 
+    def _arrival_ns(self, count: int) -> int | None:
+        """Return when *count* more bytes will be there; None: so many were not sent."""
+        for burst in self._bursts:
+            left = len(burst.data) - burst.taken
+            if count <= left:
+                return self._end_ns(burst.start_ns, burst.taken + count)
+            count -= left
+        return None
+
     def _end_ns(self, start_ns: int, count: int) -> int:
         """Return when *count* bytes that start at *start_ns* have been sent, rounded up."""
-        if self._baud is None:
-            return start_ns
-        return start_ns - (-count * _BITS_PER_BYTE * _NS_PER_S // self._baud)
+        return start_ns - (-count * self._byte_ns // self._per_bytes)
 
     def _arrived(self, burst: _Burst, t_ns: int) -> int:
         if t_ns < burst.start_ns:
             return 0
-        if self._baud is None:
+        if not self._byte_ns:
             return len(burst.data)
-        whole = (t_ns - burst.start_ns) * self._baud // (_BITS_PER_BYTE * _NS_PER_S)
+        whole = (t_ns - burst.start_ns) * self._per_bytes // self._byte_ns
         return min(len(burst.data), whole)
+
+
+class PolledLine(Line):
+    """A line to a UART whose firmware empties the receive FIFO every so often.
+
+    What comes while the FIFO is full is lost and counted, as in any UART (``overrun``): bytes in
+    the middle of a frame, whose CRC is wrong then.
+
+    Parameters
+    ----------
+    fifo : int
+        Bytes that it holds.
+    poll_ns : int
+        How often it is emptied, at the multiples of this time.
+    """
+
+    def __init__(
+        self, baud: int | None, fifo: int, poll_ns: int, *, sender_ppm: int = 0, receiver_ppm: int
+    ) -> None:
+        super().__init__(baud, sender_ppm=sender_ppm, receiver_ppm=receiver_ppm)
+        self._fifo, self._poll_ns = fifo, poll_ns
+
+    def next_event_ns(self, delimiter: bytes) -> int | None:
+        """Return when the firmware next finds a delimiter, or the last byte, in its FIFO."""
+        t_ns = super().next_event_ns(delimiter)
+        return None if t_ns is None else self._next_poll_ns(t_ns)
+
+    def receive(self, t_ns: int) -> bytes:
+        """Return what the firmware has found in its FIFO up to *t_ns*."""
+        found = bytearray()
+        while (first_ns := self._arrival_ns(1)) is not None:
+            if (poll_ns := self._next_poll_ns(first_ns)) > t_ns:
+                break
+            came = super().receive(poll_ns)
+            found += came[: self._fifo]
+            self.overrun += max(0, len(came) - self._fifo)
+        return bytes(found)
+
+    def _next_poll_ns(self, t_ns: int) -> int:
+        return -(-t_ns // self._poll_ns) * self._poll_ns
+
+
+class UsbLine(Line):
+    """A line to a USB serial adapter: bytes reach the host in packets.
+
+    A packet goes to the host when :data:`USB_PACKET_BYTES` are there, or with fewer when the
+    latency timer runs out, which starts anew with every packet.  FTDI, AN232B-04, "Data Throughput,
+    Latency and Handshaking"; the timer of its chips is 16 ms, unless it is set: 1 ms with the low
+    latency mode of Linux.
+
+    Parameters
+    ----------
+    latency_ns : int
+        The latency timer.
+    """
+
+    def __init__(self, baud: int | None, latency_ns: int, *, sender_ppm: int = 0) -> None:
+        super().__init__(baud, sender_ppm=sender_ppm)
+        self._latency_ns = latency_ns
+        self._held = b""
+        self._sent_ns = 0  # when the last packet went, maybe one without data
+
+    @property
+    def in_transit(self) -> int:
+        """Bytes sent that the host does not have yet."""
+        return self._in_transit + len(self._held)
+
+    def next_event_ns(self, delimiter: bytes) -> int | None:  # noqa: ARG002  it knows no frames
+        """Return when the next packet goes to the host."""
+        full_ns = self._arrival_ns(USB_PACKET_BYTES - len(self._held))
+        timer_ns = self._timer_ns()
+        return timer_ns if full_ns is None or timer_ns is None else min(full_ns, timer_ns)
+
+    def receive(self, t_ns: int) -> bytes:
+        """Return the packets that have gone to the host by *t_ns*."""
+        packets = b""
+        while (next_ns := self.next_event_ns(b"")) is not None and next_ns <= t_ns:
+            runs_out = next_ns == self._timer_ns()
+            self._held += super().receive(next_ns)
+            count = len(self._held)
+            count -= 0 if runs_out else count % USB_PACKET_BYTES
+            packets, self._held = packets + self._held[:count], self._held[count:]
+            self._sent_ns = next_ns
+        return packets
+
+    def cut(self) -> None:
+        """Lose what is on the line and in the adapter."""
+        super().cut()
+        self._held = b""
+
+    def _timer_ns(self) -> int | None:
+        """Return when the timer runs out with data there."""
+        first_ns = self._sent_ns if self._held else self._arrival_ns(1)
+        if first_ns is None:
+            return None
+        periods = max(1, -(-(first_ns - self._sent_ns) // self._latency_ns))
+        return self._sent_ns + periods * self._latency_ns
+
+
+def line_to_board(baud: int | None, line: LineSettings) -> Line:
+    """Return the direction from host to board."""
+    ppm = line.baud_error_ppm
+    if line.rx_fifo is None:
+        return Line(baud, receiver_ppm=ppm)
+    return PolledLine(baud, line.rx_fifo, line.rx_poll_us * _NS_PER_US, receiver_ppm=ppm)
+
+
+def line_to_host(baud: int | None, line: LineSettings) -> Line:
+    """Return the direction from board to host."""
+    ppm = line.baud_error_ppm
+    if line.latency_us is None:
+        return Line(baud, sender_ppm=ppm)
+    return UsbLine(baud, line.latency_us * _NS_PER_US, sender_ppm=ppm)

@@ -52,7 +52,7 @@ def record_of(open_host, fault, name="latch"):
         ("line.flip ber=nan", "must be 0 to 1"),
         ("line.flip from=2", "must be a time such as 2s"),
         ("line.slice bytes=0", "bytes=0, must be 1"),
-        ("device.dead", "must have either transducer=N or column=N"),
+        ("device.dead", "must have either transducer=N, column=N or bank=N"),
         ("device.dead column=1 transducer=1", "must have either"),
     ],
 )

@@ -54,7 +54,7 @@ def test_the_next_event_is_the_next_delimiter_or_the_end_of_a_burst(bursts):
     arrivals = put(line, bursts)
     sent = b"".join(data for _, data in bursts)
     received = b""
-    while (next_ns := line.next_delimiter_ns(b"\x00")) is not None:
+    while (next_ns := line.next_event_ns(b"\x00")) is not None:
         new = line.receive(next_ns)
         assert new
         assert 0 not in new[:-1]
