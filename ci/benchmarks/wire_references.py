@@ -3,6 +3,7 @@
 import zlib
 
 CRC_BYTES = 4
+SHORTEST = 14  # header and CRC
 
 
 class BytewiseDecoder:
@@ -12,25 +13,31 @@ class BytewiseDecoder:
         self.start()
 
     def start(self):
-        self.body, self.left, self.zero_due, self.broken = bytearray(), 0, False, False
+        self.received, self.left, self.zero_due, self.body = 0, 0, False, bytearray()
 
     def feed(self, chunk):
-        """Return the bodies of the frames that end in *chunk*."""
-        bodies = []
+        """Return a body, or the name of its damage, for every frame that ends in *chunk*."""
+        found = []
         for byte in chunk:
             if byte == 0:
-                if self.body and self.left == 0 and not self.broken and self.right():
-                    bodies.append(bytes(self.body[:-CRC_BYTES]))
+                if self.received:
+                    found.append(self.outcome())
                 self.start()
-            elif self.left == 0:
+                continue
+            self.received += 1
+            if self.left == 0:
                 if self.zero_due:
                     self.body.append(0)
                 self.left, self.zero_due = byte - 1, byte != 0xFF
             else:
                 self.body.append(byte)
                 self.left -= 1
-        return bodies
+        return found
 
-    def right(self):
-        crc = int.from_bytes(self.body[-CRC_BYTES:], "little")
-        return zlib.crc32(self.body[:-CRC_BYTES]) == crc
+    def outcome(self):
+        if self.left:
+            return "cobs"
+        if len(self.body) < SHORTEST:
+            return "short"
+        body, crc = bytes(self.body[:-CRC_BYTES]), self.body[-CRC_BYTES:]
+        return body if zlib.crc32(body) == int.from_bytes(crc, "little") else "crc"

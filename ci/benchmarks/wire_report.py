@@ -1,0 +1,177 @@
+"""Turn the JSON of a run of ci/bench into docs/performance-wire.md: wire_report.py bench.json [--stdout]."""
+
+import json
+import sys
+from pathlib import Path
+
+from report import DOCUMENT as FIELD_DOCUMENT
+from report import duration, machine
+
+DOCUMENT = FIELD_DOCUMENT.with_name("performance-wire.md")
+
+HEAD = """\
+# Speed of the wire and of the virtual board
+
+Made by `ci/bench`; do not edit. Times are processor time of one thread. Ours and the reference took
+turns, round for round: a *ratio* is the median over the rounds (in brackets: the quartiles), and
+only ratios compare between machines.
+
+COBS comes in C from the package `cobs` (extra `fast`, built where it is installed), and in Python
+without it. Both give the same bytes, and a test holds them to that. The goals are for C. A compiled
+loop of numba was tried in its place: the frame cost 4.5 times its CRC-32 where it costs 3 with
+`cobs`, and the board's process would have started half a second later.
+"""
+
+FRAME = """\
+## One phase frame
+
+256 phases of 8 bits; *muted* has 256 amplitudes as well. *Frame* is from a body that is there to
+the line: CRC-32, COBS and both delimiters; the number is how often `zlib.crc32` of the same body
+could have run. Goal: at most 5 times, whatever the content. *From the message* is all that the
+driver does for a frame: sequence number, header, payload and the frame. That has no goal; most of
+it is Python's price for a message, not the frame's.
+"""
+
+DECODER = """\
+## Decoder of a stream
+
+400 frames, 30 % of the bytes on the line noise between them, in chunks of 4 KiB; every
+frame must come out, and every piece of noise be told as what it is. Against a decoder that goes byte
+by byte and does the same. Goal: at least 20 times as fast, and no frame lost.
+"""
+
+MESSAGES = """\
+## Every message
+
+From message to line and back: header, payload, CRC-32, COBS in C; arrays hold five units, PHASES 256.
+"""
+
+WHOLE = """\
+## Connections and board
+
+Virtual time throughout. A board step is one frame through line, connection, dialect, queue and
+output to its latch. A verification is `haptogram verify --virtual-time` of a circle of 26 points.
+"""
+
+OTHERS = {
+    "test_round_trip_of_both_connections": "PING and PONG through both connections",
+    "test_stream_frame_through_both_connections": "a phase frame through both connections",
+    "test_board_step[phases]": "board step, 256 phases",
+    "test_board_step[phases and amplitudes]": "board step, 256 phases and amplitudes",
+    "test_board_step[focal point]": "board step, a focal point (the board computes the phases)",
+    "test_verify_in_virtual_time[phases]": "verification, phases",
+    "test_verify_in_virtual_time[points]": "verification, points",
+    "test_verify_in_virtual_time[sequence]": "verification, sequence",
+}
+
+
+def main(arguments):
+    data = json.loads(Path(arguments[0]).read_text())
+    results = {entry["name"]: entry["extra_info"] for entry in data["benchmarks"]}
+    try:
+        text = page(data, results)
+    except KeyError as missing:  # a name selected a part of the benchmarks
+        sys.stdout.write(f"bench: {DOCUMENT.name} left as it is: {missing} was not run\n")
+        return
+    if "--stdout" in arguments[1:]:
+        sys.stdout.write(text)
+    else:
+        DOCUMENT.write_text(text)
+        sys.stdout.write(f"bench: wrote {DOCUMENT.name}\n")
+
+
+def page(data, results):
+    return "\n".join(
+        [
+            HEAD,
+            machine(data),
+            verdict(results),
+            FRAME,
+            frame_table(results),
+            DECODER,
+            decoder_table(results),
+            MESSAGES,
+            message_table(results),
+            WHOLE,
+            other_table(results),
+        ]
+    )
+
+
+def verdict(results):
+    """Say which goals this run missed."""
+    missed = [
+        name.removeprefix("test_")
+        for name, info in results.items()
+        if "_against_crc32[" in name or "byte_by_byte[" in name
+        if info["goal"] is not None and (info["ratio"] < info["goal"] or info.get("lost"))
+    ]
+    text = "; ".join(f"`{name}`" for name in missed)
+    return f"Goals that this run missed: {text or 'none'}.\n"
+
+
+def frame_table(results):
+    lines = [
+        "| content | CRC-32 alone | frame, C | | frame, Python | | from the message, C | |",
+        "|---" * 8 + "|",
+    ]
+    for content in contents(results):
+        alone = results[f"test_frame_against_crc32[C-{content}]"]
+        cells = [content, duration(alone["reference_s"])]
+        for name in ("frame", "frame", "whole_frame"):
+            implementation = "Python" if len(cells) == 4 else "C"
+            info = results[f"test_{name}_against_crc32[{implementation}-{content}]"]
+            cells += [duration(info["ours_s"]), times(info)]
+        lines.append(row(cells))
+    return "\n".join([*lines, ""])
+
+
+def times(info):
+    """Return how often the reference fits into ours, where that is less than one."""
+    high, low = (1 / ratio for ratio in info["ratio_quartiles"])
+    return f"**{1 / info['ratio']:.2g}** ({low:.2g} to {high:.2g})"
+
+
+def decoder_table(results):
+    lines = ["| phases | C | ratio | lost | Python | ratio |", "|---" * 6 + "|"]
+    for content in contents(results):
+        cells = [content]
+        for implementation in ("C", "Python"):
+            info = results[f"test_stream_decoder_against_byte_by_byte[{implementation}-{content}]"]
+            low, high = info["ratio_quartiles"]
+            cells.append(f"{info['bytes'] / info['ours_s'] / 1e6:.0f} MB/s")
+            cells.append(f"**{info['ratio']:.3g}** ({low:.3g} to {high:.3g})")
+            if implementation == "C":
+                cells.append(f"{info['lost']} of {info['frames']}")
+        lines.append(row(cells))
+    return "\n".join([*lines, ""])
+
+
+def message_table(results):
+    lines = ["| message | bytes on the line | encode | decode |", "|---" * 4 + "|"]
+    head = "test_message[encode-"
+    for name in (key.removeprefix(head)[:-1] for key in results if key.startswith(head)):
+        encode, decode = (results[f"test_message[{way}-{name}]"] for way in ("encode", "decode"))
+        lines.append(
+            row([name, encode["bytes"], duration(encode["ours_s"]), duration(decode["ours_s"])])
+        )
+    return "\n".join([*lines, ""])
+
+
+def other_table(results):
+    lines = ["| | time |", "|---|---|"]
+    lines += [row([text, duration(results[name]["ours_s"])]) for name, text in OTHERS.items()]
+    return "\n".join([*lines, ""])
+
+
+def contents(results):
+    head = "test_stream_decoder_against_byte_by_byte[C-"
+    return [key.removeprefix(head)[:-1] for key in results if key.startswith(head)]
+
+
+def row(cells):
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
