@@ -13,6 +13,8 @@ from .errors import ConfigurationError
 
 MODES: Final = ("phases", "points", "sequence")
 PHASE_BITS: Final = (8, 6, 5)
+# Those of haptogram.acoustics.solvers, which takes numpy: --help shall not.
+SOLVERS: Final = ("naive", "ibp", "gs", "wgs", "gspat", "gradient")
 SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
 MESH_SUFFIXES: Final = (".stl", ".obj", ".ply")
 DEFAULT_ARRAY: Final = "16x16"
@@ -55,6 +57,8 @@ class VerifyConfig:
     center_mm: tuple[float, float, float] = (0.0, 0.0, 100.0)
     rate_hz: float = dataclasses.field(default=1000.0, metadata=_limits(1.0, 40_000.0))
     repeat: int = dataclasses.field(default=1, metadata=_limits(1, 1_000_000))
+    foci: int = dataclasses.field(default=1, metadata=_limits(1, 32))
+    solver: str | None = None
     mode: str = "phases"
     phase_bits: int = 8
     array: str | None = None
@@ -79,12 +83,16 @@ class VerifyConfig:
             _check_limits(field, getattr(self, field.name))
         _check_choice("mode", self.mode, MODES)
         _check_choice("phase_bits", self.phase_bits, PHASE_BITS)
+        if self.solver is not None:
+            _check_choice("solver", self.solver, SOLVERS)
         if self.object not in SHAPES and Path(self.object).suffix.lower() not in MESH_SUFFIXES:
             raise SettingError(
                 "object",
                 f"is {self.object!r}; known are {', '.join(SHAPES)} and a mesh file "
                 f"({', '.join(MESH_SUFFIXES)})",
             )
+        if self.mode == "points" and self.solver not in (None, "naive"):
+            raise SettingError("solver", f"is {self.solver!r}; in the mode points the board solves")
         if self.port is not None:
             self._check_port(self.port)
 
@@ -106,6 +114,11 @@ class VerifyConfig:
     def virtual_array(self) -> str:
         """Array of the virtual board; a real one brings its own."""
         return self.array or DEFAULT_ARRAY
+
+    @property
+    def solver_of_host(self) -> str:
+        """What makes the drive of several foci; a board that does it superposes them."""
+        return self.solver or ("naive" if self.mode == "points" else "wgs")
 
     @property
     def least_verified(self) -> float:

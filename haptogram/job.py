@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,12 @@ from haptogram.config import VerifyConfig
 from haptogram.driver import DEFAULT_PLAY_LEAD_US, Driver
 from haptogram.errors import ConfigurationError, LinkError
 from haptogram.playing import PlayReport
-from haptogram.records import STREAM, Intended, Observation
+from haptogram.records import STREAM, Focus, Intended, Observation
 from haptogram.streaming import StreamReport
 from haptogram_protocol.messages import Counters, HelloReply, StateChanged, unwrap
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.solvers import Method
 
 Progress: TypeAlias = Callable[[int, int], None]
 
@@ -205,21 +208,43 @@ def _display(
     progress: Progress | None,
 ) -> StreamReport | PlayReport:
     lead_us = None if config.lead_ms is None else round(config.lead_ms * 1e3)
+    targets = points if config.foci == 1 else _at_once(points, config.foci)
+    solver = cast("Method", config.solver_of_host)
     if config.mode == "sequence":
         return driver.play(
-            points,
+            targets,
             config.rate_hz,
             loops=config.repeat,
+            solver=solver,
             lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
             progress=progress,
         )
     return driver.stream(
-        np.tile(points, (config.repeat, 1)),
+        list(targets) * config.repeat,
         config.rate_hz,
         lead_us=lead_us,
         mode="points" if config.mode == "points" else "phases",
+        solver=solver,
         progress=progress,
     )
+
+
+def _at_once(points: NDArray[np.float64], count: int) -> list[list[Focus]]:
+    """Return for every frame *count* foci of equal strength, evenly apart along the pass.
+
+    Raises
+    ------
+    ConfigurationError
+        If the object has fewer points.
+    """
+    total = len(points)
+    if count > total:
+        raise ConfigurationError(f"{count} foci at once, and the object has {total} points")
+    foci = [Focus.at(point, 1.0 / count) for point in points]
+    return [
+        [foci[(number + place * total // count) % total] for place in range(count)]
+        for number in range(total)
+    ]
 
 
 def _until_the_cut(found: Measured) -> list[Observation]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from haptogram.config import MESH_SUFFIXES, MODES, PHASE_BITS, SHAPES, VerifyConfig
+from haptogram.config import MESH_SUFFIXES, MODES, PHASE_BITS, SHAPES, SOLVERS, VerifyConfig
 
 
 def add_options(verify: argparse.ArgumentParser) -> None:
@@ -48,6 +48,18 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         type=int,
         metavar="N",
         help=f"how often the object is displayed [{default.repeat}]",
+    )
+    shape.add_argument(
+        "--foci",
+        type=int,
+        metavar="N",
+        help=f"foci in every frame, evenly apart along the object [{default.foci}]",
+    )
+    shape.add_argument(
+        "--solver",
+        choices=SOLVERS,
+        help="how the host makes the drive of several foci: docs/performance.md compares them "
+        "[wgs; --mode points: naive, by the board]",
     )
 
     array = verify.add_argument_group("array and air")

@@ -107,6 +107,8 @@ def _key_figures(result: Mapping[str, Any]) -> Html:
         ("error along the beam, largest", figure(axial["max"], 4), "mm"),
         ("smallest miss that shows", figure(result["smallest_miss_mm"]), "mm"),
         ("coherence at the target, lowest", figure(result["coherence"]["min"], 5), ""),
+        ("weakest of several foci, of their mean, lowest", figure(result["balance"]["min"], 2), ""),
+        ("efficiency of several foci, lowest", figure(result["efficiency"]["min"], 2), ""),
         ("pressure at the focus, mean", figure(pressure["mean"], 0), "Pa RMS"),
         ("pressure at the focus, standard deviation", figure(pressure["std"], 0), "Pa RMS"),
         ("force on a disc of 10 mm radius, mean", figure(force["mean"], 2), "mN"),

@@ -31,6 +31,8 @@ CRITERIA: Final = (
     "S3: the sound of all transducers arrives at the target in step (coherence).",
     "S4: the peak of the pressure is where diffraction puts it.",
     "S5: every latched amplitude is the intended one, within half a step.",
+    "Several foci in a frame: S3 compares the pressure at every focus with that of the intended "
+    "drive; S2, where a solver made that drive, is whether every focus is there.",
 )
 
 _LIMITS: Final = (

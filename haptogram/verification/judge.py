@@ -280,8 +280,9 @@ class Judge:
             status=_status(verdicts, faults, focused=False),
             criteria=verdicts,
             faults=faults,
-            note=f"{len(targets)} foci, each judged by the pressure at its point; the weakest has "
-            f"{levels.balance:.2f} of the mean, efficiency {levels.efficiency:.2f}",
+            note=f"{len(targets)} foci, each judged by the pressure at its point",
+            balance=levels.balance,
+            efficiency=levels.efficiency,
             pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
         )
 

@@ -80,6 +80,8 @@ class RunVerdict:
             "smallest_miss_mm": _largest(self.values("smallest_miss_mm")),
             "effect": None if self.effect is None else self.effect.as_dict(),
             "coherence": {"min": _least(coherence)},
+            "balance": {"min": _least(self.values("balance"))},
+            "efficiency": {"min": _least(self.values("efficiency"))},
             "pressure_rms_pa": _spread(pressure),
             "force_mn": _spread(force_mn),
             "lateness_us": _percentiles(self.values("lateness_us"), "p50 p99 p99.9 max"),

@@ -24,6 +24,8 @@ def summary(run: RunVerdict) -> Iterator[str]:
     )
     if result["lateral_error_mm"]["max"] is not None:
         yield _error_line(result)
+    if result["balance"]["min"] is not None:
+        yield _several_line(result)
     if run.effect is not None:
         yield f"  effect    {run.effect}"
     if result["pressure_rms_pa"]["mean"] is not None and result["force_mn"]["mean"] is not None:
@@ -69,6 +71,14 @@ def _field_line(result: dict[str, Any]) -> str:
     return (
         f"  field     {pressure['mean']:.0f} Pa RMS on average, force {force['mean']:.2f} ± "
         f"{force['std']:.2f} mN, coherence {result['coherence']['min']:.5f} or more"
+    )
+
+
+def _several_line(result: dict[str, Any]) -> str:
+    return (
+        f"  foci      several in a frame: the weakest has {result['balance']['min']:.2f} of their "
+        f"mean or more, efficiency {result['efficiency']['min']:.2f} or more, "
+        f"{result['pressure_rms_pa']['mean']:.0f} Pa RMS at the first on average"
     )
 
 

@@ -93,6 +93,9 @@ class FrameVerdict:
         S1: half the range of the element residuals.
     coherence : float or None
         S3: at the target, normalised by the intended amplitudes.
+    balance, efficiency : float or None
+        Of several foci: the least pressure for the wanted amplitude over the mean of them, and
+        sum_i (|p_i| / sum_n |g_in|)^2.
     peak_error : float or None
         S4: largest distance of the pressure peak from its place, in radians of phase.
     pressure_rms_pa, force_n : float or None
@@ -130,6 +133,8 @@ class FrameVerdict:
     smallest_miss_mm: float | None = None
     phase_error_rad: float | None = None
     coherence: float | None = None
+    balance: float | None = None
+    efficiency: float | None = None
     peak_error: float | None = None
     pressure_rms_pa: float | None = None
     force_n: float | None = None

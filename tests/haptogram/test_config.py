@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from haptogram.config import VerifyConfig, load_config
+from haptogram.acoustics.solvers import METHODS
+from haptogram.config import SOLVERS, VerifyConfig, load_config
 from haptogram.errors import ConfigurationError
 
 
@@ -36,6 +37,12 @@ def test_file_converts_to_the_type_of_the_setting(tmp_path: Path) -> None:
     assert config.board_temperature_c == 25.0
 
 
+def test_the_solvers_are_those_that_there_are() -> None:
+    assert SOLVERS == METHODS
+    assert VerifyConfig().solver_of_host == "wgs"
+    assert VerifyConfig(mode="points").solver_of_host == "naive"
+
+
 @pytest.mark.parametrize(
     ("values", "told"),
     [
@@ -44,6 +51,9 @@ def test_file_converts_to_the_type_of_the_setting(tmp_path: Path) -> None:
         ({"resolution_mm": -1.0}, "--resolution-mm is -1; it can be 0.1 to 100"),
         ({"mode": "morse"}, "--mode is 'morse'; known are phases, points, sequence"),
         ({"phase_bits": 7}, "--phase-bits is 7; known are 8, 6, 5"),
+        ({"foci": 33}, "--foci is 33; it can be 1 to 32"),
+        ({"solver": "best"}, "--solver is 'best'; known are naive, ibp"),
+        ({"solver": "wgs", "mode": "points"}, "in the mode points the board solves"),
         ({"object": "teapot"}, "--object is 'teapot'; known are hemisphere"),
         ({"virtual_time": True, "port": "/dev/ttyUSB0"}, "has a clock of its own"),
         ({"fault": ["line.drop"], "port": "/dev/ttyUSB0"}, "--fault is for the virtual board"),

@@ -58,6 +58,18 @@ def test_in_virtual_time_every_frame_is_on_target(tmp_path: Path, mode: str, bit
     assert result["lateness_us"]["max"] < 25.0
 
 
+@pytest.mark.parametrize(
+    ("foci", "words"), [(4, ["--solver", "wgs"]), (2, ["--mode", "points"])], ids=["host", "board"]
+)
+def test_every_one_of_several_foci_is_verified(tmp_path: Path, foci: int, words: list[str]) -> None:
+    more = ["--virtual-time", "--foci", str(foci), *words]
+    status, result = _verify(tmp_path, *_CIRCLE, *more)
+    assert (status, result["verdict"]) == (0, "pass")
+    assert result["frames"]["on_target"] == result["frames"]["sent"] == 63
+    assert result["balance"]["min"] > 0.9
+    assert result["efficiency"]["min"] > 0.4
+
+
 def test_in_virtual_time_the_result_repeats_byte_for_byte(tmp_path: Path) -> None:
     texts = []
     for name in ("first.json", "second.json"):
