@@ -19,6 +19,7 @@ from haptogram_protocol.messages import Feature, HelloReply, TraceDrive, TraceMo
 Progress: TypeAlias = Callable[[int, int], None]
 
 _TRACE_SHARE: Final = 0.5  # of the line from the board, for full drives
+_DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
 
 
 class BoardUnderTest(Protocol):
@@ -88,8 +89,11 @@ class ProcessBoard:
         """End the board, and return everything that came out of its back door."""
         expected = len(driver.intended)
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
+        fate = self._board.how_it_ended()
         self._board.finish(show)
         self.unseen = why_incomplete(self._board.records(), driver.session)
+        if self.unseen is not None and fate is not None:
+            self.unseen += f" ({fate})"
         return on_the_clock_of(driver.intended, self._board.observations(driver.session))
 
     @property
@@ -230,9 +234,12 @@ class PortBoard:
             self._read_back = [driver.read_drive()]
         driver.collect_ring()  # what a run that was cut short has left there
         dropped = driver.status().counters.trace_dropped - self._dropped_before
+        damaged = sum(driver.link_counters[name] for name in _DAMAGE)
         kept = driver.identity.trace_ring
         if dropped and self.unseen is None:
             self.unseen = f"the board found no room on the line for {dropped} trace events"
+        if damaged and self.unseen is None:
+            self.unseen = "frames from the board were damaged or lost on the line"
         if self._mode is TraceMode.RING and len(driver.intended) > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
 

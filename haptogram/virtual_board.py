@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -138,15 +139,23 @@ class VirtualBoard:
         end_s = time.monotonic() + _START_S
         while _READY not in self.log():
             if self._process.poll() is not None:
-                said = self.log().strip() or "it said nothing"
-                raise ConfigurationError(
-                    f"the virtual board ended with status {self._process.returncode}: {said}"
-                )
+                raise ConfigurationError(self.how_it_ended())
             if time.monotonic() > end_s:
                 raise ConfigurationError(
                     f"the virtual board was not ready within {_START_S:g} s: {self.log().strip()}"
                 )
             time.sleep(_POLL_S)
+
+    def how_it_ended(self, patience_s: float = 0.0) -> str | None:
+        """Return in one line how the board's process ended; None: it runs after *patience_s*."""
+        try:
+            status = self._process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            return None
+        if status < 0:
+            return f"the virtual board was ended by {signal.Signals(-status).name}"
+        *_, said = ["it said nothing", *self.log().split("\n")[:-1]]
+        return f"the virtual board ended with status {status}: {said}"
 
     def log(self) -> str:
         """Return what the board has printed so far."""

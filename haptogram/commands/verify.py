@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.config import VerifyConfig, load_config
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, LinkError
 
 from .exit_status import EXIT_STATUS, USAGE
 from .verify_options import add_options
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Prepare: TypeAlias = "Callable[[VerifyConfig], None]"
 InProcess: TypeAlias = "Callable[[VerifyConfig], AbstractContextManager[BoardUnderTest]]"
 
+_LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
 _EXAMPLES: Final = """\
 examples:
   haptogram verify
@@ -132,7 +133,12 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
             baudrate=None,  # the driver paces itself; twice would count every stall twice
             faults=config.fault,
         ) as virtual:
-            yield ProcessBoard(virtual)
+            try:
+                yield ProcessBoard(virtual)
+            except LinkError as error:
+                if (fate := virtual.how_it_ended(_LAST_MOMENTS_S)) is None:
+                    raise
+                raise LinkError(f"{error}; {fate}") from error
 
 
 @contextlib.contextmanager

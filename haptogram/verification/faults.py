@@ -249,10 +249,10 @@ def _single_elements(
         yield f"{int(off.sum())} elements off, by up to {_steps(errors[-1], step)}"
         return
     for error in errors:
-        numbers = np.flatnonzero(off & (difference == error))
+        wrong = off & (difference == error)
         inverted = error == -_TURN // 2
         what = "inverted" if inverted else f"off by {_steps(error, step)}"
-        yield f"{named_elements(model, numbers)} {what}"
+        yield from _by_line(model, wrong, what)
 
 
 def _steps(error: int, step: int) -> str:
