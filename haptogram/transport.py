@@ -29,9 +29,8 @@ DEFAULT_BAUDRATE: Final = 3_000_000
 _CHUNK: Final = 65_536
 _GONE: Final = (OSError, ValueError, TypeError)  # the last two: closed under our feet
 _BUSY: Final = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
-_ABSENT: Final = frozenset(
-    {errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ECONNREFUSED, errno.EHOSTUNREACH}
-)
+_ABSENT: Final = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
+_UNREACHED: Final = frozenset({errno.EHOSTUNREACH, errno.ENETUNREACH})
 
 
 class Transport(Protocol):
@@ -224,7 +223,13 @@ def _opening_error(url: str, error: OSError) -> LinkError:
     codes = {found.errno for found in _chain(error) if isinstance(found, OSError)}
     if codes & _BUSY:
         return PortBusyError(f"{url}: another program holds this port")
-    if codes & _ABSENT or any(isinstance(found, socket.gaierror) for found in _chain(error)):
+    if errno.ECONNREFUSED in codes:
+        return PortNotFoundError(f"{url}: nothing listens there: the connection was refused")
+    if codes & _UNREACHED:
+        return PortNotFoundError(f"{url}: that host cannot be reached")
+    if any(isinstance(found, socket.gaierror) for found in _chain(error)):
+        return PortNotFoundError(f"{url}: there is no such host")
+    if codes & _ABSENT:
         return PortNotFoundError(f"{url}: there is no such port")
     named = next((os.strerror(code) for code in codes if code), _one_line(error))
     return LinkError(f"{url}: the port cannot be opened: {named}")

@@ -170,6 +170,8 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> None:
     settings, parts = _settings(options), parts_of(options.mutant)
     plan = fault_plan(options.fault, options.fault_plan, settings.seed)
+    if plan.faults:
+        _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
     port = _open_port(options)
     worker = None
     try:

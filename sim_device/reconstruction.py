@@ -209,7 +209,7 @@ class ReconstructionWorker:
             _close_quietly(pipe)
         if answer:
             raise ConfigurationError(answer.decode(errors="replace").strip())
-        raise HaptogramError(f"the reconstruction worker did not start in {START_TIMEOUT_S:g} s")
+        raise HaptogramError("the reconstruction worker has not started")
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,13 +310,17 @@ def run_worker() -> None:
     except ConfigurationError as error:
         os.write(1, f"{error}\n".encode())
         return
+    answer = 1  # the board reads this until it has heard that all is ready
     try:
         recorder = InlineReconstruction(
             job.settings, lambda record: sink.write(to_line(record)), reconstruct=job.reconstruct
         )
-        os.write(1, _READY)
+        os.write(answer, _READY)
+        answer = 2
         _record_all(items, recorder, sink)
         _linger(sink)
+    except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost
+        os.write(answer, f"{error}\n".encode())
     finally:
         sink.close()
 

@@ -6,7 +6,7 @@ import contextlib
 import os
 from typing import Final, Protocol
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, HaptogramError
 
 from .port import UnixListener
 
@@ -52,14 +52,25 @@ class FileSink:
     """Appends to a file; a line is there as soon as it was written."""
 
     def __init__(self, path: str) -> None:
+        self._path = path
         try:
             self._file = open(path, "ab", buffering=0)  # noqa: SIM115  closed by close()
         except OSError as error:
             raise ConfigurationError(f"cannot write to {path}: {error.strerror}") from error
 
     def write(self, line: bytes) -> None:
-        """Append one line."""
-        self._file.write(line)
+        """Append one line.
+
+        Raises
+        ------
+        HaptogramError
+            If the file takes no more: the disc is full.
+        """
+        try:
+            while line:
+                line = line[self._file.write(line) :]
+        except OSError as error:
+            raise HaptogramError(f"cannot write to {self._path}: {error.strerror}") from error
 
     def serve(self) -> None:
         """Do nothing: a file waits for nobody."""

@@ -131,6 +131,13 @@ def test_no_such_port(tmp_path):
         open_transport(str(tmp_path / "ttyX"))
 
 
+def test_a_refused_connection_is_not_called_an_absent_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        url = f"socket://127.0.0.1:{server.getsockname()[1]}"
+    with pytest.raises(PortNotFoundError, match="nothing listens there"):
+        open_transport(url)
+
+
 def test_a_link_to_a_board_that_is_gone(tmp_path):
     (tmp_path / "board").symlink_to("/dev/pts/999999")
     with pytest.raises(PortNotFoundError, match="board: there is no such port"):

@@ -132,7 +132,9 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
         (["--serial", "/dev/no-such-port"], "cannot open /dev/no-such-port"),
         (["--tcp", "0", "--array", "99x99"], "array of 9801 transducers"),
         (["--tcp", "0", "--backdoor", "/no/such/folder/x"], "cannot write to /no/such/folder/x"),
+        (["--tcp", "0", "--backdoor", "/dev/full"], "cannot write to /dev/full: No space left"),
         (["--tcp", "0", "--baud", "0"], "baud is 0, must be 1 to"),
+        (["--serial", "/dev/x", "--latency-ms", "1"], "--latency-ms: the line of --serial is a"),
     ],
 )
 def test_arguments_that_cannot_be_used_end_in_one_line_and_status_2(start, arguments, text):
