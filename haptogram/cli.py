@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from . import __version__
-from .commands import bench, budget, conform, field, paper, verify
+from .commands import bench, budget, conform, field, paper, soak, verify
 from .commands.exit_status import EXIT_STATUS, INCONCLUSIVE, USAGE
 from .errors import ConfigurationError, HaptogramError
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .boards import BoardUnderTest
     from .config import VerifyConfig
     from .conformance.access import VirtualAccess
+    from .soak import MakeBoard
     from .transport import Transport
 
 _SCHEME: Final = "haptogram://"
@@ -78,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     verify.add(commands, _prepare_simulator, board_in_virtual_time)
     conform.add(commands, access_in_program)
+    soak.add(commands, board_without_a_line)
     for command in (bench, budget, field, paper):
         command.add(commands)
     return parser
@@ -163,3 +165,20 @@ def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAcces
         baudrate=int(options["baud"]),
         virtual=options.get("clock") == "virtual",
     )
+
+
+def board_without_a_line(mutant: str | None) -> MakeBoard:
+    """Return what powers up virtual boards whose line is the caller's.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such mutant.
+    """
+    import functools
+
+    from sim_device.judged import JudgedBoard
+    from sim_device.mutants import parts_of
+
+    parts_of(mutant)
+    return functools.partial(JudgedBoard, mutant=mutant)

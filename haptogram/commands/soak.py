@@ -1,0 +1,166 @@
+"""``haptogram soak``: hours of streaming over a bad line, and an account of every fault."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import functools
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from .exit_status import FAIL, INCONCLUSIVE, PASS
+
+if TYPE_CHECKING:
+    from haptogram.soak import Campaign, MakeBoard
+    from haptogram.soak.campaign import Progress
+
+_DAY_H: Final = 24.0
+
+
+def add(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    board_maker: Callable[[str | None], MakeBoard],
+) -> None:
+    """Add the command; *board_maker* knows boards, and those that are wrong in one way."""
+    soak = commands.add_parser(
+        "soak",
+        help="stream for hours over a line that damages frames, and account for every fault",
+        description="Stream to the virtual board at 1 kHz, in virtual time, over a line that "
+        "damages frames, with pauses, outages and new sessions; at the end every fault must be "
+        "explained.  See docs/soak.md.",
+    )
+    soak.set_defaults(run=functools.partial(run, board_maker=board_maker))
+    soak.add_argument(
+        "--virtual-time", action="store_true", help="in virtual time: the only way there is"
+    )
+    soak.add_argument("--hours", type=float, default=_DAY_H, metavar="H", help="virtual time [24]")
+    soak.add_argument(
+        "--fault-rate", type=float, default=1e-2, metavar="P", help="share of frames hit [0.01]"
+    )
+    soak.add_argument("--seed", type=int, default=0, metavar="N", help="of all chance [0]")
+    soak.add_argument(
+        "--segment-minutes",
+        type=float,
+        default=10.0,
+        metavar="M",
+        help="virtual time from one checkpoint to the next [10]",
+    )
+    soak.add_argument("--jobs", type=int, default=1, metavar="N", help="processes [1]")
+    soak.add_argument(
+        "--resume",
+        type=Path,
+        metavar="FILE",
+        help="checkpoint: written after every segment, and gone on from if it is there",
+    )
+    soak.add_argument("--json", type=Path, metavar="FILE", help="write the account as JSON")
+    soak.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
+    soak.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
+    """Run what is left of the soak, print the account, and return the exit status."""
+    from haptogram.soak import Interrupted
+    from haptogram.soak.text import render
+
+    campaign = _campaign(arguments)
+    interrupted = False
+    try:
+        with _progress(campaign, quiet=arguments.quiet) as progress:
+            campaign.run(
+                board_maker(arguments.mutant),
+                jobs=arguments.jobs,
+                checkpoint=arguments.resume,
+                progress=progress,
+            )
+    except Interrupted:
+        interrupted = True
+    if arguments.json is not None:
+        campaign.save(arguments.json)
+    print(render(campaign))
+    if interrupted:
+        print(_how_to_resume(arguments), file=sys.stderr)
+    if campaign.failures:
+        return FAIL
+    return INCONCLUSIVE if interrupted else PASS
+
+
+def _campaign(arguments: argparse.Namespace) -> Campaign:
+    from haptogram.errors import ConfigurationError
+    from haptogram.soak import Campaign, Setup
+
+    if not 1 <= arguments.jobs <= 256:
+        raise ConfigurationError(f"--jobs is {arguments.jobs}, must be 1 to 256")
+    if not 0.01 <= arguments.segment_minutes <= 60:
+        raise ConfigurationError(
+            f"--segment-minutes is {arguments.segment_minutes:g}, must be 0.01 to 60"
+        )
+    setup = Setup(
+        hours=arguments.hours,
+        fault_rate=arguments.fault_rate,
+        seed=arguments.seed,
+        segment_s=arguments.segment_minutes * 60,
+        mutant=arguments.mutant,
+    )
+    return Campaign(setup) if arguments.resume is None else Campaign.load(arguments.resume, setup)
+
+
+def _how_to_resume(arguments: argparse.Namespace) -> str:
+    if arguments.resume is None:
+        return "haptogram: interrupted; with --resume FILE a soak can be gone on with"
+    return f"haptogram: interrupted; the same command goes on from {arguments.resume}"
+
+
+@contextlib.contextmanager
+def _progress(campaign: Campaign, *, quiet: bool) -> Iterator[Progress | None]:
+    """Show how far it has come: a bar on a terminal, a line for each segment elsewhere."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        with _bar(campaign) as show:
+            yield show
+    else:
+        yield _lines(campaign)
+
+
+@contextlib.contextmanager
+def _bar(campaign: Campaign) -> Iterator[Progress]:
+    from tqdm import tqdm
+
+    tqdm.monitor_interval = 0
+    start_s, began_s = campaign.done_s, time.monotonic()
+    with tqdm(
+        total=round(campaign.setup.seconds / 60, 2),
+        initial=round(start_s / 60, 2),
+        desc="soak",
+        unit=" virtual min",
+        leave=False,
+        dynamic_ncols=True,
+    ) as bar:
+
+        def show(done_s: float) -> None:
+            speed = (done_s - start_s) / max(time.monotonic() - began_s, 1e-9)
+            bar.set_postfix_str(f"{speed:.1f} x real time", refresh=False)
+            bar.update(max(0.0, round(done_s / 60, 2) - bar.n))
+
+        yield show
+
+
+def _lines(campaign: Campaign) -> Progress:
+    told = campaign.done
+
+    def show(_: float) -> None:
+        nonlocal told
+        if campaign.done > told:
+            told = campaign.done
+            wrong = sum(campaign.failures.values())
+            print(
+                f"soak: {campaign.done_s / 60:.1f} of {campaign.setup.seconds / 60:.1f} min, "
+                f"{campaign.times_real_time:.1f} x real time, {wrong} violations",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    return show

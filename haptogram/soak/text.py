@@ -1,0 +1,100 @@
+"""The account of a soak, for people."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from .campaign import Campaign
+from .tally import Tally
+
+_COUNTED: tuple[tuple[str, str], ...] = (
+    ("frames", "stream frames"),
+    ("latched", "latched, each compared code by code with what was sent"),
+    ("sessions", "sessions"),
+    ("pauses", "pauses"),
+    ("outages", "outages"),
+    ("mutes", "MUTE in the midst of the stream"),
+    ("restarts", "sessions begun in the midst of the stream"),
+    ("muted by a timer", "mutes by a timer, each within its limit"),
+    ("clock steps", "steps of the board's clock"),
+)
+_TRAFFIC: dict[str, str] = {
+    "frames": "undamaged frames that came",
+    "flushed": "waiting when MUTE or a new session came",
+    "latched": "each one above",
+    "repeated": "copies of requests: duplicates, and what the host asked again",
+    "requests": "those of the host",
+    "timeouts": "mutes by a timer",
+}
+
+
+def render(campaign: Campaign) -> str:
+    """Return what is printed at the end."""
+    return "\n".join(
+        [
+            *_head(campaign),
+            "",
+            *_totals(campaign.tally),
+            "",
+            *_table(campaign.tally),
+            "",
+            *_counters(campaign.tally),
+            "",
+            *_verdict(campaign),
+        ]
+    )
+
+
+def _head(campaign: Campaign) -> list[str]:
+    setup = campaign.setup
+    what = f"seed {setup.seed}, {setup.fault_rate:g} of the frames hit, 1 kHz"
+    mib = campaign.memory.growth_bytes / 2**20
+    return [
+        f"soak: {campaign.done_s / 3600:.3f} of {setup.hours:g} virtual hours "
+        f"({campaign.done} of {setup.segments} segments), {what}",
+        f"speed: {campaign.times_real_time:.1f} times real time; memory grew by {mib:.1f} MiB",
+    ]
+
+
+def _totals(tally: Tally) -> list[str]:
+    return [f"{tally.totals[name]:>12} {text}" for name, text in _COUNTED]
+
+
+def _table(tally: Tally) -> list[str]:
+    """Return one line for each kind of fault: what was injected, and what was found of it."""
+    lines = [f"{'fault':<16}{'injected':>10}{'detected':>10}{'harmless':>10}  found as"]
+    for kind, count in sorted(tally.injected.items()):
+        found = ", ".join(
+            f"{name} {n}" for (k, name), n in sorted(tally.outcomes.items()) if k == kind
+        )
+        detected, harmless = tally.detected[kind], tally.harmless[kind]
+        lines.append(f"{kind:<16}{count:>10}{detected:>10}{harmless:>10}  {found}".rstrip())
+    return lines
+
+
+def _counters(tally: Tally) -> list[str]:
+    """Return the board's counters, each with the faults that explain it."""
+    by_name: dict[str, Counter[str]] = {}
+    for (kind, name), count in tally.outcomes.items():
+        if kind.startswith("down."):
+            by_name.setdefault(name, Counter())[kind.removeprefix("down.")] += count
+    lines = ["counters of the board, and what explains them:"]
+    for name, total in sorted(tally.totals.items()):
+        counter = name.removeprefix("counter ")
+        if counter != name and total:
+            faults = by_name.get(counter, Counter()).most_common()
+            causes = _TRAFFIC.get(counter) or ", ".join(f"{k} {n}" for k, n in faults)
+            lines.append(f"{counter:>16} {total:>10}  {causes}".rstrip())
+    return lines
+
+
+def _verdict(campaign: Campaign) -> list[str]:
+    failures = campaign.failures
+    if not failures:
+        whole = "" if campaign.is_complete else ", so far"
+        return [
+            f"PASS{whole}: no damaged frame and no torn drive was latched, the output was off in "
+            "time, and everything that was injected is accounted for"
+        ]
+    names = ", ".join(f"{name} ({count})" for name, count in failures.items())
+    return [f"FAIL: {names}", *(f"  {text}" for text in campaign.tally.examples)]
