@@ -30,6 +30,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     add("--haptogram-spawn", metavar="CMD", help="start this program; it says its port")
     add("--haptogram-port-regex", metavar="REGEX", help="finds the port in what it prints")
     add("--haptogram-reset-cmd", metavar="CMD", help="shell command that restarts the board")
+    add("--haptogram-boot-timeout", type=float, default=60.0, metavar="S", help="of a restart [60]")
     add("--haptogram-baud", type=int, default=3_000_000, metavar="BAUD", help="line rate")
     add("--haptogram-timeout", type=float, default=1.0, metavar="S", help="until an answer comes")
     add("--haptogram-seed", type=int, metavar="N", help="of nonces and contents [random]")
@@ -63,17 +64,23 @@ def haptogram_link(haptogram_board: Runner) -> Bench:
 
 
 def _access(option: Any, folders: pytest.TempPathFactory) -> Access:
-    from haptogram.conformance.access import DEFAULT_PORT_REGEX, PortAccess, SpawnAccess
+    from haptogram.conformance.access import PortAccess
+    from haptogram.conformance.spawning import DEFAULT_PORT_REGEX, SpawnAccess
 
     baudrate = option("--haptogram-baud")
     port, command = option("--haptogram-port"), option("--haptogram-spawn")
     if port is not None:
-        return PortAccess(port, baudrate=baudrate, reset_command=option("--haptogram-reset-cmd"))
+        return PortAccess(
+            port,
+            baudrate=baudrate,
+            reset_command=option("--haptogram-reset-cmd"),
+            boot_timeout_s=option("--haptogram-boot-timeout"),
+        )
     regex = option("--haptogram-port-regex") or DEFAULT_PORT_REGEX
     return SpawnAccess(
         command or _virtual_board(folders),
         port_regex=regex,
-        boot_timeout_s=60.0,
+        boot_timeout_s=option("--haptogram-boot-timeout"),
         baudrate=baudrate,
     )
 

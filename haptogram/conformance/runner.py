@@ -120,10 +120,11 @@ class Runner:
         except BaseException:
             self._access.close()
             raise
-        bench = self._greet()
-        if bench is not None:
+        if self._greet() is None and self._access.can_reset and not self._access.boots:
+            self._revive(self._reset)  # it may have hung before we came
+        if not self._dead and self._bench is not None:
             with contextlib.suppress(CaseEndedError, LinkLostError):
-                bench.learn_wraps()
+                self._bench.learn_wraps()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -170,7 +171,7 @@ class Runner:
                     return None
             self._dead = explain_silence(bench)
         except (LinkError, CaseEndedError) as error:
-            self._dead = f"the board is gone: {error}"
+            self._dead = f"the board is gone: {error}" if self._device else str(error)
         return None
 
     def _reset(self) -> Bench:
@@ -181,6 +182,10 @@ class Runner:
         bench.last_boot_id = identity.boot_id if identity else None
         bench.last_config = getattr(before, "config", None)
         return bench
+
+    def _reopen(self) -> Bench:
+        self._drop()
+        return self._connect(self._access.open(), booted=False)
 
     def _drop(self) -> None:
         if self._transport is not None:
@@ -221,18 +226,23 @@ class Runner:
             return _Outcome(
                 Behaviour.NOT_OBSERVED, "no way to restart the board (--spawn, --reset-cmd, --dtr)"
             )
-        if self._dead and case.needs_session and not case.needs_reset:
+        found = bool(self._device)  # a board that was there may be so again after a reset
+        if self._dead and case.needs_session and not (case.needs_reset and found):
             return _Outcome(Behaviour.INCONCLUSIVE, self._dead)
         try:
             bench = self._reset() if case.needs_reset else self._bench
         except HaptogramError as error:
-            self._dead = f"the board did not come back after a reset: {error}"
-            return _Outcome(Behaviour.INCONCLUSIVE, self._dead)
+            why = self._dead = f"the board did not come back after a reset: {error}"
+            if not self._access.boots:  # it may be there all the same
+                self._revive(self._reopen)
+            return _Outcome(Behaviour.INCONCLUSIVE, why)
         assert bench is not None  # _begin has connected
         return self._experiment(case, bench)
 
     def _experiment(self, case: Case, bench: Bench) -> _Outcome:
         bench.wire.begin_case()
+        if self._dead and not case.needs_reset:
+            return self._without_board(case, bench)
         try:
             if case.needs_session and not case.needs_reset:
                 bench.settle()
@@ -246,6 +256,14 @@ class Runner:
         except HaptogramError as error:
             return self._lost(Behaviour.FAILED, str(error), bench)
         return self._afterwards(case, bench, behaviour, detail)
+
+    def _without_board(self, case: Case, bench: Bench) -> _Outcome:
+        """Run a case that may tell why nothing answers; what was never there cannot recover."""
+        try:
+            behaviour, detail = self._judge(case, bench)
+        except HaptogramError as error:
+            behaviour, detail = Behaviour.INCONCLUSIVE, str(error)
+        return _Outcome(behaviour, detail, None, bench.wire.recording.transcript())
 
     def _judge(self, case: Case, bench: Bench) -> tuple[Behaviour, str]:
         """Run the body of a case and return its verdict."""
@@ -275,7 +293,8 @@ class Runner:
         except LinkLostError as error:
             return self._lost(behaviour, detail or str(error), bench)
         if recovery.frames is None and not self._dead:
-            self._revive()
+            self._dead = "the board does not answer any more"
+            self._revive(self._reset if self._access.can_reset else self._reopen)
         elif recovery.clean and case.needs_reset:
             self._dead = ""
         return _Outcome(behaviour, detail, recovery, transcript)
@@ -284,18 +303,14 @@ class Runner:
         """Keep the verdict of a case after which the port was gone."""
         transcript = bench.wire.recording.transcript()
         self._dead = f"the board is gone: {text}"
-        self._revive()
+        self._revive(self._reset if self._access.can_reset else self._reopen)
         return _Outcome(behaviour, text, Recovery(None, text), transcript)
 
-    def _revive(self) -> None:
-        """Try once to bring a board back that does not answer."""
-        why = self._dead or "the board does not answer any more"
+    def _revive(self, connect: Callable[[], Bench]) -> None:
+        """Try once to bring a board back that does not answer; if it does it is not dead."""
+        why = self._dead
         try:
-            if self._access.can_reset:
-                self._reset()
-            else:
-                self._drop()
-                self._connect(self._access.open(), booted=False)
+            connect()
         except HaptogramError as error:
             self._dead = f"{why} ({error})"
             return

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NoReturn
 
 from haptogram.errors import LinkLostError
 from haptogram.transport import Transport
@@ -237,7 +237,13 @@ class Wire:
             self._zeros += 1
         self._keep(rest)
         if self.heard > _FLOOD_BYTES or len(self.received) > _FLOOD_FRAMES:
-            fail(f"the board floods the line: {self.heard} bytes in one case")
+            self._flooded()
+
+    def _flooded(self) -> NoReturn:
+        text = f"the line is flooded: {self.heard} bytes in one case"
+        if any(piece.header is not None for piece in self.received):
+            fail(text)
+        inconclusive(f"{text}, and no frame among them: not a board")
 
     def _keep(self, rest: bytes) -> None:
         """Keep what no delimiter has ended yet, in bounded memory."""

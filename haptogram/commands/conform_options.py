@@ -1,0 +1,160 @@
+"""Options of ``haptogram conform``: what they are, and what of them does not go together."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+
+_SCHEME: Final = "haptogram://"
+PULSE: Final = "pulse"
+#: Least and most of the options that are numbers; the time of a case bounds that of an answer.
+_BOUNDS: Final[dict[str, tuple[float, float]]] = {
+    "timeout": (0.001, 60),
+    "repeat": (1, 1000),
+    "link_baud": (300, 100_000_000),
+    "boot_timeout": (0, 3600),
+    "seed": (0, 2**64 - 1),
+}
+EXAMPLES: Final = """\
+examples:
+  haptogram conform
+      the virtual board, in virtual time
+  haptogram conform --port /dev/ttyACM0 --junit conform.xml --html conform.html
+      a board; every case, every byte of what failed
+  haptogram conform --spawn ./build/firmware --port-regex 'PTY is (/dev/pts/[0-9]+)'
+      a native build on a pty, restarted for the clauses about a reset
+  haptogram conform --port /dev/ttyACM0 --clause HG-2 --clause HG-3.4/1
+      one chapter and one clause
+  haptogram conform --compare a.json b.json --html matrix.html
+      two devices side by side
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    _add_board(parser.add_argument_group("board and port"))
+    _add_choice(parser.add_argument_group("what is run, and how"))
+    _add_results(parser.add_argument_group("result"))
+
+
+def _add_board(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--port", metavar="URL", help="any pyserial URL [the virtual board, in virtual time]"
+    )
+    group.add_argument(
+        "--link-baud", type=int, default=3_000_000, metavar="BAUD", help="line rate [3000000]"
+    )
+    group.add_argument("--spawn", metavar="CMD", help="start this program; it says its port")
+    group.add_argument(
+        "--port-regex", metavar="REGEX", help="finds the port in what --spawn prints, first group"
+    )
+    group.add_argument("--reset-cmd", metavar="CMD", help="shell command that restarts the board")
+    group.add_argument(
+        "--boot-timeout", type=float, default=10.0, metavar="S", help="until its port is there [10]"
+    )
+    for line in ("dtr", "rts"):
+        group.add_argument(
+            f"--{line}",
+            choices=("0", "1", PULSE),
+            help=f"state of {line.upper()}; pulse: a pulse of it restarts the board",
+        )
+
+
+def _add_choice(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--list", action="store_true", help="list the cases and run none")
+    group.add_argument(
+        "--clause",
+        action="append",
+        default=[],
+        metavar="ID",
+        help="only this case, clause (HG-3.4/1), section or chapter (HG-3); may be repeated",
+    )
+    group.add_argument("--strict", action="store_true", help="a SHOULD that is not met: FAILED")
+    group.add_argument(
+        "--timeout", type=float, default=1.0, metavar="S", help="how long an answer may take [1]"
+    )
+    group.add_argument(
+        "--seed", type=int, metavar="N", help="of nonces and contents [0; on a port: random]"
+    )
+    group.add_argument(
+        "--repeat", type=int, default=1, metavar="N", help="run each case N times; mixed: FLAKY"
+    )
+    group.add_argument(
+        "--baseline", type=Path, metavar="FILE", help="TOML of failures that are expected"
+    )
+    group.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def _add_results(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML")
+    group.add_argument("--json", type=Path, metavar="FILE", help="write JSON")
+    group.add_argument("--html", type=Path, metavar="FILE", help="write an HTML page")
+    group.add_argument(
+        "--write-baseline", type=Path, metavar="FILE", help="write today's failures as expected"
+    )
+    group.add_argument("--verbose", action="store_true", help="print every case")
+    group.add_argument(
+        "--compare",
+        type=Path,
+        nargs="+",
+        metavar="JSON",
+        help="run nothing: put results of several devices side by side, in --html",
+    )
+
+
+# --- What cannot be ----------------------------------------------------------------------------
+
+
+def check(arguments: argparse.Namespace) -> None:
+    """Refuse values out of bounds, and what does not go together.
+
+    Raises
+    ------
+    ConfigurationError
+        Before anything is run.
+    """
+    _check_numbers(arguments)
+    _check_files(arguments)
+    _check_board(arguments)
+
+
+def _check_numbers(arguments: argparse.Namespace) -> None:
+    for name, (least, most) in _BOUNDS.items():
+        value = getattr(arguments, name)
+        if value is not None and not least <= value <= most:  # nan is neither
+            option = name.replace("_", "-")
+            raise ConfigurationError(f"--{option} is {value}; it goes from {least} to {most}")
+
+
+def _check_files(arguments: argparse.Namespace) -> None:
+    """Refuse what cannot be written before minutes of work, not after."""
+    for name in ("json", "junit", "html", "write_baseline"):
+        path: Path | None = getattr(arguments, name)
+        if path is not None and path.is_dir():
+            raise ConfigurationError(f"--{name.replace('_', '-')} {path} is a folder")
+
+
+def _check_board(arguments: argparse.Namespace) -> None:
+    """Refuse what does not go together, rather than leave a part of it out in silence."""
+    if arguments.spawn is not None and arguments.port is not None:
+        raise ConfigurationError("--spawn names its own port: --port is one too many")
+    if arguments.port_regex is not None and arguments.spawn is None:
+        raise ConfigurationError("--port-regex is about what --spawn prints; there is no --spawn")
+    for name in ("reset_cmd", "dtr", "rts"):
+        if getattr(arguments, name) is not None and not _is_port(arguments):
+            option = name.replace("_", "-")
+            raise ConfigurationError(f"--{option} is about a board at --port; there is none")
+
+
+def _is_port(arguments: argparse.Namespace) -> bool:
+    return arguments.port is not None and not is_virtual(arguments)
+
+
+def is_virtual(arguments: argparse.Namespace) -> bool:
+    """Tell whether the board is one in this program."""
+    if arguments.spawn is not None:
+        return False
+    return arguments.port is None or arguments.port.startswith(_SCHEME)
