@@ -1,4 +1,4 @@
-"""Turn the JSON of a run of ci/bench into docs/performance-wire.md: wire_report.py bench.json [--stdout]."""
+"""Turn the JSON of a run into docs/performance-wire.md: wire_report.py bench.json [--stdout]."""
 
 import json
 import sys
@@ -35,15 +35,16 @@ it is Python's price for a message, not the frame's.
 DECODER = """\
 ## Decoder of a stream
 
-400 frames, 30 % of the bytes on the line noise between them, in chunks of 4 KiB; every
-frame must come out, and every piece of noise be told as what it is. Against a decoder that goes byte
-by byte and does the same. Goal: at least 20 times as fast, and no frame lost.
+400 frames, 30 % of the bytes on the line noise between them, in chunks of 4 KiB; every frame must
+come out, and every piece of noise be told as what it is. Against a decoder that goes byte by byte
+and does the same. Goal: at least 20 times as fast, and no frame lost.
 """
 
 MESSAGES = """\
 ## Every message
 
-From message to line and back: header, payload, CRC-32, COBS in C; arrays hold five units, PHASES 256.
+From message to line and back: header, payload, CRC-32 and COBS in C. Arrays hold five units, PHASES
+256.
 """
 
 WHOLE = """\
