@@ -203,6 +203,7 @@ class Driver(Session):
         targets: Targets,
         rate_hz: float,
         *,
+        loops: int = 1,
         lead_us: int | None = None,
         trim: bool = False,
         miss_share: float = 1e-3,
@@ -218,6 +219,8 @@ class Driver(Session):
         ----------
         targets : (T, 3) array_like, sequence of Focus, or sequence of sequences of Focus
             Positions in metres, or foci.
+        loops : int
+            How often, 1 or more.
         lead_us : int, optional
             How long before its time a frame is sent: a stall of the host that is shorter reaches
             nobody.  By default 100 ms, or what three quarters of the board's queue hold.
@@ -251,7 +254,9 @@ class Driver(Session):
         """
         queue_depth = self.identity.queue_depth
         schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=queue_depth)
-        frames = self._builder.build(as_foci(targets), mode, solver)
+        if loops < 1:
+            raise ConfigurationError(f"loops is {loops}, must be 1 or more")
+        frames = self._builder.build(as_foci(targets), mode, solver) * loops
         schedule.check(frames, self.identity, self._link.line.baudrate)
         schedule.check_timers(self._config)
         lead_trim = self._trim(schedule, frames, miss_share) if trim else None

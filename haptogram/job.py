@@ -53,6 +53,8 @@ class Measured:
         Why a frame may have been latched that nobody saw; None: everything was seen.
     warnings : list of str
         What was odd.
+    silences : list of int
+        Device times at which the output fell silent.
     fault_counts : dict of str to int, or None
         How often each fault on purpose has fired; None: there was none, or the board did not tell.
     troubles : dict of str to dict of str to int
@@ -69,6 +71,7 @@ class Measured:
     cut_short: str | None = None
     unseen: str | None = None
     warnings: list[str] = field(default_factory=list)
+    silences: list[int] = field(default_factory=list)
     fault_counts: dict[str, int] | None = None
     troubles: dict[str, dict[str, int]] = field(default_factory=dict)
 
@@ -164,6 +167,7 @@ def measure(
     found.observations = board.observations(driver, settling)
     if found.cut_short is not None:
         found.observations = _until_the_cut(found)
+    found.silences = board.silences(driver)
     found.unseen, found.fault_counts = board.unseen, board.fault_counts
     return found
 
@@ -220,8 +224,9 @@ def _display(
             progress=progress,
         )
     return driver.stream(
-        list(targets) * config.repeat,
+        targets,
         config.rate_hz,
+        loops=config.repeat,
         lead_us=lead_us,
         mode="points" if config.mode == "points" else "phases",
         solver=solver,

@@ -506,6 +506,15 @@ def test_no_pause_lets_the_hold_run_out_under_the_first_frames(output, pause_ms)
         assert len(port.latches) == len(driver.intended) > 5
 
 
+def test_a_stream_goes_round_as_often_as_is_said(driver, port):
+    report = driver.stream(CIRCLE[:5], 1000, loops=3)
+    assert report.frames == 15
+    drives = [latch.drive for latch in port.latches]
+    assert drives == drives[:5] * 3
+    with pytest.raises(ConfigurationError, match="loops is 0, must be 1 or more"):
+        driver.stream(CIRCLE[:5], 1000, loops=0)
+
+
 def test_streams_that_follow_each_other_at_once_leave_no_silence(driver, port):
     driver.stream(CIRCLE[:5], 1000)
     driver.stream(CIRCLE[:5], 1000)
