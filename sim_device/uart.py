@@ -177,7 +177,7 @@ class Line:
         self._in_transit = 0
         self._free_ns = 0
 
-    def _arrival_ns(self, count: int) -> int | None:
+    def arrival_ns(self, count: int) -> int | None:
         """Return when *count* more bytes will be there; None: so many were not sent."""
         for burst in self._bursts:
             left = len(burst.data) - burst.taken
@@ -227,7 +227,7 @@ class PolledLine(Line):
     def receive(self, t_ns: int) -> bytes:
         """Return what the firmware has found in its FIFO up to *t_ns*."""
         found = bytearray()
-        while (first_ns := self._arrival_ns(1)) is not None:
+        while (first_ns := self.arrival_ns(1)) is not None:
             if (poll_ns := self._next_poll_ns(first_ns)) > t_ns:
                 break
             came = super().receive(poll_ns)
@@ -266,7 +266,7 @@ class UsbLine(Line):
 
     def next_event_ns(self, delimiter: bytes) -> int | None:  # noqa: ARG002  it knows no frames
         """Return when the next packet goes to the host."""
-        full_ns = self._arrival_ns(USB_PACKET_BYTES - len(self._held))
+        full_ns = self.arrival_ns(USB_PACKET_BYTES - len(self._held))
         timer_ns = self._timer_ns()
         return timer_ns if full_ns is None or timer_ns is None else min(full_ns, timer_ns)
 
@@ -289,7 +289,7 @@ class UsbLine(Line):
 
     def _timer_ns(self) -> int | None:
         """Return when the timer runs out with data there."""
-        first_ns = self._sent_ns if self._held else self._arrival_ns(1)
+        first_ns = self._sent_ns if self._held else self.arrival_ns(1)
         if first_ns is None:
             return None
         periods = max(1, -(-(first_ns - self._sent_ns) // self._latency_ns))
