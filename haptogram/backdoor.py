@@ -29,6 +29,7 @@ _KINDS: Final[Mapping[str, type[SingleFocus] | type[NoFocus] | type[NotSingle]]]
 
 
 _END: Final = "end"
+_ARMED: Final = "ARMED"
 
 
 class BackdoorFile:
@@ -106,6 +107,19 @@ def fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
     return counts
 
 
+def silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
+    """Return when the output fell silent: device times as the board counts them."""
+    return [
+        record["t_us"]
+        for record in records
+        if record["kind"] == "output"
+        and (
+            (record["event"] == "ramp_ended" and not record["restored"])
+            or (record["event"] == "state" and record["requested"] and record["state"] != _ARMED)
+        )
+    ]
+
+
 def why_incomplete(
     records: Sequence[Mapping[str, Any]], session: int | None = None, last: FrameKey | None = None
 ) -> str | None:
@@ -146,12 +160,16 @@ def on_the_clock_of(
     The board counts the wraps of its 32-bit clock from its start, the host from when it came: the
     two may be whole wraps apart.
     """
-    due_us = next((i.t_apply_us for i in intended if i.t_apply_us is not None), None)
-    if due_us is None:
-        return list(observations)
     return [
-        dataclasses.replace(o, t_latch_us=unwrap(o.t_latch_us, due_us, 32)) for o in observations
+        dataclasses.replace(o, t_latch_us=time_on_the_clock_of(intended, o.t_latch_us))
+        for o in observations
     ]
+
+
+def time_on_the_clock_of(intended: Sequence[Intended], t_us: int) -> int:
+    """Return a device time of the board, counted as those of *intended* are."""
+    due_us = next((i.t_apply_us for i in intended if i.t_apply_us is not None), None)
+    return t_us if due_us is None else unwrap(t_us, due_us, 32)
 
 
 def _key(record: Mapping[str, Any]) -> FrameKey:

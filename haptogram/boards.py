@@ -7,14 +7,28 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol, TypeAlias
 
 from haptogram.acoustics import AcousticModel
-from haptogram.backdoor import fault_counts, observations_of, on_the_clock_of, why_incomplete
+from haptogram.backdoor import (
+    fault_counts,
+    observations_of,
+    on_the_clock_of,
+    silences_of,
+    time_on_the_clock_of,
+    why_incomplete,
+)
 from haptogram.budget import BITS_PER_BYTE, frame_bytes
 from haptogram.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.records import Observation
 from haptogram.transport import Transport
 from haptogram.virtual_board import VirtualBoard
-from haptogram_protocol.messages import Feature, HelloReply, TraceDrive, TraceMode
+from haptogram_protocol.messages import (
+    Feature,
+    HelloReply,
+    StateChanged,
+    TraceDrive,
+    TraceMode,
+)
+from haptogram_protocol.state import OutputState
 
 Progress: TypeAlias = Callable[[int, int], None]
 
@@ -52,6 +66,13 @@ class BoardUnderTest(Protocol):
         """Return what it latched in the session of *driver*, which is closed by now.
 
         *progress* is called with what has come so far and what may come, if that takes time.
+        """
+        ...
+
+    def silences(self, driver: Driver) -> list[int]:
+        """Return the device times at which its output fell silent, once the observations are there.
+
+        They are counted as those of what was intended.
         """
         ...
 
@@ -95,6 +116,10 @@ class ProcessBoard:
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
         return on_the_clock_of(driver.intended, self._board.observations(driver.session))
+
+    def silences(self, driver: Driver) -> list[int]:
+        """Return what came out of the back door."""
+        return _silences(driver, self._board.records())
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
@@ -143,10 +168,18 @@ class InProcessBoard:
         found = observations_of(self._records(), driver.session)
         return on_the_clock_of(driver.intended, found)
 
+    def silences(self, driver: Driver) -> list[int]:
+        """Return what came out of the back door."""
+        return _silences(driver, self._records())
+
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """What the board told when its port was closed."""
         return fault_counts(self._records())
+
+
+def _silences(driver: Driver, records: Sequence[Mapping[str, Any]]) -> list[int]:
+    return [time_on_the_clock_of(driver.intended, t_us) for t_us in silences_of(records)]
 
 
 class PortBoard:
@@ -250,3 +283,12 @@ class PortBoard:
     ) -> list[Observation]:
         """Return what the board said that it latched."""
         return driver.observations + self._read_back
+
+    def silences(self, driver: Driver) -> list[int]:
+        """Return when the board said that it left ARMED; the ramp is not counted."""
+        return [
+            time_on_the_clock_of(driver.intended, event.header.time_us)
+            for event in driver.events
+            if isinstance(event.message, StateChanged)
+            and event.message.state is not OutputState.ARMED
+        ]

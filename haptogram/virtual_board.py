@@ -31,6 +31,8 @@ from haptogram.backdoor import (
     is_latch_of,
     observations_of,
     on_the_clock_of,
+    silences_of,
+    time_on_the_clock_of,
     why_incomplete,
 )
 from haptogram.errors import ConfigurationError, LinkLostError
@@ -268,6 +270,7 @@ class VirtualBoard:
             model=self.model if model is None else model,
             min_verified=min_verified,
             unseen=unseen,
+            silences=[time_on_the_clock_of(intended, t) for t in silences_of(self.records())],
         )
 
     @property

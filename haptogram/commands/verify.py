@@ -86,6 +86,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
             min_verified=config.least_verified,
             cut_short=found.cut_short,
             unseen=found.unseen,
+            silences=found.silences,
             progress=progress,
         )
     result = report.result_dict(

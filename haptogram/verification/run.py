@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -106,6 +106,7 @@ def verify_run(
     min_verified: float = 1.0,
     cut_short: str | None = None,
     unseen: str | None = None,
+    silences: Iterable[int] = (),
     progress: Progress | None = None,
 ) -> RunVerdict:
     """Join what was intended with what was latched, by key, and judge every frame.
@@ -121,6 +122,9 @@ def verify_run(
     unseen : str, optional
         Why a frame may have been latched that nobody saw: then one that was not seen is not
         verified, rather than lost.
+    silences : iterable of int
+        Device times at which the output fell silent, on the clock of *intended*: what was latched
+        before is no longer radiated then.
     progress : callable, optional
         Called with the number of frames judged and their total.
 
@@ -138,9 +142,12 @@ def verify_run(
     judge = Judge(model, carrier_us=max(1, round(1e6 / model.frequency_hz)))
     frames: list[FrameVerdict] = []
     held: Held | None = None
+    quiet_us = deque(sorted(silences))
     for number, wanted in enumerate(intended):
         latches = sorted(seen.pop(wanted.key, []), key=lambda latch: latch.t_latch_us)
         verdict = judge.judge(wanted, latches[0]) if latches else _missing(wanted, unseen)
+        if _fell_silent(quiet_us, verdict.t_apply_us):
+            held = None
         if verdict.late or verdict.status is FrameStatus.LOST:
             effect = judge.consequence(wanted, held)
             verdict = dataclasses.replace(verdict, consequence=effect)
@@ -152,6 +159,14 @@ def verify_run(
         if progress is not None:
             progress(number + 1, len(intended))
     return _conclude(frames, sorted(seen), min_verified, cut_short)
+
+
+def _fell_silent(quiet_us: deque[int], t_us: int | None) -> bool:
+    """Tell whether the output fell silent up to *t_us*, and forget about it."""
+    before = len(quiet_us)
+    while quiet_us and t_us is not None and quiet_us[0] <= t_us:
+        quiet_us.popleft()
+    return len(quiet_us) < before
 
 
 def _missing(wanted: Intended, unseen: str | None) -> FrameVerdict:

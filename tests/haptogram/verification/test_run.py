@@ -424,3 +424,18 @@ def test_a_duplicate_is_judged_by_its_first_latch_and_fails():
     assert run.frames[0].latches == 2
     assert (run.verdict, run.reasons) == (Verdict.FAIL, ("1 latched more than once",))
     assert [f["number"] for f in run.as_dict()["duplicated"]] == [0]
+
+
+def test_a_board_that_fell_silent_holds_nothing():
+    """Its timers mute it when frames stay out: then there is silence in place of the last focus."""
+    intended = intended_frames(4)
+    quiet_us = intended[1].t_apply_us + 500
+    run = verify(intended, [seen(intended[0])], silences=[quiet_us])
+    assert [frame.consequence.focus_error_mm is None for frame in run.frames[1:]] == [
+        False,
+        True,
+        True,
+    ]
+    assert run.frames[2].consequence.pressure_rms_pa == 0.0
+    again = verify(intended, [seen(intended[0]), seen(intended[2])], silences=[quiet_us])
+    assert again.frames[3].consequence.focus_error_mm is not None  # armed, and latched again
