@@ -13,12 +13,14 @@ from typing import Final
 from haptogram.errors import ConfigurationError
 
 from ..assembly import HEALTHY, Parts
-from . import framing, latching, output, session
+from . import framing, latching, output, replies, session
 from .mutant import Evidence, Mutant, by_name
 
-_ALL: Final = (*framing.MUTANTS, *session.MUTANTS, *latching.MUTANTS, *output.MUTANTS)
+_PARTS: Final = (framing, session, replies, latching, output)
 
-MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(by_name(_ALL))
+MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(
+    by_name(mutant for part in _PARTS for mutant in part.MUTANTS)
+)
 
 
 def parts_of(name: str | None) -> Parts:

@@ -102,10 +102,10 @@ def test_a_board_of_another_version():
 
 
 def test_a_board_that_floods_has_failed_and_the_suite_ends():
-    event = encode_frame(bytes([0xC0]) + bytes(9 + 126))
-    flood = virtual(array="4x4", wrap=lambda inner: Flooding(inner, 200 * event))
+    event = encode_frame(bytes([0xC3]) + bytes(9 + 11 + 4000))
+    flood = virtual(array="4x4", wrap=lambda inner: Flooding(inner, 40 * event))
     flood.can_reset = False
-    suite = run(flood, "HG-2", "HG-4.3", timeout_s=0.2)
+    suite = run(flood, "HG-2.3", "HG-2.6", timeout_s=0.2)
     assert any("is flooded" in result.detail for result in suite.results if result.is_failure)
     assert suite.exit_status == 1
 

@@ -1,0 +1,184 @@
+"""Boards that say of themselves what is not so, or answer what they should not.  SPEC.md 3 to 9."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final
+
+from haptogram_protocol.connection import BoardConnection
+from haptogram_protocol.messages import (
+    Config,
+    ErrorCode,
+    GeometryReply,
+    Hello,
+    HelloReply,
+    UploadBegin,
+    UploadChunk,
+)
+
+from ..board import Board
+from ..dialect import BoardDialect
+from ..refusal import RefusalError
+from .mutant import Evidence, Mutant
+
+
+class _Liar(BoardConnection):
+    """Answers with other words than the board's."""
+
+    of: type = HelloReply
+
+    def lie(self, message: Any) -> dict[str, Any]:
+        """Return the fields that are not so."""
+        raise NotImplementedError
+
+    def reply(self, request: Any, message: Any, now_us: int) -> None:
+        """Answer, with a lie where there is one to tell."""
+        if isinstance(message, self.of):
+            message = dataclasses.replace(message, **self.lie(message))
+        super().reply(request, message, now_us)
+
+
+class GeometryHashWrong(_Liar):
+    """Advertises the CRC of another geometry."""
+
+    def lie(self, message: Any) -> dict[str, Any]:
+        """Return another hash."""
+        return {"geometry_hash": message.geometry_hash ^ 1}
+
+
+class GridOfAnother(_Liar):
+    """Advertises a grid of one row more than it has transducers for."""
+
+    def lie(self, message: Any) -> dict[str, Any]:
+        """Return another grid."""
+        return {"grid_ny": message.grid_ny + 1}
+
+
+class ClockInMilliseconds(_Liar):
+    """Advertises a clock of 1000 ticks a second."""
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return another rate."""
+        return {"clock_hz": 1000}
+
+
+class CarrierOfNoWholePeriod(_Liar):
+    """Advertises a carrier of 40 500 Hz, whose period is no whole number of microseconds."""
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return another carrier."""
+        return {"carrier_hz": 40_500}
+
+
+class HorizonBehindTheWrap(_Liar):
+    """Advertises a horizon of 2^31 us, at which before and after cannot be told apart."""
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return another horizon."""
+        return {"max_horizon_us": 1 << 31}
+
+
+class NameBehindZero(_Liar):
+    """Has something behind the zero that ends its name."""
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return another name."""
+        return {"firmware": "sim\x00left over"}
+
+
+class GeometryFromZero(_Liar):
+    """Calls the first transducer of every GEOMETRY_REPLY number 0."""
+
+    of = GeometryReply
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return another place."""
+        return {"first": 0}
+
+
+class NonceZeroTaken(BoardConnection):
+    """Opens session 1 for a HELLO with the nonce 0."""
+
+    def _judge_hello(self, frame: Any, hello: Hello) -> Any:
+        return super()._judge_hello(frame, dataclasses.replace(hello, nonce=hello.nonce or 1))
+
+
+class RepliesOfNoSession(BoardConnection):
+    """Sends every response with session 0."""
+
+    def _response(self, message: Any, seq: int, now_us: int, _: int | None = None) -> bytes:
+        return super()._response(message, seq, now_us, 0)
+
+
+class RepliesWithoutTime(BoardConnection):
+    """Sends every response with the time 0."""
+
+    def _response(self, message: Any, seq: int, _: int, session: int | None = None) -> bytes:
+        return super()._response(message, seq, 0, session)
+
+
+class LastSeqNotCleared(BoardDialect):
+    """Says in a new session, before its first latch, that one was latched."""
+
+    def _status(self) -> Any:
+        fields = super()._status()
+        return (*fields[:4], fields[4] or 65_520, *fields[5:])
+
+
+class BoundsIgnored(Board):
+    """Takes a configuration whatever its values are."""
+
+    def configure(self, config: Config) -> None:
+        """Put *config* in force."""
+        try:
+            super().configure(config)
+        except RefusalError:
+            self.config = config
+
+
+class StopWantsPlayback(Board):
+    """Refuses STOP when nothing plays."""
+
+    def stop(self) -> None:
+        """Stop what plays."""
+        if self._playback is None:
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), "nothing plays")
+        super().stop()
+
+
+class ChunksInOrderOnly(Board):
+    """Takes the chunks of an upload in order only."""
+
+    _next = 0
+
+    def begin_upload(self, begin: UploadBegin) -> None:
+        """Begin."""
+        super().begin_upload(begin)
+        self._next = 0
+
+    def store_chunk(self, chunk: UploadChunk) -> int:
+        """Store the chunk that is due."""
+        if chunk.offset != self._next:
+            raise RefusalError(ErrorCode.BAD_VALUE, 0, "not in order")
+        self._next += len(chunk.data)
+        return super().store_chunk(chunk)
+
+
+_WIRE, _SELF = Evidence.WIRE, Evidence.SELF_REPORTED
+
+MUTANTS: Final = (
+    Mutant.of(GeometryHashWrong, "HG-4.3/6", _WIRE),
+    Mutant.of(GridOfAnother, "HG-4.3/4", _WIRE),
+    Mutant.of(ClockInMilliseconds, "HG-4.3/3", _WIRE),
+    Mutant.of(CarrierOfNoWholePeriod, "HG-4.3/2", _WIRE),
+    Mutant.of(HorizonBehindTheWrap, "HG-5.7/7", _WIRE),
+    Mutant.of(NameBehindZero, "HG-3.2/2", _WIRE),
+    Mutant.of(GeometryFromZero, "HG-7.5/1", _WIRE),
+    Mutant.of(NonceZeroTaken, "HG-4.1/3", _WIRE),
+    Mutant.of(RepliesOfNoSession, "HG-4.11/1", _WIRE),
+    Mutant.of(RepliesWithoutTime, "HG-4.11/2", _WIRE),
+    Mutant.of(LastSeqNotCleared, "HG-9.1/2", _SELF),
+    Mutant.of(BoundsIgnored, "HG-7.1/1", _WIRE),
+    Mutant.of(StopWantsPlayback, "HG-7.7/2", _WIRE),
+    Mutant.of(ChunksInOrderOnly, "HG-7.3/1", _WIRE),
+)
