@@ -295,7 +295,9 @@ class Rig:
             self.tally.totals[f"{who}: {verdict}"] += 1
 
     def _judge_stream(self, sent: Sent, verdict: int | str, t_ns: int) -> None:
-        if isinstance(verdict, int):
+        if isinstance(verdict, int) and verdict < self._expected_index:
+            self.tally.violate("copy taken", f"frame {verdict} once more")
+        elif isinstance(verdict, int):
             missing = verdict - self._expected_index
             self._explain_gap(missing)
             self._expected_index = verdict + 1
@@ -309,7 +311,7 @@ class Rig:
 
     def _explain_gap(self, missing: int) -> None:
         self.tally.totals["gap"] += missing
-        if missing < 0 or missing > len(self.down.lost):
+        if missing > len(self.down.lost):
             lost = len(self.down.lost)
             self.tally.violate(UNEXPLAINED, f"{missing} frames never came, {lost} were lost")
             self.down.lost.clear()
