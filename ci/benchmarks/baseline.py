@@ -23,6 +23,7 @@ from report import duration
 ROOT = Path(__file__).resolve().parents[2]
 RESULT = ROOT / "out" / "bench-baseline.json"
 ROUNDS = 5
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LEAST = 0.03  # of the time: less is of no interest, however certain
 
 
@@ -44,8 +45,10 @@ def parse(arguments):
     left, rounds = list(arguments), ROUNDS
     if "--rounds" in left:
         at = left.index("--rounds")
-        rounds = int(left[at + 1])
-        del left[at : at + 2]
+        _, number, *left[at:] = left[at:] if left[at + 1 :] else (None, "")
+        if not number.isdecimal() or int(number) < 1:
+            sys.exit(f"bench: --rounds {number!r}; it is a number from 1")
+        rounds = int(number)
     named = left and not left[0].startswith("-")
     revision = left.pop(0) if named else "HEAD" if git("status", "--porcelain") else "HEAD~1"
     return revision, rounds, left
@@ -54,18 +57,22 @@ def parse(arguments):
 @contextlib.contextmanager
 def working_tree(commit):
     """Check *commit* out beside this tree, and remove it whatever happens, Ctrl-C and kill too."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: sys.exit(1))
+    for number in SIGNALS:
+        signal.signal(number, leave)
     parent = tempfile.mkdtemp(prefix="haptogram-bench-")
     try:
         folder = Path(parent, "baseline").resolve()
         git("worktree", "add", "--detach", "--quiet", folder, commit)
         yield folder
     finally:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)  # until all is removed
         shutil.rmtree(parent)
         git("worktree", "prune")
+
+
+def leave(*_):
+    sys.exit("bench: interrupted; the baseline is removed")
 
 
 def run_both(folder, number, rounds, arguments):
@@ -94,6 +101,7 @@ def run(packages, arguments):
             cwd=packages,
             check=False,
             stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
             text=True,
         )
         data = json.loads(written.read_text() or "{}") if written.exists() else {}
@@ -181,7 +189,4 @@ def say(text):
 
 
 if __name__ == "__main__":
-    try:
-        main(sys.argv[1:])
-    except KeyboardInterrupt:
-        sys.exit("bench: interrupted; the baseline is removed")
+    main(sys.argv[1:])

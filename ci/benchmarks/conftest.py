@@ -80,14 +80,24 @@ def compare(benchmark, measure, request):
     done all of it. `repeats` calls make one round of ours long enough for the clock.
     """
 
-    def run(goal, ours, reference, *, repeats=1, reference_repeats=1, share=1.0, **notes):
+    def run(
+        goal,
+        ours,
+        reference,
+        *,
+        repeats=1,
+        reference_repeats=1,
+        share=1.0,
+        seconds=SECONDS,
+        **notes,
+    ):
         if request.config.getoption("--brief"):
             measure(ours, repeats=repeats, **notes)
             return
         ours()
         reference()
         ratios, times = [], ([], [])
-        deadline = time.perf_counter() + SECONDS
+        deadline = time.perf_counter() + seconds
         while len(ratios) < 7 or (time.perf_counter() < deadline and len(ratios) < 400):
             theirs = timed(reference, reference_repeats) / share
             mine = timed(ours, repeats)

@@ -29,7 +29,7 @@ def test_board_step(frame, measure):
     measure(lambda: board.show(FRAMES[frame]))
 
 
-@pytest.mark.parametrize("mode", ["phases", "points", "sequence"])
+@pytest.mark.parametrize("mode", ["phases", "sequence"])
 def test_verify_in_virtual_time(mode, measure):
     """The main job, for a circle of 26 points: driver, board, verdict and report."""
 
