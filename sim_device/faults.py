@@ -83,9 +83,8 @@ class Fault:
         _check_place(name, values)
         from_ns, until_ns = (_time_ns(key, texts[key]) if key in texts else None for key in _TIMES)
         from_ns = from_ns or 0
-        until_ns = _FOR_EVER_NS if until_ns is None else until_ns
-        if name == "line.disconnect":
-            until_ns = min(until_ns, from_ns + round(values["ms"] * _NS_PER_MS))
+        end_ns = _end_ns(name, values, from_ns)
+        until_ns = end_ns if until_ns is None else min(until_ns, end_ns)
         return cls(name, values, from_ns, until_ns, _direction(name, texts.get("direction")))
 
     @property
@@ -100,7 +99,7 @@ class Fault:
             said["direction"] = self.direction
         if self.from_ns:
             said["from"] = _time_text(self.from_ns)
-        if self.until_ns != _FOR_EVER_NS and self.name != "line.disconnect":
+        if self.until_ns != _end_ns(self.name, self.values, self.from_ns):
             said["until"] = _time_text(self.until_ns)
         return said
 
@@ -242,6 +241,13 @@ def _direction(name: str, text: str | None) -> str:
     if text is not None and text not in ("down", "up", _BOTH):
         raise ConfigurationError(f"{name} direction={text}, must be down, up or both")
     return text or _BOTH
+
+
+def _end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
+    """Return when a fault is over by itself."""
+    if name != "line.disconnect":
+        return _FOR_EVER_NS
+    return from_ns + round(values["ms"] * _NS_PER_MS)
 
 
 def _number(name: str, key: str, text: str, limits: Parameter) -> float:
