@@ -11,6 +11,7 @@ import contextlib
 import dataclasses
 import fcntl
 import io
+import logging
 import operator
 import os
 import pickle
@@ -23,6 +24,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any, Final
 
 import numpy as np
@@ -36,6 +38,8 @@ from .latch import Latch, Notice
 from .recorder import InlineReconstruction
 from .settings import BoardSettings
 from .sink import RecordSink, open_sink
+
+_LOG: Final = logging.getLogger(__name__)
 
 QUEUE_LATCHES: Final = 16_384  # records that may wait for the worker: 16 s at 1 kHz
 START_TIMEOUT_S: Final = 60.0
@@ -107,6 +111,8 @@ class ReconstructionWorker:
         self._input.write(_packed([_Job(settings, target, reconstruct)]))
         self._input.flush()
         self._await_ready()
+        if reconstruct and find_spec("numba") is None:
+            _LOG.info("fields are rebuilt without numba, several times slower")
         _widen(self._input.fileno())
         os.set_blocking(self._input.fileno(), False)
 
@@ -315,6 +321,7 @@ def run_worker() -> None:
         recorder = InlineReconstruction(
             job.settings, lambda record: sink.write(to_line(record)), reconstruct=job.reconstruct
         )
+        recorder.warm_up()
         os.write(answer, _READY)
         answer = 2
         _record_all(items, recorder, sink)

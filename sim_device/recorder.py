@@ -18,13 +18,11 @@ MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown
 class Estimator:
     """Rebuilds the field of latch after latch; a drive that was seen lately costs nothing.
 
-    There is one :class:`Reconstructor` for every resolution of the phases, because each starts
-    its search at the last focus and judges by the rounding of the phases.
+    Each drive is judged by the rounding of the phases that it was commanded with.
     """
 
     def __init__(self, model: AcousticModel) -> None:
-        self._model = model
-        self._by_bits: dict[int, Reconstructor] = {}
+        self._reconstructor = Reconstructor(model)
         self._seen: OrderedDict[tuple[Drive, int, bool], Reconstruction] = OrderedDict()
 
     def estimate(self, latch: Latch) -> Reconstruction:
@@ -38,10 +36,12 @@ class Estimator:
                 self._seen.popitem(last=False)
         return self._seen[key]
 
+    def warm_up(self) -> None:
+        """Do now what the first drive would wait for."""
+        self._reconstructor.warm_up()
+
     def _reconstruct(self, drive: Drive, bits: int, ramping: bool) -> Reconstruction:
-        if bits not in self._by_bits:
-            self._by_bits[bits] = Reconstructor(self._model, bits)
-        return self._by_bits[bits].reconstruct(drive, ramping=ramping)
+        return self._reconstructor.reconstruct(drive, ramping=ramping, phase_bits=bits)
 
 
 class InlineReconstruction:
@@ -70,6 +70,11 @@ class InlineReconstruction:
         self._faults: FaultsCounted | None = None
         self._line: LineCounted | None = None
         write(board_record(settings))
+
+    def warm_up(self) -> None:
+        """Make ready, so that the first latch takes no longer than the next one."""
+        if self._estimator is not None:
+            self._estimator.warm_up()
 
     def latch(self, latch: Latch) -> None:
         """Take down a latch."""

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics._validation import ComplexArray, FloatArray, as_points
-from haptogram.acoustics.directivities import OrientedDirectivity
 from haptogram.acoustics.drive import as_weights
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.directivities import OrientedDirectivity
 
 MIN_DISTANCE_M: Final = 1e-3
 _PAIRS_PER_CHUNK: Final = 1 << 13  # a temporary takes 64 kB: cached, and never mapped afresh
@@ -123,9 +125,10 @@ def _gain(
 ) -> FloatArray:
     """Return the directivity of each element toward each point, from its own normal."""
     normals, directivity = model.array.normals, model.transducer.directivity
-    if isinstance(directivity, OrientedDirectivity):
+    if hasattr(directivity, "gain_towards"):  # isinstance of a Protocol takes 20 us
         directions = np.stack(offsets, axis=-1) / distance[..., None]
-        return directivity.gain_towards(directions, normals, model.wavenumber)
+        oriented = cast("OrientedDirectivity", directivity)
+        return oriented.gain_towards(directions, normals, model.wavenumber)
     along = sum(offset * normals[:, axis] for axis, offset in enumerate(offsets))
     return directivity.gain(along / distance, model.wavenumber)
 

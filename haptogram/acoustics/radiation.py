@@ -76,13 +76,44 @@ def force_on_disc_n(
     ConfigurationError
         A radius out of range, weights of several drives, or a disc that touches an element.
     """
-    check_range("radius_m", radius_m, 1e-6, 0.1)
     engine = NumpyEngine(source) if isinstance(source, AcousticModel) else source
-    offsets, areas_m2 = disc_nodes(radius_m, engine.model.wavenumber)
-    pressure = engine.pressure(weights, as_vector("centre_m", centre_m, 3) + offsets)
-    if pressure.ndim != 1:
-        raise ConfigurationError(f"{len(pressure)} drives, the force is that of one")
-    return float(radiation_pressure_pa(pressure, engine.model.medium) @ areas_m2)
+    return ReflectingDisc(engine, radius_m).force_n(weights, centre_m)
+
+
+class ReflectingDisc:
+    """A totally reflecting disc whose normal is z: the force of drive after drive on it.
+
+    Parameters
+    ----------
+    engine : FieldEngine
+        What computes the field.
+    radius_m : float
+        Radius of the disc; at most 100 mm, which keeps the number of nodes bounded.
+
+    Raises
+    ------
+    ConfigurationError
+        A radius out of range.
+    """
+
+    def __init__(self, engine: FieldEngine, radius_m: float = DISC_RADIUS_M) -> None:
+        check_range("radius_m", radius_m, 1e-6, 0.1)
+        self._engine = engine
+        self._offsets_m, self._areas_m2 = disc_nodes(radius_m, engine.model.wavenumber)
+
+    def force_n(self, weights: ArrayLike, centre_m: ArrayLike) -> float:
+        """Return the force, in newtons, of (N,) *weights* on the disc around (3,) *centre_m*.
+
+        Raises
+        ------
+        ConfigurationError
+            Weights of several drives, or a disc that touches an element.
+        """
+        nodes_m = as_vector("centre_m", centre_m, 3) + self._offsets_m
+        pressure = self._engine.pressure(weights, nodes_m)
+        if pressure.ndim != 1:
+            raise ConfigurationError(f"{len(pressure)} drives, the force is that of one")
+        return float(radiation_pressure_pa(pressure, self._engine.model.medium) @ self._areas_m2)
 
 
 def disc_nodes(radius_m: float, wavenumber: float) -> tuple[FloatArray, FloatArray]:

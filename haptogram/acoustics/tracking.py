@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from haptogram.acoustics._compiled import load_kernels
 from haptogram.acoustics._layout import Layout
 from haptogram.acoustics._validation import FloatArray
-
-# The search volume and its cells are those of the reference.
-from haptogram.acoustics.acquisition import HOPELESS_RAD, _divide_volume, _phasors
+from haptogram.acoustics.acquisition import HOPELESS_RAD
+from haptogram.acoustics.cells import cell_phasors, search_cells
 from haptogram.acoustics.drive import MAX_PHASE_BITS, check_phase_bits, phase_step_rad
 from haptogram.acoustics.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M
 from haptogram.acoustics.model import AcousticModel
@@ -120,10 +119,10 @@ class FocusTracker:
             raise ConfigurationError(f"start_m is {start_m}, must be finite")
         return self._fit(codes, (x, y, z), self._counts[-1])
 
-    def acquire(self, codes: NDArray[np.uint8]) -> Fix:
+    def acquire(self, codes: NDArray[np.uint8], limit_rad: float | None = None) -> Fix:
         """Return the focus, wherever it is within the reach of :func:`.focus.check_target`.
 
-        The best fit, if no point explains the phases to half a step.
+        The best fit, if no point explains the phases to *limit_rad*, see :meth:`explains`.
 
         Raises
         ------
@@ -140,7 +139,7 @@ class FocusTracker:
         for _ in range(_RIVALS):
             index = self._kernels.best_cell(score, cells, self._apart)
             fix = self._widening_fit(codes, tuple(cells[:, index].tolist()))
-            if self._explains(fix):
+            if self.explains(fix, limit_rad):
                 return fix
             if best is None or fix.residual_rms_rad < best.residual_rms_rad:
                 best = fix
@@ -158,7 +157,7 @@ class FocusTracker:
         if last is not None:
             self._check_codes(codes)
             fix = self._fit(codes, last.position_m, self._counts[-1])
-            if self._explains(fix):
+            if self.explains(fix):
                 return fix
         return self.acquire(codes)
 
@@ -169,8 +168,8 @@ class FocusTracker:
     def _prepare(self) -> None:
         first = self._order[: self._counts[0]]
         positions = self._model.array.positions_m[first]
-        cells = _divide_volume(self._model, positions)
-        matrix = _phasors(self._model, cells, positions)
+        cells = search_cells(self._model, positions)
+        matrix = cell_phasors(self._model, cells, positions)
         self._phasors = np.ascontiguousarray(np.stack([matrix.real.T, matrix.imag.T]))
         self._apart = _APART * np.linalg.norm(cells - self._model.array.centre_m, axis=1)
         self._cells = np.ascontiguousarray(cells.T)
@@ -190,8 +189,15 @@ class FocusTracker:
             )
         )
 
-    def _explains(self, fix: Fix) -> bool:
-        if fix.residual_rms_rad > self._limit_rad:
+    def explains(self, fix: Fix, limit_rad: float | None = None) -> bool:
+        """Tell whether *fix* is a focus: in front, within reach, and its residual small enough.
+
+        Parameters
+        ----------
+        limit_rad : float, optional
+            The largest RMS residual; half a phase step if not given.
+        """
+        if fix.residual_rms_rad > (self._limit_rad if limit_rad is None else limit_rad):
             return False
         above = fix.position_m[2] > self._bottom_m
         return above and _CLEARANCE_M <= fix.clearance_m <= _REACH_M

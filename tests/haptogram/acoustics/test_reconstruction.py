@@ -173,7 +173,8 @@ def test_the_figures_are_those_of_the_field_at_the_focus(cold):
     peak = pressure(MODEL, drive.weights(), [result.position_m])[0]
     assert result.pressure_rms_pa == pytest.approx(abs(peak) / math.sqrt(2), rel=1e-12)
     assert result.level_db_spl == pytest.approx(20 * math.log10(result.pressure_rms_pa / 20e-6))
-    assert result.force_n == force_on_disc_n(MODEL, drive.weights(), result.position_m)
+    force_n = force_on_disc_n(MODEL, drive.weights(), result.position_m)
+    assert result.force_n == pytest.approx(force_n, rel=1e-4)
     assert math.cos(math.pi / 256) <= result.coherence <= 1.0 + 1e-12
     assert result.residual_rms_rad == pytest.approx(2 * math.pi / 256 / math.sqrt(12), rel=0.3)
 
@@ -396,3 +397,53 @@ def test_a_correct_drive_is_never_refused_on_symmetry_planes(shared, bits, targe
     """There few residuals are independent, so their RMS may come near half a step."""
     target[1] = target[0] if diagonal else 0.0
     assert_on_target(shared.reconstruct(drive_for(MODEL, target, bits)), target)
+
+
+# --- with and without compiled code
+
+
+def test_the_answer_does_not_depend_on_numba(monkeypatch):
+    path = TARGET + np.array([(0, 0, 0), (0, 0.001, 0), (-0.05, 0, 0.03)])
+    drives = [drive_for(MODEL, target) for target in path]
+    dead = drives[1].amplitude_codes.copy()
+    dead[40] = 0
+    turned = drives[2].phase_codes.copy()
+    turned[7] += 64
+    drives.append(Drive(drives[1].phase_codes, dead))
+    drives.append(Drive(turned, drives[2].amplitude_codes))
+    fast = Reconstructor(MODEL)
+    fast.warm_up()
+    found = [fast.reconstruct(drive) for drive in drives]
+    for module in ("engine", "reconstruction"):
+        monkeypatch.setattr(f"haptogram.acoustics.{module}.load_kernels", lambda: None)
+    slow = Reconstructor(MODEL)
+    slow.warm_up()
+    for drive, quick in zip(drives, found, strict=True):
+        expected = slow.reconstruct(drive).as_dict()
+        for name, value in quick.as_dict().items():
+            if name == "force_n":
+                assert value == pytest.approx(expected[name], rel=1e-4)
+            elif name == "position_m":
+                assert value == pytest.approx(expected[name], abs=1e-9)
+            elif name in ("kind", "acquired", "observable", "outliers"):
+                assert value == expected[name], name
+            else:
+                assert value == pytest.approx(expected[name], rel=1e-6), name
+    assert [type(result).__name__ for result in found] == ["SingleFocus"] * 4 + ["NotSingle"]
+
+
+def test_once_warm_nothing_is_compiled_or_searched_anew(monkeypatch):
+    reconstructor = Reconstructor(MODEL)
+    reconstructor.warm_up()
+
+    def must_not(*_):
+        raise AssertionError("the first drive had to wait")
+
+    monkeypatch.setattr("haptogram.acoustics.tracking.search_cells", must_not)
+    monkeypatch.setattr("haptogram.acoustics.cells.search_cells", must_not)
+    drives = [drive_for(MODEL, TARGET + np.array([0, 0, step])) for step in (0.0, 0.001, 0.06)]
+    for drive in drives:
+        assert reconstructor.reconstruct(drive).as_dict()["kind"] == "single_focus"
+    kernels = pytest.importorskip("numba") and reconstructor._tracker._kernels  # noqa: SLF001
+    for name in ("lattice_pressure", "fit_phases", "cell_scores"):
+        assert len(getattr(kernels, name).signatures) == 1, name  # a second one takes 0.4 s

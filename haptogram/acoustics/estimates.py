@@ -1,0 +1,100 @@
+"""What a drive was found to be: one focus, no focus, or something else."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Literal, TypeAlias
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class SingleFocus:
+    """The drive focuses on one point.
+
+    Attributes
+    ----------
+    position_m, std_m, bound_m, observable : tuple
+        Per axis, as in :class:`PhaseFit`.
+    residual_rms_rad : float
+        What the focus leaves unexplained of the phases.
+    coherence : float
+        |sum w_n g_n| / sum |w_n g_n| at the focus.
+    pressure_rms_pa, level_db_spl : float
+        Pressure at the focus.
+    force_n : float
+        Force on a reflecting disc of 10 mm radius around the focus, normal to z.
+    acquired : str
+        "warm": found from the focus before; "global": searched for.
+    """
+
+    position_m: Vector
+    std_m: Vector
+    bound_m: Vector
+    observable: tuple[bool, bool, bool]
+    residual_rms_rad: float
+    coherence: float
+    pressure_rms_pa: float
+    level_db_spl: float
+    force_n: float
+    acquired: Literal["warm", "global"]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields for JSON; what is infinite becomes None."""
+        return _json_fields("single_focus", asdict(self))
+
+
+@dataclass(frozen=True, slots=True)
+class NoFocus:
+    """Nothing steady is radiated; *reason* says why."""
+
+    reason: Literal["muted", "ramping", "zero amplitude"]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields for JSON."""
+        return _json_fields("no_focus", asdict(self))
+
+
+@dataclass(frozen=True, slots=True)
+class NotSingle:
+    """No point explains the phases of all elements.
+
+    Attributes
+    ----------
+    residual_rms_rad : float
+        RMS over all active elements, for the best point.
+    position_m : tuple
+        If `outliers` is not empty, the focus of the other elements; else the point of the highest
+        pressure among those that were tried.
+    pressure_rms_pa : float
+        Pressure there.
+    coherence : float
+        |sum w_n g_n| / sum |w_n g_n| there.
+    outliers : tuple of int
+        The elements that are off by more than a phase step, where the others (more than half) agree
+        on one focus; empty where they do not.
+    """
+
+    residual_rms_rad: float
+    position_m: Vector
+    pressure_rms_pa: float
+    coherence: float
+    outliers: tuple[int, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields for JSON."""
+        return _json_fields("not_single", asdict(self))
+
+
+Reconstruction: TypeAlias = SingleFocus | NoFocus | NotSingle
+
+
+def _json_fields(kind: str, fields: dict[str, object]) -> dict[str, object]:
+    return {"kind": kind, **{name: _plain(value) for name, value in fields.items()}}
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
