@@ -293,10 +293,11 @@ def test_playback_never_accumulates_rounding():
     ]
 
 
-def test_time_does_not_run_backwards():
+@pytest.mark.parametrize("pass_time", [Board.advance_to, Board.idle_to])
+def test_time_does_not_run_backwards(pass_time):
     board = a_board()
     with pytest.raises(ValueError, match="cannot go back"):
-        board.advance_to(board.now_us - 1)
+        pass_time(board, board.now_us - 1)
 
 
 def test_two_frames_on_one_carrier_period_the_later_replaces_the_earlier():

@@ -47,6 +47,20 @@ def test_worker_and_inline_write_the_same(tmp_path):
     assert kept[-1]["reconstructed"] == 12
 
 
+def test_records_are_handed_over_many_at_a_time(tmp_path):
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"), reconstruct=False)
+    for index in range(reconstruction.BATCH - 1):
+        worker.latch(a_latch(index))
+    assert worker.pending == reconstruction.BATCH - 1
+    worker.notice(SessionOpened(5, 1))
+    assert worker.pending == 0
+    worker.latch(a_latch(reconstruction.BATCH))
+    worker.pump()
+    assert worker.pending == 0
+    worker.close()
+    assert records(tmp_path / "door")[-1]["latched"] == reconstruction.BATCH
+
+
 def test_a_full_queue_drops_counts_and_never_blocks(tmp_path, monkeypatch):
     monkeypatch.setattr(reconstruction, "QUEUE_LATCHES", 50)
     worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"), reconstruct=False)
