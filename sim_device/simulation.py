@@ -385,6 +385,8 @@ class Heartbeat:
         self._due_ns = self._simulation.next_event_ns()
         next_ns = earliest(self._due_ns, hand_over_ns)
         wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
+        if wait_ns is not None and wait_ns <= 0:
+            return  # it is due already: the next turn looks at the port all the same
         # select, because it alone waits for fractions of a millisecond everywhere.
         waiting = [self._wake_read, *self._parents, *reading]
         ready, _, _ = select.select(waiting, writing, [], _timeout_s(wait_ns))
