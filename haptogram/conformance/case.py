@@ -95,6 +95,16 @@ def unobservable(clause: str, reason: str, evidence: Evidence = Evidence.WIRE) -
     return Case(clause, reason, None, evidence=evidence)
 
 
+def about_host(clause: str) -> Case:
+    """Register a clause about the host."""
+    return unobservable(clause, "about the host: nothing that a board sends shows it")
+
+
+def about_text(clause: str) -> Case:
+    """Register a clause about SPEC.md itself."""
+    return unobservable(clause, "about how this text may change, not about a board")
+
+
 def check(holds: bool, text: str) -> None:
     """End the case as FAILED unless *holds*."""
     if not holds:

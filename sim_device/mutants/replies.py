@@ -25,7 +25,7 @@ from .mutant import Evidence, Mutant
 class _Liar(BoardConnection):
     """Answers with other words than the board's."""
 
-    of: type = HelloReply
+    of: Any = HelloReply
 
     def lie(self, message: Any) -> dict[str, Any]:
         """Return the fields that are not so."""

@@ -13,7 +13,7 @@ from haptogram_protocol.messages import (
 
 from .. import crafting
 from ..bench import Bench
-from ..case import case, check, not_observed, unobservable
+from ..case import about_host, case, check, not_observed
 from ..device_clock import BOOT_US
 from ..wire import Received
 
@@ -21,7 +21,7 @@ _WRAP_US: Final = 2**32
 _LIMIT_US: Final = 10
 _SAMPLES: Final = 24
 
-host_subtracts = unobservable("HG-6.9/3", "about the host: nothing that a board sends shows it")
+host_subtracts = about_host("HG-6.9/3")
 
 
 class _Watch:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from haptogram_protocol.messages import (
     MESSAGES,
     VERSION_MAJOR,
@@ -26,20 +24,17 @@ from haptogram_protocol.messages import (
 )
 
 from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, unobservable
+from ..case import SELF_REPORTED, about_host, about_text, case, check
 from ..latching import latch_now
 from ..recording import describe, type_name
 from ..talk import frames_in, talk
 
-_ABOUT_HOST: Final = "about the host: nothing that a board sends shows it"
-_ABOUT_TEXT: Final = "about how this text may change, not about a board"
-
-unknown_codes = unobservable("HG-10.1/3", _ABOUT_HOST)
-minor_rules = unobservable("HG-11.2/1", _ABOUT_TEXT)
-host_warns = unobservable("HG-11.3/1", _ABOUT_HOST)
-deprecation = unobservable("HG-11.4/1", _ABOUT_TEXT)
-numbers_gone = unobservable("HG-11.4/2", _ABOUT_TEXT)
-host_versions = unobservable("HG-11.4/3", _ABOUT_HOST)
+unknown_codes = about_host("HG-10.1/3")
+minor_rules = about_text("HG-11.2/1")
+host_warns = about_host("HG-11.3/1")
+deprecation = about_text("HG-11.4/1")
+numbers_gone = about_text("HG-11.4/2")
+host_versions = about_host("HG-11.4/3")
 
 
 @case("HG-10.1/1", "refused requests leave state, configuration, queue and stream numbers alone")

@@ -42,7 +42,7 @@ from haptogram_protocol.messages import (
 )
 
 from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, unobservable
+from ..case import SELF_REPORTED, about_host, case, check
 from ..latching import latch_now
 from ..recording import describe, type_name
 from ..talk import frames_in, talk
@@ -346,9 +346,5 @@ def drops_another_session(bench: Bench) -> None:
         bench.rest()
 
 
-not_host_response = unobservable(
-    "HG-3.3/4", "about the host: what it ignores does not show on the line"
-)
-not_host_session = unobservable(
-    "HG-3.7/3", "about the host: what it ignores does not show on the line"
-)
+not_host_response = about_host("HG-3.3/4")
+not_host_session = about_host("HG-3.7/3")

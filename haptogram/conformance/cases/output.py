@@ -30,7 +30,7 @@ from haptogram_protocol.state import (
 )
 
 from ..bench import Bench
-from ..case import EXTERNAL, SELF_REPORTED, case, check, fail, unobservable
+from ..case import EXTERNAL, SELF_REPORTED, about_host, case, check, fail, unobservable
 from ..latching import is_silent, latch_now, radiated, shown_in
 from ..playing import play_now, store_phases
 
@@ -49,7 +49,7 @@ _REASONS: Final = {
     OutputInput.NEW_SESSION: MuteReason.NEW_SESSION,
 }
 
-host_keeps_room = unobservable("HG-6.4/3", "about the host: what it has written and not yet sent")
+host_keeps_room = about_host("HG-6.4/3")
 fault_lasts = unobservable(
     "HG-6.6/3", "a fault of the hardware, which nothing on the line can bring about", EXTERNAL
 )

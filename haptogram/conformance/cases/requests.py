@@ -32,7 +32,7 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import OutputState
 
 from ..bench import Bench
-from ..case import case, check, unobservable
+from ..case import about_host, case, check
 from ..playing import play_now, store_phases
 from ..recording import type_name
 
@@ -42,11 +42,11 @@ _CLOCK_US: Final = 10
 _EVENTS_US: Final = 10_000  # until what a request leads to has been told
 _UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.CORRECTION
 
-host_waits = unobservable("HG-4.8/1", "about the host: nothing that a board sends shows it")
-host_repeats = unobservable("HG-4.8/2", "about the host: nothing that a board sends shows it")
-host_counts = unobservable("HG-4.8/3", "about the host: nothing that a board sends shows it")
-host_starts_at_0 = unobservable("HG-4.8/4", "about the host: nothing that a board sends shows it")
-host_ignores = unobservable("HG-4.11/4", "about the host: nothing that a board sends shows it")
+host_waits = about_host("HG-4.8/1")
+host_repeats = about_host("HG-4.8/2")
+host_counts = about_host("HG-4.8/3")
+host_starts_at_0 = about_host("HG-4.8/4")
+host_ignores = about_host("HG-4.11/4")
 
 
 def _repeat(bench: Bench, wire: bytes, kind: type[Message], seq: int) -> bytes:

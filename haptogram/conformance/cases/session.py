@@ -30,17 +30,17 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, unobservable
+from ..case import SELF_REPORTED, about_host, case, check
 from ..latching import latch_now
 from ..playing import play_now, store_phases
 
 _LISTEN_US: Final = 300_000
 
-host_opens = unobservable("HG-4.1/1", "about the host: nothing that a board sends shows it")
-host_chooses = unobservable("HG-4.1/2", "about the host: nothing that a board sends shows it")
-host_stops = unobservable("HG-4.4/2", "about the host: nothing that a board sends shows it")
-host_uses = unobservable("HG-4.5/1", "about the host: nothing that a board sends shows it")
-host_ignores = unobservable("HG-4.5/2", "about the host: nothing that a board sends shows it")
+host_opens = about_host("HG-4.1/1")
+host_chooses = about_host("HG-4.1/2")
+host_stops = about_host("HG-4.4/2")
+host_uses = about_host("HG-4.5/1")
+host_ignores = about_host("HG-4.5/2")
 
 
 @case("HG-4.1/3", "HELLO with the nonce 0 is refused with BAD_VALUE, detail 2; nothing changes")

@@ -21,15 +21,15 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, fail, unobservable
+from ..case import SELF_REPORTED, about_host, case, check, fail
 from ..latching import Shown, latch_now, radiated, shown_in
 from ..playing import play_now, store_phases
 
 _MS: Final = 1000
 _EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms
 
-host_times = unobservable("HG-12.6/1", "about the host: nothing that a board sends shows it")
-host_gives_up = unobservable("HG-12.6/2", "about the host: nothing that a board sends shows it")
+host_times = about_host("HG-12.6/1")
+host_gives_up = about_host("HG-12.6/2")
 
 
 def muted_by_timer(

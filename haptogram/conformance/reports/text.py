@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Final
 
 from ..verdict import Behaviour, Result, SuiteResult
 
 _TOLD = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
-_LINES = 60  # of a transcript; the rest is in the JSON file
+_NAMED: Final = 3  # cases that are named where they have a reason in common
+_LINES: Final = 60  # of a transcript; the rest is in the JSON file
 
 
 def render(suite: SuiteResult, *, verbose: bool = False) -> str:
@@ -39,6 +41,17 @@ def _result(result: Result) -> Iterator[str]:
         yield f"    ... {len(result.transcript) - _LINES} lines more, in --json and --html"
 
 
+def _not_observed(suite: SuiteResult) -> Iterator[str]:
+    """Say why cases show nothing here: a number alone would look like a gap."""
+    reasons: dict[str, list[str]] = {}
+    for result in suite.results:
+        if result.behaviour is Behaviour.NOT_OBSERVED:
+            reasons.setdefault(result.detail, []).append(result.case)
+    for reason, cases in reasons.items():
+        which = ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
+        yield f"not observed {which}: {reason}"
+
+
 def _summary(suite: SuiteResult) -> Iterator[str]:
     device = suite.device
     if device:
@@ -50,6 +63,7 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
     yield f"port         {suite.settings.get('port')} ({time}, seed {suite.settings.get('seed')})"
     counts = [f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b)]
     yield f"cases        {len(suite.results)}: {', '.join(counts)}"
+    yield from _not_observed(suite)
     unclean = sum(not result.recovers for result in suite.results)
     if unclean:
         yield f"recovery     not clean after {unclean} cases"
