@@ -2,6 +2,7 @@
 
 import json
 import os
+import select
 import socket
 
 import pytest
@@ -113,6 +114,41 @@ def test_a_client_that_does_not_read_leaves_bytes_pending_not_lost(tmp_path):
 
 
 @pytest.mark.pty
+def test_a_pty_that_is_unplugged_hangs_up_on_its_client_and_is_another_one_afterwards(tmp_path):
+    port = PtyPort(tmp_path / "board")
+    client = os.open(port.description, os.O_RDWR | os.O_NOCTTY)
+    port.write(b"old")
+    port.plug(is_there=False)
+    port.plug(is_there=False)
+    assert not os.path.lexists(port.description)
+    assert (port.reading(), port.read(9), port.pending) == ([], b"", 0)
+    port.write(b"lost")
+    with pytest.raises(OSError, match="Input/output error"):
+        os.write(client, b"x")
+    os.close(client)
+    port.plug(is_there=True)
+    client = os.open(port.description, os.O_RDWR | os.O_NOCTTY)
+    port.write(b"new")
+    assert os.read(client, 9) == b"new"
+    os.close(client)
+    port.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_tcp_port_that_is_unplugged_takes_nobody_in_until_it_is_back():
+    port = TcpPort("127.0.0.1", 0)
+    address = port.description.removeprefix("socket://").split(":")
+    for is_there in (True, False, True):
+        port.plug(is_there)
+        with socket.create_connection(address, 5) as client:
+            select.select(port.reading(), [], [], 5)
+            port.read(1)
+            port.write(b"x")
+            assert client.recv(1) == (b"x" if is_there else b"")
+        port.plug(is_there=False)
+    port.close()
+
+
 def test_a_link_to_something_else_is_left_alone(tmp_path):
     (tmp_path / "real").write_text("data")
     (tmp_path / "board").symlink_to(tmp_path / "real")

@@ -12,6 +12,7 @@ import tty
 from pathlib import Path
 
 import pytest
+import serial
 
 from haptogram.acoustics import Drive, superpose
 from haptogram_protocol.connection import NEED_DATA, EventReceived, HostConnection, ReplyReceived
@@ -157,6 +158,20 @@ def test_a_client_may_crash_and_another_one_goes_on(start, tmp_path, open_host):
     assert second.greet().message.nonce == 2
     assert second.ask(Ping(7)).message.echo == 7
     assert second.ask(GetStatus()).message.state is OutputState.DISARMED
+
+
+def test_a_port_that_vanishes_comes_back_under_the_same_link(start, tmp_path, open_host):
+    link = tmp_path / "board"
+    board = start("--link", link, "--fault", "line.disconnect ms=300 from=1500ms")
+    client = open_host(board.url, 1).port
+    client.timeout = PATIENCE_S
+    with pytest.raises(serial.SerialException):  # as when a cable is pulled
+        client.read(1)
+    wait_for(link.is_symlink, "the link is back")
+    assert open_host(board.url, 2).greet().message.nonce == 2
+    assert board.end() == 0
+    assert "faults: line.disconnect 1" in board.text()
+    assert not link.is_symlink()
 
 
 def test_garbage_before_and_between_frames_costs_no_frame(start, tmp_path, open_host):
