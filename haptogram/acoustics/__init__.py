@@ -3,9 +3,18 @@
 Everything here is a pure function of its arguments or a frozen value; nothing reads a clock, a file
 descriptor or the wire. Phasors are peak values, the time factor is e^{-j w t}, a wave runs as
 e^{+j k r}.
+
+What is not needed to rebuild a focus is imported when it is first asked for.
 """
 
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Final
+
 from haptogram.acoustics.drive import Drive, dequantise_phase, phase_step_rad, quantise_phase
+from haptogram.acoustics.engine import NumbaEngine, Numpy32Engine, choose_engine
+from haptogram.acoustics.estimates import NoFocus, NotSingle, Reconstruction, SingleFocus
 from haptogram.acoustics.field import FieldEngine, NumpyEngine, pressure, propagators
 from haptogram.acoustics.focus import (
     PhaseFit,
@@ -18,42 +27,145 @@ from haptogram.acoustics.geometry import TransducerArray
 from haptogram.acoustics.medium import Medium
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.radiation import force_on_disc_n, level_db_spl, radiation_pressure_pa
-from haptogram.acoustics.reconstruction import (
-    NoFocus,
-    NotSingle,
-    Reconstruction,
-    Reconstructor,
-    SingleFocus,
-)
+from haptogram.acoustics.reconstruction import Reconstructor
 from haptogram.acoustics.transducer import CircularPiston, Directivity, PointSource, Transducer
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.average import mean_square_pressure
+    from haptogram.acoustics.batch import FocusCodes
+    from haptogram.acoustics.directivities import MeasuredDirectivity, RectangularPiston
+    from haptogram.acoustics.dynamics import Resonator, amplitude_to_duty, duty_to_amplitude
+    from haptogram.acoustics.exposure import (
+        Exposure,
+        a_weighting_db,
+        exposure_at,
+        switching_level_db_a,
+        worst_place,
+    )
+    from haptogram.acoustics.grid import GridField, box_points_m
+    from haptogram.acoustics.lobes import (
+        GratingLobe,
+        SecondaryLobe,
+        grating_lobes,
+        largest_secondary_lobe,
+    )
+    from haptogram.acoustics.plane import PlaneField
+    from haptogram.acoustics.shift import (
+        FocalShift,
+        find_peak,
+        paraxial_shift_m,
+        predict_focal_shift,
+    )
+    from haptogram.acoustics.solvers import Quality, quality, solve
+    from haptogram.acoustics.spot import FocalSpot, measure_spot, predict_width_m
+    from haptogram.acoustics.tracking import Fix, FocusTracker
 
 __all__ = [
     "AcousticModel",
     "CircularPiston",
     "Directivity",
     "Drive",
+    "Exposure",
     "FieldEngine",
+    "Fix",
+    "FocalShift",
+    "FocalSpot",
+    "FocusCodes",
+    "FocusTracker",
+    "GratingLobe",
+    "GridField",
+    "MeasuredDirectivity",
     "Medium",
     "NoFocus",
     "NotSingle",
+    "NumbaEngine",
+    "Numpy32Engine",
     "NumpyEngine",
     "PhaseFit",
+    "PlaneField",
     "PointSource",
+    "Quality",
     "Reconstruction",
     "Reconstructor",
+    "RectangularPiston",
+    "Resonator",
+    "SecondaryLobe",
     "SingleFocus",
     "Transducer",
     "TransducerArray",
+    "a_weighting_db",
+    "amplitude_to_duty",
+    "box_points_m",
     "check_target",
+    "choose_engine",
     "dequantise_phase",
+    "duty_to_amplitude",
+    "exposure_at",
+    "find_peak",
     "fit_focus",
     "focus_phases",
     "force_on_disc_n",
+    "grating_lobes",
+    "largest_secondary_lobe",
     "level_db_spl",
+    "mean_square_pressure",
+    "measure_spot",
+    "paraxial_shift_m",
     "phase_step_rad",
+    "predict_focal_shift",
+    "predict_width_m",
     "pressure",
     "propagators",
+    "quality",
     "quantise_phase",
     "radiation_pressure_pa",
+    "solve",
     "superpose",
+    "switching_level_db_a",
+    "worst_place",
 ]
+
+_LATER: Final = {
+    "Exposure": "exposure",
+    "Fix": "tracking",
+    "FocalShift": "shift",
+    "FocalSpot": "spot",
+    "FocusCodes": "batch",
+    "FocusTracker": "tracking",
+    "GratingLobe": "lobes",
+    "GridField": "grid",
+    "MeasuredDirectivity": "directivities",
+    "PlaneField": "plane",
+    "Quality": "solvers",
+    "RectangularPiston": "directivities",
+    "Resonator": "dynamics",
+    "SecondaryLobe": "lobes",
+    "a_weighting_db": "exposure",
+    "amplitude_to_duty": "dynamics",
+    "box_points_m": "grid",
+    "duty_to_amplitude": "dynamics",
+    "exposure_at": "exposure",
+    "find_peak": "shift",
+    "grating_lobes": "lobes",
+    "largest_secondary_lobe": "lobes",
+    "mean_square_pressure": "average",
+    "measure_spot": "spot",
+    "paraxial_shift_m": "shift",
+    "predict_focal_shift": "shift",
+    "predict_width_m": "spot",
+    "quality": "solvers",
+    "solve": "solvers",
+    "switching_level_db_a": "exposure",
+    "worst_place": "exposure",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import what is first asked for now."""
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
