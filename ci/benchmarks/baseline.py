@@ -57,8 +57,7 @@ def parse(arguments):
 @contextlib.contextmanager
 def working_tree(commit):
     """Check *commit* out beside this tree, and remove it whatever happens, Ctrl-C and kill too."""
-    for number in SIGNALS:
-        signal.signal(number, leave)
+    before = {number: signal.signal(number, leave) for number in SIGNALS}
     parent = tempfile.mkdtemp(prefix="haptogram-bench-")
     try:
         folder = Path(parent, "baseline").resolve()
@@ -69,6 +68,8 @@ def working_tree(commit):
             signal.signal(number, signal.SIG_IGN)  # until all is removed
         shutil.rmtree(parent)
         git("worktree", "prune")
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def leave(*_):
