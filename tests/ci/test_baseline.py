@@ -75,14 +75,17 @@ def test_the_baseline_is_by_default_what_was_committed_last(baseline, repository
 @pytest.mark.parametrize("end", [None, signal.SIGINT, signal.SIGTERM])
 def test_the_baseline_is_removed_in_any_case(baseline, end):
     handlers = [signal.getsignal(number) for number in baseline.SIGNALS]
-    old = baseline.git("rev-parse", "HEAD~1")
-    with (
-        pytest.raises(SystemExit if end else ZeroDivisionError),
-        baseline.working_tree(old) as folder,
-    ):
-        assert (folder / "file").read_text() == "old"
-        os.kill(os.getpid(), end) if end else 1 / 0
-    assert not folder.parent.exists()
+    folders = []
+
+    def measure():
+        with baseline.working_tree(baseline.git("rev-parse", "HEAD~1")) as folder:
+            folders.append(folder)
+            assert (folder / "file").read_text() == "old"
+            os.kill(os.getpid(), end) if end else 1 / 0
+
+    with pytest.raises(SystemExit if end else ZeroDivisionError):
+        measure()
+    assert not folders[0].parent.exists()
     assert len(baseline.git("worktree", "list").splitlines()) == 1
     assert [signal.getsignal(number) for number in baseline.SIGNALS] == handlers
 
