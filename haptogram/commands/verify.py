@@ -208,7 +208,8 @@ def _write(
     """Write every file that was asked for; tell of those that could not be written."""
     from haptogram import report
 
-    seen = {o.key: o.drive for o in found.observations if o.drive is not None}
+    outputs = ((o.key, o.radiated or o.drive) for o in found.observations)
+    seen = {key: drive for key, drive in outputs if drive is not None}
     drives = {i.number: seen[i.key] for i in found.intended if i.key in seen}
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
         (config.json, lambda path: report.write_json(path, result)),

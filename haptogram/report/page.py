@@ -45,7 +45,8 @@ def write_html(
     model : AcousticModel
         Array and air that the drives were radiated in.
     drives : mapping of int to Drive, optional
-        Drives that were latched, by frame number, for the picture of the field.
+        Drives that were latched, or radiated in their place, by frame number, for the picture of
+        the field.
 
     Raises
     ------
@@ -137,7 +138,7 @@ def _troubles(troubles: Mapping[str, Mapping[str, int]]) -> Iterator[Html]:
     names = sorted(set().union(*troubles.values()))
     sides = ("board", "host")
     rows = [(name, *(troubles.get(side, {}).get(name, 0) for side in sides)) for name in names]
-    yield table(("counter (SPEC.md 9.2)", *sides), rows, numbers=1)
+    yield table(("counter (SPEC.md 9.2)", *sides), rows, numbers=2)
 
 
 def _checks(answers: list[Check]) -> Iterator[Html]:
@@ -274,7 +275,8 @@ def _field_caption(shown: FieldPicture | None) -> str:
     if shown is None:
         return "There is none: no frame was sent."
     source = (
-        f"the drive that was latched, with phases of {shown.phase_bits} bits"
+        "the drive that was latched, or seen to be radiated in its place, with phases of "
+        f"{shown.phase_bits} bits"
         if shown.latched
         else f"the ideal drive of its target, at full amplitude with phases of {shown.phase_bits} "
         "bits, and not what was latched"

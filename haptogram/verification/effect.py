@@ -94,7 +94,8 @@ class Effect:
         if self.silent_ms:
             parts.append(f"silent for {self.silent_ms:.1f} ms")
         if self.radiated_pa is not None:
-            parts.append(f"there {self.radiated_pa:.0f} Pa instead of {self.intended_pa:.0f} Pa")
+            pressures = f"{self.radiated_pa:.0f} Pa instead of {self.intended_pa:.0f} Pa"
+            parts.append(f"{pressures} at the targets meanwhile")
         return ", ".join(parts)
 
 

@@ -246,7 +246,7 @@ def _single_elements(
     """Name elements that are wrong one by one, those with the same error together."""
     errors = sorted({int(d) for d in difference[off]}, key=abs)
     if len(errors) > _NAMED_ELEMENTS:
-        yield f"{int(off.sum())} elements off, by up to {_steps(errors[-1], step)}"
+        yield from _by_line(model, off, f"off, by up to {_steps(errors[-1], step)}")
         return
     for error in errors:
         wrong = off & (difference == error)

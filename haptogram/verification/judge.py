@@ -182,6 +182,7 @@ class Judge:
                     measures |= _where(target, found)
                 elif measures["coherence"] >= _STILL_A_FOCUS:
                     measures |= _where_the_peak_is(target, peaks)
+                    measures["pressure_rms_pa"] = found.pressure_rms_pa
                 measures["note"] = "; ".join(filter(None, (seen.note, _no_focus(found))))
             elif not faults:
                 faults = (f"the drive is right, but nothing was radiated: {found.reason}",)

@@ -59,7 +59,7 @@ def test_before_the_first_latch_there_is_silence() -> None:
     assert (found.away_ms, found.silent_ms, found.farthest_mm) == (1.0, 1.0, None)
     assert str(found) == (
         "not where it should be for 1.0 ms, 1.0 ms at a time, silent for 1.0 ms, "
-        "there 0 Pa instead of 4000 Pa"
+        "0 Pa instead of 4000 Pa at the targets meanwhile"
     )
 
 
