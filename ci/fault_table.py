@@ -1,0 +1,216 @@
+"""Write what every fault of the virtual board does to the focus: a run of each, in virtual time.
+
+Plan, seed and job are fixed and there is no wall clock, so the same program writes the same table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from tqdm import tqdm
+
+from haptogram.cli import board_in_virtual_time
+from haptogram.config import VerifyConfig
+from haptogram.errors import HaptogramError
+from haptogram.job import Measured, measure
+from haptogram.verification import FrameVerdict, RunVerdict, verify_run
+from sim_device.fault_kinds import FAULT_KINDS
+
+WORKERS: Final = 2
+SEED: Final = 1
+HEALTHY: Final = ""
+_SESSION_IS_UP: Final = "from=10ms"
+_IN_MID_RUN: Final = "from=250ms"
+_NOTHING: Final = "–"
+_MM: Final = 1e3
+
+#: A telling strength of every fault that has none by default: enough to show in 380 frames.
+STRENGTHS: Final = {
+    "line.flip": f"ber=2e-5 {_SESSION_IS_UP}",
+    "line.drop": f"p=1e-4 {_SESSION_IS_UP}",
+    "line.insert": f"p=1e-4 {_SESSION_IS_UP}",
+    "line.burst": f"p=1e-4 {_SESSION_IS_UP}",
+    "line.duplicate": f"p=0.1 {_SESSION_IS_UP}",
+    "line.truncate": f"p=0.05 {_SESSION_IS_UP}",
+    "line.overrun": f"p=0.05 {_SESSION_IS_UP}",
+    "line.break": f"p=0.05 {_SESSION_IS_UP}",
+    "line.baud": "ppm=60000 from=250ms until=300ms",
+    "line.half_open": _IN_MID_RUN,
+    "line.disconnect": f"ms=30 {_IN_MID_RUN}",
+    "line.delay": "us=97000 jitter_us=4000 from=250ms until=350ms",
+    "line.slice": f"gap_us=40 {_SESSION_IS_UP}",
+    "line.coalesce": f"us=20000 {_SESSION_IS_UP}",
+    "line.batch": f"ms=16 {_SESSION_IS_UP}",
+    "clock.ppm": "ppm=200",
+    "clock.step": f"us=150000 {_IN_MID_RUN}",
+}
+_FRAME_STRENGTH: Final = f"p=0.05 {_SESSION_IS_UP}"
+_DEVICE_PLACE: Final = "column=3"
+
+HEAD: Final = """\
+# What each fault does to the focus
+
+One fault at a time on the virtual board, in virtual time: a circle of 30 mm radius, 100 mm above
+16 x 16 transducers, 380 frames at 1 kHz, seed {seed}. Made by `ci/fault-table`; every row is
+
+    haptogram verify --virtual-time --object circle --radius-mm 30 --repeat 10 --seed {seed} \\
+        --fault "..."
+
+and meets the same faults again when it is run again. The parameters, and what counts as once, are
+in [faults.md](faults.md); where none is given, the default is meant.
+
+- *across*, *along*: the largest distance of a focus that was radiated from its target, across and
+  along the beam. Rounding of the phases alone makes up to {smallest_miss:.2f} mm. Of a drive that
+  no one point explains it is the distance of the pressure peak from its place.
+- *elsewhere*: for how long the focus was not where it should have been, in all and at a time,
+  because a frame was lost, late or wrong. The board holds the last drive meanwhile: *away* is how
+  far from the target its focus was at most (points are 5 mm apart), *Pa* the average pressure at
+  the target over that time, of what it should have been.
+- *cause*: what the summary names: what is wrong with the drives, what ended the run, or what board
+  and host counted on the line (names of SPEC.md chapter 9).
+
+A run in virtual time passes only if every frame is verified, so one lost frame makes it
+inconclusive; a wrong drive makes it fail.
+
+"""
+COLUMNS: Final = (
+    "fault",
+    "fired",
+    "lost",
+    "late",
+    "wrong",
+    "across mm",
+    "along mm",
+    "elsewhere ms",
+    "away mm",
+    "Pa",
+    "verdict",
+    "cause",
+)
+
+
+def plans() -> list[str]:
+    """Return the healthy board, then every fault that there is, at its strength."""
+    return [HEALTHY, *(f"{name} {_strength(name)}".strip() for name in FAULT_KINDS)]
+
+
+def _strength(name: str) -> str:
+    layer = name.partition(".")[0]
+    by_layer = {"frame": _FRAME_STRENGTH}
+    if "column" in FAULT_KINDS[name]:
+        by_layer["device"] = _DEVICE_PLACE
+    return STRENGTHS.get(name, by_layer.get(layer, ""))
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What came of one fault."""
+
+    cells: tuple[str, ...]
+    smallest_miss_mm: float | None = None
+
+    def __str__(self) -> str:
+        """Return the line of the table."""
+        return f"| {' | '.join(cell.replace('|', '/') for cell in self.cells)} |"
+
+
+def row(fault: str) -> Row:
+    """Run the job with *fault*, and return its line."""
+    config = VerifyConfig(
+        object="circle",
+        radius_mm=30.0,
+        repeat=10,
+        seed=SEED,
+        virtual_time=True,
+        fault=(fault,) if fault else (),
+    )
+    name = f"`{fault}`" if fault else "none"
+    try:
+        with board_in_virtual_time(config) as board:
+            found = measure(config, board, None)
+    except HaptogramError as error:
+        return Row((name, *[_NOTHING] * (len(COLUMNS) - 3), "no result", str(error)))
+    run = verify_run(
+        found.intended,
+        found.observations,
+        model=found.model,
+        cut_short=found.cut_short,
+        unseen=found.unseen,
+        silences=found.silences,
+    )
+    cells = (name, _fired(fault, found), *_figures(run), _cause(run, found))
+    return Row(cells, run.as_dict()["smallest_miss_mm"])
+
+
+def _fired(fault: str, found: Measured) -> str:
+    """Return how often *fault* did something; what is always there does not fire."""
+    if not fault or fault.startswith("clock."):
+        return _NOTHING
+    return _NOTHING if found.fault_counts is None else str(sum(found.fault_counts.values()))
+
+
+def _figures(run: RunVerdict) -> tuple[str, ...]:
+    counts, result, effect = run.counts, run.as_dict(), run.effect
+    wrong = counts["off_target"] + counts["wrong_drive"] + counts["corrupt"]
+    errors = (result[name]["max"] for name in ("lateral_error_mm", "axial_error_mm"))
+    figures = [str(number) for number in (counts["lost"], counts["late"], wrong)]
+    figures += [_NOTHING if error is None else f"{error:.2f}" for error in errors]
+    if effect is None:
+        return (*figures, "0", _NOTHING, _NOTHING, str(run.verdict))
+    return (
+        *figures,
+        f"{effect.away_ms:.0f} ({effect.longest_ms:.0f})",
+        _NOTHING if effect.farthest_mm is None else f"{effect.farthest_mm:.1f}",
+        _NOTHING
+        if effect.radiated_pa is None
+        else f"{effect.radiated_pa:.0f} of {effect.intended_pa:.0f}",
+        str(run.verdict),
+    )
+
+
+def _cause(run: RunVerdict, found: Measured) -> str:
+    """Return what the run itself names."""
+    named = Counter(fault for frame in run.frames for fault in _faults(frame))
+    causes = [f"{fault} ({times} x)" for fault, times in named.most_common(1)]
+    causes += [found.cut_short] if found.cut_short else []
+    causes += sorted(set(found.warnings))
+    for side, counts in found.troubles.items():
+        told = ", ".join(f"{number} {name}" for name, number in counts.items())
+        causes.append(f"{side}: {told}")
+    return "; ".join(causes) or _NOTHING
+
+
+def _faults(frame: FrameVerdict) -> list[str]:
+    """Return the faults of *frame* by name, without what differs from one frame to the next."""
+    bare = (fault.removesuffix(": the latched drive is right") for fault in frame.faults)
+    return [re.sub(r", by up to [^,]*", "", fault) for fault in bare]
+
+
+def page(rows: list[Row]) -> str:
+    """Return the page; the first row is that of the healthy board."""
+    head = HEAD.format(seed=SEED, smallest_miss=rows[0].smallest_miss_mm)
+    lines = [f"| {' | '.join(COLUMNS)} |", f"|{' --- |' * len(COLUMNS)}", *map(str, rows)]
+    return head + "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """Run all faults, two at a time, and write the page."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("target", type=Path, metavar="FILE")
+    arguments = parser.parse_args()
+    faults = plans()
+    with ProcessPoolExecutor(WORKERS) as pool:
+        rows = list(tqdm(pool.map(row, faults), total=len(faults), unit=" faults"))
+    arguments.target.write_text(page(rows), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
