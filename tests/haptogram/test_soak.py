@@ -34,8 +34,8 @@ def account() -> Tally:
 
 def test_a_healthy_board_is_found_healthy(account: Tally) -> None:
     assert account.violations == {}
-    assert account.totals["frames"] > 5000
-    assert account.totals["latched"] > 4000
+    assert account.totals["frames"] > 4000
+    assert account.totals["latched"] > 3000
 
 
 def test_every_fault_was_detected_or_harmless(account: Tally) -> None:
@@ -144,9 +144,10 @@ def test_two_sittings_give_what_one_gives(
     uninterrupted: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "soak.json"
-    with monkeypatch.context() as first, pytest.raises(Interrupted):
+    with monkeypatch.context() as first:
         interrupt_at(1, first)
-        Campaign(SHORT).run(board_without_a_line(None), checkpoint=path)
+        with pytest.raises(Interrupted):
+            Campaign(SHORT).run(board_without_a_line(None), checkpoint=path)
     resumed = Campaign.load(path, SHORT)
     assert (resumed.done, resumed.is_complete) == (1, False)
     resumed.run(board_without_a_line(None), checkpoint=path)
