@@ -26,6 +26,7 @@ from .wire import Limits, Wire
 #: Called before every case with its number, how many there are, and its id.
 Progress: TypeAlias = Callable[[int, int, str], None]
 
+_HELD_UP_S: Final = 1.0  # a host that was away that long may have missed a timer of the board
 _GREETINGS: Final = 3  # the first one may drown in what the board says while it starts
 
 
@@ -274,6 +275,10 @@ class Runner:
             case.body(bench)
         except CaseEndedError as ended:
             clause = self._clauses[case.clause]
+            away_s = bench.wire.held_up_us / 1e6
+            if ended.behaviour is Behaviour.FAILED and away_s > _HELD_UP_S:
+                text = f"the host was held up for {away_s:.1f} s, and then: {ended}"
+                return Behaviour.INCONCLUSIVE, text
             lenient = clause.level is Level.SHOULD and not self._options.strict
             if ended.behaviour is Behaviour.FAILED and lenient:
                 return Behaviour.NON_STRICT, str(ended)

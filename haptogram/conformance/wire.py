@@ -125,6 +125,8 @@ class Wire:
         Pieces since :meth:`begin_case`.
     heard : int
         Bytes since :meth:`begin_case`.
+    held_up_us : int
+        The longest time since :meth:`begin_case` in which the host neither sent nor listened.
     """
 
     def __init__(self, transport: Transport, limits: Limits, *, baudrate: int) -> None:
@@ -134,6 +136,8 @@ class Wire:
         self.recording = Recording()
         self.heard = 0
         self._transport = transport
+        self.held_up_us = 0
+        self._left_us = self.now_us()  # when the host last sent or listened
         self._partial = b""
         self._zeros = 2  # delimiters since the last piece
         self._deadline_us = self.now_us() + limits.case_us
@@ -142,6 +146,7 @@ class Wire:
     def begin_case(self) -> None:
         """Forget what came, and give the next case its time."""
         self.received, self.heard = [], 0
+        self.held_up_us, self._left_us = 0, self.now_us()
         self.recording = Recording()
         self._deadline_us = self.now_us() + self.limits.case_us
 
@@ -168,6 +173,7 @@ class Wire:
         LinkLostError
             If the port is gone, or took no byte for the time of an answer.
         """
+        self._come_back()
         self.recording.add(self.now_us(), Direction.HOST, data)
         self._busy_until_us = self.now_us() + self.backlog_us + self.line_us(len(data))
         patience_us = self.limits.answer_us + self.backlog_us
@@ -182,6 +188,7 @@ class Wire:
                 raise LinkLostError(f"the port took no byte for {patience_us / 1e6:g} s")
             if rest:
                 self._read(self._transport.now_ns() + (_RETRY_NS if not written else 0))
+        self._left_us = self.now_us()
 
     # --- in ------------------------------------------------------------------------------------
 
@@ -219,9 +226,16 @@ class Wire:
     def _read(self, deadline_ns: int) -> None:
         if self.now_us() > self._deadline_us:
             inconclusive(f"the case was not over after {self.limits.case_us / 1e6:g} s")
+        self._come_back()
         data = self._transport.read_available(deadline_ns)
+        self._left_us = max(self._left_us, min(deadline_ns // 1000, self.now_us()))
         if data:
+            self._left_us = self.now_us()
             self._take(data)
+
+    def _come_back(self) -> None:
+        """Take note of how long the host was away; it listened up to the end of its last wait."""
+        self.held_up_us = max(self.held_up_us, self.now_us() - self._left_us)
 
     def _take(self, data: bytes) -> None:
         now_us = self.now_us()

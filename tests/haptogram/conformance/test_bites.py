@@ -1,8 +1,9 @@
 """Boards that are wrong, ports that are no boards: a clear verdict, and never a hang."""
 
 import pytest
-from boards import Dying, Wrapped, port, run, virtual
+from boards import BAUD, Dying, Wrapped, port, run, virtual
 
+from haptogram.conformance.access import VirtualAccess
 from haptogram.conformance.case import Case, CaseEndedError, check
 from haptogram.conformance.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour, Evidence, Result, exit_status
@@ -173,6 +174,33 @@ def test_a_case_that_breaks_off_is_no_verdict_on_the_board():
     (result,) = Runner(virtual(array="4x4"), Options()).run([case]).results
     assert result.behaviour is Behaviour.INCONCLUSIVE
     assert "ZeroDivisionError" in result.detail
+
+
+@pytest.mark.parametrize(("away_s", "due"), [(0.5, "FAILED"), (3, "INCONCLUSIVE")])
+def test_a_host_that_was_held_up_does_not_blame_the_board(away_s, due):
+    def body(bench):
+        bench.status()
+        asleep.late_ns += round(away_s * 1e9)
+        bench.status()
+        check(False, "the board is muted")
+
+    asleep = Late(virtual(array="4x4").open())
+    access = VirtualAccess("late", lambda _: asleep, baudrate=BAUD, virtual=True)
+    (result,) = Runner(access, Options()).run([Case("HG-2.3/1", "sleeps meanwhile", body)]).results
+    assert result.behaviour == due
+    assert ("held up for 3.0 s" in result.detail) == (due == "INCONCLUSIVE")
+
+
+class Late(Wrapped):
+    """A port in front of which the host fell asleep for a while."""
+
+    late_ns = 0
+
+    def now_ns(self):
+        return super().now_ns() + self.late_ns
+
+    def read_available(self, deadline_ns):
+        return super().read_available(deadline_ns - self.late_ns)
 
 
 def made(behaviour, expected=None):
