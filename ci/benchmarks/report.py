@@ -6,7 +6,9 @@ import platform
 import sys
 from pathlib import Path
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "performance.md"
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENT = ROOT / "docs" / "performance.md"
+PEERS = ROOT / "out" / "solver-peers.json"
 
 HEAD = """\
 # Speed of the field engine
@@ -51,6 +53,12 @@ SECTIONS = [
         ("test_warm_fit", "test_acquisition"),
     ),
     (
+        "Reconstruction of one drive",
+        "What the board does with every latch: focus, uncertainty, coherence, level and force on a "
+        "disc; against the same all in double precision.",
+        "test_reconstruction",
+    ),
+    (
         "Phase codes of foci",
         "Against numpy (norm, modulo, round); names are the number of foci in a call.",
         "test_codes",
@@ -65,7 +73,7 @@ SECTIONS = [
 
 def main(arguments):
     data = json.loads(Path(arguments[0]).read_text())
-    text = "\n".join([HEAD, machine(data), *sections(data["benchmarks"])])
+    text = "\n".join([HEAD, machine(data), *sections(data["benchmarks"]), *peers()])
     if "--stdout" in arguments[1:]:
         sys.stdout.write(text)
     else:
@@ -98,6 +106,25 @@ def sections(benchmarks):
     for entry in benchmarks:
         if "solvers" in entry["extra_info"]:
             yield solver_table(entry["extra_info"]["solvers"])
+
+
+def peers():
+    """Yield the table that ci/solver-peers measured, if it did."""
+    if not PEERS.exists():
+        return
+    data = json.loads(PEERS.read_text())
+    packages = ", ".join(f"{name} {version}" for name, version in data["packages"].items())
+    rows = [
+        {"method": row["solver"], "time_us": 1e3 * row["time_ms"], **row} for row in data["rows"]
+    ]
+    yield foci_table(
+        "## Solvers for several foci, next to a public package",
+        f"Measured by `ci/solver-peers` with {packages}: the same foci, phase-only drives, medians "
+        "over three sets. `phase_alignment` superposes single foci, `minimize` does least squares "
+        "from there; both are what a user of levitate reaches for, as it has no solver of this "
+        "kind by name. AcousTools has some, but needs PyTorch: it was not measured.",
+        rows,
+    )
 
 
 def ratio_table(rows):
@@ -157,12 +184,20 @@ def duration(seconds):
 
 
 def solver_table(rows):
-    lines = [
+    return foci_table(
         "## Solvers for several foci",
-        "",
         "50 rounds; medians over five sets of foci, z = 150 mm, x and y within 60 mm. Efficiency: "
         "sum of (|p_i| / sum_n |g_in|)^2. Uniformity: 1 - (max - min) / (max + min) of |p_i|^2. "
         "The time holds everything from foci to drive, checks and propagators included.",
+        rows,
+    )
+
+
+def foci_table(title, text, rows):
+    lines = [
+        title,
+        "",
+        text,
         "",
         "| foci | " + " | ".join(dict.fromkeys(row["method"] for row in rows)) + " |",
     ]

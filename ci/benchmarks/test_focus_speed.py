@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 import references
 
-from haptogram.acoustics import focus_phases, quantise_phase
+from haptogram.acoustics import (
+    Drive,
+    FocusTracker,
+    NumpyEngine,
+    Reconstructor,
+    focus_phases,
+    quantise_phase,
+)
 from haptogram.acoustics._compiled import load_kernels
 from haptogram.acoustics.batch import FocusCodes
 from haptogram.acoustics.field import propagators
 from haptogram.acoustics.solvers import compare as compare_solvers
 from haptogram.acoustics.solvers import spread_foci, weighted_gerchberg_saxton
-from haptogram.acoustics.tracking import FocusTracker
 
 OFFSET_M = (1.5e-3, -1.2e-3, 3e-3)  # of the hint from the focus
 
@@ -87,6 +93,20 @@ def test_acquisition_against_a_wide_search(compare, board, engine, tracker):
         repeats=64,
         reference_repeats=2,
         found=f"{(errors < 1e-3).sum()} of {len(errors)}",
+    )
+
+
+def test_reconstruction_against_double_precision(compare, board):
+    targets = some_targets(1)[0] + np.outer(np.arange(64), [2e-4, 0.0, 0.0])
+    drives = [Drive.from_weights(np.exp(1j * focus_phases(board, t))) for t in targets]
+    ours, reference = Reconstructor(board), Reconstructor(board, engine=NumpyEngine(board))
+    vars(reference)["_tracker"] = None  # as where numba is not installed
+    compare(
+        None,
+        in_turn([lambda d=d: ours.reconstruct(d) for d in drives]),
+        in_turn([lambda d=d: reference.reconstruct(d) for d in drives]),
+        repeats=16,
+        reference_repeats=4,
     )
 
 
