@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol, TypeAlias
 
@@ -33,6 +34,8 @@ from haptogram_protocol.state import OutputState
 Progress: TypeAlias = Callable[[int, int], None]
 
 _TRACE_SHARE: Final = 0.5  # of the line from the board, for full drives
+_AFTER_LAST_NS: Final = 5_000_000
+_LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as it likes
 _DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
 
 
@@ -60,6 +63,10 @@ class BoardUnderTest(Protocol):
 
     def finish(self, driver: Driver) -> None:
         """Take down what can only be asked while the session lasts."""
+        ...
+
+    def outlast(self, driver: Driver) -> None:
+        """Let what it was sent come to its time, after the link to it broke."""
         ...
 
     def observations(self, driver: Driver, progress: Progress | None = None) -> list[Observation]:
@@ -106,6 +113,11 @@ class ProcessBoard:
     def finish(self, driver: Driver) -> None:
         """Nothing to do: the back door stays open."""
 
+    def outlast(self, driver: Driver) -> None:
+        """Wait, if the board is still there."""
+        if self._board.how_it_ended() is None:
+            time.sleep(max(0, _last_ns(driver, time.monotonic_ns()) - time.monotonic_ns()) / 1e9)
+
     def observations(self, driver: Driver, progress: Progress | None = None) -> list[Observation]:
         """End the board, and return everything that came out of its back door."""
         expected = len(driver.intended)
@@ -136,6 +148,8 @@ class InProcessBoard:
         Open; a blocking read advances its time.
     records : callable
         Returns the records of the back door so far.
+    wait_until_ns : callable
+        Lets time pass up to a time of the port's clock.
     model : AcousticModel
         What it radiates with.
     """
@@ -144,9 +158,10 @@ class InProcessBoard:
         self,
         port: Transport,
         records: Callable[[], Sequence[Mapping[str, Any]]],
+        wait_until_ns: Callable[[int], None],
         model: AcousticModel,
     ) -> None:
-        self._records = records
+        self._records, self._wait_until_ns = records, wait_until_ns
         self.label = "virtual board, in virtual time"
         self.port = port
         self.model = model
@@ -158,6 +173,10 @@ class InProcessBoard:
 
     def finish(self, driver: Driver) -> None:
         """Nothing to do: the back door stays open."""
+
+    def outlast(self, driver: Driver) -> None:
+        """Let virtual time pass."""
+        self._wait_until_ns(_last_ns(driver, self.port.now_ns()))
 
     def observations(
         self,
@@ -176,6 +195,13 @@ class InProcessBoard:
     def fault_counts(self) -> dict[str, int] | None:
         """What the board told when its port was closed."""
         return fault_counts(self._records())
+
+
+def _last_ns(driver: Driver, now_ns: int) -> int:
+    """Return when the last frame is due on the host's clock, not much later than *now_ns*."""
+    due_us = driver.intended[-1].t_apply_us if driver.intended else None
+    due_ns = now_ns if due_us is None else driver.clock.to_host_ns(due_us) + _AFTER_LAST_NS
+    return min(due_ns, now_ns + _LONGEST_QUEUE_NS)
 
 
 def _silences(driver: Driver, records: Sequence[Mapping[str, Any]]) -> list[int]:
@@ -275,6 +301,9 @@ class PortBoard:
             self.unseen = "frames from the board were damaged or lost on the line"
         if self._mode is TraceMode.RING and len(driver.intended) > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
+
+    def outlast(self, driver: Driver) -> None:
+        """Nothing to do: it cannot tell any more."""
 
     def observations(
         self,

@@ -128,7 +128,8 @@ def board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
     virtual: Any = serial.serial_for_url(url, timeout=0)  # the stubs know no URL handler
     with contextlib.closing(virtual) as port:
         model = port.simulation.board.settings.model
-        yield InProcessBoard(PyserialTransport(port, "virtual board"), lambda: port.records, model)
+        transport = PyserialTransport(port, "virtual board")
+        yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model)
 
 
 def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAccess:

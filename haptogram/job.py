@@ -153,7 +153,7 @@ def measure(
     found = Measured(board.label, truth, driver.identity, warnings=driver.warnings)
     found.intended = driver.intended
     try:
-        with _cut_short(found, driver):
+        with _cut_short(found, driver, board):
             before = driver.status().counters
             board.prepare(driver)
             with _interrupted(found, driver):
@@ -182,13 +182,17 @@ def _interrupted(found: Measured, driver: Driver) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _cut_short(found: Measured, driver: Driver) -> Iterator[None]:
-    """Let a broken link, or an interrupt at any time, end what is done here."""
+def _cut_short(found: Measured, driver: Driver, board: BoardUnderTest) -> Iterator[None]:
+    """Let a broken link, or an interrupt at any time, end what is done here.
+
+    A board that the host has lost still latches what it was sent.
+    """
     try:
         with _interrupted(found, driver):
             yield
     except LinkError as error:
         found.cut_short = found.cut_short or str(error)
+        board.outlast(driver)
 
 
 def _troubles(driver: Driver, before: Counters) -> dict[str, dict[str, int]]:

@@ -259,7 +259,7 @@ class Serial(serial.SerialBase):
         """Fail as a port does whose cable was pulled; see ``line.disconnect``."""
         self._catch_up()
         if not self.simulation.is_connected:
-            raise serial.SerialException(f"{self._port}: the port is gone, by line.disconnect")
+            raise serial.SerialException("unplugged, by line.disconnect")
 
     @property
     def in_waiting(self) -> int:
