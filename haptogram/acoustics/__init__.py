@@ -33,6 +33,11 @@ from haptogram.acoustics.transducer import CircularPiston, Directivity, PointSou
 if TYPE_CHECKING:
     from haptogram.acoustics.average import mean_square_pressure
     from haptogram.acoustics.batch import FocusCodes
+    from haptogram.acoustics.demodulation import (
+        demodulated_level_db_a,
+        demodulated_lines,
+        radiated_power_w,
+    )
     from haptogram.acoustics.directivities import MeasuredDirectivity, RectangularPiston
     from haptogram.acoustics.dynamics import Resonator, amplitude_to_duty, duty_to_amplitude
     from haptogram.acoustics.exposure import (
@@ -98,6 +103,8 @@ __all__ = [
     "box_points_m",
     "check_target",
     "choose_engine",
+    "demodulated_level_db_a",
+    "demodulated_lines",
     "dequantise_phase",
     "duty_to_amplitude",
     "exposure_at",
@@ -118,6 +125,7 @@ __all__ = [
     "propagators",
     "quality",
     "quantise_phase",
+    "radiated_power_w",
     "radiation_pressure_pa",
     "solve",
     "superpose",
@@ -143,6 +151,8 @@ _LATER: Final = {
     "a_weighting_db": "exposure",
     "amplitude_to_duty": "dynamics",
     "box_points_m": "grid",
+    "demodulated_level_db_a": "demodulation",
+    "demodulated_lines": "demodulation",
     "duty_to_amplitude": "dynamics",
     "exposure_at": "exposure",
     "find_peak": "shift",
@@ -154,6 +164,7 @@ _LATER: Final = {
     "predict_focal_shift": "shift",
     "predict_width_m": "spot",
     "quality": "solvers",
+    "radiated_power_w": "demodulation",
     "solve": "solvers",
     "switching_level_db_a": "exposure",
     "worst_place": "exposure",

@@ -79,7 +79,7 @@ def _mean_square(settled: ComplexArray, frame_s: float, resonator: Resonator | N
         return plain
     left = resonator.decay(frame_s)
     share = resonator.time_constant_s / frame_s
-    state = _periodic_start(settled, left)
+    state = periodic_start(settled, left)
     total = np.zeros(settled.shape[1])
     for field in settled:
         gap = state - field
@@ -90,7 +90,7 @@ def _mean_square(settled: ComplexArray, frame_s: float, resonator: Resonator | N
     return 0.5 * total / len(settled)
 
 
-def _periodic_start(settled: ComplexArray, left: float) -> ComplexArray:
+def periodic_start(settled: ComplexArray, left: float) -> ComplexArray:
     """Return the state before the first frame that the last frame leads back to."""
     state = np.zeros(settled.shape[1], dtype=np.complex128)
     for field in settled:

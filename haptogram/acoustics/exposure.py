@@ -2,8 +2,9 @@
 
 What is computed: levels re 20 uPa of the linear free field, of the carrier (unweighted, as no
 weighting is defined at 40 kHz) and of what switching drives puts below 20 kHz (A-weighted, IEC
-61672-1).  What is not: the demodulation of sound in air and at surfaces, which makes an amplitude
-modulation heard as a hum; reflections by walls, hand and head; and any judgement of the levels.
+61672-1).  What is not: the demodulation of sound, which makes an amplitude modulation heard as a
+hum (:mod:`.demodulation` estimates that in air); reflections by walls, hand and head; and any
+judgement of the levels.
 Limits for airborne ultrasound differ between bodies and countries: compare with the one that
 applies to you.
 """
@@ -120,7 +121,7 @@ def worst_place(
     check_positive("distance_m", distance_m)
     if directions < 10:
         raise ConfigurationError(f"directions is {directions}, must be at least 10")
-    places = engine.model.array.centre_m + distance_m * _half_sphere(directions)
+    places = engine.model.array.centre_m + distance_m * half_sphere(directions)
     mean = mean_square_pressure(engine, weights, places, frame_s)
     return exposure_at(engine, weights, places[int(np.argmax(mean))][None], frame_s)[0]
 
@@ -224,7 +225,7 @@ def _step_series(values: ComplexArray, orders: NDArray[np.int64]) -> ComplexArra
     return series
 
 
-def _half_sphere(count: int) -> FloatArray:
+def half_sphere(count: int) -> FloatArray:
     """Return unit vectors with z > 0, of nearly equal spacing."""
     index = np.arange(count) + 0.5
     height = 1.0 - index / count
