@@ -110,15 +110,10 @@ class Oracle:
 
     def flush(self, now_us: int) -> None:
         """Take note that the output went off by request: what waits is gone.  HG-6.4, HG-4.6."""
-        self._tally.totals["muted by a timer"] += self.is_sounding and now_us >= self.silent_at_us
+        self._run_out(now_us)
         self._tally.totals["flushed"] += len(self._due)
         self._due.clear()
         self.is_sounding = False
-
-    @property
-    def waiting(self) -> int:
-        """Frames that are to be latched yet."""
-        return len(self._due)
 
     def check_overdue(self, now_us: int) -> None:
         """Take down a frame that should have been latched by now."""
@@ -139,6 +134,17 @@ class Oracle:
         """When the output is off then."""
         return self.fades_at_us + self.config.ramp_ms * 1000
 
+    def heard(self, now_us: int) -> None:
+        """Take note of a valid frame: the lease starts anew, unless it had run out for good."""
+        self._run_out(now_us)
+        self.last_valid_us = now_us
+
+    def _run_out(self, now_us: int) -> None:
+        """Take note of the mute by a timer that came before what comes now, and unseen."""
+        if self.is_sounding and now_us >= self.silent_at_us:
+            self._tally.totals["muted by a timer"] += 1
+            self.is_sounding = False
+
     def check_output(self, now_us: int, *, silent: bool) -> None:
         """Compare what is heard at *now_us* with what the timers say."""
         if not self.is_sounding:
@@ -150,6 +156,5 @@ class Oracle:
         elif not silent and now_us > self.silent_at_us + TOLERANCE_US:
             self._tally.violate("muted too late", f"{now_us - self.silent_at_us} us after the end")
             self.is_sounding = False
-        elif silent and now_us >= self.silent_at_us:
-            self._tally.totals["muted by a timer"] += 1
-            self.is_sounding = False
+        elif silent:
+            self._run_out(now_us)

@@ -275,7 +275,7 @@ class Rig:
             return False
         self.tally.totals["board frames"] += 1
         if sent.session == self.board.session:
-            self.oracle.last_valid_us = self.board.device_us(t_ns)
+            self.oracle.heard(self.board.device_us(t_ns))
         if sent.hit is not None:
             sent.hit.delivered = True
         if sent.kind == "stream":
