@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, fit_focus, focus_phases
 from haptogram.acoustics.field import propagators
+from haptogram.acoustics.shift import direction_covariance
 from haptogram.records import Focus
 
 Floats = NDArray[np.float64]
@@ -112,11 +113,7 @@ def _half_width_m(model: AcousticModel) -> float:
 def _directions(
     model: AcousticModel, position: Floats, axis: Floats, loudness: Floats
 ) -> tuple[Direction, ...]:
-    offsets = position - model.array.positions_m
-    units = offsets / np.linalg.norm(offsets, axis=1)[:, None]
-    share = loudness / loudness.sum()
-    centred = units - share @ units
-    covariance = centred.T @ (centred * share[:, None])
+    covariance = direction_covariance(model, position, loudness)
     across = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # in the plane parallel to the array
     found = []
     for axes in (across, axis[None, :]):

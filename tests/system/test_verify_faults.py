@@ -139,3 +139,12 @@ def test_noise_from_power_up_on_does_not_keep_the_session_from_coming_up(tmp_pat
         words = ["verify", "--quiet", "--object", "point", "--virtual-time", "--seed", seed]
         result = _result(tmp_path, [*words, "--fault", "line.flip ber=3e-4"])
         assert result["frames"]["sent"] == 1
+
+
+def test_a_board_that_is_unplugged_still_latches_what_it_was_sent(tmp_path: Path) -> None:
+    result = _result(tmp_path, _faulty(_IN_VIRTUAL_TIME, "line.disconnect from=50ms"))
+    assert result["verdict"] == "inconclusive"
+    assert result["cut_short"].endswith("unplugged, by line.disconnect")
+    frames = result["frames"]
+    assert 30 < frames["sent"] < 63
+    assert frames["lost"] <= 1  # the one that was on the line
