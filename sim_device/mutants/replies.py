@@ -10,10 +10,13 @@ from haptogram_protocol.messages import (
     Config,
     ErrorCode,
     GeometryReply,
+    GetGeometry,
     Hello,
     HelloReply,
+    ReadDrive,
     UploadBegin,
     UploadChunk,
+    UploadCommit,
 )
 
 from ..board import Board
@@ -96,6 +99,46 @@ class GeometryFromZero(_Liar):
         return {"first": 0}
 
 
+class _OtherCode(BoardConnection):
+    """Refuses one request with another code than it is due."""
+
+    kind: type = GetGeometry
+    due, instead = ErrorCode.NOT_FOUND, ErrorCode.BAD_VALUE
+
+    def refuse(self, request: Any, code: ErrorCode, detail: int, now_us: int) -> None:
+        """Refuse, with the other code where it is that request."""
+        wrong = isinstance(request.message, self.kind) and code is self.due
+        super().refuse(request, self.instead if wrong else code, detail, now_us)
+
+
+class GeometryBeyondIsBadValue(_OtherCode):
+    """Refuses GET_GEOMETRY from N on with BAD_VALUE."""
+
+
+class ReadBackBeyondIsBadValue(_OtherCode):
+    """Refuses READ_DRIVE from N on with BAD_VALUE."""
+
+    kind = ReadDrive
+
+
+class UploadSizeIsBadValue(_OtherCode):
+    """Refuses an upload that is no whole number of frames with BAD_VALUE."""
+
+    kind, due = UploadBegin, ErrorCode.BAD_LENGTH
+
+
+class UploadTargetIsNotFound(_OtherCode):
+    """Refuses an upload to a wrong target with NOT_FOUND."""
+
+    kind, due, instead = UploadBegin, ErrorCode.BAD_VALUE, ErrorCode.NOT_FOUND
+
+
+class CommitTargetIsNotFound(_OtherCode):
+    """Refuses the commit of another target with NOT_FOUND."""
+
+    kind, due, instead = UploadCommit, ErrorCode.BAD_VALUE, ErrorCode.NOT_FOUND
+
+
 class NonceZeroTaken(BoardConnection):
     """Opens session 1 for a HELLO with the nonce 0."""
 
@@ -174,6 +217,11 @@ MUTANTS: Final = (
     Mutant.of(HorizonBehindTheWrap, "HG-5.7/7", _WIRE),
     Mutant.of(NameBehindZero, "HG-3.2/2", _WIRE),
     Mutant.of(GeometryFromZero, "HG-7.5/1", _WIRE),
+    Mutant.of(GeometryBeyondIsBadValue, "HG-7.5/2", _WIRE),
+    Mutant.of(ReadBackBeyondIsBadValue, "HG-8.6/2", _WIRE),
+    Mutant.of(UploadSizeIsBadValue, "HG-7.2/2", _WIRE),
+    Mutant.of(UploadTargetIsNotFound, "HG-7.2/3", _WIRE),
+    Mutant.of(CommitTargetIsNotFound, "HG-7.4/4", _WIRE),
     Mutant.of(NonceZeroTaken, "HG-4.1/3", _WIRE),
     Mutant.of(RepliesOfNoSession, "HG-4.11/1", _WIRE),
     Mutant.of(RepliesWithoutTime, "HG-4.11/2", _WIRE),

@@ -1,6 +1,7 @@
 """Every mutant differs from the healthy board in what it names, and the healthy board does not."""
 
 import functools
+import importlib.util
 import re
 from pathlib import Path
 
@@ -17,7 +18,9 @@ from sim_device.clock import DeviceClock
 from sim_device.command import main
 from sim_device.mutants import MUTANTS, Evidence, parts_of
 
-SPEC = Path(__file__).parents[2] / "protocol" / "SPEC.md"
+ROOT = Path(__file__).parents[2]
+SPEC = ROOT / "protocol" / "SPEC.md"
+DOCS = ROOT / "docs"
 VISIBLE = sorted(n for n, m in MUTANTS.items() if m.evidence is not Evidence.EXTERNAL)
 HIDDEN = sorted(MUTANTS.keys() - VISIBLE)
 CODES = bytes(range(3, 19))
@@ -100,3 +103,36 @@ def test_a_clock_and_its_inverse_agree(clock):
         t_ns = clock.reached_ns(device_us)
         assert clock.device_us(t_ns) >= device_us
         assert t_ns == 0 or clock.device_us(t_ns - 1) < device_us
+
+
+def test_the_published_kill_matrix_has_every_mutant_and_none_was_missed():
+    page = (DOCS / "kill-matrix.md").read_text("utf-8")
+    rows = re.findall(
+        r"^\| `([\w-]+)` \| (.*) \| (HG-\S+) \| (\S+) \| ([a-z ]+) \|", page, re.MULTILINE
+    )
+    hint = "run ci/kill-matrix and ci/kill-matrix --full"
+    told = {name: (what, clause, evidence) for name, what, clause, evidence, _ in rows}
+    due = {n: (m.docstring.splitlines()[0], m.clause, m.evidence) for n, m in MUTANTS.items()}
+    assert told == due, hint
+    assert {name for name, *_, verdict in rows if verdict == "killed"} == set(VISIBLE)
+    full = (DOCS / "kill-matrix-full.md").read_text("utf-8")
+    assert re.findall(r"^\| `([\w-]+)` \|", full, re.MULTILINE) == list(MUTANTS), hint
+    clauses = re.findall(r"^\| ([\d.]+/\d+) \| \d+ \|", full, re.MULTILINE)
+    judged = {case.clause for case in all_cases() if case.body}
+    assert {f"HG-{number}" for number in clauses} == judged, hint
+
+
+def test_the_kill_matrix_tells_killed_from_missed_and_lists_what_is_left():
+    spec = importlib.util.spec_from_file_location("kill_matrix", ROOT / "ci" / "kill_matrix.py")
+    command = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(command)
+    every = [case for case in all_cases() if case.body]
+    failed = command.failed_cases("hello-always-anew", full=False)
+    found = {"hello-always-anew": failed, "crc-half": [], "dead-element": [], "crc-16": every[1:]}
+    assert [case.id for case in failed] == ["HG-4.6/1"]
+    assert command.missed(found) == ["crc-half"]
+    verdicts = re.findall(r"\| (killed|MISSED|not on the line) \|", command.short_page(found))
+    assert verdicts == ["killed", "MISSED", "not on the line", "killed"]
+    page = command.full_page(found)
+    assert f"| all but {every[0].id.removeprefix('HG-')} |" in page
+    assert "| 4.6/1 | 2 | hello-always-anew, crc-16 |" in page
