@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import serial
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
@@ -52,6 +52,7 @@ def fault_texts(draw):
 # --- text and TOML -----------------------------------------------------------------------------
 
 
+@settings(max_examples=40)
 @given(st.lists(fault_texts(), max_size=4), st.integers(0, 2**64 - 1))
 def test_a_plan_can_be_pasted_back_as_text_and_as_toml(texts, seed):
     plan = FaultPlan.parse(texts, seed)
@@ -171,6 +172,7 @@ def test_a_wrong_frame_is_found_by_the_board_under_its_name(open_host, fault, co
     assert host.port.simulation.fault_counts == {fault.split()[0]: 3}
 
 
+@settings(max_examples=30)
 @given(st.binary(max_size=200), st.sampled_from(sorted(COUNTED_AS)))
 def test_what_is_no_frame_is_left_alone(noise, fault):
     plan = FaultPlan.parse([fault])
