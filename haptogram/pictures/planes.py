@@ -10,7 +10,12 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import FieldEngine, radiation_pressure_pa
+from haptogram.acoustics import (
+    CircularPiston,
+    FieldEngine,
+    RectangularPiston,
+    radiation_pressure_pa,
+)
 from haptogram.acoustics.average import mean_square_pressure
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.errors import ConfigurationError
@@ -87,6 +92,11 @@ class Plane:
         )
         return first, second
 
+    @property
+    def axis_length(self) -> int:
+        """Samples of the horizontal axis."""
+        return len(self.coordinates_m()[0])
+
     def points_m(self) -> FloatArray:
         """Return the (V * H, 3) points, the horizontal axis running fastest."""
         across, up = self.coordinates_m()
@@ -158,6 +168,7 @@ def _sample(
     clear = np.flatnonzero(_is_clear(engine, points))
     if not len(clear):
         raise ConfigurationError("every point of the plane is within 2 mm of an element")
+    _check_in_front(engine, points[[0, plane.axis_length - 1, -plane.axis_length, -1]])
     parts = []
     for start in range(0, len(clear), _POINTS_PER_CALL):
         chunk = clear[start : start + _POINTS_PER_CALL]
@@ -169,6 +180,22 @@ def _sample(
     values[clear] = found
     across, up = plane.coordinates_m()
     return values.reshape(len(up), len(across))
+
+
+def _check_in_front(engine: FieldEngine, corners: FloatArray) -> None:
+    """Raise if no element radiates towards the plane with these corners, (4, 3).
+
+    How far a point is in front of an element is linear in the point, so the corners say it all.
+    """
+    array, directivity = engine.model.array, engine.model.transducer.directivity
+    if not isinstance(directivity, CircularPiston | RectangularPiston):
+        return  # the others may radiate backwards
+    heights = ((corners[:, None] - array.positions_m) * array.normals).sum(axis=2)
+    if heights.max() < 0.0:
+        raise ConfigurationError(
+            f"the plane is {-heights.max() * 1e3:.3g} mm or more behind every element, must be in "
+            "front of one: their baffle shades what is behind them"
+        )
 
 
 def _is_clear(engine: FieldEngine, points: FloatArray) -> NDArray[np.bool_]:

@@ -8,7 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.acoustics import AcousticModel, NumpyEngine, focus_phases, pressure
+from haptogram.acoustics import (
+    AcousticModel,
+    NumpyEngine,
+    PointSource,
+    Transducer,
+    focus_phases,
+    pressure,
+)
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.errors import ConfigurationError
 from haptogram.pictures import (
@@ -192,3 +199,13 @@ def test_a_spectrum_shows_its_lines():
 def test_impossible_pictures_are_refused(make):
     with pytest.raises(ConfigurationError):
         make()
+
+
+def test_a_plane_behind_the_array_is_refused_and_one_that_cuts_it_is_not():
+    behind = Plane("xy", (0.0, 0.0, -0.02), (-0.03, 0.03), (-0.02, 0.02), 5e-3)
+    with pytest.raises(ConfigurationError, match="20 mm or more behind every element"):
+        field(behind)
+    half = Plane("xz", (0.0, 0.0, 0.0), (-0.03, 0.03), (-0.02, 0.02), 5e-3)
+    assert np.nanmax(np.abs(field(half).values)) > 0.0
+    everywhere = AcousticModel(MODEL.array, MODEL.medium, Transducer(PointSource()))
+    assert np.abs(sample_plane(NumpyEngine(everywhere), WEIGHTS, behind).values).min() > 0.0
