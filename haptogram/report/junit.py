@@ -75,7 +75,8 @@ def _totals(answers: list[Check]) -> dict[str, str]:
 
 def _add_properties(suite: ElementTree.Element, result: Mapping[str, Any]) -> None:
     properties = ElementTree.SubElement(suite, "properties")
-    named = {name: result[name] for name in ("verdict", "evidence", "seed", "frames")}
+    names = ("verdict", "evidence", "seed", "frames", "faults")
+    named = {name: result[name] for name in names if name in result}
     asked = {f"configuration.{name}": value for name, value in result["configuration"].items()}
     made_by = {"board": result["board"], "environment": result.get("environment", {})}
     for name, value in _flat("", named | asked | made_by):

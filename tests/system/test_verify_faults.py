@@ -78,6 +78,7 @@ def test_the_report_shows_the_plan_and_how_often_it_fired(tmp_path: Path) -> Non
     assert "device.dead transducer=5" in html
     assert "Faults on purpose" in html
     assert "Damage on the line" in html
+    assert "faults.fired.device.dead" in junit.read_text(encoding="utf-8")
     assert faults[1] in junit.read_text(encoding="utf-8")
 
 
