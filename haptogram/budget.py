@@ -32,6 +32,20 @@ def highest_rate_hz(size: int, baudrate: int) -> float:
     return baudrate / (size * BITS_PER_BYTE)
 
 
+def round_trip_ns(request: int, reply: int, baudrate: int, latency_timer_ns: int = 0) -> int:
+    """Return how long a request and its reply take on the line, at most.
+
+    Parameters
+    ----------
+    request, reply : int
+        Bytes of the two frames.
+    latency_timer_ns : int
+        Of a USB adapter at the host: it keeps a reply shorter than its packet for so long.
+    """
+    there_and_back = transmission_ns(request, baudrate) + transmission_ns(reply, baudrate)
+    return there_and_back + latency_timer_ns
+
+
 def check_rate(size: int, *, baudrate: int, rate_hz: float) -> None:
     """Refuse a rate that the line cannot carry.
 

@@ -5,11 +5,18 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
+from haptogram.budget import frame_bytes, round_trip_ns
 from haptogram.errors import ConfigurationError
+from haptogram_protocol.messages import Ping, Pong
 
 if TYPE_CHECKING:
     from haptogram.bench.stages import FrameBudget
 
+_TIMERS_MS: Final = {
+    "without a USB adapter": 0,
+    "latency timer of 1 ms": 1,
+    "latency timer of 16 ms, as it comes": 16,
+}
 _EXAMPLES: Final = """\
 examples:
   haptogram budget --baud 3000000 --rate 1000 --phase-bits 8
@@ -25,7 +32,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="where the time of one frame goes, and the highest rate that fits",
         description="Say where the time of one frame goes, from the intended moment to the latch, "
         "and the highest rate that fits, for every frame format. Wake, encode, write and decode "
-        "are medians measured on this machine now; wire and latch are computed.",
+        "are medians measured on this machine now; wire and latch are computed. The way back, for "
+        "answers and trace, is computed for USB adapters with a latency timer as well.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -56,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     asked = next(b for b in budgets if b.name == f"phases, {arguments.phase_bits} bit")
     print(_one_frame(asked, wake_ns, arguments))
     print(_all_formats(budgets, wake_ns))
+    print(_answers(arguments.baud))
     return 0 if asked.highest_hz >= arguments.rate else 1
 
 
@@ -102,3 +111,14 @@ def _all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
             f"{budget.highest_hz:>11.0f} Hz  {limit}"
         )
     return "\n".join([*lines, "times in us; highest rate: stages overlap, the slowest decides"])
+
+
+def _answers(baudrate: int) -> str:
+    """Return what a USB adapter's latency timer costs, on the way from the board alone."""
+    ping, pong = [frame_bytes(message.LAYOUT.size) for message in (Ping, Pong)]
+    lines = ["", "an answer (PING, PONG), at most:     round trip   the board's clock is known to"]
+    for name, timer_ms in _TIMERS_MS.items():
+        trip_us = round_trip_ns(ping, pong, baudrate, timer_ms * 1_000_000) / 1e3
+        lines.append(f"  {name:<36}{trip_us:>9.1f} us{trip_us / 2:>15.1f} us")
+    note = "frames to the board do not wait for that timer; the lead covers the clock's uncertainty"
+    return "\n".join([*lines, note])

@@ -4,7 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.budget import LineModel, check_rate, frame_bytes, highest_rate_hz, transmission_ns
+from haptogram.budget import (
+    LineModel,
+    check_rate,
+    frame_bytes,
+    highest_rate_hz,
+    round_trip_ns,
+    transmission_ns,
+)
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.framing import encode_frame
 
@@ -21,6 +28,11 @@ def test_the_figures_of_the_design():
     assert size == 276
     assert transmission_ns(size, 3_000_000) == 920_000
     assert int(highest_rate_hz(size, 3_000_000)) == 1086
+
+
+def test_a_latency_timer_holds_back_the_answer():
+    assert round_trip_ns(28, 30, 3_000_000) == 93_334 + 100_000
+    assert round_trip_ns(28, 30, 3_000_000, 16_000_000) == 16_000_000 + 193_334
 
 
 def test_a_rate_that_the_line_cannot_carry_is_refused_with_both_rates():

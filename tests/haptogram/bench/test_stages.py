@@ -36,6 +36,7 @@ def test_the_command_says_what_fits_and_what_does_not(capsys):
     assert "1000 Hz fits: the line is 92.0 % full" in text
     for name in frame_formats(256):
         assert name in text
+    assert "latency timer of 16 ms, as it comes   16193.3 us" in text
     assert main(["budget", "--baud", "115200", "--rate", "1000"]) == 1
     text = capsys.readouterr().out
     assert "1000 Hz does not fit" in text
