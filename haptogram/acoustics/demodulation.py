@@ -117,8 +117,8 @@ def demodulated_lines(
     power = _power_lines(engine, drives, frame_s, resonator, orders, directions)
     spread = 8.0 * np.pi * medium.sound_speed_m_s**3 * medium.absorption_np_m
     law = NONLINEARITY / (spread * check_positive("distance_m", distance_m))
-    factor: FloatArray = math.sqrt(2.0) * law * rate**2
-    return orders / period_s, np.abs(factor * power)
+    pressure_rms_pa = np.abs(law * rate**2 * math.sqrt(2.0) * power).astype(np.float64)
+    return orders / period_s, pressure_rms_pa
 
 
 def demodulated_level_db_a(

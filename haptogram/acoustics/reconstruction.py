@@ -271,9 +271,9 @@ class Reconstructor:
 
     def _in_front(self, position: FloatArray) -> bool:
         array = self._model.array
-        distance = np.linalg.norm(array.positions_m - position, axis=1)
-        above = position[2] > array.centre_m[2]
-        return bool(above and distance.min() >= _CLEARANCE_M and distance.min() <= _REACH_M)
+        offsets = array.positions_m - position
+        nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
+        return bool(position[2] > array.centre_m[2] and _CLEARANCE_M <= nearest <= _REACH_M)
 
     def _single(
         self, fit: PhaseFit, radiated: _Radiated, acquired: Literal["warm", "global"]
