@@ -81,7 +81,7 @@ def test_a_baseline_that_makes_no_sense(tmp_path, capsys, text, why):
     [
         ["--port", "/dev/does-not-exist"],
         ["--clause", "HG-99"],
-        ["--clause", "HG-2", "--clause", "HG-2.99"],
+        ["--clause", "HG-2", "--clause", "HG-98"],
         ["--timeout", "0"],
         ["--timeout", "nan"],
         ["--timeout", "inf"],

@@ -64,18 +64,30 @@ def test_the_plugin_imports_nothing_heavy():
     assert done.stdout == "set()\n"
 
 
-def test_the_suite_imports_neither_scipy_nor_numba():
+WITHOUT = """
+import sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("numba", "scipy", "matplotlib", "trimesh"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Missing())
+from haptogram.cli import main
+port = ["--port", "haptogram://?clock=virtual&array=6x6"]
+clauses = ["--clause", "HG-5.4", "--clause", "HG-5.2/1", "--clause", "HG-6.1"]
+sys.exit(main(["conform", "--quiet", *port, *clauses]))
+"""
+
+
+def test_the_suite_runs_where_neither_scipy_nor_numba_is():
     done = subprocess.run(
-        [
-            *(sys.executable, "-c"),
-            "import sys; from haptogram.cli import main; "
-            "main(['conform', '--quiet', '--port', 'haptogram://?clock=virtual&array=6x6', "
-            "'--clause', 'HG-5.4', '--clause', 'HG-5.2/1']); "
-            "print({'scipy', 'numba'} & set(sys.modules))",
-        ],
+        [sys.executable, "-c", WITHOUT],
         env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
         stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
-        check=True,
+        check=False,
     )
-    assert done.stdout.endswith("\nset()\n"), done.stdout
+    assert done.returncode == 0, done.stdout
+    assert "8 OK" in done.stdout
