@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from report import DOCUMENT as FIELD_DOCUMENT
-from report import duration, machine
+from report import duration, machine, version
 
 DOCUMENT = FIELD_DOCUMENT.with_name("performance-wire.md")
 
@@ -84,7 +84,7 @@ def page(data, results):
     return "\n".join(
         [
             HEAD,
-            machine(data),
+            machine(data) + f"COBS in C: cobs {version('cobs')}.\n",
             verdict(results),
             FRAME,
             frame_table(results),
