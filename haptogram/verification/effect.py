@@ -105,7 +105,8 @@ def _stretches(frames: Sequence[FrameVerdict]) -> Iterator[_Stretch]:
     # The last frame is due for as long as the one before it.
     ends = [*begins[1:], 2 * begins[-1] - begins[-2]] if len(begins) > 1 else begins
     for frame, begin_us, end_us in zip(timed, begins, ends, strict=True):
-        latched_us = begin_us if frame.t_latch_us is None else max(begin_us, frame.t_latch_us)
+        # One that is not late latches within a carrier period of its time: no time of its own.
+        latched_us = max(begin_us, frame.t_latch_us or 0) if frame.late else begin_us
         if frame.status is FrameStatus.LOST:
             yield _before_the_latch(frame, begin_us, end_us)
         elif frame.late:

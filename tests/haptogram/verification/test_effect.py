@@ -74,10 +74,17 @@ def test_one_that_is_late_by_more_than_a_period_is_not_counted_twice() -> None:
 
 
 def test_a_wrong_drive_counts_from_its_latch_with_its_own_pressure() -> None:
-    wrong = frame(1, status=FrameStatus.WRONG_DRIVE, coherence=0.5, t_latch_us=1200)
+    wrong = frame(1, status=FrameStatus.WRONG_DRIVE, coherence=0.5)
+    late = dataclasses.replace(wrong, t_latch_us=1200, late=True)
     found = effect_of(frame(0), wrong, frame(2))
-    assert (found.away_ms, found.radiated_pa) == (0.8, 2000.0)
+    assert effect_of(frame(0), late, frame(2)).away_ms == 1.0  # and before it, what was held
+    assert (found.away_ms, found.radiated_pa) == (1.0, 2000.0)
     assert found.farthest_mm == pytest.approx(5e-4**0.5)
+
+
+def test_wrong_drives_that_follow_each_other_are_one_time_wherever_the_carrier_stands() -> None:
+    wrong = [frame(n, status=FrameStatus.WRONG_DRIVE, t_latch_us=1000 * n + 7 * n) for n in (1, 2)]
+    assert effect_of(frame(0), *wrong, frame(3)).longest_ms == 2.0
 
 
 def test_times_without_a_known_pressure_stay_out_of_its_average() -> None:
