@@ -27,7 +27,9 @@ SECTIONS = [
     ),
     (
         "Arbitrary points: share of the arithmetic limit",
-        "69 flop per pair of source and point, at the rate that sgemm of numpy reached beside it.",
+        "69 flop per pair of source and point, at the rate that sgemm of numpy reached beside it. "
+        "The goal was set on a core with AVX-512; with AVX2 alone, the same arithmetic as one loop "
+        "over the sources reaches 0.55.",
         "test_arbitrary_points_against_the_arithmetic_limit",
     ),
     (
@@ -42,7 +44,8 @@ SECTIONS = [
     ),
     (
         "Plane parallel to the array",
-        "Convolution by FFT against our own direct kernel; names are the half-width in metres.",
+        "Convolution by FFT against our own direct kernel; names are the half-width in metres. A "
+        "quicker kernel makes the ratio smaller.",
         "test_plane_against_the_direct_kernel",
     ),
     (
@@ -88,7 +91,8 @@ def machine(data):
     return (
         f"Machine: {info['cpu'].get('brand_raw', info['machine'])}, {os.cpu_count()} cores, "
         f"{info['system']} {info['release']}; Python {platform.python_version()}, {versions}.\n"
-        f"Commit {str(commit.get('id'))[:10]}{state}, {data['datetime'][:10]}.\n"
+        f"Commit {str(commit.get('id'))[:10]}{state}, {data['datetime'][:10]}; "
+        f"load average when written {os.getloadavg()[1]:.1f}.\n"
     )
 
 
