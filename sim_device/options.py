@@ -10,8 +10,8 @@ from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArr
 from haptogram.errors import ConfigurationError
 
 from .faults import FaultPlan
+from .line_settings import LineSettings
 from .settings import BoardSettings
-from .uart import LineSettings
 
 MAX_SEED: Final = 2**64 - 1
 _MAX_LATENCY_MS: Final = 255  # of the timer's eight bits
@@ -41,7 +41,7 @@ def board_settings(
     temperature_c : float
         Temperature of the air that the board radiates into, degrees Celsius.
     baud, baud_error_ppm, rx_fifo, rx_poll_us, latency_ms, host_buffer
-        The line; see :class:`~sim_device.uart.LineSettings`.
+        The line; see :class:`~sim_device.line_settings.LineSettings`.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.messages import Feature, PhaseFormat
 
-from .uart import LineSettings
+from .line_settings import LineSettings
 
 BOOT_US: Final = 2**32 - 10_000_000  # the 32-bit clock of every run wraps 10 s after power-up
 MAX_BAUD: Final = 50_000_000

@@ -23,11 +23,12 @@ from .clock import earliest
 from .faults import FaultPlan
 from .injection import Injection
 from .latch import Latch, LineCounted, Notice
+from .line_settings import LineSettings
 from .log import CountLog
 from .port import Port
 from .reconstruction import ReconstructionWorker
 from .settings import BoardSettings
-from .uart import Line, LineSettings, line_to_board, line_to_host
+from .uart import Line, line_to_board, line_to_host
 
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
@@ -233,7 +234,8 @@ class Simulation:
         self._record()
         self._feed_line()
         self._unread += self._up.receive(t_ns)
-        self._overrun_host()
+        if self._line.host_buffer is not None:
+            self._overrun_host(self._line.host_buffer)
 
     def _record(self) -> None:
         notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
@@ -252,12 +254,10 @@ class Simulation:
         for chunk in self._injection.line(direction, t_ns, data):
             line.send(chunk.data, chunk.t_ns - credit_ns)
 
-    def _overrun_host(self) -> None:
-        """Lose what the host's buffer has no room for, if it has an end."""
-        limit = self._line.host_buffer
-        if limit is not None and len(self._unread) > limit:
-            self._unread_lost += len(self._unread) - limit
-            del self._unread[limit:]
+    def _overrun_host(self, room: int) -> None:
+        """Lose what a host's buffer of *room* bytes does not hold."""
+        self._unread_lost += max(0, len(self._unread) - room)
+        del self._unread[room:]
 
     @property
     def _can_feed(self) -> bool:

@@ -8,8 +8,9 @@ from haptogram.errors import ConfigurationError
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Ping
 from sim_device.characters import FRAMING_ERROR, is_understood, sample
+from sim_device.line_settings import LineSettings
 from sim_device.options import board_settings
-from sim_device.uart import Line, LineSettings, PolledLine, UsbLine, line_to_board, line_to_host
+from sim_device.uart import Line, PolledLine, UsbLine, line_to_board, line_to_host
 
 MS = 1_000_000
 BYTE_NS = 10_000  # at 1 Mbaud
