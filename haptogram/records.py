@@ -17,7 +17,7 @@ from haptogram.acoustics.drive import Drive
 from haptogram.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from haptogram.acoustics.reconstruction import Reconstruction
+    from haptogram.acoustics.estimates import Reconstruction
     from haptogram.acoustics.solvers import Method
 
 STREAM: Final = 0  # sequence id of what came frame by frame
