@@ -74,6 +74,14 @@ def test_a_file_and_the_command_line_add_up(tmp_path):
     assert fault_plan([], None, seed=1) == FaultPlan((), 1)
 
 
+def test_a_url_takes_a_file_as_well(tmp_path, open_host):
+    file = tmp_path / "plan.toml"
+    file.write_text('[[fault]]\nname = "frame.crc"\np = 1\nuntil = "1ms"\n')
+    host = open_host(f"{VIRTUAL}&fault_plan={file}")
+    host.greet()
+    assert host.port.simulation.fault_counts == {"frame.crc": 1}
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

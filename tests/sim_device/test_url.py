@@ -113,6 +113,22 @@ def test_a_closed_port_says_so(open_host):
 
 
 @pytest.mark.realtime
+def test_a_board_is_powered_down_with_its_port(open_host):
+    host = open_host(VIRTUAL + "&reconstruct=0")
+    host.arm()
+    host.port.close()
+    board = host.port.simulation.board
+    assert board.state is OutputState.MUTED
+    assert [record["kind"] for record in host.port.records[-2:]] == ["output", "end"]
+
+
+def test_a_board_that_cannot_be_made_leaves_no_worker_behind(open_host, tmp_path):
+    door = tmp_path / "door"
+    with pytest.raises(ConfigurationError, match="no such place"):
+        open_host(f"haptogram://?array=4x4&backdoor={door}&reconstruct=0&fault=device.off+bank=9")
+    assert '"kind":"end"' in door.read_text().splitlines()[-1]  # it was told to end, and has
+
+
 def test_on_the_wall_clock_the_board_answers_without_a_thread(open_host):
     host = open_host("haptogram://?array=4x4&seed=5")
     assert host.greet().message.transducers == 16
