@@ -1,11 +1,15 @@
 """The healthy board passes everything, and what nothing can show is known by name."""
 
+import dataclasses
 import functools
 
 import pytest
 from boards import run, virtual
 
 from haptogram.conformance.verdict import Behaviour
+from haptogram_protocol.messages import Feature
+from sim_device.board import Board
+from sim_device.mutants.mutant import Evidence, Mutant
 
 #: Clauses about the host, about this text, or that no line can show: never passed.
 NEVER_SHOWN = {
@@ -73,3 +77,22 @@ def test_a_clause_is_judged_alike_alone_and_repeated():
     suite = run(virtual(array="4x4"), "HG-6.2", "HG-4.3/5", repeat=3)
     assert {r.behaviour for r in suite.results} == {Behaviour.OK}
     assert all(len(r.seen) == 3 for r in suite.results)
+
+
+@pytest.mark.parametrize("features", [Feature(0), Feature.CONFIG | Feature.READ_LATCHED])
+def test_a_board_that_can_do_less_passes_what_is_left(features, monkeypatch):
+    class Bare(Board):
+        """Has only some of the capabilities, and says so."""
+
+        def __init__(self, settings):
+            super().__init__(dataclasses.replace(settings, features=features))
+
+    bare = Mutant.of(Bare, "HG-1.2/2", Evidence.WIRE)
+    monkeypatch.setattr("sim_device.mutants.MUTANTS", {"bare": bare})
+    chosen = ("HG-1", "HG-3.8", "HG-4.9", "HG-4.11", "HG-5", "HG-6.4", "HG-7", "HG-8")
+    suite = run(virtual(array="4x4", mutant="bare"), *chosen)
+    found = {r.case: r.behaviour for r in suite.results}
+    assert set(found.values()) == {Behaviour.OK, Behaviour.NOT_OBSERVED, Behaviour.UNIMPLEMENTED}
+    assert found["HG-1.2/2"] is found["HG-1.2/3"] is Behaviour.OK
+    assert found["HG-5.4/1"] is Behaviour.UNIMPLEMENTED
+    assert suite.exit_status == 0
