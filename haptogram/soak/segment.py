@@ -268,8 +268,11 @@ class _Segment:
         rig.idle_until(rig.now_ns + 2 * LEAD_US * 1000)
         self._tally.totals["virtual ms"] += self._length_ns // _MS
         self._tally.totals["clock steps"] += self._stepped
-        if self._stepped and not self._jumps:
+        if self._jumps < self._stepped:
             self._tally.violate("clock step unseen", "the host did not notice")
+        elif self._jumps > self._stepped:
+            steps = self._jumps - self._stepped
+            self._tally.violate("clock stepped by itself", f"{steps} times")
         _compare_counters(rig.board.counters, self._tally)
 
 

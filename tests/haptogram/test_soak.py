@@ -16,7 +16,7 @@ from haptogram.soak.faults import KINDS
 from haptogram.soak.line import DAMAGE
 from haptogram.soak.memory import GROWTH_LIMIT_BYTES, Memory
 
-SHORT = Setup(hours=3 / 3600, fault_rate=0.05, seed=7, segment_s=1.0)
+SHORT = Setup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_s=0.4)
 
 
 def segment(mutant: str | None = None, *, seed: int = 0, seconds: float = 1.5) -> Tally:
@@ -29,13 +29,13 @@ def segment(mutant: str | None = None, *, seed: int = 0, seconds: float = 1.5) -
 
 @pytest.fixture(scope="module")
 def account() -> Tally:
-    return segment(seed=3, seconds=5.0)
+    return segment(seed=3, seconds=3.0)
 
 
 def test_a_healthy_board_is_found_healthy(account: Tally) -> None:
     assert account.violations == {}
-    assert account.totals["frames"] > 4000
-    assert account.totals["latched"] > 3000
+    assert account.totals["frames"] > 2000
+    assert account.totals["latched"] > 1500
 
 
 def test_every_fault_was_detected_or_harmless(account: Tally) -> None:
@@ -67,7 +67,7 @@ def test_the_counters_of_the_board_are_the_sums_of_what_was_found(account: Tally
 
 def test_a_line_without_faults_has_none() -> None:
     quiet = run_segment(
-        board_without_a_line(None), seed=1, number=0, seconds=1.0, start_s=0, fault_rate=0.0
+        board_without_a_line(None), seed=1, number=0, seconds=0.5, start_s=0, fault_rate=0.0
     )
     assert quiet.violations == {}
     assert sum(n for kind, n in quiet.injected.items() if "outage" not in kind) == 0
@@ -75,7 +75,7 @@ def test_a_line_without_faults_has_none() -> None:
 
 
 def test_it_follows_from_seed_and_number_alone() -> None:
-    first, again, other = segment(seed=5), segment(seed=5), segment(seed=6)
+    first, again, other = (segment(seed=seed, seconds=0.5) for seed in (5, 5, 6))
     assert first.as_dict() == again.as_dict()
     assert first.as_dict() != other.as_dict()
 
@@ -185,7 +185,7 @@ def test_a_checkpoint_of_another_soak_is_refused(tmp_path: Path) -> None:
     Campaign(SHORT).save(path)
     other = functools.partial(Campaign.load, path)
     with pytest.raises(ConfigurationError, match="another soak: seed 7, not 8"):
-        other(Setup(hours=SHORT.hours, fault_rate=0.05, seed=8, segment_s=1.0))
+        other(Setup(hours=SHORT.hours, fault_rate=0.05, seed=8, segment_s=0.4))
     path.write_text("[]")
     with pytest.raises(ConfigurationError, match="no checkpoint of a soak"):
         other(SHORT)
