@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_target, focus_phases, superpose
-from haptogram.acoustics.drive import FULL_AMPLITUDE, quantise_phase
+from haptogram.acoustics.drive import FULL_AMPLITUDE, quantise_phase, saturated
 from haptogram.acoustics.solvers import METHODS, Method, solve
 from haptogram.errors import ConfigurationError
 from haptogram.records import Focus
@@ -213,7 +213,7 @@ class FrameBuilder:
         return np.array([np.angle(_weights(self._model, group, solver)) for group in foci])
 
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
-        drive = Drive.from_weights(_weights(self._model, foci, solver), REGISTER_BITS)
+        drive = Drive.from_weights(saturated(_weights(self._model, foci, solver)), REGISTER_BITS)
         data = drive.phase_codes.tobytes() + drive.amplitude_codes.tobytes()
         return Frame(foci, drive, Drives(PhaseFormat.BITS_8, 0, data), solver)
 
@@ -221,7 +221,7 @@ class FrameBuilder:
         points = tuple(_on_wire(focus) for focus in foci)
         rounded = tuple(_from_wire(point) for point in points)
         model = with_sound_speed(self._model, sound_speed_mm_s(self._model))
-        drive = Drive.from_weights(_superposed(model, rounded), REGISTER_BITS)
+        drive = Drive.from_weights(saturated(_superposed(model, rounded)), REGISTER_BITS)
         return Frame(rounded, drive, Points(points))
 
 

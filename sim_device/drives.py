@@ -11,7 +11,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import Drive, superpose
+from haptogram.acoustics import Drive, saturated, superpose
 from haptogram_protocol.messages import Feature, FocalPoint
 
 from .settings import BoardSettings
@@ -60,11 +60,12 @@ class PointFocuser:
         self._graded = bool(settings.features & Feature.AMPLITUDE)
 
     def drive(self, points: Sequence[FocalPoint]) -> Drive:
-        """Return the codes nearest to w_n = sum_i a_i e^{j psi_i} e^{-j k r_n(i)}."""
+        """Return the codes nearest to w_n = sum_i a_i e^{j psi_i} e^{-j k r_n(i)}, |w_n| <= 1."""
         positions_m = np.array([(p.x_um, p.y_um, p.z_um) for p in points]) * 1e-6
         amplitudes = np.array([p.amplitude for p in points]) / _FULL_POINT
         phases_rad = np.array([p.phase for p in points]) * (2 * math.pi / _TURN)
-        drive = Drive.from_weights(superpose(self._model, positions_m, amplitudes, phases_rad))
+        weights = superpose(self._model, positions_m, amplitudes, phases_rad)
+        drive = Drive.from_weights(saturated(weights))
         return drive if self._graded else full_amplitude(drive.phase_codes.tobytes(), REGISTER_BITS)
 
     def registers(self, content: Content) -> tuple[Drive, int]:

@@ -12,7 +12,13 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
-from haptogram.acoustics.drive import Drive, dequantise_phase, phase_step_rad, quantise_phase
+from haptogram.acoustics.drive import (
+    Drive,
+    dequantise_phase,
+    phase_step_rad,
+    quantise_phase,
+    saturated,
+)
 from haptogram.acoustics.engine import NumbaEngine, Numpy32Engine, choose_engine
 from haptogram.acoustics.estimates import NoFocus, NotSingle, Reconstruction, SingleFocus
 from haptogram.acoustics.field import FieldEngine, NumpyEngine, pressure, propagators
@@ -127,6 +133,7 @@ __all__ = [
     "quantise_phase",
     "radiated_power_w",
     "radiation_pressure_pa",
+    "saturated",
     "solve",
     "superpose",
     "switching_level_db_a",

@@ -26,6 +26,7 @@ from haptogram.errors import ConfigurationError
 
 MAX_PHASE_BITS: Final = 8
 FULL_AMPLITUDE: Final = 255
+_CEILING: Final = 1.0 + 1e-6  # a magnitude of 1, with the rounding of single precision
 
 _TURN_RAD: Final = 2.0 * math.pi
 _MAX_PHASE_RAD: Final = 1e9  # beyond it a float64 no longer resolves an 8-bit step well
@@ -71,12 +72,21 @@ class Drive:
 
     @classmethod
     def from_weights(cls, weights: ArrayLike, phase_bits: int = MAX_PHASE_BITS) -> Self:
-        """Return the drive nearest to the (N,) complex *weights*.
+        """Return the drive nearest to the (N,) complex *weights*; one of 0 takes phase code 0.
 
-        Magnitudes above 1 are clipped to full amplitude; a weight of 0 takes phase code 0.
+        Raises
+        ------
+        ConfigurationError
+            For a magnitude above 1, which no transducer can follow: see :func:`saturated`.
         """
         values = as_weights(weights)
-        amplitudes = np.floor(FULL_AMPLITUDE * np.minimum(np.abs(values), 1.0) + 0.5)
+        levels = np.abs(values)
+        if levels.size and levels.max() > _CEILING:
+            element = int(levels.argmax())
+            raise ConfigurationError(
+                f"weights[{element}] has the magnitude {levels.max():g}, must be 1 at most"
+            )
+        amplitudes = np.floor(FULL_AMPLITUDE * np.minimum(levels, 1.0) + 0.5)
         # np.angle(0) may be pi for a negative zero; where() keeps code 0 for a silent element.
         angles = np.where(values == 0.0, 0.0, np.angle(values))
         return cls(quantise_phase(angles, phase_bits), amplitudes.astype(np.uint8), phase_bits)
@@ -109,6 +119,12 @@ class Drive:
 
     def __hash__(self) -> int:
         return hash(self._key())
+
+
+def saturated(weights: ArrayLike) -> ComplexArray:
+    """Return *weights* with their phases, and magnitudes above 1 cut to 1: what a drive can be."""
+    values = as_weights(weights)
+    return values / np.maximum(np.abs(values), 1.0)
 
 
 def quantise_phase(phases_rad: ArrayLike, bits: int) -> NDArray[np.uint8]:
