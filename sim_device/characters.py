@@ -32,7 +32,9 @@ def sample(data: bytes, ratio: float) -> tuple[bytes, int]:
     Returns
     -------
     received : bytes
-        Maybe fewer than were sent, with :data:`FRAMING_ERROR` where a stop bit was missing.
+        Fewer than were sent, if a sender that is too fast hides edges; more, if in a character of
+        one that is too slow an edge is left over; never none of some.  :data:`FRAMING_ERROR` stands
+        where a stop bit was missing.
     errors : int
         How many stop bits were missing.
     """

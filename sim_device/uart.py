@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
-from .characters import BITS_PER_BYTE, is_understood, sample
+from .characters import BITS_PER_BYTE, sample
 from .line_settings import LineSettings
 
 USB_PACKET_BYTES: Final = 62  # of 64; two tell the state of the modem lines
@@ -25,10 +25,15 @@ _MILLION: Final = 1_000_000
 
 @dataclass(slots=True)
 class _Burst:
-    """Bytes that travel back to back; ``taken`` of them have been received."""
+    """Bytes that travel back to back; ``taken`` of them have been received.
+
+    ``data`` is what the receiver makes of the ``sent`` bytes, more or fewer if it misreads them, in
+    the time that those take.
+    """
 
     start_ns: int
     data: bytes
+    sent: int
     taken: int = 0
 
 
@@ -55,7 +60,6 @@ class Line:
         byte_ns = Fraction(0) if sender is None else BITS_PER_BYTE * _NS_PER_S / sender
         self._byte_ns, self._per_bytes = byte_ns.numerator, byte_ns.denominator
         self._ratio = (_MILLION + sender_ppm) / (_MILLION + receiver_ppm)
-        self._is_clear = is_understood(self._ratio)
         self._bursts: deque[_Burst] = deque()
         self._in_transit = 0
         self._free_ns = 0
@@ -75,14 +79,12 @@ class Line:
         """Put *data* on the line at *t_ns*, behind what is there already."""
         if not data:
             return
-        start_ns = max(t_ns, self._free_ns)
-        self._free_ns = self._end_ns(start_ns, len(data))
-        if not self._is_clear:
-            data, errors = sample(data, self._ratio)
-            self.framing += errors
-        if data:
-            self._bursts.append(_Burst(start_ns, bytes(data)))
-            self._in_transit += len(data)
+        received, errors = sample(data, self._ratio)
+        self.framing += errors
+        burst = _Burst(max(t_ns, self._free_ns), bytes(received), len(data))
+        self._free_ns = self._end_ns(burst, len(received))
+        self._bursts.append(burst)
+        self._in_transit += len(received)
 
     def next_event_ns(self, delimiter: bytes) -> int | None:
         """Return when the next *delimiter* has been received, or else the last byte; None: idle.
@@ -95,7 +97,7 @@ class Line:
         burst = self._bursts[0]
         found = burst.data.find(delimiter, burst.taken)
         count = len(burst.data) if found < 0 else found + 1
-        return self._end_ns(burst.start_ns, count)
+        return self._end_ns(burst, count)
 
     def receive(self, t_ns: int) -> bytes:
         """Return the bytes that are complete by *t_ns*, each once."""
@@ -122,21 +124,23 @@ class Line:
         for burst in self._bursts:
             left = len(burst.data) - burst.taken
             if count <= left:
-                return self._end_ns(burst.start_ns, burst.taken + count)
+                return self._end_ns(burst, burst.taken + count)
             count -= left
         return None
 
-    def _end_ns(self, start_ns: int, count: int) -> int:
-        """Return when *count* bytes that start at *start_ns* have been sent, rounded up."""
-        return start_ns - (-count * self._byte_ns // self._per_bytes)
+    def _end_ns(self, burst: _Burst, count: int) -> int:
+        """Return when *count* bytes of *burst* have been received, rounded up."""
+        sent_ns = burst.sent * self._byte_ns
+        return burst.start_ns - (-count * sent_ns // (len(burst.data) * self._per_bytes))
 
     def _arrived(self, burst: _Burst, t_ns: int) -> int:
         if t_ns < burst.start_ns:
             return 0
         if not self._byte_ns:
             return len(burst.data)
-        whole = (t_ns - burst.start_ns) * self._per_bytes // self._byte_ns
-        return min(len(burst.data), whole)
+        count = len(burst.data)
+        passed = (t_ns - burst.start_ns) * self._per_bytes
+        return min(count, passed * count // (burst.sent * self._byte_ns))
 
 
 class PolledLine(Line):

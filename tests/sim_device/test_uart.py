@@ -14,6 +14,7 @@ from sim_device.uart import Line, PolledLine, UsbLine, line_to_board, line_to_ho
 
 MS = 1_000_000
 BYTE_NS = 10_000  # at 1 Mbaud
+RATES_PPM = [-200_000, -160_000, -70_000, 0, 70_000, 140_000, 200_000]
 VIRTUAL = "haptogram://?clock=virtual&array=4x4&seed=1"
 BURSTS = st.lists(
     st.tuples(st.integers(0, 5 * MS), st.binary(min_size=1, max_size=150)), min_size=1, max_size=6
@@ -76,6 +77,35 @@ def test_the_rate_of_the_sender_paces_the_line():
     slow_receiver = line_to_board(1_000_000, LineSettings(baud_error_ppm=-10_000))
     slow_receiver.send(bytes(100), 0)
     assert slow_receiver.free_ns == 1_000_000
+
+
+@given(st.binary(min_size=1, max_size=40), st.sampled_from(RATES_PPM))
+def test_what_is_misread_comes_while_it_is_sent_however_much_it_is(data, ppm):
+    line = line_to_host(1_000_000, LineSettings(baud_error_ppm=ppm))
+    line.send(data, 0)
+    received = sample(data, 1 + ppm / 1e6)[0]
+    found = deliveries(line, [])
+    assert line.free_ns == -(-len(data) * BYTE_NS * 1_000_000 // (1_000_000 + ppm))
+    assert 0 < found[0][0] <= found[-1][0] == line.free_ns
+    assert b"".join(part for _, part in found) == received
+    assert line.in_transit == 0
+
+
+def test_a_receiver_that_is_faster_reads_characters_that_were_not_sent():
+    line = line_to_board(1_000_000, LineSettings(baud_error_ppm=190_000))
+    line.send(bytes([0x55] * 20), 0)
+    assert line.in_transit == 25
+    assert len(line.receive(line.free_ns - 1)) == 24
+    assert len(line.receive(line.free_ns)) == 1
+
+
+def test_what_is_sent_behind_misread_characters_comes_behind_them():
+    line = line_to_host(1_000_000, LineSettings(baud_error_ppm=-160_000))
+    line.send(bytes([0x55] * 20), 0)
+    first_ns = line.free_ns
+    line.send(b"\x01", 0)
+    assert len(line.receive(first_ns)) == 25
+    assert line.arrival_ns(1) > first_ns
 
 
 # --- the FIFO of the board ---------------------------------------------------------------------
