@@ -40,6 +40,7 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason, OutputState
 
 _PAUSES: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
+_AT_ONCE_US: Final = 2_000  # from a question to the latch of what is sent upon the answer
 _REFRESHES: Final = 4  # of a held focus within the shorter one of the two timers
 
 DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
@@ -180,21 +181,17 @@ class Driver(Session):
         """
         if self._held is None:
             raise ConfigurationError("there is no focus to hold; call focus first")
-        timer_ms = min(self._config.hold_ms, self._config.host_timeout_ms)
-        timer_ns = timer_ms * 1_000_000
-        period_ns = timer_ns // _REFRESHES
+        period_ns = self._timer_ns // _REFRESHES
         deadline_ns = self._link.now_ns()
         end_ns = deadline_ns + int(seconds * NS_PER_S)
-        sent_ns = deadline_ns - timer_ns
         while deadline_ns < end_ns:
             self._link.run_until(deadline_ns)
             self._pinger.keep()
-            if self._link.now_ns() - sent_ns >= timer_ns:  # a timer may have run out
-                self._resume(0)
+            self._resume(0)  # every time: a timer may have run out whenever the host was held up
             self._streamer.send_now(self._held)
-            sent_ns = self._link.now_ns()
+            now_ns = self._link.now_ns()
             deadline_ns = next_deadline_ns(
-                deadline_ns=deadline_ns, now_ns=sent_ns, period_ns=period_ns
+                deadline_ns=deadline_ns, now_ns=now_ns, period_ns=period_ns
             )
         self._link.run_until(end_ns)
 
@@ -254,9 +251,9 @@ class Driver(Session):
         """
         queue_depth = self.identity.queue_depth
         schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=queue_depth)
-        if loops < 1:
-            raise ConfigurationError(f"loops is {loops}, must be 1 or more")
-        frames = self._builder.build(as_foci(targets), mode, solver) * loops
+        if loops < 1 or loops != int(loops):
+            raise ConfigurationError(f"loops is {loops}, must be a whole number, 1 or more")
+        frames = self._builder.build(as_foci(targets), mode, solver) * int(loops)
         schedule.check(frames, self.identity, self._link.line.baudrate)
         schedule.check_timers(self._config)
         lead_trim = self._trim(schedule, frames, miss_share) if trim else None
@@ -362,8 +359,8 @@ class Driver(Session):
         ConfigurationError
             If it is not armed for any other reason.
         """
-        status = self.status()
-        if self._armed and self._hold_ends_within(first_us + _margin_us(first_us), status):
+        status = self._fresh_status()
+        if self._armed and self._hold_ends_before(first_us, status):
             super().mute()
             self.arm()
         elif self._armed and status.reason in _PAUSES:
@@ -373,13 +370,31 @@ class Driver(Session):
                 f"the board is {status.state.name} ({status.reason.name}); arm it first"
             )
 
-    def _hold_ends_within(self, wait_us: int, status: StatusReply) -> bool:
-        """Tell whether a drive is held now, and will not be any more after *wait_us*."""
+    @property
+    def _timer_ns(self) -> int:
+        """The shorter one of the two timers that mute the board."""
+        return min(self._config.hold_ms, self._config.host_timeout_ms) * 1_000_000
+
+    def _fresh_status(self) -> StatusReply:
+        """Return the status, asked again if this host was held up before it read the answer."""
+        for _ in range(_REFRESHES):
+            asked_ns = self._link.now_ns()
+            status = self.status()
+            if self._link.now_ns() - asked_ns < self._timer_ns // _REFRESHES:
+                break
+        return status
+
+    def _hold_ends_before(self, first_us: int, status: StatusReply) -> bool:
+        """Tell whether a drive is held now that may not be any more when the first frame latches.
+
+        That may miss its plan: by half the time until then; at once is a few milliseconds.
+        """
         if status.state is not OutputState.ARMED or not status.counters.latched:
             return False
         now_us = self.clock.to_device_us(self._link.now_ns())
         held_us = now_us - unwrap(status.last_latch_us, now_us, 32)
         hold_us, ramp_us = self._config.hold_ms * 1000, self._config.ramp_ms * 1000
+        wait_us = first_us + max(first_us // 2, min(_AT_ONCE_US, hold_us // 4))
         return hold_us - wait_us < held_us <= hold_us + ramp_us  # later: armed, nothing latched yet
 
     def _agree_on_air(self, mode: Mode) -> None:
@@ -387,8 +402,3 @@ class Driver(Session):
         speed_mm_s = sound_speed_mm_s(self.model)
         if mode == "points" and self._config.sound_speed_mm_s != speed_mm_s:
             self.configure(sound_speed_mm_s=speed_mm_s)
-
-
-def _margin_us(first_us: int) -> int:
-    """Return by how much the first latch may miss its plan: half its time, 20 ms at the least."""
-    return max(20_000, first_us // 2)

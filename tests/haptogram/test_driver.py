@@ -511,8 +511,39 @@ def test_a_stream_goes_round_as_often_as_is_said(driver, port):
     assert report.frames == 15
     drives = [latch.drive for latch in port.latches]
     assert drives == drives[:5] * 3
-    with pytest.raises(ConfigurationError, match="loops is 0, must be 1 or more"):
-        driver.stream(CIRCLE[:5], 1000, loops=0)
+    for loops in (0, 1.5):
+        with pytest.raises(ConfigurationError, match=f"loops is {loops}, must be a whole number"):
+            driver.stream(CIRCLE[:5], 1000, loops=loops)
+
+
+@pytest.mark.parametrize(("hold_ms", "every_ms"), [(200, 185), (100, 90), (20, 5), (8, 2)])
+def test_a_focus_in_good_time_inserts_no_silence(driver, port, hold_ms, every_ms):
+    driver.configure(hold_ms=hold_ms)
+    before = len(port.notices)
+    for _ in range(10):
+        driver.focus((0, 0, 0.15))
+        port.stall(every_ms * 1_000_000)
+    assert port.notices[before:] == []  # neither muted nor armed
+
+
+@pytest.mark.parametrize("stall_ms", [70, 90, 99, 100, 101, 103, 150, 400])
+def test_a_held_focus_sounds_again_after_any_stall(driver, port, stall_ms):
+    driver.configure(hold_ms=100, ramp_ms=0)
+    driver.focus((0, 0, 0.15))
+    write, count = port.write_some, 0
+
+    def stall_once(data):
+        nonlocal count
+        count += 1
+        written = write(data)
+        if count == 3:
+            port.stall(stall_ms * 1_000_000)
+        return written
+
+    port.write_some = stall_once
+    driver.hold(1.0)
+    assert port.board.state is OutputState.ARMED
+    assert port.latches[-1].t_latch_us > port.board.now_us - 60_000
 
 
 def test_streams_that_follow_each_other_at_once_leave_no_silence(driver, port):
