@@ -179,8 +179,8 @@ class ReconstructionWorker:
         deadline_s = time.monotonic() + timeout_s
         self._waiting.append(_End(self.dropped, self.notices_dropped))
         self._drain(min(deadline_s, time.monotonic() + HURRY_AFTER_S))
-        if self._waiting and self._alive:  # every latch is written down, if not its field
-            self._waiting.appendleft(_Hurry())
+        if self.pending and self._alive:  # every latch is written down, if not its field
+            self._waiting.appendleft(_Hurry())  # behind the batch that is on its way
             self._drain(deadline_s)
         self._alive = False
         for pipe in (self._input, self._process.stdout):

@@ -261,7 +261,9 @@ class Simulation:
 
     @property
     def _can_feed(self) -> bool:
-        return self.dialect.output_bytes > 0 and len(self._unread) < HOST_BUFFER
+        # With a buffer of its own the host never makes the board wait: what does not fit is lost.
+        waits = self._line.host_buffer is None and len(self._unread) >= HOST_BUFFER
+        return self.dialect.output_bytes > 0 and not waits
 
     def _feed_line(self) -> None:
         """Give the line to the host more bytes, once it has sent the last ones."""
@@ -367,9 +369,14 @@ class Heartbeat:
             self._counts.update(simulation.dialect.counters, now_ns)
 
     def _hand_over(self, now_ns: int) -> None:
-        """Let the worker have its records: every so often, as each time wakes it up."""
+        """Let the worker have its records: every so often, as each time wakes it up.
+
+        One that is behind gets more as soon as it takes more: that is what :meth:`_wait` wakes for.
+        """
         worker = self._worker
-        if worker is not None and worker.pending and now_ns >= self._hand_over_ns:
+        if worker is None or not worker.pending:
+            return
+        if worker.is_refusing or now_ns >= self._hand_over_ns:
             worker.pump()
             self._hand_over_ns = now_ns + _HAND_OVER_NS
 
