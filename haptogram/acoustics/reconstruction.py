@@ -5,8 +5,10 @@ step of the phase code, in the root mean square. A correct drive never fails thi
 leaves at most half a step on each element, and the fit can only do better.
 
 Where numba is installed, the compiled search of :mod:`.tracking` says where to start. What is
-answered comes from the fit in double precision all the same, so that it does not depend on numba:
-positions agree to a nanometre. Only the force comes from the fast field engine (1e-4 of it).
+answered comes from the fit in double precision all the same: where one point alone explains the
+phases, positions with and without numba agree to a nanometre. A few elements, or few bits, can suit
+several points, and which of them is found depends on where the search began. The force comes from
+the fast field engine (1e-4 of it).
 """
 
 from __future__ import annotations

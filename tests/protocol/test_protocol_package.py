@@ -18,7 +18,17 @@ MODULES = [
     if not name.endswith("__main__")
 ]
 # What reads a clock, does I/O or starts a thread has no place here; the exports write files.
-PURE = {"__future__", "collections", "dataclasses", "enum", "re", "struct", "typing", "zlib"}
+PURE = {
+    "__future__",
+    "collections",
+    "dataclasses",
+    "enum",
+    "operator",
+    "re",
+    "struct",
+    "typing",
+    "zlib",
+}
 EXPORT = PURE | {"argparse", "json", "pathlib", "random", "sys", "textwrap"}  # random: seeded
 
 

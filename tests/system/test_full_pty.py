@@ -9,7 +9,6 @@ import signal
 import threading
 import tty
 
-import numpy as np
 import pytest
 
 from haptogram.driver import Driver
@@ -111,7 +110,7 @@ def process_of(board):
 
 
 def test_a_board_that_is_stopped_in_mid_stream_ends_it_with_an_error():
-    points = np.tile((0.0, 0.0, 0.15), (4000, 1))
+    frames = 20_000  # five seconds: the port must fill up and time out long before the end
 
     def stop(done, _):
         if done >= 1000:
@@ -122,7 +121,7 @@ def test_a_board_that_is_stopped_in_mid_stream_ends_it_with_an_error():
         driver.arm()
         try:
             with pytest.raises(LinkError), driver:
-                driver.stream(points, 4000, progress=stop)
+                driver.stream([(0.0, 0.0, 0.15)], 4000, loops=frames, progress=stop)
         finally:
             os.kill(process_of(board), signal.SIGCONT)
-    assert 1000 <= len(driver.intended) < 4000
+    assert 1000 <= len(driver.intended) < frames
