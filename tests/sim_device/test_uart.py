@@ -231,6 +231,20 @@ def test_a_host_that_does_not_read_loses_what_its_buffer_cannot_hold_and_it_is_c
     assert lost == {"board_overrun": 0, "host_overrun": waiting[""] - 100, "framing": 0}
 
 
+@pytest.mark.parametrize("room", [65_535, 65_536, 70_000])
+def test_no_buffer_of_the_host_is_so_large_that_the_board_waits(open_host, room):
+    host = open_host(f"{VIRTUAL}&host_buffer={room}")
+    host.greet()
+    for k in range(15):
+        for _ in range(100):
+            host.link.send_hello(k)
+            host.port.write(host.link.data_to_send())
+        host.port.wait_until_ns((k + 1) * 10 * MS)
+    assert host.port.in_waiting == room
+    assert host.port.simulation.line_counts["host_overrun"] > 0
+    assert host.port.simulation.dialect.output_bytes == 0
+
+
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
