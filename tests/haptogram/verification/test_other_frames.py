@@ -19,7 +19,7 @@ from haptogram.acoustics import (
 from haptogram.acoustics.drive import quantise_phase
 from haptogram.acoustics.solvers import solve
 from haptogram.records import Focus
-from haptogram.verification import FrameStatus, Judge, Verdict, verify_run
+from haptogram.verification import FrameStatus, Judge, Verdict, criteria, verify_run
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
 
 MODEL = AcousticModel.default()
@@ -210,8 +210,24 @@ def test_every_focus_of_a_solver_is_there():
 )
 def test_a_solver_that_served_other_foci_is_found_out(drive_for):
     found = judge(solved(RING, drive_for=drive_for))
+    assert (found.status, found.faults) == (FrameStatus.OFF_TARGET, ())
+
+
+def test_foci_of_a_solver_in_other_air_are_off_target():
+    board = AcousticModel.default(temperature_c=40.0)
+    intended = solved(RING)
+    found = Judge(board, carrier_us=25).judge(intended, seen(intended))
+    assert (found.status, found.criteria["S3"]) == (FrameStatus.OFF_TARGET, False)
+
+
+def test_phases_that_make_no_foci_are_off_target_whatever_the_solver_says(monkeypatch):
+    noise = np.exp(1j * np.random.default_rng(1).uniform(0.0, math.tau, MODEL.array.count))
+    monkeypatch.setattr(criteria, "solve", lambda *_, **__: noise)
+    foci = tuple(Focus.at(point) for point in RING)
+    drive = Drive.from_weights(noise)
+    found = judge(intend(MODEL, RING[0], foci=foci, drive=drive, solver="wgs"))
     assert found.status is FrameStatus.OFF_TARGET
-    assert not found.criteria["S2"]
+    assert (found.criteria["S2"], found.criteria["S3"]) == (False, True)
 
 
 def test_another_drive_than_the_solvers_is_wrong():
