@@ -10,7 +10,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, cast
 
 from numpy.typing import ArrayLike
 
@@ -18,7 +19,15 @@ from haptogram.acoustics import AcousticModel, Medium
 from haptogram.acoustics.solvers import Method
 from haptogram.budget import frame_bytes, transmission_ns
 from haptogram.errors import ConfigurationError
-from haptogram.frames import Frame, FrameBuilder, Mode, Targets, as_foci, sound_speed_mm_s
+from haptogram.frames import (
+    Frame,
+    FrameBuilder,
+    Mode,
+    Targets,
+    are_frames,
+    as_foci,
+    sound_speed_mm_s,
+)
 from haptogram.lead import LeadTrim
 from haptogram.link import NS_PER_S, Progress
 from haptogram.playing import Player, PlayReport, Timing, playback_period_us
@@ -195,9 +204,21 @@ class Driver(Session):
             )
         self._link.run_until(end_ns)
 
+    def frames(
+        self, targets: Targets, *, mode: Mode = "phases", solver: Method = "naive"
+    ) -> list[Frame]:
+        """Return what :meth:`stream` and :meth:`play` would send for *targets*, ready ahead.
+
+        Many foci take a solver longer than a board waits for its host: whoever makes the frames
+        first, and arms then, does not let the lease run out.
+
+        Parameters and errors as in :meth:`stream`.
+        """
+        return self._builder.build(as_foci(targets), mode, solver)
+
     def stream(
         self,
-        targets: Targets,
+        targets: Targets | Sequence[Frame],
         rate_hz: float,
         *,
         loops: int = 1,
@@ -215,7 +236,7 @@ class Driver(Session):
         Parameters
         ----------
         targets : (T, 3) array_like, sequence of Focus, or sequence of sequences of Focus
-            Positions in metres, or foci.
+            Positions in metres, or foci; or what :meth:`frames` made of them, for the same mode.
         loops : int
             How often, 1 or more.
         lead_us : int, optional
@@ -253,7 +274,7 @@ class Driver(Session):
         schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=queue_depth)
         if loops < 1 or loops != int(loops):
             raise ConfigurationError(f"loops is {loops}, must be a whole number, 1 or more")
-        frames = self._builder.build(as_foci(targets), mode, solver) * int(loops)
+        frames = self._made(targets, mode, solver) * int(loops)
         schedule.check(frames, self.identity, self._link.line.baudrate)
         schedule.check_timers(self._config)
         lead_trim = self._trim(schedule, frames, miss_share) if trim else None
@@ -300,7 +321,7 @@ class Driver(Session):
 
     def play(
         self,
-        targets: Targets,
+        targets: Targets | Sequence[Frame],
         rate_hz: float,
         *,
         loops: int = 1,
@@ -326,7 +347,7 @@ class Driver(Session):
         if kind == "drives":
             raise ConfigurationError("sequences hold phases or points, not drives")
         period_us = playback_period_us(rate_hz, self.identity)
-        frames = self._builder.build(as_foci(targets), kind, solver)
+        frames = self._made(targets, kind, solver)
         timing = Timing(period_us, loops, lead_us, unattended_ms)
         timing.check(self.identity)
         data = SequenceData.of(frames)
@@ -344,6 +365,11 @@ class Driver(Session):
             clock_uncertainty_us=self.clock.uncertainty_us,
             status=self.status(),
         )
+
+    def _made(self, targets: Targets | Sequence[Frame], mode: Mode, solver: Method) -> list[Frame]:
+        if are_frames(targets):
+            return list(targets)
+        return self.frames(cast("Targets", targets), mode=mode, solver=solver)
 
     def _resume(self, first_us: int) -> None:
         """Arm again a board whose timers muted it, or would, while this host had nothing to send.

@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,6 +79,11 @@ class Frame:
         if isinstance(self.message, Points):
             return len(self.message.points) * FocalPoint.LAYOUT.size
         return self.message.LAYOUT.size + len(self.message.data)
+
+
+def are_frames(targets: object) -> TypeGuard[Sequence[Frame]]:
+    """Tell whether *targets* are frames already."""
+    return isinstance(targets, Sequence) and bool(len(targets)) and isinstance(targets[0], Frame)
 
 
 def as_foci(targets: Targets) -> list[tuple[Focus, ...]]:

@@ -16,6 +16,7 @@ from haptogram.boards import BoardUnderTest
 from haptogram.config import VerifyConfig
 from haptogram.driver import DEFAULT_PLAY_LEAD_US, Driver
 from haptogram.errors import ConfigurationError, LinkError
+from haptogram.frames import Frame, Mode
 from haptogram.playing import PlayReport
 from haptogram.records import STREAM, Focus, Intended, Observation
 from haptogram.streaming import StreamReport
@@ -157,8 +158,9 @@ def measure(
             before = driver.status().counters
             board.prepare(driver)
             with _interrupted(found, driver):
-                driver.arm()
-                found.report = _display(config, driver, points, progress)
+                frames = _frames(config, driver, points)
+                driver.arm()  # now: the lease would run out while a solver is at work
+                found.report = _display(config, driver, frames, progress)
             board.finish(driver)  # after an interrupt as well: the board is there
             found.troubles = _troubles(driver, before)
     finally:
@@ -209,31 +211,34 @@ def _troubles(driver: Driver, before: Counters) -> dict[str, dict[str, int]]:
     return {side: counts for side, counts in bad.items() if counts}
 
 
-def _display(
-    config: VerifyConfig,
-    driver: Driver,
-    points: NDArray[np.float64],
-    progress: Progress | None,
-) -> StreamReport | PlayReport:
-    lead_us = None if config.lead_ms is None else round(config.lead_ms * 1e3)
+def _frames(config: VerifyConfig, driver: Driver, points: NDArray[np.float64]) -> list[Frame]:
     targets = points if config.foci == 1 else _at_once(points, config.foci)
     solver = cast("Method", config.solver_of_host)
+    return driver.frames(targets, mode=_mode(config), solver=solver)
+
+
+def _mode(config: VerifyConfig) -> Mode:
+    return "points" if config.mode == "points" else "phases"
+
+
+def _display(
+    config: VerifyConfig, driver: Driver, frames: list[Frame], progress: Progress | None
+) -> StreamReport | PlayReport:
+    lead_us = None if config.lead_ms is None else round(config.lead_ms * 1e3)
     if config.mode == "sequence":
         return driver.play(
-            targets,
+            frames,
             config.rate_hz,
             loops=config.repeat,
-            solver=solver,
             lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
             progress=progress,
         )
     return driver.stream(
-        targets,
+        frames,
         config.rate_hz,
         loops=config.repeat,
         lead_us=lead_us,
-        mode="points" if config.mode == "points" else "phases",
-        solver=solver,
+        mode=_mode(config),
         progress=progress,
     )
 

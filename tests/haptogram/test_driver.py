@@ -516,6 +516,13 @@ def test_a_stream_goes_round_as_often_as_is_said(driver, port):
             driver.stream(CIRCLE[:5], 1000, loops=loops)
 
 
+def test_frames_made_ahead_are_sent_as_they_are(driver, port):
+    frames = driver.frames(CIRCLE[:5])
+    driver.stream(frames, 1000, loops=2)
+    driver.play(frames, 1000)
+    assert [latch.drive for latch in port.latches] == [frame.drive for frame in frames] * 3
+
+
 @pytest.mark.parametrize(("hold_ms", "every_ms"), [(200, 185), (100, 90), (20, 5), (8, 2)])
 def test_a_focus_in_good_time_inserts_no_silence(driver, port, hold_ms, every_ms):
     driver.configure(hold_ms=hold_ms)
