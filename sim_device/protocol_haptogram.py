@@ -29,7 +29,7 @@ from .options import board_settings, fault_plan
 from .reconstruction import ReconstructionWorker
 from .recorder import InlineReconstruction
 from .settings import BoardSettings
-from .simulation import HOST_BUFFER, Recorder, Simulation
+from .simulation import Recorder, Simulation
 from .sink import RecordSink, open_sink
 
 _LONGEST_SLEEP_NS: Final = 50_000_000  # another thread may write meanwhile
@@ -312,7 +312,7 @@ class Serial(serial.SerialBase):
     def reset_input_buffer(self) -> None:
         """Discard what has come and was not read."""
         self._catch_up()
-        self.simulation.host_read(HOST_BUFFER * 2)
+        self.simulation.host_read()
 
     def reset_output_buffer(self) -> None:
         """Do nothing: what was written is on the line."""

@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
         campaign.save(arguments.json)
     print(render(campaign))
     if interrupted:
-        print(_how_to_resume(arguments), file=sys.stderr)
+        print(_how_to_resume(arguments, campaign), file=sys.stderr)
     if campaign.failures:
         return FAIL
     return INCONCLUSIVE if interrupted else PASS
@@ -107,7 +107,13 @@ def _campaign(arguments: argparse.Namespace) -> Campaign:
     return Campaign(setup) if arguments.resume is None else Campaign.load(arguments.resume, setup)
 
 
-def _how_to_resume(arguments: argparse.Namespace) -> str:
+def _how_to_resume(arguments: argparse.Namespace, campaign: Campaign) -> str:
+    if not campaign.done:
+        minutes = campaign.setup.segment_s / 60
+        return (
+            f"haptogram: interrupted in the first segment of {minutes:g} virtual minutes: nothing "
+            "was kept; --segment-minutes makes segments shorter"
+        )
     if arguments.resume is None:
         return "haptogram: interrupted; with --resume FILE a soak can be gone on with"
     return f"haptogram: interrupted; the same command goes on from {arguments.resume}"

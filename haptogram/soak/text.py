@@ -90,6 +90,8 @@ def _counters(tally: Tally) -> list[str]:
 
 def _verdict(campaign: Campaign) -> list[str]:
     failures = campaign.failures
+    if not campaign.done:
+        return ["INCONCLUSIVE: no segment came to its end, so nothing was judged"]
     if not failures:
         whole = "" if campaign.is_complete else ", so far"
         return [

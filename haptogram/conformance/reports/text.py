@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
@@ -18,7 +19,10 @@ def render(suite: SuiteResult, *, verbose: bool = False) -> str:
 
 
 def _lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
+    common = _common_reasons(suite)
     for result in suite.results:
+        if not verbose and (result.behaviour, result.detail) in common:
+            continue  # told once, in the summary
         if verbose or result.behaviour in _TOLD or result.is_failure:
             yield from _result(result)
         elif result.is_unexpected_pass:
@@ -41,15 +45,24 @@ def _result(result: Result) -> Iterator[str]:
         yield f"    ... {len(result.transcript) - _LINES} lines more, in --json and --html"
 
 
-def _not_observed(suite: SuiteResult) -> Iterator[str]:
-    """Say why cases show nothing here: a number alone would look like a gap."""
+def _common_reasons(suite: SuiteResult) -> set[tuple[Behaviour, str]]:
+    """Return what many cases were inconclusive for, such as that a board was never found."""
+    reasons = Counter(
+        (result.behaviour, result.detail)
+        for result in suite.results
+        if result.behaviour is Behaviour.INCONCLUSIVE
+    )
+    return {reason for reason, count in reasons.items() if count > _NAMED}
+
+
+def _by_reason(suite: SuiteResult, behaviour: Behaviour) -> Iterator[tuple[str, str]]:
+    """Yield which cases, and why."""
     reasons: dict[str, list[str]] = {}
     for result in suite.results:
-        if result.behaviour is Behaviour.NOT_OBSERVED:
+        if result.behaviour is behaviour:
             reasons.setdefault(result.detail, []).append(result.case)
     for reason, cases in reasons.items():
-        which = ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
-        yield f"not observed {which}: {reason}"
+        yield ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases", reason
 
 
 def _summary(suite: SuiteResult) -> Iterator[str]:
@@ -63,7 +76,13 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
     yield f"port         {suite.settings.get('port')} ({time}, seed {suite.settings.get('seed')})"
     counts = [f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b)]
     yield f"cases        {len(suite.results)}: {', '.join(counts)}"
-    yield from _not_observed(suite)
+    # Why, as well: a number alone would look like a gap.
+    for which, reason in _by_reason(suite, Behaviour.NOT_OBSERVED):
+        yield f"not observed {which}: {reason}"
+    common = {reason for _, reason in _common_reasons(suite)}
+    for which, reason in _by_reason(suite, Behaviour.INCONCLUSIVE):
+        if reason in common:
+            yield f"inconclusive {which}: {reason}"
     unclean = sum(not result.recovers for result in suite.results)
     if unclean:
         yield f"recovery     not clean after {unclean} cases"
