@@ -1,6 +1,7 @@
 """What it did in space that frames were lost, late or wrong: how long, how far, how much pressure.
 
-Over the device time of a run: frame i is what should be radiated from its time to that of the next.
+Over the device time of a run: frame i is what should be radiated from its time to that of the next,
+or to the end of its stream.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from .verdict import FrameStatus, FrameVerdict
 
 _US_PER_MS: Final = 1e3
 _ELSEWHERE: Final = (FrameStatus.OFF_TARGET, FrameStatus.WRONG_DRIVE)
+_PAUSE: Final = 2  # periods: a stream ended before a gap that is longer; rounding makes none such
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +62,17 @@ class Effect:
     intended_pa: float | None
 
     @classmethod
-    def of(cls, frames: Sequence[FrameVerdict]) -> Effect | None:
-        """Return the effect of what is wrong with *frames*, in their order; None: nothing is."""
-        stretches = [stretch for stretch in _stretches(frames) if stretch.length_us > 0]
+    def of(cls, frames: Sequence[FrameVerdict], silences: Sequence[int] = ()) -> Effect | None:
+        """Return the effect of what is wrong with *frames*; None: nothing, in those with a time.
+
+        Parameters
+        ----------
+        frames : sequence of FrameVerdict
+            In their order.
+        silences : sequence of int
+            Device times, ascending, at which the output fell silent: the end of a stream.
+        """
+        stretches = [s for s in _stretches(frames, silences) if s.length_us > 0]
         if not stretches:
             return None
         known = [s for s in stretches if s.radiated_pa is not None]
@@ -99,20 +109,37 @@ class Effect:
         return ", ".join(parts)
 
 
-def _stretches(frames: Sequence[FrameVerdict]) -> Iterator[_Stretch]:
+def _stretches(frames: Sequence[FrameVerdict], silences: Sequence[int]) -> Iterator[_Stretch]:
     timed = [frame for frame in frames if frame.t_apply_us is not None]
     begins = [frame.t_apply_us or 0 for frame in timed]
-    # The last frame is due for as long as the one before it.
-    ends = [*begins[1:], 2 * begins[-1] - begins[-2]] if len(begins) > 1 else begins
-    for frame, begin_us, end_us in zip(timed, begins, ends, strict=True):
+    for frame, begin_us, end_us in zip(timed, begins, _ends(begins, silences), strict=True):
         # One that is not late latches within a carrier period of its time: no time of its own.
         latched_us = max(begin_us, frame.t_latch_us or 0) if frame.late else begin_us
         if frame.status is FrameStatus.LOST:
             yield _before_the_latch(frame, begin_us, end_us)
         elif frame.late:
             yield _before_the_latch(frame, begin_us, min(latched_us, end_us))
-        if frame.status in _ELSEWHERE:
+        if frame.status in _ELSEWHERE or _is_another(frame):
             yield _after_the_latch(frame, latched_us, end_us)
+
+
+def _ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
+    """Yield until when each frame is due."""
+    neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
+    for before_us, begin_us, next_us in neighbours:
+        period_us = None if before_us is None else begin_us - before_us
+        if period_us and next_us is not None and next_us - begin_us <= _PAUSE * period_us:
+            yield next_us  # the stream goes on, even if the board mutes itself
+            continue
+        # The last of a stream is due for as long as the one before it, if nobody ended it sooner.
+        quiet_us = next((t_us for t_us in silences if t_us > begin_us), None)
+        over_us = None if period_us is None else begin_us + period_us
+        yield min((t for t in (next_us, over_us, quiet_us) if t is not None), default=begin_us)
+
+
+def _is_another(frame: FrameVerdict) -> bool:
+    """Tell whether another drive was latched of which only the CRC was seen: nothing is judged."""
+    return frame.status is FrameStatus.CORRUPT and not frame.criteria
 
 
 def _before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _Stretch:
@@ -131,7 +158,7 @@ def _before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _Stret
 
 
 def _after_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _Stretch:
-    """Return the time in which a wrong drive was radiated."""
+    """Return the time in which a wrong drive was radiated; of an unseen one nothing is known."""
     return _Stretch(
         begin_us,
         end_us,

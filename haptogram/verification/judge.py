@@ -48,10 +48,13 @@ class Held:
         None: another one than intended, and not seen.
     focus_m : tuple
         Where its focus was found; where that cannot be observed, or was not, where it was wanted.
+    t_latch_us : float
+        Device time since when: a silence after it ends it. Infinite: nobody knows.
     """
 
     drive: Drive | None
     focus_m: Vector
+    t_latch_us: float
 
     @classmethod
     def after(cls, intended: Intended, observation: Observation, verdict: FrameVerdict) -> Held:
@@ -67,7 +70,8 @@ class Held:
             )
         )
         by_crc = verdict.status in JUDGED and not verdict.faults
-        return cls(observation.drive or (intended.drive if by_crc else None), (x, y, z))
+        drive = observation.drive or (intended.drive if by_crc else None)
+        return cls(drive, (x, y, z), observation.t_latch_us)
 
 
 class Judge:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterable, Sequence
+import itertools
+import math
+from bisect import bisect_right
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -43,7 +46,7 @@ class RunVerdict:
     counts : dict of str to int
         How many frames were sent, latched, verified, lost and so on.
     effect : Effect or None
-        What lost, late and wrong frames did in space; None: there were none.
+        What lost, late and wrong frames did in space; None: there were none that have a time.
     """
 
     verdict: Verdict
@@ -139,34 +142,64 @@ def verify_run(
     seen: dict[FrameKey, list[Observation]] = defaultdict(list)
     for observation in observations:
         seen[observation.key].append(observation)
+    for latches in seen.values():
+        latches.sort(key=lambda latch: latch.t_latch_us)
     judge = Judge(model, carrier_us=max(1, round(1e6 / model.frequency_hz)))
     frames: list[FrameVerdict] = []
     held: Held | None = None
-    quiet_us = deque(sorted(silences))
-    for number, wanted in enumerate(intended):
-        latches = sorted(seen.pop(wanted.key, []), key=lambda latch: latch.t_latch_us)
+    quiet_us = sorted(silences)
+    for number, (wanted, due) in enumerate(zip(intended, _dues(intended, seen), strict=True)):
+        latches = seen.pop(wanted.key, [])
         verdict = judge.judge(wanted, latches[0]) if latches else _missing(wanted, unseen)
-        if _fell_silent(quiet_us, verdict.t_apply_us):
-            held = None
         if verdict.late or verdict.status is FrameStatus.LOST:
-            effect = judge.consequence(wanted, held)
+            effect = judge.consequence(wanted, _still_held(held, due, quiet_us))
             verdict = dataclasses.replace(verdict, consequence=effect)
         frames.append(dataclasses.replace(verdict, latches=len(latches)))
         if latches:
             held = Held.after(wanted, latches[0], verdict)
         elif unseen is not None:
-            held = Held(None, verdict.target_m)  # nobody knows whether it was latched
+            held = Held(None, verdict.target_m, due.latest_us)  # who knows whether it was latched?
         if progress is not None:
             progress(number + 1, len(intended))
-    return _conclude(frames, sorted(seen), min_verified, cut_short)
+    return _conclude(frames, sorted(seen), min_verified, cut_short, quiet_us)
 
 
-def _fell_silent(quiet_us: deque[int], t_us: int | None) -> bool:
-    """Tell whether the output fell silent up to *t_us*, and forget about it."""
-    before = len(quiet_us)
-    while quiet_us and t_us is not None and quiet_us[0] <= t_us:
-        quiet_us.popleft()
-    return len(quiet_us) < before
+class _Due(NamedTuple):
+    """When a frame should have been latched: not before the one, not after the other."""
+
+    earliest_us: float
+    latest_us: float
+
+
+def _dues(
+    intended: Sequence[Intended], seen: Mapping[FrameKey, Sequence[Observation]]
+) -> Iterator[_Due]:
+    """Yield when each frame was due: without a time, between those known of its neighbours."""
+    latched = (seen.get(wanted.key) for wanted in intended)
+    known = [
+        latches[0].t_latch_us if latches else wanted.t_apply_us
+        for wanted, latches in zip(intended, latched, strict=True)
+    ]
+    before = itertools.accumulate((-math.inf if t is None else t for t in known), max)
+    after = itertools.accumulate((math.inf if t is None else t for t in reversed(known)), min)
+    bounds = zip(intended, before, reversed(list(after)), strict=True)
+    for wanted, earliest_us, latest_us in bounds:
+        due_us = wanted.t_apply_us
+        yield _Due(earliest_us, latest_us) if due_us is None else _Due(due_us, due_us)
+
+
+def _still_held(held: Held | None, due: _Due, quiet_us: Sequence[int]) -> Held | None:
+    """Return what is left of *held* when a frame is due; None: silence."""
+    if held is None or _fell_silent(quiet_us, held.t_latch_us, due.earliest_us):
+        return None
+    if _fell_silent(quiet_us, due.earliest_us, due.latest_us):
+        return dataclasses.replace(held, drive=None)  # before the frame or after it: who knows?
+    return held
+
+
+def _fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
+    """Tell whether the output fell silent after the one time, and not after the other."""
+    return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
 
 
 def _missing(wanted: Intended, unseen: str | None) -> FrameVerdict:
@@ -188,6 +221,7 @@ def _conclude(
     unexpected: list[FrameKey],
     min_verified: float,
     cut_short: str | None,
+    quiet_us: Sequence[int],
 ) -> RunVerdict:
     counts = _counts(frames, unexpected)
     wrong = [f"{counts[name]} {text}" for name, text in _FAILURES.items() if counts[name]]
@@ -197,7 +231,7 @@ def _conclude(
         needed = f"{100.0 * min_verified:g} %"
         missing.append(f"{verified} of {sent} frames were verified; {needed} must be")
     verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
-    reasons, effect = (*wrong, *missing), Effect.of(frames)
+    reasons, effect = (*wrong, *missing), Effect.of(frames, quiet_us)
     return RunVerdict(verdict, reasons, frames, unexpected, min_verified, counts, effect)
 
 

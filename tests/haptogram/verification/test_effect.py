@@ -37,8 +37,8 @@ def lost(number: int, consequence: Consequence | None = HELD) -> FrameVerdict:
     return frame(number, status=FrameStatus.LOST, t_latch_us=None, consequence=consequence)
 
 
-def effect_of(*frames: FrameVerdict) -> Effect:
-    found = Effect.of(frames)
+def effect_of(*frames: FrameVerdict, silences: tuple[int, ...] = ()) -> Effect:
+    found = Effect.of(frames, silences)
     assert found is not None
     return found
 
@@ -95,3 +95,35 @@ def test_times_without_a_known_pressure_stay_out_of_its_average() -> None:
 
 def test_frames_without_a_time_are_left_out() -> None:
     assert Effect.of([frame(0, t_apply_us=None, status=FrameStatus.OFF_TARGET)]) is None
+
+
+def test_another_drive_of_which_only_the_crc_was_seen_counts_without_a_pressure() -> None:
+    unseen = frame(1, status=FrameStatus.CORRUPT, coherence=None, lateral_error_mm=None)
+    found = effect_of(frame(0), unseen, frame(2))
+    assert (found.away_ms, found.silent_ms) == (1.0, 0.0)
+    assert (found.farthest_mm, found.radiated_pa, found.intended_pa) == (None, None, None)
+    seen = frame(1, status=FrameStatus.CORRUPT, criteria={"S1": True})  # its focus is in its place
+    assert Effect.of([frame(0), seen, frame(2)]) is None
+
+
+FOUR = [frame(number) for number in range(4)]
+NEXT_STREAM = [frame(5000 + number) for number in range(3)]
+
+
+def test_the_last_frame_of_a_stream_is_not_due_until_the_next_stream() -> None:
+    assert effect_of(*FOUR, lost(4), *NEXT_STREAM).away_ms == 1.0
+    assert effect_of(*FOUR, lost(4), *NEXT_STREAM, silences=(205_000,)).away_ms == 1.0
+    assert effect_of(*FOUR, lost(4), *NEXT_STREAM, silences=(4250,)).away_ms == 0.25
+
+
+def test_a_first_frame_without_a_period_is_due_until_silence() -> None:
+    assert effect_of(lost(0), *NEXT_STREAM, silences=(205_000,)).away_ms == 205.0
+    assert effect_of(lost(0), silences=(205_000,)).away_ms == 205.0
+    assert Effect.of([lost(0)]) is None  # nothing tells for how long
+
+
+def test_neither_rounded_times_nor_a_board_that_mutes_itself_break_a_stream() -> None:
+    begins = (0, 333, 667, 1000, 1333)
+    frames = [dataclasses.replace(lost(n), t_apply_us=at) for n, at in enumerate(begins)]
+    found = effect_of(*frames, silences=(800,))
+    assert (found.away_ms, found.longest_ms) == (1.666, 1.666)

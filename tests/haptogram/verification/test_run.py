@@ -439,3 +439,79 @@ def test_a_board_that_fell_silent_holds_nothing():
     assert run.frames[2].consequence.pressure_rms_pa == 0.0
     again = verify(intended, [seen(intended[0]), seen(intended[2])], silences=[quiet_us])
     assert again.frames[3].consequence.focus_error_mm is not None  # armed, and latched again
+
+
+# Silences, and frames that have no time: 100 us, 300 ms, 1.9 s and 2 s, as a board may see them.
+LATCHED_US, QUIET_US, AGAIN_US, DUE_US = 100, 300_000, 1_900_000, 2_000_000
+
+
+def untimed(number):
+    return intend(MODEL, target(number), number=number, t_apply_us=None)
+
+
+def test_what_was_latched_after_a_silence_is_held():
+    first, second = untimed(0), untimed(1)
+    last = intend(MODEL, target(2), number=2, t_apply_us=DUE_US)
+    latches = [seen(first, t_latch_us=LATCHED_US), seen(second, t_latch_us=AGAIN_US)]
+    effect = verify([first, second, last], latches, silences=[QUIET_US]).frames[2].consequence
+    apart_mm = 1e3 * math.dist(target(1), target(2))
+    assert effect.focus_error_mm == pytest.approx(apart_mm, abs=0.5)
+    assert effect.pressure_rms_pa == pytest.approx(pressure_rms_pa(second.drive, target(2)))
+    once = verify([first, second, last], latches[:1], silences=[QUIET_US])
+    assert once.frames[2].consequence.focus_error_mm is None
+
+
+def test_a_frame_that_was_latched_late_after_a_silence_is_held():
+    first, second, last = intended_frames(3)
+    last = dataclasses.replace(last, t_apply_us=8000)
+    latches = [seen(first), seen(second, t_latch_us=6000)]
+    run = verify([first, second, last], latches, silences=[4000])
+    assert run.frames[1].consequence.focus_error_mm is not None  # the silence came after its time
+    assert run.frames[2].consequence.focus_error_mm is not None
+
+
+@pytest.mark.parametrize("known_us", [QUIET_US - 1, QUIET_US, None])
+def test_nobody_knows_what_was_held_when_a_frame_without_a_time_was_lost_around_a_silence(known_us):
+    """It was due before the next frame that has a time, or at any time, if there is none."""
+    first, second = untimed(0), untimed(1)
+    after = [] if known_us is None else [intend(MODEL, target(2), number=2, t_apply_us=known_us)]
+    latches = [seen(first, t_latch_us=LATCHED_US), *map(seen, after)]
+    run = verify([first, second, *after], latches, silences=[QUIET_US])
+    assert run.frames[1].status is FrameStatus.LOST
+    assert (run.frames[1].consequence is None) is (known_us != QUIET_US - 1)
+
+
+def test_a_frame_without_a_time_that_was_lost_well_after_a_silence_leaves_silence():
+    first, second = untimed(0), intend(MODEL, target(1), number=1, t_apply_us=DUE_US)
+    latches = [seen(first, t_latch_us=LATCHED_US)]
+    run = verify([first, second, untimed(2)], latches, silences=[QUIET_US])
+    assert run.frames[2].consequence.pressure_rms_pa == 0.0
+
+
+def test_a_silence_ends_what_nobody_knows_as_well():
+    first, second, third = intended_frames(3)
+    run = verify(
+        [first, second, third], [seen(first), seen(third, late=True)], unseen="now and then"
+    )
+    assert run.frames[2].consequence is None
+    run = verify(
+        [first, second, third],
+        [seen(first), seen(third, late=True)],
+        unseen="now and then",
+        silences=[1500],
+    )
+    assert run.frames[2].consequence.focus_error_mm is None
+
+
+def test_a_run_that_fails_by_a_crc_alone_has_an_effect():
+    first, second = intended_frames(2)
+    run = verify([first, second], [seen(first), by_crc(second, second.drive.digest() ^ 1)])
+    assert run.verdict is Verdict.FAIL
+    assert (run.effect.away_ms, run.effect.radiated_pa) == (1.0, None)
+    assert "not where it should be for 1.0 ms" in str(run)
+
+
+def test_a_silence_ends_the_last_frame_of_a_run():
+    intended = intended_frames(3)
+    run = verify(intended, [seen(f) for f in intended[:2]], silences=[2400])
+    assert run.effect.away_ms == 0.4
