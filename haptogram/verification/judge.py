@@ -278,7 +278,7 @@ class Judge:
         targets = [self._target(focus, intended.phase_bits) for focus in intended.foci]
         levels = criteria.FociLevels.of(intended, latched.weights(), targets)
         verdicts = {} if intended.solver == "naive" else {"S2": levels.ok}
-        verdicts["S3"] = criteria.several_foci_ok(intended, latched.weights(), targets)
+        verdicts["S3"] = criteria.several_foci_ok(self._model, intended, latched.weights(), targets)
         verdicts["S5"] = criteria.amplitudes_ok(intended, latched)
         return dataclasses.replace(
             seen,
