@@ -90,7 +90,8 @@ def machine(data):
     state = " with changes" if commit.get("dirty") else ""
     return (
         f"Machine: {info['cpu'].get('brand_raw', info['machine'])}, {os.cpu_count()} cores, "
-        f"{info['system']} {info['release'].partition('-')[0]}; Python {platform.python_version()}, {versions}.\n"
+        f"{info['system']} {info['release'].partition('-')[0]}; "
+        f"Python {platform.python_version()}, {versions}.\n"
         f"Commit {str(commit.get('id'))[:10]}{state}, {data['datetime'][:10]}; "
         f"load average when written {os.getloadavg()[1]:.1f}.\n"
     )
