@@ -27,11 +27,13 @@ from haptogram.acoustics import (
     SingleFocus,
     fit_focus,
     phase_step_rad,
+    saturated,
+    superpose,
 )
 from haptogram.acoustics.drive import FULL_AMPLITUDE
 from haptogram.acoustics.focus import wrap
-from haptogram.acoustics.solvers import solve
-from haptogram.records import Intended
+from haptogram.acoustics.solvers import Method, solve
+from haptogram.records import Focus, Intended
 
 from .target import (
     LEAST_FRESNEL_NUMBER,
@@ -182,14 +184,19 @@ def amplitudes_ok(intended: Intended, latched: Drive) -> bool:
 
 
 def several_foci_ok(
-    model: AcousticModel, intended: Intended, latched: Complexes, targets: list[TargetField]
+    intended: Intended, latched: Complexes, targets: list[TargetField], asked: Complexes
 ) -> bool:
     """Judge several foci in one frame, each by the pressure at its point.
 
     |p(t_i) - e^{j psi} p_ideal(t_i)| <= 2 sin(pi / 2^(b+1)) sum_n |a_n g_n(t_i)|, plus half an
     amplitude step of every element; psi is the common phase that fits best.
+
+    Parameters
+    ----------
+    asked : (N,) numpy.ndarray of complex
+        See :func:`asked_weights`.
     """
-    ideal = _ideal_weights(model, intended, targets)
+    ideal = _as_driven(intended, asked)
     arrivals = np.array([target.arrivals for target in targets])
     found, wanted = arrivals @ latched, arrivals @ ideal
     common = np.exp(1j * np.angle(np.vdot(wanted, found)))
@@ -239,24 +246,21 @@ class FociLevels:
         return self.efficiency >= _LEAST_EFFICIENCY and self.balance >= _LEAST_BALANCE
 
 
-def _ideal_weights(
-    model: AcousticModel, intended: Intended, targets: list[TargetField]
-) -> Complexes:
-    """Return what the frame asks for: the solver's drive in the air that there really is.
+def asked_weights(model: AcousticModel, foci: tuple[Focus, ...], solver: Method) -> Complexes:
+    """Return what several foci ask for: the solver's drive in the air that there really is.
 
-    A frame that holds phases only drives every element in full.  That the solver did make foci is
-    for S2: here it is only asked again.
+    That the solver did make foci is for S2: here it is only asked again.
     """
-    if intended.solver == "naive":
-        weights = sum(
-            focus.amplitude * np.exp(1j * (target.phases_rad + focus.phase_rad))
-            for focus, target in zip(intended.foci, targets, strict=True)
-        )
-    else:
-        points_m, levels = zip(*((f.position_m, f.amplitude) for f in intended.foci), strict=True)
-        weights = solve(model, points_m, levels, method=intended.solver)
-    sound: Complexes = np.asarray(weights, dtype=np.complex128)
+    points_m = [focus.position_m for focus in foci]
+    levels = [focus.amplitude for focus in foci]
+    if solver == "naive":
+        return superpose(model, points_m, levels, [focus.phase_rad for focus in foci])
+    return solve(model, points_m, levels, method=solver)
+
+
+def _as_driven(intended: Intended, asked: Complexes) -> Complexes:
+    """Return *asked* as a drive can be; one that holds phases only drives every element in full."""
     if (intended.drive.amplitude_codes == FULL_AMPLITUDE).all():
-        in_full: Complexes = np.exp(1j * np.angle(sound))
+        in_full: Complexes = np.exp(1j * np.angle(asked))
         return in_full
-    return sound / np.maximum(np.abs(sound), 1.0)
+    return saturated(asked)

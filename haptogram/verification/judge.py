@@ -20,14 +20,16 @@ from haptogram.acoustics import (
     phase_step_rad,
     pressure,
 )
+from haptogram.acoustics.solvers import Method
 from haptogram.records import Focus, Intended, Observation
 
 from . import criteria
 from .faults import UNNAMED, name_faults, named_elements
-from .target import Floats, TargetField
+from .target import Complexes, Floats, TargetField
 from .verdict import JUDGED, Consequence, FrameStatus, FrameVerdict, Vector
 
-_REMEMBERED_BYTES: Final = 1 << 27  # of targets: a pass that repeats costs nothing new
+# Of targets, and as many drives of solvers: a pass that repeats costs nothing new.
+_REMEMBERED_BYTES: Final = 1 << 27
 _BYTES_PER_ELEMENT: Final = 24  # of a target: a phase and a complex pressure
 _MM: Final = 1e3
 _STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
@@ -91,9 +93,13 @@ class Judge:
         self._reconstructors: dict[int, Reconstructor] = {}
         remembered = _REMEMBERED_BYTES // (_BYTES_PER_ELEMENT * model.array.count)
         self._target = functools.lru_cache(remembered)(self._make_target)
+        self._asked = functools.lru_cache(remembered)(self._solve)
 
     def _make_target(self, focus: Focus, phase_bits: int) -> TargetField:
         return TargetField.of(self._model, focus, phase_bits)
+
+    def _solve(self, foci: tuple[Focus, ...], solver: Method) -> Complexes:
+        return criteria.asked_weights(self._model, foci, solver)
 
     def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return what became of a frame that was latched."""
@@ -278,7 +284,8 @@ class Judge:
         targets = [self._target(focus, intended.phase_bits) for focus in intended.foci]
         levels = criteria.FociLevels.of(intended, latched.weights(), targets)
         verdicts = {} if intended.solver == "naive" else {"S2": levels.ok}
-        verdicts["S3"] = criteria.several_foci_ok(self._model, intended, latched.weights(), targets)
+        asked = self._asked(intended.foci, intended.solver)
+        verdicts["S3"] = criteria.several_foci_ok(intended, latched.weights(), targets, asked)
         verdicts["S5"] = criteria.amplitudes_ok(intended, latched)
         return dataclasses.replace(
             seen,

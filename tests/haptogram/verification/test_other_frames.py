@@ -225,7 +225,8 @@ def test_phases_that_make_no_foci_are_off_target_whatever_the_solver_says(monkey
     monkeypatch.setattr(criteria, "solve", lambda *_, **__: noise)
     foci = tuple(Focus.at(point) for point in RING)
     drive = Drive.from_weights(noise)
-    found = judge(intend(MODEL, RING[0], foci=foci, drive=drive, solver="wgs"))
+    intended = intend(MODEL, RING[0], foci=foci, drive=drive, solver="wgs")
+    found = Judge(MODEL, carrier_us=25).judge(intended, seen(intended))  # one that remembers none
     assert found.status is FrameStatus.OFF_TARGET
     assert (found.criteria["S2"], found.criteria["S3"]) == (False, True)
 
