@@ -9,24 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics._kernels._blocks import F4, F8, block, padded
-from haptogram.acoustics._kernels._jit import jit, jit_checked, jit_inline
+from haptogram.acoustics._kernels._jit import jit, jit_inline
 from haptogram.acoustics._kernels._waves import (
     ONE,
     WAVES,
     ZERO,
     add_waves,
-    rays_free,
-    rays_lattice,
+    arctangent,
+    rays,
     set_waves,
 )
 
 
-@jit_checked
+@jit
 def polar_form(drive: NDArray[np.complex128], polar: F4) -> None:
     """Set the magnitudes and the phases, in half turns, of a drive."""
-    for n in range(len(drive)):
-        polar[0, n] = math.hypot(drive[n].real, drive[n].imag)
-        polar[1, n] = math.atan2(drive[n].imag, drive[n].real) / math.pi
+    for n in range(drive.size):
+        x, y = drive[n].real, drive[n].imag
+        large, small = max(abs(x), abs(y)), min(abs(x), abs(y))
+        eighth = arctangent(small / max(large, 1e-300))
+        quarter = 0.5 - eighth if abs(y) > abs(x) else eighth
+        half = 1.0 - quarter if x < 0.0 else quarter
+        polar[0, n] = math.sqrt(x * x + y * y)
+        polar[1, n] = -half if y < 0.0 else half
 
 
 @jit
@@ -44,42 +49,31 @@ def lattice_pressure(
     size = padded(len(points))
     hi, lo = np.empty((3, size), np.float32), np.empty((3, size), np.float32)
     a, height = np.empty(size, np.float32), np.empty(size, np.float32)
+    rows, scratch = np.empty((gy.size, size), np.float32), np.empty((2, size), np.float32)
     t, m = np.zeros((WAVES, size), np.float32), np.empty((WAVES, size), np.float32)
-    rows, loss = np.empty((gy.size, size), np.float32), np.empty(4, np.float32)
-    re, im = np.empty(size, np.float32), np.empty(size, np.float32)
+    re, im, loss = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(4, np.float32)
     for start in range(0, len(points), size):
         part = points[start : start + size]
         slow = block(part, frame, constants, careful, hi, lo, loss)
         _lattice_rows(hi, lo, gy, rows, height)
-        re[:] = ZERO
-        im[:] = ZERO
+        re[:], im[:] = ZERO, ZERO
         held = 0
         for i in range(gx.size):
-            for p in range(size):
-                dx = (hi[0, p] - gx[i]) + lo[0, p]
-                a[p] = dx * dx + height[p]
+            _lattice_column(hi, lo, gx[i], height, a)
             for j in range(gy.size):
                 n = nodes[i, j]
                 if n >= 0 and drive[0, n] != ZERO:
-                    rays_lattice(
-                        a,
-                        rows[j],
-                        height,
-                        drive[0, n],
-                        drive[1, n],
-                        gain,
-                        loss,
-                        slow,
-                        t[held],
-                        m[held],
-                    )
+                    rays(
+                        a, rows[j], height, drive[0, n], drive[1, n], gain, loss, slow, scratch,
+                        t[held], m[held],
+                    )  # fmt: skip
                     held = _held(held, t, m, re, im)
-        if held:
-            m[held:] = ZERO
-            add_waves(t, m, re, im)
+        _add_held(held, t, m, re, im)
+        if constants[2] != 0.0:
+            _hide(hi[2], re)
+            _hide(hi[2], im)
         for p in range(len(part)):
-            behind = constants[2] != 0.0 and hi[2, p] < ZERO
-            result[start + p] = 0.0 if behind else complex(re[p], im[p])
+            result[start + p] = complex(re[p], im[p])
 
 
 @jit_inline
@@ -89,6 +83,20 @@ def _held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
         return held + 1
     add_waves(t, m, re, im)
     return 0
+
+
+@jit_inline
+def _add_held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
+    if held:
+        m[held:] = ZERO
+        add_waves(t, m, re, im)
+
+
+@jit_inline
+def _hide(ahead: Any, values: Any) -> Any:
+    """Set to zero what is behind the baffle."""
+    for p in range(values.size):
+        values[p] = values[p] if ahead[p] >= ZERO else ZERO
 
 
 @jit
@@ -101,6 +109,14 @@ def _lattice_rows(hi: F4, lo: F4, gy: F4, rows: F4, height: F4) -> None:
     for p in range(height.size):
         z = np.float64(hi[2, p]) + np.float64(lo[2, p])
         height[p] = z * z
+
+
+@jit_inline
+def _lattice_column(hi: Any, lo: Any, gx: Any, height: Any, a: Any) -> Any:
+    """Set the sum of the squares of x - gx and of z."""
+    for p in range(a.size):
+        dx = (hi[0, p] - gx) + lo[0, p]
+        a[p] = dx * dx + height[p]
 
 
 @jit
@@ -116,20 +132,17 @@ def lattice_waves(
     hi, lo = np.empty((3, size), np.float32), np.empty((3, size), np.float32)
     a, t, m = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(size, np.float32)
     height, loss = np.empty(size, np.float32), np.empty(4, np.float32)
-    rows = np.empty((gy.size, size), np.float32)
+    rows, scratch = np.empty((gy.size, size), np.float32), np.empty((2, size), np.float32)
     block(points, frame, constants, True, hi, lo, loss)
     _lattice_rows(hi, lo, gy, rows, height)
     for i in range(gx.size):
-        for p in range(size):
-            dx = (hi[0, p] - gx[i]) + lo[0, p]
-            a[p] = dx * dx + height[p]
+        _lattice_column(hi, lo, gx[i], height, a)
         for j in range(gy.size):
             n = nodes[i, j]
             if n >= 0:
-                rays_lattice(a, rows[j], height, ONE, ZERO, gain, loss, True, t, m)
+                rays(a, rows[j], height, ONE, ZERO, gain, loss, True, scratch, t, m)
                 if constants[2] != 0.0:
-                    for p in range(size):
-                        m[p] = m[p] if hi[2, p] >= ZERO else ZERO
+                    _hide(hi[2], m)
                 set_waves(t, m, waves[0, n], waves[1, n])
 
 
@@ -144,37 +157,52 @@ def free_pressure(
     """
     size = padded(len(points))
     hi, lo = np.empty((3, size), np.float32), np.empty((3, size), np.float32)
+    offset, scratch = np.empty((4, size), np.float32), np.empty((2, size), np.float32)
     t, m = np.zeros((WAVES, size), np.float32), np.empty((WAVES, size), np.float32)
-    loss = np.empty(4, np.float32)
-    re, im = np.empty(size, np.float32), np.empty(size, np.float32)
-    front = np.float32(0.0 if constants[2] != 0.0 else -2.0)
+    re, im, loss = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(4, np.float32)
     for start in range(0, len(points), size):
         part = points[start : start + size]
         slow = block(part, frame, constants, careful, hi, lo, loss)
-        re[:] = ZERO
-        im[:] = ZERO
+        re[:], im[:] = ZERO, ZERO
         held = 0
         for n in range(len(elements)):
             if drive[0, n] != ZERO:
-                rays_free(
-                    hi,
-                    lo,
-                    elements[n],
-                    drive[0, n],
-                    drive[1, n],
-                    front,
-                    gain,
-                    loss,
-                    slow,
-                    t[held],
-                    m[held],
-                )
+                _free_wave(
+                    hi, lo, elements[n], drive[0, n], drive[1, n], constants, gain, loss, slow,
+                    offset, scratch, t[held], m[held],
+                )  # fmt: skip
                 held = _held(held, t, m, re, im)
-        if held:
-            m[held:] = ZERO
-            add_waves(t, m, re, im)
+        _add_held(held, t, m, re, im)
         for p in range(len(part)):
             result[start + p] = complex(re[p], im[p])
+
+
+@jit_inline
+def _free_wave(
+    hi: Any, lo: Any, s: Any, amplitude: Any, phase: Any, constants: Any, gain: Any, loss: Any,
+    careful: Any, offset: Any, scratch: Any, t: Any, m: Any,
+) -> Any:  # fmt: skip
+    """Fill phase *t* and magnitude *m* of the element with position and normal *s*."""
+    _offsets(hi, lo, s, offset)
+    rays(
+        offset[0], offset[1], offset[2], amplitude, phase, gain, loss, careful, scratch, t, m
+    )  # fmt: skip
+    if constants[2] != 0.0:
+        _hide(offset[3], m)
+
+
+@jit_inline
+def _offsets(hi: Any, lo: Any, s: Any, offset: Any) -> Any:
+    """Set the square of x, that of y and z, that along the normal, and the offset along it."""
+    x, y, z, xl, yl, zl = hi[0], hi[1], hi[2], lo[0], lo[1], lo[2]
+    a, b, height, ahead = offset[0], offset[1], offset[2], offset[3]
+    sx, sy, sz, nx, ny, nz = s[0], s[1], s[2], s[3], s[4], s[5]
+    for p in range(a.size):
+        dx, dy, dz = (x[p] - sx) + xl[p], (y[p] - sy) + yl[p], (z[p] - sz) + zl[p]
+        a[p] = dx * dx
+        b[p] = dy * dy + dz * dz
+        ahead[p] = dx * nx + dy * ny + dz * nz
+        height[p] = ahead[p] * ahead[p]
 
 
 @jit
@@ -184,9 +212,11 @@ def free_waves(
     """Set the (2, N, B) real and imaginary parts of the propagators to at most `BLOCK` points."""
     size = padded(len(points))
     hi, lo = np.empty((3, size), np.float32), np.empty((3, size), np.float32)
+    offset, scratch = np.empty((4, size), np.float32), np.empty((2, size), np.float32)
     t, m, loss = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(4, np.float32)
-    front = np.float32(0.0 if constants[2] != 0.0 else -2.0)
     block(points, frame, constants, True, hi, lo, loss)
     for n in range(len(elements)):
-        rays_free(hi, lo, elements[n], ONE, ZERO, front, gain, loss, True, t, m)
+        _free_wave(
+            hi, lo, elements[n], ONE, ZERO, constants, gain, loss, True, offset, scratch, t, m
+        )  # fmt: skip
         set_waves(t, m, waves[0, n], waves[1, n])
