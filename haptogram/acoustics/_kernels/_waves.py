@@ -33,7 +33,6 @@ _S0, _S1, _S2, _S3 = (np.float32(value) for value in SINE)
 _C0, _C1, _C2, _C3, _C4 = (np.float32(value) for value in COSINE)
 ONE = np.float32(1.0)
 ZERO = np.float32(0.0)
-HALF = np.float32(0.5)
 
 
 @jit_inline

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics._kernels._blocks import F4, F8
 from haptogram.acoustics._kernels._jit import jit, jit_inline, jit_sums
-from haptogram.acoustics._kernels._waves import HALF, ONE, ZERO, cos_sin, flip
+from haptogram.acoustics._kernels._waves import ONE, ZERO, cos_sin, flip
+
+# Added to a float32 below 2^22, it rounds to a whole number and leaves that in the lowest bits: two
+# operations less than rounding and converting.
+_WHOLE: Final = np.float32(1.5 * 2**23)
 
 Fitted: TypeAlias = tuple[tuple[float, float, float], float, float, int, bool, float]
 
@@ -48,8 +52,7 @@ def _codes(
     for n in range(px.size):
         dx, dy, dz = x - px[n], y - py[n], z - pz[n]
         r = np.sqrt(dx * dx + dy * dy + dz * dz)
-        # Through an integer: casting a negative float to uint8 is undefined.
-        codes[n] = np.uint8(np.int32(np.floor(r * scale + HALF)) & mask)
+        codes[n] = np.uint8(np.float32(r * scale + _WHOLE).view(np.int32) & mask)
 
 
 @jit
