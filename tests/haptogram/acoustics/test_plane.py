@@ -34,6 +34,13 @@ def test_a_plane_agrees_with_the_reference(model, oversampling, half_width, heig
         assert_agrees(plane, model, rng.normal(size=(model.array.count, 2)) @ [1, 1j])
 
 
+def test_a_plane_too_wide_for_matrix_products_takes_fast_transforms():
+    model = AcousticModel.default(3, 2)
+    plane = PlaneField(model, 0.15, half_width_m=0.2, oversampling=2)
+    for _ in range(2):
+        assert_agrees(plane, model, np.exp(1j * np.arange(6)))
+
+
 def test_a_plane_smaller_than_the_array_is_cut_from_the_middle():
     model = AcousticModel.default(9, 9)
     plane = PlaneField(model, 0.1, half_width_m=0.01, oversampling=4)
