@@ -34,38 +34,77 @@ def piston_gain(ka_sine):
     return 2.0 * bessel_j1(ka_sine) / ka_sine
 
 
+def omnidirectional(direction, normal):  # noqa: ARG001  (a gain)
+    """Return 1: a point source."""
+    return 1.0
+
+
+def circular_piston(ka):
+    """Return the gain of a baffled circular piston of radius a."""
+
+    def gain(direction, normal):
+        cosine = _dot(direction, normal)
+        return piston_gain(ka * math.sqrt(max(0.0, 1.0 - cosine**2))) if cosine >= 0.0 else 0.0
+
+    return gain
+
+
+def rectangular_piston(half_kw, half_kh, width_axis):
+    """Return the gain of a baffled rectangle, k w / 2 along an axis and k h / 2 across it."""
+
+    def gain(direction, normal):
+        if _dot(direction, normal) < 0.0:
+            return 0.0
+        along = _dot(width_axis, normal)
+        width = [a - along * n for a, n in zip(width_axis, normal, strict=True)]
+        length = math.sqrt(_dot(width, width))
+        (a, b, c), (d, e, f) = normal, width
+        height = (b * f - c * e, c * d - a * f, a * e - b * d)
+        return math.prod(
+            _sinc(half * _dot(direction, axis) / length)
+            for half, axis in ((half_kw, width), (half_kh, height))
+        )
+
+    return gain
+
+
+def falling_to_the_rear(direction, normal):
+    """Return 1 on the axis, falling in proportion to the angle to 0 behind."""
+    return 1.0 - math.acos(max(-1.0, min(1.0, _dot(direction, normal)))) / math.pi
+
+
 def field(
-    points,
-    positions,
-    normals,
-    weights,
-    *,
-    wavenumber,
-    absorption,
-    peak_strength,
-    piston_radius=None,
-):
-    """Complex peak pressure and sum of magnitudes at each point, one element after the other."""
+    points, positions, normals, weights, *, wavenumber, absorption, peak_strength,
+    gain=omnidirectional,
+):  # fmt: skip
+    """Complex peak pressure and sum of magnitudes at each point, one element after the other.
+
+    *gain* takes the direction to the point and the element's normal, unit vectors both.
+    """
     result = []
     for point in points:
         total, magnitude = 0j, 0.0
         for position, normal, weight in zip(positions, normals, weights, strict=True):
             offset = [float(point[i]) - float(position[i]) for i in range(3)]
-            distance = math.sqrt(math.fsum(component**2 for component in offset))
-            cosine = math.fsum(offset[i] * float(normal[i]) for i in range(3)) / distance
-            gain = 1.0
-            if piston_radius is not None:
-                sine = math.sqrt(max(0.0, 1.0 - cosine**2))
-                gain = piston_gain(wavenumber * piston_radius * sine) if cosine >= 0.0 else 0.0
+            distance = math.sqrt(_dot(offset, offset))
+            direction = [component / distance for component in offset]
             term = (
                 complex(weight)
-                * (peak_strength * gain / distance)
+                * (peak_strength * gain(direction, [float(n) for n in normal]) / distance)
                 * cmath.exp((1j * wavenumber - absorption) * distance)
             )
             total += term
             magnitude += abs(term)
         result.append((total, magnitude))
     return result
+
+
+def _dot(first, second):
+    return math.fsum(a * b for a, b in zip(first, second, strict=True))
+
+
+def _sinc(x):
+    return math.sin(x) / x if x else 1.0
 
 
 def delayed_sum(point, positions, phase_codes, phase_bits, *, frequency, sound_speed, time):

@@ -1,5 +1,6 @@
 """Hypothesis strategies for arrays, targets and drives of sensible size."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -11,6 +12,7 @@ from haptogram.acoustics import (
     Drive,
     Medium,
     PointSource,
+    RectangularPiston,
     Transducer,
     TransducerArray,
 )
@@ -40,6 +42,51 @@ def models(draw, arrays=None):
     return AcousticModel(
         draw(grids() if arrays is None else arrays), medium, Transducer(directivity)
     )
+
+
+def rotation(rng):
+    """A random proper rotation of three dimensions."""
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))
+
+
+@dataclasses.dataclass(frozen=True)
+class Pose:
+    """A rigid motion: turned, then shifted."""
+
+    turn: np.ndarray
+    shift_m: np.ndarray
+
+    def points(self, points_m):
+        return np.asarray(points_m) @ self.turn.T + self.shift_m
+
+    def model(self, model):
+        """The same array somewhere else: all that has a direction turns with it."""
+        array = TransducerArray.from_positions(
+            self.points(model.array.positions_m), model.array.normals @ self.turn.T
+        )
+        transducer, pattern = model.transducer, model.transducer.directivity
+        if isinstance(pattern, RectangularPiston):
+            pattern = dataclasses.replace(pattern, width_axis=self.turn @ pattern.width_axis)
+            transducer = dataclasses.replace(transducer, directivity=pattern)
+        return AcousticModel(array, model.medium, transducer)
+
+
+@st.composite
+def poses(draw, reach_m=1.0):
+    """Any orientation, anywhere within *reach_m*."""
+    rng = np.random.default_rng(draw(seeds))
+    return Pose(rotation(rng), rng.uniform(-reach_m, reach_m, 3))
+
+
+@st.composite
+def upright_poses(draw, reach_m=1.0):
+    """Turned around the vertical only: the array still looks up."""
+    angle = draw(st.floats(-math.pi, math.pi))
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Pose(turn, np.random.default_rng(draw(seeds)).uniform(-reach_m, reach_m, 3))
 
 
 @st.composite

@@ -142,13 +142,14 @@ class PlaneField:
         along_x, along_y = self._axes
         m = self._m
         kernel = np.empty((m * along_x.period, m * along_y.period), dtype=np.complex128)
-        element = _single_element(self._model)
+        axes = self._lattice.axes
+        element = _single_element(self._model, axes[2])
         x_m, y_m = along_x.offsets_m(), along_y.offsets_m()
         rows = max(1, _KERNEL_POINTS // len(y_m))
         for start in range(0, len(x_m), rows):
             x = x_m[start : start + rows]
             grid = np.stack(np.meshgrid(x, y_m, [self._height_m], indexing="ij"), axis=-1)
-            field = propagators(element, grid.reshape(-1, 3))
+            field = propagators(element, grid.reshape(-1, 3) @ axes)
             kernel[start : start + len(x)] = field.reshape(len(x), len(y_m))
         sets = kernel.reshape(along_x.period, m, along_y.period, m).transpose(1, 0, 3, 2)
         spectrum: NDArray[np.complex64] = fft2(sets, axes=(1, 3)).astype(np.complex64)
@@ -212,7 +213,10 @@ def _regular_lattice(array: TransducerArray) -> Lattice:
     return lattice
 
 
-def _single_element(model: AcousticModel) -> AcousticModel:
-    """Return the model of one element at the origin of the lattice's frame."""
-    array = TransducerArray.from_positions(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
+def _single_element(model: AcousticModel, normal: FloatArray) -> AcousticModel:
+    """Return the model of one element at the origin, that faces as all do.
+
+    It is not turned upright: a directivity may have directions of its own.
+    """
+    array = TransducerArray.from_positions(np.zeros((1, 3)), normal[None])
     return AcousticModel(array, model.medium, model.transducer)

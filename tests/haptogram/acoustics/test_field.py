@@ -24,16 +24,19 @@ from strategies_acoustics import grids, models, seeds, targets
 
 
 def oracle_field(model, points, weights):
-    directivity = model.transducer.directivity
+    wavenumber = 2.0 * math.pi * model.transducer.frequency_hz / model.medium.sound_speed_m_s
+    radius_m = getattr(model.transducer.directivity, "radius_m", None)
     return oracles.field(
         points,
         model.array.positions_m,
         model.array.normals,
         weights,
-        wavenumber=2.0 * math.pi * model.transducer.frequency_hz / model.medium.sound_speed_m_s,
+        wavenumber=wavenumber,
         absorption=model.medium.absorption_np_m,
         peak_strength=math.sqrt(2.0) * model.transducer.source_strength_pa_m,
-        piston_radius=getattr(directivity, "radius_m", None),
+        gain=oracles.circular_piston(wavenumber * radius_m)
+        if radius_m
+        else oracles.omnidirectional,
     )
 
 
