@@ -21,7 +21,7 @@ from haptogram.acoustics.drive import (
 )
 from haptogram.acoustics.engine import NumbaEngine, Numpy32Engine, choose_engine
 from haptogram.acoustics.estimates import NoFocus, NotSingle, Reconstruction, SingleFocus
-from haptogram.acoustics.field import FieldEngine, NumpyEngine, pressure, propagators
+from haptogram.acoustics.field import FieldEngine, NumpyEngine, in_front, pressure, propagators
 from haptogram.acoustics.focus import (
     PhaseFit,
     check_target,
@@ -119,6 +119,7 @@ __all__ = [
     "focus_phases",
     "force_on_disc_n",
     "grating_lobes",
+    "in_front",
     "largest_secondary_lobe",
     "level_db_spl",
     "mean_square_pressure",

@@ -8,7 +8,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics._polynomials import is_baffled
 from haptogram.acoustics._validation import FloatArray
 from haptogram.acoustics.lattice import Lattice, find_lattice
 from haptogram.acoustics.model import AcousticModel
@@ -59,11 +58,12 @@ class Layout:
         offsets = array.positions_m - array.centre_m
         radius_m = float(np.linalg.norm(offsets, axis=1).max())
         loss = model.medium.absorption_np_m * wavelength
+        baffled = float(model.transducer.directivity.baffled)
         return cls(
             lattice=lattice,
             radius_m=radius_m,
             frame=np.concatenate([axes / wavelength, array.centre_m[None, :]]),
-            constants=np.array([radius_m / wavelength, loss, float(is_baffled(model))]),
+            constants=np.array([radius_m / wavelength, loss, baffled]),
             positions_m=array.positions_m.copy(),
             elements=single(np.hstack([offsets @ axes.T / wavelength, array.normals @ axes.T])),
             x=single(lattice.x_m / wavelength if lattice else np.empty(0)),

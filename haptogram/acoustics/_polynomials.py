@@ -30,11 +30,6 @@ def fit(
     return coefficients, float(np.abs(power(grid) - function(grid)).max())
 
 
-def is_baffled(model: AcousticModel) -> bool:
-    """Whether the elements radiate nothing backwards."""
-    return isinstance(model.transducer.directivity, CircularPiston)
-
-
 def gain_polynomial(model: AcousticModel) -> FloatArray | None:
     """Return the gain in front as a polynomial in cos^2, or None if none is accurate enough.
 

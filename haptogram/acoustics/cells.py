@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics._validation import FloatArray
+from haptogram.acoustics.field import in_front
 from haptogram.acoustics.focus import (
     MAX_TARGET_DISTANCE_M,
     MIN_TARGET_DISTANCE_M,
     steering_reach_m,
 )
 from haptogram.acoustics.model import AcousticModel
+from haptogram.errors import ConfigurationError
 
 _COARSE_CELL_M: Final = 0.040
 _CELL_SPREAD_RAD: Final = 1.2  # RMS phase change to a corner: coherence exp(-0.72) there
@@ -35,6 +37,11 @@ def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
     -------
     (M, 3) numpy.ndarray
         In metres.
+
+    Raises
+    ------
+    ConfigurationError
+        All of it is behind the array.
     """
     centres, halves = _coarse_cells(model)
     finished: list[FloatArray] = []
@@ -45,6 +52,12 @@ def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
         centres, halves = _halve(centres[split], halves[split], spread[split].argmax(axis=1))
     cells = np.concatenate(finished)
     usable = _clearance_m(cells, positions) >= 0.75 * MIN_TARGET_DISTANCE_M
+    usable &= in_front(model, cells)
+    if not usable.any():
+        raise ConfigurationError(
+            f"the array faces {np.round(model.array.facing, 3).tolist()}: nothing that is "
+            f"{MIN_TARGET_DISTANCE_M * 1e3:g} mm or more above its centre is in front of it"
+        )
     return cells[usable]
 
 

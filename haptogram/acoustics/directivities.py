@@ -10,7 +10,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NoReturn, Protocol, Self, runtime_checkable
+from typing import ClassVar, Final, NoReturn, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +22,12 @@ from haptogram.acoustics._validation import (
     check_positive,
     read_only,
 )
+from haptogram.acoustics.transducer import GRAZING
 from haptogram.errors import ConfigurationError
 
 MAX_GAIN: Final = 10.0
+
+_GRAZING_DEG: Final = float(np.degrees(np.arccos(GRAZING))) - 90.0
 
 # Nippon Ceramic T4010A1 in steps of 10 degrees, as the AUTD3 library takes it from the data sheet.
 _T4010A1_DB: Final = (0.0, 0.0, 0.0, -1.0, -3.0, -6.0, -9.0, -12.0, -14.0, -15.0)
@@ -59,6 +62,7 @@ class RectangularPiston:
         the normal of any element.
     """
 
+    baffled: ClassVar[bool] = True
     width_m: float
     height_m: float
     width_axis: ArrayLike = (1.0, 0.0, 0.0)
@@ -114,7 +118,7 @@ class RectangularPiston:
         # numpy's sinc is sin(pi x) / (pi x).
         half_turns = wavenumber / (2.0 * np.pi)
         gain = np.sinc(half_turns * self.width_m * u) * np.sinc(half_turns * self.height_m * v)
-        ahead = np.einsum("mnk,nk->mn", directions, normals) >= 0.0
+        ahead = np.einsum("mnk,nk->mn", directions, normals) >= GRAZING
         result: FloatArray = np.where(ahead, gain, 0.0)
         return result
 
@@ -139,7 +143,7 @@ class MeasuredDirectivity:
     ----------
     angles_deg : (K,) array_like
         Angles to the axis: from 0, ascending, to at least 90 and at most 180 degrees.  Beyond the
-        last one the gain is 0.
+        last one the gain is 0; a table that ends at 90 is that of an element in a baffle.
     gains : (K,) array_like
         Pressure relative to the axis; the first is 1.  A sign marks a lobe in opposite phase.
 
@@ -183,6 +187,11 @@ class MeasuredDirectivity:
         """Return the pattern of the T4010A1 transducer of the AUTD3 boards."""
         return cls(np.arange(0.0, 91.0, 10.0), 10.0 ** (np.array(_T4010A1_DB) / 20.0))
 
+    @property
+    def baffled(self) -> bool:
+        """Whether the table ends at 90 degrees."""
+        return bool(np.asarray(self.angles_deg)[-1] <= 90.0)
+
     def gain(self, cos_theta: FloatArray, wavenumber: float) -> FloatArray:  # noqa: ARG002  (Directivity)
         """Return the gain at the cosine of the angle to the axis, in its shape."""
         from scipy.interpolate import PchipInterpolator  # slow to import, and only a table needs it
@@ -190,7 +199,8 @@ class MeasuredDirectivity:
         angle = np.degrees(np.arccos(np.clip(cos_theta, -1.0, 1.0)))
         table = PchipInterpolator(self.angles_deg, self.gains)
         last = np.asarray(self.angles_deg)[-1]
-        result: FloatArray = np.where(angle <= last, table(np.minimum(angle, last)), 0.0)
+        within = angle <= last + _GRAZING_DEG
+        result: FloatArray = np.where(within, table(np.minimum(angle, last)), 0.0)
         return result
 
 

@@ -108,7 +108,7 @@ def worst_place(
     frame_s: float,
     directions: int = 2000,
 ) -> Exposure:
-    """Return the loudest place (Leq) on a half sphere around the array's centre.
+    """Return the loudest place (Leq) on the half sphere that the array faces, around its centre.
 
     *directions* points of a Fibonacci spiral: 2000 lie 3 degrees apart: more of them
     may find a little more above a large array, whose lobes are narrower.
@@ -121,7 +121,8 @@ def worst_place(
     check_positive("distance_m", distance_m)
     if directions < 10:
         raise ConfigurationError(f"directions is {directions}, must be at least 10")
-    places = engine.model.array.centre_m + distance_m * half_sphere(directions)
+    array = engine.model.array
+    places = array.centre_m + distance_m * half_sphere(array.facing, directions)
     mean = mean_square_pressure(engine, weights, places, frame_s)
     return exposure_at(engine, weights, places[int(np.argmax(mean))][None], frame_s)[0]
 
@@ -225,10 +226,15 @@ def _step_series(values: ComplexArray, orders: NDArray[np.int64]) -> ComplexArra
     return series
 
 
-def half_sphere(count: int) -> FloatArray:
-    """Return unit vectors with z > 0, of nearly equal spacing."""
+def half_sphere(axis: FloatArray, count: int) -> FloatArray:
+    """Return unit vectors, of nearly equal spacing, at less than 90 degrees to a unit vector."""
     index = np.arange(count) + 0.5
     height = 1.0 - index / count
     angle = np.pi * (1.0 + math.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
-    return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
+    local = np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
+    side = np.eye(3)[int(np.abs(axis).argmin())]
+    side = side - (side @ axis) * axis
+    side /= np.linalg.norm(side)
+    directions: FloatArray = local @ np.array([side, np.cross(axis, side), axis])
+    return directions

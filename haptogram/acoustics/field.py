@@ -7,13 +7,14 @@ theta_n is the angle to the element's own normal. Linear acoustics, free field, 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
 from typing import TYPE_CHECKING, Final, Protocol, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._validation import ComplexArray, FloatArray, as_points
+from haptogram.acoustics._memory import check_memory
+from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray, as_points
 from haptogram.acoustics.drive import as_weights
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -60,7 +61,7 @@ def propagators(model: AcousticModel, points_m: ArrayLike) -> ComplexArray:
     Parameters
     ----------
     points_m : (M, 3) array_like
-        Points, in metres. A point behind a baffled element is legal: that element gives 0 there.
+        Points, in metres. A baffled element gives 0 behind it; others must be in front of them.
 
     Returns
     -------
@@ -70,12 +71,18 @@ def propagators(model: AcousticModel, points_m: ArrayLike) -> ComplexArray:
     Raises
     ------
     ConfigurationError
-        A point that is not finite, or closer than 1 mm to an element.
+        A point that is not finite, closer than 1 mm to an element, or behind all of them if they
+        are baffled; a result of more than half of the memory.
     """
     points = as_points("points_m", points_m)
+    check_memory("a matrix", (len(points), model.array.count), 16)
+    check_points(model, points)
+    return _propagators(model, points)
+
+
+def _propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
     x, y, z = (points[:, None, i] - model.array.positions_m[:, i] for i in range(3))
     distance = np.sqrt(x * x + y * y + z * z)
-    _check_distance(distance)
     gain = _gain(model, (x, y, z), distance)
     strength = math.sqrt(2.0) * model.transducer.source_strength_pa_m
     magnitude = strength * gain * np.exp(-model.medium.absorption_np_m * distance) / distance
@@ -114,9 +121,11 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
             f"weights have shape {drives.shape}, must end in {model.array.count} elements"
         )
     points = as_points("points_m", points_m)
+    check_memory("a field", (*drives.shape[:-1], len(points)), 16)
+    check_points(model, points)
     result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
     for chunk in _chunks(points, model.array.count):
-        result[..., chunk] = drives @ propagators(model, points[chunk]).T
+        result[..., chunk] = drives @ _propagators(model, points[chunk]).T
     return result
 
 
@@ -133,15 +142,82 @@ def _gain(
     return directivity.gain(along / distance, model.wavenumber)
 
 
-def _chunks(points: FloatArray, count: int) -> Iterator[slice]:
+def _chunks(points: Sized, count: int) -> Iterator[slice]:
     size = max(1, _PAIRS_PER_CHUNK // count)
     return (slice(start, start + size) for start in range(0, len(points), size))
 
 
-def _check_distance(distance: FloatArray) -> None:
-    if distance.size and distance.min() < MIN_DISTANCE_M:
+def fronts(model: AcousticModel) -> FloatArray:
+    """Return the (U, 4) half-spaces n x + d >= 0, in metres, that have sound: the union of them.
+
+    See :attr:`TransducerArray.fronts`; all of space if the elements are not baffled.
+    """
+    return model.array.fronts if model.transducer.directivity.baffled else np.zeros((1, 4))
+
+
+def in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
+    """Return which of (M, 3) points are not behind every element, if the elements are baffled.
+
+    There the model has no sound: what is behind depends on a housing that it does not know.
+
+    Returns
+    -------
+    (M,) numpy.ndarray of bool
+    """
+    points = as_points("points_m", points_m)
+    front = np.ones(len(points), dtype=np.bool_)
+    front[_behind(model, points)] = False
+    return front
+
+
+def level_in_front(engine: FieldEngine, weights: ArrayLike, points_m: ArrayLike) -> FloatArray:
+    """Return |p| of one drive, (M,), and 0 behind the baffle: for a search that reaches there."""
+    points = as_points("points_m", points_m)
+    level = np.zeros(len(points))
+    front = in_front(engine.model, points)
+    level[front] = np.abs(engine.pressure(weights, points[front]))
+    return level
+
+
+def check_points(model: AcousticModel, points: FloatArray) -> None:
+    """Raise, before any work, unless the field of *model* is defined at all of (M, 3) points.
+
+    Raises
+    ------
+    ConfigurationError
+        A point within 1 mm of an element, or behind all of them if they are baffled.
+    """
+    behind = _behind(model, points)
+    if len(behind):
+        ahead_m = (fronts(model) @ np.append(points[behind[0]], 1.0)).max()
+        raise ConfigurationError(
+            f"point {behind[0]} is {-ahead_m * 1e3:.3g} mm behind the baffle of the array, "
+            "must be in front of an element"
+        )
+    low, high = model.array.bounds_m
+    outside = np.maximum(low - points, points - high) >= MIN_DISTANCE_M
+    near = np.flatnonzero(~outside.any(axis=1))
+    for chunk in _chunks(near, model.array.count):
+        _check_distance(near[chunk], points[near[chunk]], model.array.positions_m)
+
+
+def _behind(model: AcousticModel, points: FloatArray) -> NDArray[np.intp]:
+    """Return the indices of the points behind every baffled element: one pass for most arrays."""
+    first, *others = fronts(model)
+    behind = np.flatnonzero(points @ first[:3] + first[3] < 0.0)
+    for front in others:
+        if not len(behind):
+            break
+        behind = behind[points[behind] @ front[:3] + front[3] < 0.0]
+    return behind
+
+
+def _check_distance(indices: NDArray[np.intp], points: FloatArray, positions: FloatArray) -> None:
+    offsets = points[:, None, :] - positions
+    distance = np.sqrt(np.einsum("mni,mni->mn", offsets, offsets))
+    if distance.min() < MIN_DISTANCE_M:
         point, element = np.unravel_index(int(distance.argmin()), distance.shape)
         raise ConfigurationError(
-            f"point {point} is {distance.min() * 1e3:.3g} mm from element {element}, "
+            f"point {indices[point]} is {distance.min() * 1e3:.3g} mm from element {element}, "
             f"must be at least {MIN_DISTANCE_M * 1e3:g} mm"
         )

@@ -22,6 +22,7 @@ from haptogram.acoustics._validation import (
     as_vector,
 )
 from haptogram.acoustics.drive import phase_step_rad
+from haptogram.acoustics.field import check_points
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -87,7 +88,7 @@ def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
     ------
     ConfigurationError
         Not three finite numbers; less than 20 mm above the array's centre or from any element; more
-        than 1 m from the centre; or |x|, |y| beyond the array's half-width plus 150 mm.
+        than 1 m from the centre; |x|, |y| beyond the array's half-width plus 150 mm; behind it.
     """
     target = as_vector("target_m", target_m, 3)
     offset = target - model.array.centre_m
@@ -98,6 +99,7 @@ def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
     reach = steering_reach_m(model)
     _check_limit("offset |x|", abs(offset[0]), high_m=reach[0])
     _check_limit("offset |y|", abs(offset[1]), high_m=reach[1])
+    check_points(model, target[None])
 
 
 def steering_reach_m(model: AcousticModel) -> tuple[float, float]:

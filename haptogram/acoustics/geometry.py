@@ -9,7 +9,7 @@ import csv
 import math
 import re
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Self
 
@@ -29,6 +29,7 @@ from haptogram.errors import ConfigurationError
 MIN_SPACING_M: Final = 0.1e-3
 MAX_COORDINATE_M: Final = 100.0  # keeps micrometres far inside an int32
 DEFAULT_PITCH_M: Final = 0.010
+_ROUNDING_M: Final = 1e-9  # a point of the plane of a turned array is not behind it
 
 _GRID = re.compile(r"(\d{1,5})\s*[xX]\s*(\d{1,5})")
 _HEADERS = (["x", "y", "z"], ["x", "y", "z", "nx", "ny", "nz"])
@@ -48,6 +49,12 @@ class TransducerArray:
         (nx, ny) of a rectangular grid with ``n = ix * ny + iy``.
     pitch_m : float or None
         Spacing of a rectangular grid, in metres.
+    bounds_m : (2, 3) numpy.ndarray
+        Least and largest coordinates of the element centres, in metres; read-only.
+    fronts : (U, 4) numpy.ndarray
+        The half-spaces that the elements face, one for each direction, the middle one first: a row
+        (n, d) holds the points where n x + d >= 0, in metres and with a nanometre to spare;
+        read-only.
 
     Raises
     ------
@@ -60,6 +67,8 @@ class TransducerArray:
     normals: FloatArray
     grid_shape: tuple[int, int] | None = None
     pitch_m: float | None = None
+    bounds_m: FloatArray = field(init=False, repr=False)
+    fronts: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         positions = as_points("positions_m", self.positions_m).copy()
@@ -75,10 +84,14 @@ class TransducerArray:
             raise ConfigurationError(
                 f"grid {self.grid_shape} does not hold {len(positions)} elements"
             )
-        for array in (positions, normals):
+        for name, array in (
+            ("positions_m", positions),
+            ("normals", normals),
+            ("bounds_m", np.array([positions.min(axis=0), positions.max(axis=0)])),
+            ("fronts", _fronts(positions, normals)),
+        ):
             read_only(array)
-        object.__setattr__(self, "positions_m", positions)
-        object.__setattr__(self, "normals", normals)
+            object.__setattr__(self, name, array)
 
     @classmethod
     def grid(cls, nx: int, ny: int, *, pitch_m: float = DEFAULT_PITCH_M) -> Self:
@@ -141,9 +154,17 @@ class TransducerArray:
         return centre
 
     @property
+    def facing(self) -> FloatArray:
+        """(3,) unit vector along the mean of the normals; +z if they cancel out."""
+        mean = self.normals.mean(axis=0)
+        length = float(np.linalg.norm(mean))
+        direction: FloatArray = mean / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+        return direction
+
+    @property
     def half_extent_m(self) -> FloatArray:
         """(3,) half of the span of the element centres along x, y and z, in metres."""
-        half: FloatArray = np.ptp(self.positions_m, axis=0) / 2
+        half: FloatArray = (self.bounds_m[1] - self.bounds_m[0]) / 2
         return half
 
     @property
@@ -188,6 +209,16 @@ def _unit_normals(normals: FloatArray, count: int) -> FloatArray:
         raise ConfigurationError(f"normal of element {int(lengths.argmin())} has no direction")
     unit: FloatArray = normals / lengths[:, None]
     return unit
+
+
+def _fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return a half-space for each direction: of parallel elements, that of the rearmost."""
+    planes = np.column_stack([normals, _ROUNDING_M - (normals * positions).sum(axis=1)])
+    rear_first = planes[np.argsort(-planes[:, 3], kind="stable")]
+    _, first = np.unique(np.round(rear_first[:, :3], 9) + 0.0, axis=0, return_index=True)
+    fronts = rear_first[first]
+    middle_first = np.argsort(-(fronts[:, :3] @ normals.sum(axis=0)), kind="stable")
+    return np.ascontiguousarray(fronts[middle_first])
 
 
 def _closest_pair(positions: FloatArray) -> tuple[float, int, int]:

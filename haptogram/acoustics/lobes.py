@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics._validation import FloatArray, as_vector, check_range
 from haptogram.acoustics.drive import as_weights
-from haptogram.acoustics.field import FieldEngine
+from haptogram.acoustics.field import FieldEngine, level_in_front
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -104,7 +104,7 @@ def largest_secondary_lobe(
     x, y = np.meshgrid(side, side, indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), np.full(x.size, target[2])], axis=1)
     drive = as_weights(weights)
-    level = np.abs(engine.pressure(drive, points)).reshape(x.shape)
+    level = level_in_front(engine, drive, points).reshape(x.shape)
     tops = np.flatnonzero(_local_maxima(level))
     if len(tops) < 2:
         return None

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics._compiled import load_kernels
 from haptogram.acoustics._layout import Layout, SingleArray
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.field import fronts
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.single_precision import CLEARANCE, SingleEngine
 from haptogram.errors import ConfigurationError
@@ -39,10 +40,10 @@ class NumbaEngine(SingleEngine):
         self._layout = Layout.of(model)
         half = model.array.half_extent_m
         clearance = CLEARANCE * model.wavelength_m
-        middle = (model.array.positions_m.max(axis=0) + model.array.positions_m.min(axis=0)) / 2.0
-        shift = np.abs(middle - model.array.centre_m)
+        shift = np.abs(model.array.bounds_m.mean(axis=0) - model.array.centre_m)
         self._bounds = np.concatenate([model.array.centre_m, half + shift + clearance])
         self._clearance_m = clearance
+        self._fronts = fronts(model).copy()  # writeable, as all that the loops take
 
     def warm_up(self) -> None:
         """Load or make the machine code of every call that this engine can make.
@@ -65,6 +66,7 @@ class NumbaEngine(SingleEngine):
         refused = self._kernels.usable_points(
             _writeable(points),
             self._layout.positions_m,
+            self._fronts,
             self._bounds,
             reach_m,
             self._clearance_m,

@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from haptogram.acoustics._layout import SingleArray, single
-from haptogram.acoustics._polynomials import is_baffled
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.field import in_front
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.single_precision import CLEARANCE, SingleEngine, chunks
+from haptogram.acoustics.transducer import GRAZING
 
 
 class Numpy32Engine(SingleEngine):
@@ -37,12 +38,13 @@ class Numpy32Engine(SingleEngine):
         return self._size
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
-        """Return the points neither far away nor so near that r^2 loses digits."""
+        """Return the points neither far away, nor behind, nor so near that r^2 loses digits."""
         distance = np.linalg.norm(points - self._model.array.centre_m, axis=1)
         # r >= |x| - |s|: outside of twice the aperture no r is below half of the largest term.
         nearest = max(2.0 * self._radius_m, CLEARANCE * self._model.wavelength_m)
-        usable: BoolArray = (distance <= reach_m) & (distance >= nearest)
-        close = np.flatnonzero((distance <= reach_m) & ~usable)
+        within = (distance <= reach_m) & in_front(self._model, points)
+        usable: BoolArray = within & (distance >= nearest)
+        close = np.flatnonzero(within & ~usable)
         for part in chunks(len(close), self._size):
             usable[close[part]] = self._clear(points[close[part]])
         return None if usable.all() else usable
@@ -109,7 +111,7 @@ class Numpy32Engine(SingleEngine):
         np.matmul(homogeneous, self._cosines, out=cosine)
         np.reciprocal(r, out=r)
         cosine *= r
-        behind = cosine < 0.0 if is_baffled(self._model) else None
+        behind = cosine < GRAZING if self._model.transducer.directivity.baffled else None
         cosine *= cosine
         level[:] = self._gain[-1]
         for coefficient in self._gain[-2::-1]:

@@ -34,7 +34,7 @@ from haptogram.acoustics.drive import (
 )
 from haptogram.acoustics.engine import choose_engine
 from haptogram.acoustics.estimates import NoFocus, NotSingle, Reconstruction, SingleFocus, Vector
-from haptogram.acoustics.field import FieldEngine, propagators
+from haptogram.acoustics.field import FieldEngine, in_front, propagators
 from haptogram.acoustics.focus import (
     MAX_TARGET_DISTANCE_M,
     MIN_TARGET_DISTANCE_M,
@@ -275,7 +275,8 @@ class Reconstructor:
         array = self._model.array
         offsets = array.positions_m - position
         nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
-        return bool(position[2] > array.centre_m[2] and _CLEARANCE_M <= nearest <= _REACH_M)
+        above = position[2] > array.centre_m[2] and _CLEARANCE_M <= nearest <= _REACH_M
+        return bool(above and in_front(self._model, position[None])[0])
 
     def _single(
         self, fit: PhaseFit, radiated: _Radiated, acquired: Literal["warm", "global"]

@@ -20,7 +20,7 @@ from haptogram.acoustics._memory import check_memory
 from haptogram.acoustics._polynomials import gain_polynomial
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray, as_points
 from haptogram.acoustics.drive import as_weights
-from haptogram.acoustics.field import NumpyEngine, propagators
+from haptogram.acoustics.field import NumpyEngine, check_points, propagators
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -93,8 +93,8 @@ class SingleEngine(ABC):
         Raises
         ------
         ConfigurationError
-            What does not fit the model, is not finite, lies within 1 mm of an element, or a result
-            of more than half of the memory.
+            What does not fit the model, is not finite, lies within 1 mm of an element or behind
+            the baffle of all; a result of more than half of the memory.
         """
         drives = as_weights(weights)
         if drives.ndim not in (1, 2) or drives.shape[-1] != self._model.array.count:
@@ -108,6 +108,7 @@ class SingleEngine(ABC):
         usable = self._usable(points, self._reach_of_many_m if many else self._reach_of_few_m)
         if usable is None:
             return self._fast(drives, points, careful=not many)
+        check_points(self._model, points)
         result = np.empty(shape, dtype=np.complex128)
         result[..., ~usable] = NumpyEngine(self._model).pressure(drives, points[~usable])
         result[..., usable] = self._fast(drives, points[usable], careful=not many)
@@ -128,6 +129,7 @@ class SingleEngine(ABC):
         fast = np.ones(len(points), dtype=np.bool_) if usable is None else usable
         result = np.empty(shape, dtype=np.complex64)
         if usable is not None:
+            check_points(self._model, points)
             result[~fast] = propagators(self._model, points[~fast])
         rows = np.flatnonzero(fast)
         for part in chunks(len(rows), self._wave_points):
@@ -162,7 +164,7 @@ class SingleEngine(ABC):
 
     @abstractmethod
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
-        """Return which points within reach are served, or None if all are."""
+        """Return which points in front and within reach are served, or None if all are."""
 
     @abstractmethod
     def _one_drive(

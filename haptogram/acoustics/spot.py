@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics._validation import FloatArray, as_vector
 from haptogram.acoustics.drive import as_weights
-from haptogram.acoustics.field import FieldEngine, propagators
+from haptogram.acoustics.field import FieldEngine, level_in_front, propagators
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.shift import direction_covariance
 
@@ -124,8 +124,7 @@ def _line(
     count = int(reach * _STEPS_PER_WAVELENGTH)
     offsets = step * np.arange(-count, count + 1, dtype=np.float64)
     offsets = offsets[offsets >= nearest]
-    level: FloatArray = np.abs(engine.pressure(drive, target + offsets[:, None] * axis))
-    return offsets, level
+    return offsets, level_in_front(engine, drive, target + offsets[:, None] * axis)
 
 
 def _crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar, Final, Protocol
 
 import numpy as np
 
 from haptogram.acoustics._validation import FloatArray, check_positive, check_range
 
+#: Cosine of the angle to the axis below which a point is behind: far above what rounding makes of
+#: 0 for an array that is turned, in single precision too.
+GRAZING: Final = -1e-6
+
 
 class Directivity(Protocol):
     """The far-field pattern of a source: real, 1 on its axis."""
+
+    @property
+    def baffled(self) -> bool:
+        """Whether it says nothing about the half-space behind."""
+        ...
 
     def gain(self, cos_theta: FloatArray, wavenumber: float) -> FloatArray:
         """Return the gain at the cosine of the angle to the axis; *wavenumber* in rad/m."""
@@ -21,6 +30,8 @@ class Directivity(Protocol):
 @dataclass(frozen=True, slots=True)
 class PointSource:
     """An omnidirectional source: gain 1 everywhere, behind it too."""
+
+    baffled: ClassVar[bool] = False
 
     def gain(self, cos_theta: FloatArray, wavenumber: float) -> FloatArray:  # noqa: ARG002  (Directivity)
         """Return ones of the shape of *cos_theta*."""
@@ -40,6 +51,7 @@ class CircularPiston:
         Effective radius a; 4.70 mm gives the 80 degree beam (-6 dB) of a 10 mm, 40 kHz transducer.
     """
 
+    baffled: ClassVar[bool] = True
     radius_m: float = 4.70e-3
 
     def __post_init__(self) -> None:
@@ -54,7 +66,7 @@ class CircularPiston:
         sine = np.sqrt(np.maximum(1.0 - cos_theta * cos_theta, 0.0))
         # 1e-9 stands in for 0, where 2 J1(x) / x is 1 - x^2 / 8: exact in float64.
         argument = np.maximum(wavenumber * self.radius_m * sine, 1e-9)
-        gain: FloatArray = np.where(cos_theta >= 0.0, 2.0 * j1(argument) / argument, 0.0)
+        gain: FloatArray = np.where(cos_theta >= GRAZING, 2.0 * j1(argument) / argument, 0.0)
         return gain
 
 

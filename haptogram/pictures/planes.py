@@ -10,14 +10,10 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import (
-    CircularPiston,
-    FieldEngine,
-    RectangularPiston,
-    radiation_pressure_pa,
-)
+from haptogram.acoustics import FieldEngine, in_front, radiation_pressure_pa
 from haptogram.acoustics.average import mean_square_pressure
 from haptogram.acoustics.dynamics import Resonator
+from haptogram.acoustics.field import check_points
 from haptogram.errors import ConfigurationError
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -92,11 +88,6 @@ class Plane:
         )
         return first, second
 
-    @property
-    def axis_length(self) -> int:
-        """Samples of the horizontal axis."""
-        return len(self.coordinates_m()[0])
-
     def points_m(self) -> FloatArray:
         """Return the (V * H, 3) points, the horizontal axis running fastest."""
         across, up = self.coordinates_m()
@@ -117,7 +108,7 @@ class PlaneField:
         Where.
     values : (V, H) numpy.ndarray
         Complex peak pressure of one drive, or real RMS pressure of a sequence, in pascals; NaN
-        within 2 mm of an element.
+        within 2 mm of an element, and behind all of them if they are baffled.
     """
 
     plane: Plane
@@ -165,10 +156,12 @@ def _sample(
     progress: Progress | None,
 ) -> NDArray[np.generic]:
     points = plane.points_m()
-    clear = np.flatnonzero(_is_clear(engine, points))
+    front = in_front(engine.model, points)
+    if not front.any():
+        check_points(engine.model, points)  # says how far behind
+    clear = np.flatnonzero(front & _is_clear(engine, points))
     if not len(clear):
         raise ConfigurationError("every point of the plane is within 2 mm of an element")
-    _check_in_front(engine, points[[0, plane.axis_length - 1, -plane.axis_length, -1]])
     parts = []
     for start in range(0, len(clear), _POINTS_PER_CALL):
         chunk = clear[start : start + _POINTS_PER_CALL]
@@ -180,22 +173,6 @@ def _sample(
     values[clear] = found
     across, up = plane.coordinates_m()
     return values.reshape(len(up), len(across))
-
-
-def _check_in_front(engine: FieldEngine, corners: FloatArray) -> None:
-    """Raise if no element radiates towards the plane with these corners, (4, 3).
-
-    How far a point is in front of an element is linear in the point, so the corners say it all.
-    """
-    array, directivity = engine.model.array, engine.model.transducer.directivity
-    if not isinstance(directivity, CircularPiston | RectangularPiston):
-        return  # the others may radiate backwards
-    heights = ((corners[:, None] - array.positions_m) * array.normals).sum(axis=2)
-    if heights.max() < 0.0:
-        raise ConfigurationError(
-            f"the plane is {-heights.max() * 1e3:.3g} mm or more behind every element, must be in "
-            "front of one: their baffle shades what is behind them"
-        )
 
 
 def _is_clear(engine: FieldEngine, points: FloatArray) -> NDArray[np.bool_]:

@@ -20,31 +20,51 @@ _GENTLE_LOSS: Final = 0.08  # nepers across a block; a quadratic is then off by 
 
 @jit_checked
 def usable_points(
-    points: F8, positions: F8, bounds: F8, reach: float, clearance: float,
+    points: F8, positions: F8, fronts: F8, bounds: F8, reach: float, clearance: float,
     usable: NDArray[np.bool_],
 ) -> int:  # fmt: skip
     """Mark the points that single precision serves; return how many it does not.
 
+    *fronts* (U, 4): half-spaces n x + d >= 0, of which a point must be in one: mostly the first.
     *bounds*: centre of the array (3), half-sizes of the box around it that holds every point near
     an element (3). In metres, like *reach*, the largest distance from the centre, and *clearance*,
     the smallest distance from an element. NaN is never usable.
     """
-    limit, inside, served = reach * reach, 0, 0
+    limit, special, served = reach * reach, 0, 0
+    nx, ny, nz, offset = fronts[0, 0], fronts[0, 1], fronts[0, 2], fronts[0, 3]
     for p in range(len(points)):  # no branch, so that it is vectorised
-        u, v, w = points[p, 0] - bounds[0], points[p, 1] - bounds[1], points[p, 2] - bounds[2]
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        u, v, w = x - bounds[0], y - bounds[1], z - bounds[2]
         usable[p] = u * u + v * v + w * w <= limit
         served += usable[p]
-        inside += (abs(u) < bounds[3]) & (abs(v) < bounds[4]) & (abs(w) < bounds[5])
-    if inside:
+        special += (abs(u) < bounds[3]) & (abs(v) < bounds[4]) & (abs(w) < bounds[5])
+        special += x * nx + y * ny + z * nz + offset < 0.0
+    if special:
         served = 0
         for p in range(len(points)):
-            box = True
-            for i in range(3):
-                box = box and abs(points[p, i] - bounds[i]) < bounds[3 + i]
-            if box and usable[p]:
-                usable[p] = _nearest_square(points[p], positions) >= clearance * clearance
+            usable[p] = (
+                usable[p]
+                and _in_front(points[p], fronts)
+                and _is_clear(points[p], positions, bounds, clearance * clearance)
+            )
             served += usable[p]
     return len(points) - served
+
+
+@jit_checked
+def _in_front(point: F8, fronts: F8) -> bool:
+    for front in fronts:
+        if point[0] * front[0] + point[1] * front[1] + point[2] * front[2] + front[3] >= 0.0:
+            return True
+    return False
+
+
+@jit_checked
+def _is_clear(point: F8, positions: F8, bounds: F8, limit: float) -> bool:
+    for i in range(3):
+        if abs(point[i] - bounds[i]) >= bounds[3 + i]:
+            return True
+    return bool(_nearest_square(point, positions) >= limit)
 
 
 @jit_checked

@@ -20,6 +20,8 @@ from haptogram.acoustics._kernels._waves import (
     set_waves,
 )
 
+_GRAZING = np.float32(-1e-5)  # wavelengths: what rounding may leave of 0, at 30 of them
+
 
 @jit
 def polar_form(drive: NDArray[np.complex128], polar: F4) -> None:
@@ -39,7 +41,7 @@ def lattice_pressure(
     points: F8, frame: F8, constants: F8, careful: bool, gain: F4, gx: F4, gy: F4,
     nodes: NDArray[np.int64], drive: F4, result: NDArray[np.complex128],
 ) -> None:  # fmt: skip
-    """Set the pressure of a planar lattice of parallel elements.
+    """Set the pressure of a planar lattice of parallel elements, at points in front of it.
 
     *constants*: aperture radius and absorption (per wavelength), 1 if the elements are baffled.
     *careful*: rounding errors do not average out. *nodes* (nx, ny): the element at each node, -1
@@ -69,9 +71,6 @@ def lattice_pressure(
                     )  # fmt: skip
                     held = _held(held, t, m, re, im)
         _add_held(held, t, m, re, im)
-        if constants[2] != 0.0:
-            _hide(hi[2], re)
-            _hide(hi[2], im)
         for p in range(len(part)):
             result[start + p] = complex(re[p], im[p])
 
@@ -94,9 +93,9 @@ def _add_held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 
 @jit_inline
 def _hide(ahead: Any, values: Any) -> Any:
-    """Set to zero what is behind the baffle."""
+    """Set to zero what is behind the element."""
     for p in range(values.size):
-        values[p] = values[p] if ahead[p] >= ZERO else ZERO
+        values[p] = values[p] if ahead[p] >= _GRAZING else ZERO
 
 
 @jit
@@ -141,8 +140,6 @@ def lattice_waves(
             n = nodes[i, j]
             if n >= 0:
                 rays(a, rows[j], height, ONE, ZERO, gain, loss, True, scratch, t, m)
-                if constants[2] != 0.0:
-                    _hide(hi[2], m)
                 set_waves(t, m, waves[0, n], waves[1, n])
 
 

@@ -20,6 +20,7 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
     force_on_disc_n,
+    in_front,
     propagators,
 )
 from haptogram.acoustics import engine as engine_module
@@ -85,6 +86,7 @@ def test_elements_with_any_normals_agree_with_the_reference(kind, seed, count, o
     directivity = PointSource() if omni else CircularPiston(rng.uniform(2e-3, 4.7e-3))
     model = AcousticModel(array, Medium(343.2, 1.2, loss), Transducer(directivity))
     points = 5.0 + rng.uniform(-0.4, 0.4, (30, 3))
+    points = points[in_front(model, points)]
     drives = rng.normal(size=(2, count, 2)) @ [1, 1j]
     assert_agrees(kind(model), drives[0], points)
     assert_agrees(kind(model), drives, points)
@@ -109,18 +111,6 @@ def test_propagators_are_those_of_the_reference(kind):
     expected = propagators(model, points)
     error = np.abs(kind(model).propagators(points) - expected)
     assert (error <= TOLERANCE * np.abs(expected)).all()
-
-
-@pytest.mark.parametrize("kind", ENGINES)
-def test_behind_a_baffle_it_is_silent_and_behind_a_point_source_not(kind):
-    points = np.array([[0.0, 0.01, -0.1], [0.02, 0.0, 0.1]])
-    array = TransducerArray.grid(4, 4)
-    for directivity in (CircularPiston(), PointSource()):
-        model = AcousticModel(array, Medium.air(), Transducer(directivity))
-        assert_agrees(kind(model), np.ones(16), points)
-    piston = kind(AcousticModel(array, Medium.air(), Transducer()))
-    assert piston.pressure(np.ones(16), points)[0] == 0.0
-    assert not piston.propagators(points)[0].any()
 
 
 @pytest.mark.parametrize("kind", ENGINES)
@@ -173,6 +163,8 @@ def test_an_engine_serves_whoever_takes_one():
 
 
 class Cardioid:
+    baffled = False
+
     def gain(self, cos_theta, wavenumber):  # noqa: ARG002  (Directivity)
         return 0.5 * (1.0 + cos_theta)
 

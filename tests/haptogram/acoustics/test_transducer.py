@@ -37,7 +37,7 @@ def test_the_default_piston_has_a_beam_of_80_degrees():
 
 
 def test_a_piston_is_silent_behind_its_baffle():
-    assert (CircularPiston().gain(np.array([-1.0, -0.5, -1e-9]), 732.3) == 0.0).all()
+    assert (CircularPiston().gain(np.array([-1.0, -0.5, -1e-5]), 732.3) == 0.0).all()
     assert (PointSource().gain(np.array([-1.0, 0.5]), 732.3) == 1.0).all()
 
 
