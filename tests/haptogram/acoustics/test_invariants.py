@@ -19,11 +19,12 @@ from haptogram.acoustics import (
     dequantise_phase,
     focus_phases,
     force_on_disc_n,
+    phase_step_rad,
     pressure,
     propagators,
     quantise_phase,
 )
-from strategies_acoustics import finite_angles, grids, models, seeds, targets
+from strategies_acoustics import finite_angles, grids, models, phase_bits, seeds, targets
 
 FEW = settings(max_examples=25)
 
@@ -160,44 +161,9 @@ def test_pressure_is_proportional_to_the_drive_and_force_to_its_square(model, po
     )
 
 
-def sphere(order=48, radius_m=200.0):
-    """Points and weights (of sum 4 pi) of a product rule on a sphere."""
-    heights, weights = np.polynomial.legendre.leggauss(order)
-    angles = 2.0 * np.pi * np.arange(2 * order) / (2 * order)
-    lateral = np.sqrt(1.0 - heights**2)
-    points = np.stack(
-        [
-            np.outer(lateral, np.cos(angles)).ravel(),
-            np.outer(lateral, np.sin(angles)).ravel(),
-            np.repeat(heights, len(angles)),
-        ],
-        axis=1,
-    )
-    return radius_m * points, np.repeat(weights, len(angles)) * np.pi / order, radius_m
-
-
-@settings(max_examples=8)
-@given(grids(1, 4), seeds)
-def test_the_radiated_power_is_that_of_coupled_point_sources(array, seed):
-    """Integral of |p|^2 r^2 over a far sphere = 4 pi p1^2 w^H sinc(k d) w, and within its bounds.
-
-    At 200 m the error is the aperture over the distance, squared: below 1e-6.
-    """
-    model = omni_model(array)
-    weights = random_weights(model, seed)
-    points, areas, radius = sphere()
-    power = float(np.abs(pressure(model, weights, points)) ** 2 @ areas) * radius**2
-    offsets = array.positions_m[:, None] - array.positions_m
-    coupling = np.sinc(model.wavenumber * np.linalg.norm(offsets, axis=2) / np.pi)
-    unit = 4.0 * np.pi * 2.0 * model.transducer.source_strength_pa_m**2
-    assert power == pytest.approx(unit * (weights.conj() @ coupling @ weights).real, rel=1e-6)
-    bounds = np.linalg.eigvalsh(coupling)
-    energy = float(np.abs(weights) @ np.abs(weights))
-    assert bounds[0] * (1 - 1e-6) <= power / (unit * energy) <= bounds[-1] * (1 + 1e-6)
-
-
 @pytest.mark.parametrize(
-    ("bits", "largest_deviation"), [(2, 6.2e-2), (3, 1.8e-2), (4, 4.2e-3), (5, 6.6e-4), (8, 1.1e-5)]
+    ("bits", "largest_deviation"),
+    [(1, 0.35), (2, 6.2e-2), (3, 1.8e-2), (4, 4.2e-3), (5, 6.6e-4), (8, 1.1e-5)],
 )
 def test_phase_steps_cost_what_they_must(bits, largest_deviation):
     """Never below cos(pi / 2^b); sinc(2^-b) on the mean, and close to it for every target."""
@@ -216,6 +182,28 @@ def test_phase_steps_cost_what_they_must(bits, largest_deviation):
     assert np.mean(efficiencies) == pytest.approx(expected, abs=largest_deviation / 5)
 
 
+@FEW
+@given(models(), targets(), phase_bits, seeds)
+def test_no_model_loses_more_to_phase_steps(model, target, bits, seed):
+    """|p| >= cos(pi / 2^b) S, whatever the amplitudes, if the phases were those of a focus."""
+    codes = quantise_phase(focus_phases(model, target), bits)
+    amplitudes = np.abs(random_weights(model, seed))
+    arrivals = contributions(model, amplitudes * np.exp(1j * dequantise_phase(codes, bits)), target)
+    assert abs(arrivals.sum()) >= (math.cos(math.pi / 2**bits) - 1e-12) * np.abs(arrivals).sum()
+
+
+@FEW
+@given(phase_bits, seeds)
+def test_rounding_errors_of_random_phases_are_uniform(bits, seed):
+    """Mean 0 and variance step^2 / 12, as `std_m` of a fit takes them; 5 sigma of 20 000."""
+    phases = np.random.default_rng(seed).uniform(-50.0, 50.0, 20_000)
+    error = dequantise_phase(quantise_phase(phases, bits), bits) - phases
+    steps = np.angle(np.exp(1j * error)) / phase_step_rad(bits)
+    assert np.abs(steps).max() <= 0.5 + 1e-9
+    assert steps.mean() == pytest.approx(0.0, abs=5 / math.sqrt(12 * 20_000))
+    assert steps.var() == pytest.approx(1 / 12, rel=5 * math.sqrt(0.8 / 20_000))
+
+
 @pytest.mark.parametrize("sigma", [0.2, 0.4, 0.8])
 def test_random_phase_errors_cost_the_expected_amount(sigma):
     """Mean of |p| / S is exp(-s^2 / 2), within 0.5 %, up to the 1 / (2 N) of the random part."""
@@ -229,9 +217,9 @@ def test_random_phase_errors_cost_the_expected_amount(sigma):
     assert np.mean(ratios) == pytest.approx(math.exp(-(sigma**2) / 2), rel=5e-3)
 
 
-def helmholtz_error(model, weights, point, wavenumber):
-    """|laplace p + k^2 p| / (k^2 S), by 4th-order differences at a 20th of the wavelength."""
-    step = model.wavelength_m / 20
+def helmholtz_error(model, weights, point, wavenumber, steps=20):
+    """|laplace p + k^2 p| / (k^2 S), by 4th-order differences at a part of the wavelength."""
+    step = model.wavelength_m / steps
     stencil = {0: -5 / 2, 1: 4 / 3, -1: 4 / 3, 2: -1 / 12, -2: -1 / 12}
     laplace = 0j
     for axis in np.eye(3):
@@ -245,12 +233,22 @@ def helmholtz_error(model, weights, point, wavenumber):
 @FEW
 @given(grids(2, 8), targets(), seeds, st.sampled_from([0.0, 0.15, 2.0]))
 def test_point_sources_solve_the_helmholtz_equation(array, point, seed, absorption):
-    """With the complex wavenumber k + j alpha; a real one would leave 2 alpha / k."""
+    """With the complex wavenumber k + j alpha, to the error of the differences: (k h)^4 / 90."""
     model = omni_model(array, absorption)
     weights = random_weights(model, seed)
-    assert helmholtz_error(model, weights, point, model.wavenumber + 1j * absorption) <= 1e-4
-    if absorption == 2.0:
-        assert helmholtz_error(model, weights, point, model.wavenumber) > 5e-5
+    for steps, error in ((20, 1e-4), (40, 7e-6), (80, 4.5e-7)):
+        complex_k = model.wavenumber + 1j * absorption
+        assert helmholtz_error(model, weights, point, complex_k, steps) <= error
+
+
+@FEW
+@given(grids(2, 8), targets(), st.floats(0.1, 2.0))
+def test_a_real_wavenumber_leaves_twice_the_absorption(array, target, absorption):
+    """|(k + j alpha)^2 - k^2| / k^2, at a focus, where all elements are in phase."""
+    model = omni_model(array, absorption)
+    weights = np.exp(1j * focus_phases(model, target))
+    left = helmholtz_error(model, weights, target, model.wavenumber, 40)
+    assert left == pytest.approx(2.0 * absorption / model.wavenumber, rel=0.03, abs=7e-6)
 
 
 @FEW
@@ -264,9 +262,9 @@ def test_pistons_nearly_solve_the_helmholtz_equation(array, point, seed):
 @pytest.mark.parametrize(
     ("target", "at_5_k", "at_10_k"),
     [
-        ((0, 0, 0.1), 0.99787, 0.992),
-        ((0, 0, 0.2), 0.99927, 0.997),
-        ((0.05, 0, 0.1), 0.99458, 0.979),
+        ((0, 0, 0.1), 0.99787, 0.9917),
+        ((0, 0, 0.2), 0.99927, 0.9972),
+        ((0.05, 0, 0.1), 0.99458, 0.9790),
     ],
 )
 def test_a_wrong_temperature_costs_little_coherence(target, at_5_k, at_10_k):
@@ -276,4 +274,4 @@ def test_a_wrong_temperature_costs_little_coherence(target, at_5_k, at_10_k):
         warm = AcousticModel.default(temperature_c=20.0 + warmer)
         arrivals = contributions(warm, weights, target)
         coherence = abs(arrivals.sum()) / np.abs(arrivals).sum()
-        assert coherence == pytest.approx(expected, abs=1e-3)
+        assert coherence == pytest.approx(expected, abs=6e-5)
