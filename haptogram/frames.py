@@ -15,9 +15,9 @@ from typing import Final, Literal, TypeAlias, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import AcousticModel, Drive, check_target, focus_phases, superpose
-from haptogram.acoustics.drive import FULL_AMPLITUDE, quantise_phase, saturated
-from haptogram.acoustics.solvers import METHODS, Method, solve
+from haptogram.acoustics import AcousticModel, Drive, check_target, focus_phases
+from haptogram.acoustics.drive import FULL_AMPLITUDE, quantise_phase
+from haptogram.acoustics.solvers import METHODS, Method, weights_for_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records import Focus
 from haptogram_protocol.messages import (
@@ -218,7 +218,7 @@ class FrameBuilder:
         return np.array([np.angle(_weights(self._model, group, solver)) for group in foci])
 
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
-        drive = Drive.from_weights(saturated(_weights(self._model, foci, solver)), REGISTER_BITS)
+        drive = Drive.from_weights(_weights(self._model, foci, solver), REGISTER_BITS)
         data = drive.phase_codes.tobytes() + drive.amplitude_codes.tobytes()
         return Frame(foci, drive, Drives(PhaseFormat.BITS_8, 0, data), solver)
 
@@ -226,7 +226,7 @@ class FrameBuilder:
         points = tuple(_on_wire(focus) for focus in foci)
         rounded = tuple(_from_wire(point) for point in points)
         model = with_sound_speed(self._model, sound_speed_mm_s(self._model))
-        drive = Drive.from_weights(saturated(_superposed(model, rounded)), REGISTER_BITS)
+        drive = Drive.from_weights(_weights(model, rounded, "naive"), REGISTER_BITS)
         return Frame(rounded, drive, Points(points))
 
 
@@ -262,16 +262,10 @@ def _check_solver(solver: Method, mode: Mode) -> None:
 def _weights(
     model: AcousticModel, foci: tuple[Focus, ...], solver: Method
 ) -> NDArray[np.complex128]:
-    if solver == "naive" or len(foci) == 1:
-        return _superposed(model, foci)
-    positions, levels = zip(*((f.position_m, f.amplitude) for f in foci), strict=True)
-    return solve(model, positions, levels, method=solver)
-
-
-def _superposed(model: AcousticModel, foci: tuple[Focus, ...]) -> NDArray[np.complex128]:
-    positions = [focus.position_m for focus in foci]
-    amplitudes = [focus.amplitude for focus in foci]
-    return superpose(model, positions, amplitudes, [focus.phase_rad for focus in foci])
+    points, levels, lags = zip(
+        *((f.position_m, f.amplitude, f.phase_rad) for f in foci), strict=True
+    )
+    return weights_for_foci(model, points, levels, lags, method=solver)
 
 
 def _on_wire(focus: Focus) -> FocalPoint:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics._compiled import load_kernels
 from haptogram.acoustics._validation import ComplexArray, FloatArray, as_points, as_vector
+from haptogram.acoustics.drive import saturated
 from haptogram.acoustics.field import propagators
 from haptogram.acoustics.focus import check_target, superpose
 from haptogram.acoustics.model import AcousticModel
@@ -78,6 +79,38 @@ def solve(
     start /= np.abs(start).max()
     matrix = propagators(model, points)
     return start if method == "naive" else _SOLVERS[method](matrix, levels, start, rounds)
+
+
+def weights_for_foci(
+    model: AcousticModel,
+    points_m: ArrayLike,
+    amplitudes: ArrayLike,
+    phases_rad: ArrayLike,
+    *,
+    method: Method = "naive",
+) -> ComplexArray:
+    """Return the drive that makes foci: of a solver where there are several, else superposition.
+
+    Parameters
+    ----------
+    points_m : (F, 3) array_like
+        Foci, in metres.
+    amplitudes, phases_rad : (F,) array_like
+        Of the foci; a solver makes relative amplitudes, and chooses the phases itself.
+
+    Returns
+    -------
+    (N,) numpy.ndarray of complex128
+        Weights; magnitudes above 1 are cut to 1 (:func:`.drive.saturated`).
+
+    Raises
+    ------
+    ConfigurationError
+        As :func:`.focus.superpose` and :func:`solve`.
+    """
+    if method == "naive" or len(as_points("points_m", points_m)) == 1:
+        return saturated(superpose(model, points_m, amplitudes, phases_rad))
+    return solve(model, points_m, amplitudes, method=method)
 
 
 def _iterative_backpropagation(

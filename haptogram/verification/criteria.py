@@ -27,13 +27,10 @@ from haptogram.acoustics import (
     SingleFocus,
     fit_focus,
     phase_step_rad,
-    saturated,
-    superpose,
 )
 from haptogram.acoustics.drive import FULL_AMPLITUDE
 from haptogram.acoustics.focus import wrap
-from haptogram.acoustics.solvers import Method, solve
-from haptogram.records import Focus, Intended
+from haptogram.records import Intended
 
 from .target import (
     LEAST_FRESNEL_NUMBER,
@@ -194,7 +191,8 @@ def several_foci_ok(
     Parameters
     ----------
     asked : (N,) numpy.ndarray of complex
-        See :func:`asked_weights`.
+        What the foci ask for in the air that there really is, at most 1: what made them, asked
+        again. That a solver did make them is for S2.
     """
     ideal = _as_driven(intended, asked)
     arrivals = np.array([target.arrivals for target in targets])
@@ -246,21 +244,9 @@ class FociLevels:
         return self.efficiency >= _LEAST_EFFICIENCY and self.balance >= _LEAST_BALANCE
 
 
-def asked_weights(model: AcousticModel, foci: tuple[Focus, ...], solver: Method) -> Complexes:
-    """Return what several foci ask for: the solver's drive in the air that there really is.
-
-    That the solver did make foci is for S2: here it is only asked again.
-    """
-    points_m = [focus.position_m for focus in foci]
-    levels = [focus.amplitude for focus in foci]
-    if solver == "naive":
-        return superpose(model, points_m, levels, [focus.phase_rad for focus in foci])
-    return solve(model, points_m, levels, method=solver)
-
-
 def _as_driven(intended: Intended, asked: Complexes) -> Complexes:
-    """Return *asked* as a drive can be; one that holds phases only drives every element in full."""
+    """Return *asked* as a drive can be: one that holds phases only drives every element in full."""
     if (intended.drive.amplitude_codes == FULL_AMPLITUDE).all():
         in_full: Complexes = np.exp(1j * np.angle(asked))
         return in_full
-    return saturated(asked)
+    return asked

@@ -20,7 +20,7 @@ from haptogram.acoustics import (
     phase_step_rad,
     pressure,
 )
-from haptogram.acoustics.solvers import Method
+from haptogram.acoustics.solvers import Method, weights_for_foci
 from haptogram.records import Focus, Intended, Observation
 
 from . import criteria
@@ -99,7 +99,10 @@ class Judge:
         return TargetField.of(self._model, focus, phase_bits)
 
     def _solve(self, foci: tuple[Focus, ...], solver: Method) -> Complexes:
-        return criteria.asked_weights(self._model, foci, solver)
+        points, levels, lags = zip(
+            *((f.position_m, f.amplitude, f.phase_rad) for f in foci), strict=True
+        )
+        return weights_for_foci(self._model, points, levels, lags, method=solver)
 
     def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return what became of a frame that was latched."""

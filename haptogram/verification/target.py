@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import AcousticModel, fit_focus, focus_phases
+from haptogram.acoustics import AcousticModel, fit_focus, focus_phases, in_front
 from haptogram.acoustics.field import propagators
 from haptogram.acoustics.shift import direction_covariance
 from haptogram.records import Focus
@@ -153,6 +153,8 @@ def peak_offset_m(
     stencil = _stencil(len(axes))
     for _ in range(_ASCENTS):
         points = start + (offset + stencil) @ axes
+        if not in_front(model, points).all():
+            break  # it ran away: further than any limit already
         level = 2.0 * np.log(np.abs(propagators(model, points) @ weights) + 1e-300)
         gradient, curvature = _derivatives(level, len(axes))
         if np.linalg.eigvalsh(curvature)[-1] >= 0.0:

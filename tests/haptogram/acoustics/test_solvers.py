@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptogram.acoustics import AcousticModel, propagators, superpose
+from haptogram.acoustics import AcousticModel, propagators, saturated, superpose
 from haptogram.acoustics.solvers import (
     METHODS,
     compare,
     quality,
     solve,
     weighted_gerchberg_saxton,
+    weights_for_foci,
 )
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import seeds
@@ -59,6 +60,17 @@ def test_the_weighted_solver_evens_out_what_the_plain_one_leaves(seed, count):
     assert even.uniformity > 0.95
     assert even.uniformity >= plain.uniformity - 1e-3
     assert even.efficiency > 0.8 * plain.efficiency
+
+
+def test_foci_are_superposed_or_solved_and_never_driven_beyond_what_there_is():
+    points, levels, lags = spread_foci(3, 4), [1.0, 0.8, 0.6, 0.9], [0.0, 1.0, 2.0, 3.0]
+    naive = weights_for_foci(BOARD, points, levels, lags)
+    assert (naive == saturated(superpose(BOARD, points, levels, lags))).all()
+    assert np.abs(naive).max() == pytest.approx(1.0)
+    solved = weights_for_foci(BOARD, points, levels, lags, method="wgs")
+    assert (solved == solve(BOARD, points, levels, method="wgs")).all()
+    one = weights_for_foci(BOARD, points[:1], [0.5], [1.0], method="wgs")
+    assert np.abs(one) == pytest.approx(0.5)  # a single focus needs no solver, and has its level
 
 
 def test_the_gradient_lowers_the_misfit_that_naive_phases_leave():
