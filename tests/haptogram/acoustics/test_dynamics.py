@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, focus_phases, pressure
 from haptogram.acoustics.dynamics import (
     Resonator,
     amplitude_to_duty,
@@ -16,6 +16,7 @@ from haptogram.acoustics.dynamics import (
     hop_response,
 )
 from haptogram.errors import ConfigurationError
+from strategies_acoustics import seeds, targets
 
 HOP = ((-0.02, 0.0, 0.1), (0.02, 0.0, 0.1))
 
@@ -37,14 +38,15 @@ def test_duty_and_amplitude_are_inverse(amplitude):
 
 
 @pytest.mark.parametrize(
-    ("bits", "expected"), [(3, 0.0975), (4, 0.0490), (5, 0.0245), (8, 0.00307)]
+    ("bits", "expected"), [(3, 0.0975), (4, 0.0490), (5, 0.0245), (6, 0.0123), (8, 0.00307)]
 )
 def test_a_counted_duty_errs_by_half_its_largest_step(bits, expected):
     """2^b steps in half a period: the first step of the sine is the largest."""
     table = duty_to_amplitude(np.arange(2**bits + 1) / 2 ** (bits + 1))
-    wanted = np.linspace(0.0, 1.0, 100_001)
-    errors = np.abs(table[:, None] - wanted[None, ::7]).min(axis=0)
-    assert errors.max() == pytest.approx(expected, rel=0.01)
+    assert np.diff(table).max() / 2 == pytest.approx(expected, abs=6e-5)
+    wanted = np.append(np.linspace(0.0, 1.0, 14_000), (table[:-1] + table[1:]) / 2)
+    errors = np.abs(table[:, None] - wanted).min(axis=0)
+    assert errors.max() == pytest.approx(np.diff(table).max() / 2, rel=1e-12)
 
 
 # tau, residual after 1 ms, mean square over 1 ms from rest, 200 Hz sideband
@@ -121,14 +123,22 @@ def test_one_millisecond_after_a_hop_delivers_a_third_to_a_half_of_the_force():
     assert late == pytest.approx(0.543, abs=4e-3)
 
 
-def test_nothing_is_heard_before_the_first_sound_arrives():
-    model = AcousticModel.default()
-    nearest = np.linalg.norm(np.array(HOP[1]) - model.array.positions_m, axis=1).min()
-    before = np.linspace(0.0, 0.999 * nearest / model.medium.sound_speed_m_s, 20)
-    for resonator in (Resonator(0.0), Resonator.from_bandwidth()):
-        response = hop_response(model, resonator, HOP, before)
-        assert np.ptp(response) == 0.0
-        assert response[0] < 0.2  # a side lobe of the old focus
+@given(targets(), targets(), st.sampled_from([0.0, 2.8e-4]), seeds)
+@settings(max_examples=25)
+def test_nothing_is_heard_before_the_first_sound_arrives(old, new, tau, seed):
+    """Causality: until the nearest element is heard nothing changes, not by a bit."""
+    model = AcousticModel.default(6, 5)
+    nearest = np.linalg.norm(new - model.array.positions_m, axis=1).min()
+    arrival = nearest / model.medium.sound_speed_m_s
+    before = np.random.default_rng(seed).uniform(-1e-3, arrival, 10)
+    response = hop_response(model, Resonator(tau), (old, new), before)
+    assert np.ptp(response) == 0.0
+    fields = [np.exp(1j * focus_phases(model, place)) for place in (old, new)]
+    still, settled = np.abs(pressure(model, np.array(fields), [new]))[:, 0]
+    assert response[0] == pytest.approx(still / settled, rel=1e-9, abs=1e-12)
+    if np.linalg.norm(old - new) > 0.02:
+        later = hop_response(model, Resonator(tau), (old, new), [arrival + 5e-5])
+        assert later[0] != response[0]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles
@@ -32,6 +32,36 @@ def test_the_printed_value_of_the_standard():
     """ISO 9613-1 table 1: 4.66 dB/km at 1 kHz, 20 degrees, 50 %."""
     value = iso_9613_absorption_np_m(20.0, 50.0, 101_325.0, 1000.0)
     assert round(value / NEPER_PER_DB * 1e3, 2) == 4.66
+
+
+# ISO 9613-2:1996, table 2, which was computed by ISO 9613-1: dB/km at one atmosphere, in the octave
+# bands around 63 Hz to 8 kHz; by temperature and relative humidity.
+OCTAVES = {
+    (10, 70): (0.1, 0.4, 1.0, 1.9, 3.7, 9.7, 32.8, 117),
+    (20, 70): (0.1, 0.3, 1.1, 2.8, 5.0, 9.0, 22.9, 76.6),
+    (30, 70): (0.1, 0.3, 1.0, 3.1, 7.4, 12.7, 23.1, 59.3),
+    (15, 20): (0.3, 0.6, 1.2, 2.7, 8.2, 28.2, 88.8, 202),
+    (15, 50): (0.1, 0.5, 1.2, 2.2, 4.2, 10.8, 36.2, 129),
+    (15, 80): (0.1, 0.3, 1.1, 2.4, 4.1, 8.3, 23.7, 82.8),
+}
+
+
+@pytest.mark.parametrize(("state", "printed"), OCTAVES.items())
+def test_the_printed_table_of_the_octave_bands(state, printed):
+    """To the last digit that is printed, at the exact middle of each band, 10^(3 n / 10) kHz."""
+    for n, expected in enumerate(printed, start=-4):
+        value = iso_9613_absorption_np_m(*state, 101_325.0, 1000.0 * 10.0 ** (0.3 * n))
+        digit = 1.0 if expected > 100 else 0.1
+        assert value / NEPER_PER_DB * 1e3 == pytest.approx(expected, abs=0.52 * digit)
+
+
+@given(st.floats(-20.0, 50.0), st.floats(50e3, 200e3), st.floats(20e3, 200e3))
+@settings(max_examples=20)
+def test_air_is_an_ideal_gas_and_absorbs_by_its_own_state(temperature, pressure, frequency):
+    air = Medium.air(temperature, 40.0, pressure, frequency)
+    assert air.density_kg_m3 * 287.05 * (temperature + 273.15) == pytest.approx(pressure)
+    assert air.impedance == pytest.approx(air.density_kg_m3 * air.sound_speed_m_s)
+    assert air.absorption_np_m == iso_9613_absorption_np_m(temperature, 40.0, pressure, frequency)
 
 
 def test_air_at_20_degrees():

@@ -36,40 +36,61 @@ def peak(model, target):
     return find_peak(NumpyEngine(model), focus(model, target), target)
 
 
-# On the axis, in mm: 1/r and directivity, then the paraxial formula.
-@pytest.mark.parametrize(
-    ("z", "shift", "paraxial"),
-    [
-        (0.050, 0.35, -0.13),
-        (0.100, -0.67, -1.02),
-        (0.150, -3.15, -3.46),
-        (0.200, -7.69, -8.19),
-        (0.300, -24.4, -27.7),
-    ],
-)
-def test_the_maximum_on_the_axis_is_where_it_was_found_before(z, shift, paraxial):
-    found = peak(MODEL, np.array([0.0, 0.0, z])) - [0.0, 0.0, z]
-    assert found[2] * 1e3 == pytest.approx(shift, abs=0.01 + 0.002 * abs(shift))
-    assert np.abs(found[:2]).max() < 1e-9
-    assert paraxial_shift_m(MODEL, z) * 1e3 == pytest.approx(paraxial, abs=0.1)
+# On the axis, in mm: 1/r only, 1/r and directivity, the paraxial formula.
+AXIAL_SHIFTS = [
+    (0.050, -0.82, 0.35, -0.13),
+    (0.075, -1.35, -0.02, -0.43),
+    (0.100, -2.17, -0.67, -1.02),
+    (0.150, -4.97, -3.15, -3.46),
+    (0.200, -9.73, -7.69, -8.19),
+    (0.250, -16.8, -14.7, -16.0),
+    (0.300, -26.4, -24.4, -27.7),
+    (0.400, -53.6, -52.4, -65.6),
+]
 
 
-@pytest.mark.parametrize(("z", "shift"), [(0.050, -0.82), (0.100, -2.17), (0.200, -9.73)])
-def test_without_directivity_the_maximum_is_pulled_in(z, shift):
-    model = AcousticModel(MODEL.array, Medium(343.2, 1.204), Transducer(PointSource()))
-    found = peak(model, np.array([0.0, 0.0, z]))[2] - z
-    assert found * 1e3 == pytest.approx(shift, rel=0.01)
+@pytest.mark.parametrize(("z", "plain", "shift", "paraxial"), AXIAL_SHIFTS)
+def test_the_maximum_on_the_axis_is_where_it_was_found_before(z, plain, shift, paraxial):
+    target = np.array([0.0, 0.0, z])
+    omni = AcousticModel(MODEL.array, Medium(343.2, 1.204), Transducer(PointSource()))
+    for model, expected in ((MODEL, shift), (omni, plain)):
+        found = peak(model, target) - target
+        assert found[2] * 1e3 == pytest.approx(expected, abs=0.01 + 0.0025 * abs(expected))
+        assert np.abs(found[:2]).max() < 1e-9
+    assert paraxial_shift_m(MODEL, z) * 1e3 == pytest.approx(paraxial, abs=0.006 + 0.002 * z * 1e3)
+
+
+@pytest.mark.parametrize(("z", "shift"), [(0.1, -0.50), (0.2, -6.4)])
+def test_a_wider_array_is_pulled_in_less(z, shift):
+    found = peak(AcousticModel.default(pitch_m=0.0105), np.array([0.0, 0.0, z]))[2] - z
+    assert found * 1e3 == pytest.approx(shift, abs=0.012)
 
 
 @settings(max_examples=40)
 @given(st.one_of(hemisphere_targets(), targets(low=0.100, high=0.250)))
 def test_the_prediction_bounds_the_shift(target):
-    """As measured over 200 targets per range: 0.07, 0.34 and 2.5 mm, at most 16 % too far."""
+    """Never below the shift, at most 5, 9 and 17 % above; and the gain is never above its own."""
     predicted, found = predict_focal_shift(MODEL, target), peak(MODEL, target) - target
-    limit = 0.08e-3 if target[2] < 0.1 else 0.4e-3 if target[2] < 0.15 else 2.7e-3
-    assert np.linalg.norm(predicted.offset_m - found) < limit + 0.002 * np.linalg.norm(found)
+    limit = 0.1e-3 if target[2] < 0.1 else 0.5e-3 if target[2] < 0.15 else 2.7e-3
+    assert np.linalg.norm(predicted.offset_m - found) < limit
+    excess = 1.06 if target[2] < 0.1 else 1.09 if target[2] < 0.15 else 1.17
+    ratio = np.linalg.norm(predicted.offset_m) / np.linalg.norm(found)
+    assert 0.999 <= ratio <= excess or np.linalg.norm(found) < 2e-5
     level = np.abs(pressure(MODEL, focus(MODEL, target), np.stack([target, target + found])))
-    assert 1.0 - 1e-9 <= level[1] / level[0] <= 1.0 + 1.15 * (predicted.gain - 1.0) + 1e-4
+    assert 1.0 - 1e-9 <= level[1] / level[0] <= predicted.gain + 1e-6
+    # What is left out of the second order is small against the gain itself.
+    assert predicted.gain - level[1] / level[0] <= 0.1 * (predicted.gain - 1.0) + 1e-6
+
+
+@settings(max_examples=10)
+@given(targets(lateral=0.03, low=0.06, high=0.12), st.floats(0.1, 0.5))
+def test_the_louder_half_of_an_array_pulls_the_maximum_its_way(target, share):
+    amplitudes = np.where(MODEL.array.positions_m[:, 0] < 0.0, 1.0, share)
+    found = find_peak(ENGINE, amplitudes * focus(MODEL, target), target) - target
+    predicted = predict_focal_shift(MODEL, target, amplitudes).offset_m
+    assert np.linalg.norm(predicted - found) < 0.02e-3 + 0.1 * np.linalg.norm(found)
+    even = predict_focal_shift(MODEL, target).offset_m
+    assert found[0] < even[0] - 0.03e-3
 
 
 @settings(max_examples=30)
