@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics._validation import FloatArray
 from haptogram.acoustics.lattice import Lattice, find_lattice
 from haptogram.acoustics.model import AcousticModel
+from haptogram.acoustics.transducer import GRAZING
 
 SingleArray: TypeAlias = NDArray[np.float32]
 
@@ -28,12 +29,13 @@ class Layout:
     frame : (4, 3) numpy.ndarray
         The axes over the wavelength, and the origin in metres.
     constants : (3,) numpy.ndarray
-        Radius, absorption in nepers per wavelength, and 1 if the elements are baffled.
+        Radius, absorption in nepers per wavelength, and the least cosine that an element radiates
+        to: -2 if it has no baffle.
     positions_m : (N, 3) numpy.ndarray
         Positions of the elements, in metres.
-    elements : (N, 6) numpy.ndarray of float32
+    elements : (N, 6) numpy.ndarray
         Positions and normals, in the frame.
-    x, y : (nx,), (ny,) numpy.ndarray of float32
+    x, y : (nx,), (ny,) numpy.ndarray
         Coordinates of the lattice; empty without one.
     nodes : (nx, ny) numpy.ndarray of int64
         The element at each node, -1 for none.
@@ -44,9 +46,9 @@ class Layout:
     frame: FloatArray
     constants: FloatArray
     positions_m: FloatArray
-    elements: SingleArray
-    x: SingleArray
-    y: SingleArray
+    elements: FloatArray
+    x: FloatArray
+    y: FloatArray
     nodes: NDArray[np.int64]
 
     @classmethod
@@ -58,16 +60,16 @@ class Layout:
         offsets = array.positions_m - array.centre_m
         radius_m = float(np.linalg.norm(offsets, axis=1).max())
         loss = model.medium.absorption_np_m * wavelength
-        baffled = float(model.transducer.directivity.baffled)
+        front = GRAZING if model.transducer.directivity.baffled else -2.0
         return cls(
             lattice=lattice,
             radius_m=radius_m,
             frame=np.concatenate([axes / wavelength, array.centre_m[None, :]]),
-            constants=np.array([radius_m / wavelength, loss, baffled]),
+            constants=np.array([radius_m / wavelength, loss, front]),
             positions_m=array.positions_m.copy(),
-            elements=single(np.hstack([offsets @ axes.T / wavelength, array.normals @ axes.T])),
-            x=single(lattice.x_m / wavelength if lattice else np.empty(0)),
-            y=single(lattice.y_m / wavelength if lattice else np.empty(0)),
+            elements=np.hstack([offsets @ axes.T / wavelength, array.normals @ axes.T]),
+            x=lattice.x_m / wavelength if lattice else np.empty(0),
+            y=lattice.y_m / wavelength if lattice else np.empty(0),
             nodes=lattice.elements.copy() if lattice else np.empty((0, 0), dtype=np.int64),
         )
 

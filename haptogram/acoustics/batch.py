@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics._compiled import load_kernels
-from haptogram.acoustics._layout import Layout
+from haptogram.acoustics._layout import Layout, single
 from haptogram.acoustics._memory import check_memory
 from haptogram.acoustics._validation import FloatArray, as_floats, as_points, as_vector
 from haptogram.acoustics.drive import MAX_PHASE_BITS, check_phase_bits, quantise_phase
@@ -43,7 +43,7 @@ class FocusCodes:
         self._kernels = load_kernels()
         layout = Layout.of(model)
         self._frame = layout.frame
-        self._places = np.ascontiguousarray(layout.elements[:, :3].T)
+        self._places = single(layout.elements[:, :3].T)
         self._centre: list[float] = model.array.centre_m.tolist()
         self._near_m = MAX_DISTANCE * model.wavelength_m - layout.radius_m
         self._target = np.empty((1, 3))

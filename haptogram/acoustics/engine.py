@@ -10,7 +10,6 @@ from haptogram.acoustics.field import FieldEngine, NumpyEngine
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.numba_engine import NumbaEngine
 from haptogram.acoustics.numpy32_engine import Numpy32Engine
-from haptogram.acoustics.single_precision import why_not_single
 from haptogram.errors import ConfigurationError
 
 __all__ = ["NumbaEngine", "Numpy32Engine", "Preference", "choose_engine"]
@@ -43,11 +42,11 @@ def choose_engine(model: AcousticModel, *, prefer: Preference = "auto") -> Field
         return NumbaEngine(model)
     if prefer != "auto":
         raise ConfigurationError(f"engine is {prefer!r}, must be auto, numpy, numpy32 or numba")
-    reason = why_not_single(model)
+    fastest = Numpy32Engine if load_kernels() is None else NumbaEngine
+    reason = fastest.why_not(model)
     if reason is not None:
         _log.info("field engine: numpy in double precision, since %s", reason)
         return NumpyEngine(model)
-    if load_kernels() is None:
+    if fastest is Numpy32Engine:
         _log.info("field engine: numpy in single precision, since numba is not installed")
-        return Numpy32Engine(model)
-    return NumbaEngine(model)
+    return fastest(model)

@@ -13,7 +13,7 @@ from haptogram.acoustics._layout import Layout, SingleArray
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field import fronts
 from haptogram.acoustics.model import AcousticModel
-from haptogram.acoustics.single_precision import CLEARANCE, SingleEngine
+from haptogram.acoustics.single_precision import CLEARANCE, Reach, SingleEngine
 from haptogram.errors import ConfigurationError
 
 _T = TypeVar("_T", bound=np.generic)
@@ -30,6 +30,8 @@ class NumbaEngine(SingleEngine):
     ConfigurationError
         numba is not installed, or single precision does not serve the model.
     """
+
+    REACH = Reach(aperture=256.0, aperture_loss=0.15, few=1000.0, many=1000.0)
 
     def __init__(self, model: AcousticModel) -> None:
         super().__init__(model)

@@ -10,7 +10,7 @@ from haptogram.acoustics._layout import SingleArray, single
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field import in_front
 from haptogram.acoustics.model import AcousticModel
-from haptogram.acoustics.single_precision import CLEARANCE, SingleEngine, chunks
+from haptogram.acoustics.single_precision import CLEARANCE, Reach, SingleEngine, chunks
 from haptogram.acoustics.transducer import GRAZING
 
 
@@ -20,6 +20,8 @@ class Numpy32Engine(SingleEngine):
     r - r0 = (r^2 - r0^2) / (r + r0), with r0 the distance from the array's centre: the difference
     is small, so its phase is exact enough, and r^2 - r0^2 = |s|^2 - 2 s x is a matrix product.
     """
+
+    REACH = Reach(aperture=32.0, aperture_loss=0.06, few=32.0, many=72.0)
 
     def __init__(self, model: AcousticModel) -> None:
         super().__init__(model)
@@ -119,7 +121,7 @@ class Numpy32Engine(SingleEngine):
             level += coefficient
         level *= r
         loss = np.float32(self._model.medium.absorption_np_m * self._model.wavelength_m)
-        if loss != 0.0:  # a cubic serves: |alpha (r - r0)| is at most _MAX_APERTURE_LOSS
+        if loss != 0.0:  # a cubic serves: |alpha (r - r0)| is at most REACH.aperture_loss
             np.multiply(delay, -loss, out=cosine)
             np.multiply(cosine, np.float32(1.0 / 3.0), out=r)
             r += np.float32(1.0)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import Final
+from dataclasses import dataclass
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,33 +26,53 @@ from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
 _CALL_POINTS: Final = 1 << 15  # some 10 ms: Ctrl-C waits no longer
-_MAX_APERTURE: Final = 32.0  # wavelengths from the centre to an element
-_REACH: Final = 32.0  # wavelengths from a point to an element,
-_REACH_OF_MANY: Final = 72.0  # and where the errors of many elements average out
 _MANY: Final = 64.0  # elements, in effect: (sum |w|)^2 / sum |w|^2
 CLEARANCE: Final = 0.3  # wavelengths; nearer, the rounding of a position shows
 _MAX_LOSS: Final = 0.15  # nepers over the half-width of the range of distances in a block
-_MAX_APERTURE_LOSS: Final = 0.06  # nepers from the centre to an element
 
 
-def why_not_single(model: AcousticModel) -> str | None:
-    """Return why single precision does not serve *model*, or None if it does."""
-    if gain_polynomial(model) is None:
-        return f"no polynomial serves {model.transducer.directivity}"
-    aperture = float(np.linalg.norm(model.array.positions_m - model.array.centre_m, axis=1).max())
-    if aperture > _MAX_APERTURE * model.wavelength_m:
-        limit = _MAX_APERTURE * model.wavelength_m
-        return f"an element is {aperture:.3g} m from the array's centre, more than {limit:.3g} m"
-    if model.medium.absorption_np_m * aperture > _MAX_APERTURE_LOSS:
-        return f"the absorption is {model.medium.absorption_np_m:.3g} Np/m"
-    return None
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """What an engine serves to 2e-5.
+
+    Attributes
+    ----------
+    aperture : float
+        Wavelengths from the array's centre to an element.
+    aperture_loss : float
+        Nepers from the array's centre to an element.
+    few, many : float
+        Wavelengths from a point to an element, for a drive of few elements, and for one in which
+        the errors of many average out.
+    """
+
+    aperture: float
+    aperture_loss: float
+    few: float
+    many: float
 
 
 class SingleEngine(ABC):
     """What both engines share: checks, chunks, and the way to the reference."""
 
+    REACH: ClassVar[Reach]
+
+    @classmethod
+    def why_not(cls, model: AcousticModel) -> str | None:
+        """Return why this engine does not serve *model*, or None if it does."""
+        if gain_polynomial(model) is None:
+            return f"no polynomial serves {model.transducer.directivity}"
+        offsets = model.array.positions_m - model.array.centre_m
+        radius = float(np.linalg.norm(offsets, axis=1).max())
+        limit = cls.REACH.aperture * model.wavelength_m
+        if radius > limit:
+            return f"an element is {radius:.3g} m from the array's centre, more than {limit:.3g} m"
+        if model.medium.absorption_np_m * radius > cls.REACH.aperture_loss:
+            return f"the absorption is {model.medium.absorption_np_m:.3g} Np/m"
+        return None
+
     def __init__(self, model: AcousticModel) -> None:
-        reason = why_not_single(model)
+        reason = self.why_not(model)
         gain = gain_polynomial(model)
         if reason is not None or gain is None:
             raise ConfigurationError(f"single precision does not serve this model: {reason}")
@@ -61,8 +82,8 @@ class SingleEngine(ABC):
         self._gain = (strength * gain).astype(np.float32)
         offsets = model.array.positions_m - model.array.centre_m
         self._radius_m = float(np.linalg.norm(offsets, axis=1).max())
-        self._reach_of_few_m = self._reach_m(_REACH)
-        self._reach_of_many_m = self._reach_m(_REACH_OF_MANY)
+        self._reach_of_few_m = self._reach_m(self.REACH.few)
+        self._reach_of_many_m = self._reach_m(self.REACH.many)
 
     def _reach_m(self, wavelengths: float) -> float:
         """Return how far from the array's centre the errors stay within the promise."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics._compiled import load_kernels
-from haptogram.acoustics._layout import Layout
+from haptogram.acoustics._layout import Layout, single
 from haptogram.acoustics._validation import FloatArray
 from haptogram.acoustics.acquisition import HOPELESS_RAD
 from haptogram.acoustics.cells import cell_phasors, search_cells
@@ -92,7 +92,7 @@ class FocusTracker:
         self._frame = layout.frame
         distance = np.linalg.norm(model.array.positions_m - model.array.centre_m, axis=1)
         self._order = np.argsort(distance, kind="stable")
-        self._places = np.ascontiguousarray(layout.elements[self._order, :3].T)
+        self._places = single(layout.elements[self._order, :3].T)
         self._counts = _widening_counts(model.array.count)
         self._shape = (model.array.count,)
         self._bottom_m = float(model.array.centre_m[2])

@@ -5,7 +5,7 @@ Lengths are in wavelengths and phases in half turns, so that r modulo the wavele
 """
 
 from haptogram.acoustics._kernels._blocks import usable_points
-from haptogram.acoustics._kernels._waves import COSINE, SINE
+from haptogram.acoustics._kernels._waves import ARCTANGENT, COSINE, SINE
 from haptogram.acoustics._kernels.fields import (
     free_pressure,
     free_waves,
@@ -18,6 +18,7 @@ from haptogram.acoustics._kernels.multifocus import weighted_gerchberg_saxton
 from haptogram.acoustics._kernels.search import best_cell, cell_scores
 
 __all__ = [
+    "ARCTANGENT",
     "COSINE",
     "SINE",
     "best_cell",

@@ -16,6 +16,7 @@ F8 = NDArray[np.float64]
 BLOCK: Final = 256  # points; the buffers of a 16 x 16 array then fill 30 kB, about the first cache
 
 _GENTLE_LOSS: Final = 0.08  # nepers across a block; a quadratic is then off by at most 3e-6
+_FAR: Final = 72.0  # wavelengths; up to there, the rounding errors of many elements average out
 
 
 @jit_checked
@@ -86,11 +87,13 @@ def padded(count: int) -> int:
 
 
 @jit
-def block(points: F8, frame: F8, constants: F8, careful: bool, hi: F4, lo: F4, loss: F4) -> bool:
-    """Express a block of points in the array's frame as float32 pairs; fit the loss over it.
+def block(
+    points: F8, frame: F8, constants: F8, careful: bool, places: F8, loss: F4
+) -> bool:  # fmt: skip
+    """Express a block of points in the array's frame, in wavelengths; fit the loss over it.
 
     *frame* is (4, 3): three axes over the wavelength, and the origin. The part of the block beyond
-    the last point repeats it. Returns whether care is needed: asked for, or for the loss.
+    the last point repeats it. Returns whether care is needed: asked for, for the loss, or far away.
     """
     near, far = 1e30, 0.0
     count = len(points)
@@ -99,16 +102,14 @@ def block(points: F8, frame: F8, constants: F8, careful: bool, hi: F4, lo: F4, l
         square = 0.0
         for i in range(3):
             value = frame[i, 0] * u + frame[i, 1] * v + frame[i, 2] * w
-            hi[i, p] = value
-            lo[i, p] = value - np.float64(hi[i, p])
+            places[i, p] = value
             square += value * value
         near, far = min(near, square), max(far, square)
-    for p in range(count, hi.shape[1]):
-        for i in range(3):
-            hi[i, p], lo[i, p] = hi[i, count - 1], lo[i, count - 1]
+    for i in range(3):
+        places[i, count:] = places[i, count - 1]
     radius, absorption = constants[0], constants[1]
     near, far = max(math.sqrt(near) - radius, 0.0), math.sqrt(far) + radius
-    careful = careful or absorption * (far - near) > _GENTLE_LOSS
+    careful = careful or absorption * (far - near) > _GENTLE_LOSS or far > _FAR
     _loss(absorption, near, far, careful, loss)
     return careful
 

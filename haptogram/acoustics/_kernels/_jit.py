@@ -19,8 +19,8 @@ def _digest() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
-# Everything of `fastmath` but the reordering of sums, which would cancel the rounding error that
-# `_ray` computes on purpose.
+# Everything of `fastmath` but the reordering of sums, which would cancel the rounding errors that
+# `_careful_waves` computes on purpose.
 _STRICT_SUMS: Final = {"contract", "arcp", "nnan", "ninf", "nsz", "afn"}
 _SOURCES: Final = _digest()
 
