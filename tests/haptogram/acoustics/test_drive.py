@@ -50,6 +50,13 @@ def test_a_changed_amplitude_is_another_drive(drive, element, change):
     assert drive != "a drive"
 
 
+@given(drives(), st.integers(1, 8))
+def test_the_same_codes_of_another_resolution_are_another_drive(drive, bits):
+    codes = drive.phase_codes & (1 << min(bits, drive.phase_bits)) - 1
+    one, other = (Drive(codes, drive.amplitude_codes, size) for size in (bits, drive.phase_bits))
+    assert (one == other) == (bits == drive.phase_bits)
+
+
 @given(phase_bits, seeds)
 def test_a_phase_is_rounded_by_at_most_half_a_step(bits, seed):
     phases = np.random.default_rng(seed).uniform(-300.0, 300.0, 64)
