@@ -62,7 +62,7 @@ def cos_sin(t: Any) -> Any:
 
 @jit_inline
 def arctangent(t: Any) -> Any:
-    """Return arctan(t) in half turns, |t| <= 1; error 3e-9. Unlike atan2 of C, it is vectorised."""
+    """Return arctan(t) in half turns, |t| <= 1; error 5e-9. Unlike atan2 of C, it is vectorised."""
     a0, a1, a2, a3, a4, a5, a6, a7, a8 = ARCTANGENT
     w = t * t
     high = (((a8 * w + a7) * w + a6) * w + a5) * w + a4

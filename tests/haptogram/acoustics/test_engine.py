@@ -280,7 +280,7 @@ def test_the_polynomials_of_the_kernels_are_the_fitted_ones():
     for constants, function, end, limit in (
         (_kernels.SINE, sine, 0.25, 2.5e-6),
         (_kernels.COSINE, cosine, 0.25, 5e-8),
-        (_kernels.ARCTANGENT, arctangent, 1.0, 5e-9),
+        (_kernels.ARCTANGENT, arctangent, 1.0, 6e-9),
     ):
         coefficients, error = fit(function, len(constants) - 1, 0.0, end)
         assert constants == pytest.approx(coefficients, rel=1e-6)
