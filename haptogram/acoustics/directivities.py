@@ -197,7 +197,8 @@ class MeasuredDirectivity:
         from scipy.interpolate import PchipInterpolator  # slow to import, and only a table needs it
 
         angle = np.degrees(np.arccos(np.clip(cos_theta, -1.0, 1.0)))
-        table = PchipInterpolator(self.angles_deg, self.gains)
+        with np.errstate(over="ignore"):  # next to 0 a slope's inverse may be infinite, and serves
+            table = PchipInterpolator(self.angles_deg, self.gains)
         last = np.asarray(self.angles_deg)[-1]
         within = angle <= last + _GRAZING_DEG
         result: FloatArray = np.where(within, table(np.minimum(angle, last)), 0.0)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import oracles
@@ -140,6 +140,7 @@ def test_a_table_is_met_at_its_angles_and_silent_beyond():
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=9, max_size=9), st.floats(0.0, 90.0))
+@example([1e-308] + [0.0] * 8, 5.0)
 def test_a_table_never_overshoots_its_neighbours(values, angle):
     gains = [1.0, *values]
     gain = MeasuredDirectivity(np.arange(0.0, 91.0, 10.0), gains).gain(
