@@ -1,11 +1,13 @@
 """Fields: arbitrary points, fixed grids, planes."""
 
+import math
+
 import numpy as np
 import pytest
 import references
 
-from haptogram.acoustics import focus_phases
-from haptogram.acoustics.engine import Numpy32Engine
+from haptogram.acoustics import AcousticModel, TransducerArray, focus_phases
+from haptogram.acoustics.engine import NumbaEngine, Numpy32Engine
 from haptogram.acoustics.grid import GridField
 from haptogram.acoustics.plane import PlaneField
 
@@ -24,6 +26,33 @@ def test_arbitrary_points_against_numpy(count, compare, board, engine, drive, sc
         repeats=max(1, 2_000 // count),
         pairs=256 * count,
         share=len(part) / count,
+    )
+
+
+@pytest.mark.parametrize("sources", [16, 64, 256, 1024])
+@pytest.mark.parametrize("shape", ["lattice", "bowl"])
+def test_sources_against_numpy(shape, sources, compare, scattered):
+    """A lattice shares squares among its rows; in a bowl every element has a normal of its own."""
+    side = math.isqrt(sources)
+    model = AcousticModel.default(side, side)
+    if shape == "bowl":
+        places = model.array.positions_m.copy()
+        places[:, 2] = 2.0 * (places**2).sum(axis=1)
+        normals = np.array([0.0, 0.0, 0.25]) - places
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        array = TransducerArray.from_positions(places, normals)
+        model = AcousticModel(array, model.medium, model.transducer)
+    engine = NumbaEngine(model)
+    drive, points = np.exp(1j * np.arange(sources)), scattered(10_000)
+    points[:, 2] += 0.15  # in front of the bowl
+    part = points[:500]
+    compare(
+        None,
+        lambda: engine.pressure(drive, points),
+        lambda: references.field(model, drive, part),
+        repeats=max(1, 512 // sources),
+        pairs=sources * len(points),
+        share=len(part) / len(points),
     )
 
 
