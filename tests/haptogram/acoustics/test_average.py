@@ -13,10 +13,12 @@ from haptogram.acoustics.dynamics import Resonator
 from haptogram.acoustics.exposure import (
     a_weighting_db,
     exposure_at,
+    half_sphere,
     switching_level_db_a,
     worst_place,
 )
 from haptogram.errors import ConfigurationError
+from strategies_acoustics import seeds
 
 MODEL = AcousticModel.default(6, 6)
 ENGINE = NumpyEngine(MODEL)
@@ -101,13 +103,14 @@ def test_the_a_weighting_is_that_of_the_standard(frequency, level):
     assert a_weighting_db(min(exact, 20e3)) == pytest.approx(level, abs=0.06)
 
 
-def test_audible_switching_agrees_with_a_transform_of_the_waveform():
-    """Sampled waveform of the pressure itself, carrier and all, over one period."""
+@pytest.mark.parametrize("drives", [PASS, random_drives(1, 8), random_drives(2, 5)])
+def test_audible_switching_agrees_with_a_transform_of_the_waveform(drives):
+    """Sampled waveform of the pressure itself, carrier and all, over one period: to 0.02 dB."""
     resonator, place, frame_s = Resonator(1e-4), (0.0, 0.2, 0.2), 1e-3
-    period_s, rate = 8e-3, 64 * 40_000
-    start = resonator.envelope(np.concatenate([PASS] * 4), frame_s, 1)[-1]
+    period_s, rate = len(drives) * 1e-3, 64 * 40_000
+    start = resonator.envelope(np.concatenate([drives] * 4), frame_s, 1)[-1]
     count = round(period_s * rate)
-    envelope = resonator.envelope(PASS, frame_s, count // 8, start) @ np.asarray(
+    envelope = resonator.envelope(drives, frame_s, count // len(drives), start) @ np.asarray(
         pressure(MODEL, np.eye(36), [place])
     )
     times = (np.arange(count) + 1) / rate
@@ -117,8 +120,21 @@ def test_audible_switching_agrees_with_a_transform_of_the_waveform():
     heard = frequency >= 20.0
     weights = 10 ** (a_weighting_db(frequency[heard]) / 20)
     rms = math.sqrt(2 * np.sum((np.abs(lines[heard]) * weights) ** 2))
-    found = switching_level_db_a(ENGINE, PASS, place, frame_s, resonator)
-    assert found == pytest.approx(20 * math.log10(rms / 20e-6), abs=0.3)
+    found = switching_level_db_a(ENGINE, drives, place, frame_s, resonator)
+    assert found == pytest.approx(20 * math.log10(rms / 20e-6), abs=0.02)
+
+
+@given(seeds, st.integers(100, 3000))
+@settings(max_examples=10)
+def test_the_directions_of_a_half_sphere_are_even(seed, count):
+    """Their first two moments are those of the half sphere: a half of its axis, a third of I."""
+    axis = np.random.default_rng(seed).normal(size=3)
+    axis /= np.linalg.norm(axis)
+    directions = half_sphere(axis, count)
+    assert np.linalg.norm(directions, axis=1) == pytest.approx(np.ones(count))
+    assert (directions @ axis).min() > 0.0
+    assert directions.mean(axis=0) == pytest.approx(axis / 2, abs=2 / count)
+    assert directions.T @ directions / count == pytest.approx(np.eye(3) / 3, abs=2 / count)
 
 
 def test_a_constant_drive_switches_nothing():

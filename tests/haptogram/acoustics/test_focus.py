@@ -162,6 +162,41 @@ def test_rounded_phases_stay_within_the_bound(bits, target, seed):
     assert (fit.std_m < fit.bound_m).all()
 
 
+@given(grids(3, 4), targets(lateral=0.03, low=0.05, high=0.1), st.integers(3, 8), seeds)
+@settings(max_examples=8)
+def test_spread_and_bound_follow_from_how_the_fit_answers_each_element(array, target, bits, seed):
+    """A little phase on one element after the other gives the slopes dx / dphi_n.
+
+    Rounding is off by half a step at most, by step / sqrt(12) on the mean: so far the focus moves
+    if all add up, or are independent.  An element that is left out counts for nothing.
+    """
+    model = AcousticModel(array, Medium.air(), MODEL.transducer)
+    active = np.arange(array.count) != seed % array.count
+    phases, little = focus_phases(model, target), 1e-5
+
+    def fitted(offsets):
+        return fit_focus(model, phases + offsets, target, phase_bits=bits, active=active)
+
+    slopes = (
+        np.array([fitted(little * unit).position_m - target for unit in np.eye(array.count)]).T
+        / little
+    )
+    fit, step = fitted(0.0), phase_step_rad(bits)
+    assert fit.observable.all()
+    assert fit.bound_m == pytest.approx(np.abs(slopes).sum(axis=1) * step / 2, rel=1e-3)
+    assert fit.std_m == pytest.approx(np.linalg.norm(slopes, axis=1) * step / 12**0.5, rel=1e-3)
+
+
+@given(targets(), seeds)
+@settings(max_examples=15)
+def test_the_common_phase_leaves_residuals_of_mean_zero(target, seed):
+    """The least-squares mean, not that of the phasors: with lopsided errors they differ."""
+    rng = np.random.default_rng(seed)
+    phases = focus_phases(MODEL, target) + 0.5 * rng.exponential(size=256).clip(0.0, 3.0)
+    fit = fit_focus(MODEL, phases, target, phase_bits=8)
+    assert fit.residual_rad.mean() == pytest.approx(0.0, abs=1e-9)
+
+
 def test_scatter_of_random_targets_is_that_of_the_cramer_rao_bound():
     """RMS error over std_m is 1 within 15 % for 300 targets away from the symmetry planes."""
     rng = np.random.default_rng(11)
