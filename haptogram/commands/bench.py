@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from .output_files import write_picture
+
 if TYPE_CHECKING:
     from haptogram.bench.measure import BenchRun
 
@@ -135,9 +137,8 @@ def _write(
         write_atomically(arguments.html, as_html(found, changes).encode())
     if arguments.picture is not None:
         from haptogram.bench.pictures import draw_histograms
-        from haptogram.pictures.style import save
 
-        save(draw_histograms(found.stages_us), arguments.picture)
+        write_picture(arguments.picture, draw_histograms(found.stages_us))
     for path in (arguments.json, arguments.html, arguments.picture):
         if path is not None:
             print(f"wrote {path}", file=sys.stderr)

@@ -12,6 +12,7 @@ from typing import Final
 from haptogram.config import MESH_SUFFIXES, SHAPES, VerifyConfig
 
 from .exit_status import PASS
+from .output_files import check_file, write_picture
 
 VIEWS: Final = ("plane", "cuts", "isosurface", "spectrum")
 PLANES: Final = ("xy", "xz", "yz")
@@ -168,17 +169,17 @@ def _add_picture(field: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
-    from haptogram.pictures import save
-    from haptogram.pictures.style import check_format
+    from haptogram.pictures import check_format
 
     from .field_scene import Scene
     from .field_views import describe, draw
 
     check_format(arguments.output)
+    check_file(arguments.output)
     scene = Scene.from_arguments(arguments)
     with _bar(quiet=arguments.quiet) as progress:
         figure = draw(arguments, scene, progress)
-    save(figure, arguments.output)
+    write_picture(arguments.output, figure)
     if not arguments.quiet:
         sys.stdout.write("\n".join([*describe(scene), f"written: {arguments.output}"]) + "\n")
     return PASS

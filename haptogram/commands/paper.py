@@ -7,9 +7,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from haptogram.errors import ConfigurationError
-
 from .exit_status import FAIL, PASS
+from .output_files import STANDARD_OUTPUT, check_file, write_json
 
 _EPILOG: Final = """\
 examples:
@@ -43,7 +42,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "--presets",
         action="store_true",
         help="print the published figures of the systems behind the paper, and of open boards, "
-        "next to ours [not printed]",
+        "next to ours, as 'haptogram presets' does [not printed]",
     )
     paper.add_argument(
         "--json", metavar="FILE", help="write everything as JSON; - is standard output [none]"
@@ -59,27 +58,28 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute, write and print; return the exit status."""
-    import json
-
     from haptogram.paper import text
     from haptogram.paper.document import reproduce_paper
     from haptogram.presets import PRESETS, compare
+    from haptogram.presets.text import render
 
     _check_places(arguments)
     paper = reproduce_paper()
     wanted = arguments.presets or arguments.json or arguments.report
-    presets = [row for preset in PRESETS for row in compare(preset)] if wanted else []
-    if arguments.report:
-        from haptogram.paper.html import write_report
-
-        write_report(paper, presets, arguments.report)
-    if arguments.json:
-        document = json.dumps(paper.as_dict() | {"presets": presets}, indent=2) + "\n"
-        _write(arguments.json, document)
-    if arguments.json != "-":
+    compared = [(preset, compare(preset)) for preset in PRESETS] if wanted else []
+    presets = [row for _, rows in compared for row in rows]
+    if arguments.json != STANDARD_OUTPUT:  # before the files: a full disk shall not cost the result
         sys.stdout.write(text.render(paper))
         if arguments.presets:
-            sys.stdout.write("\n" + text.render_presets(presets))
+            sys.stdout.write("\n" + render(compared))
+    if arguments.json:
+        write_json(arguments.json, paper.as_dict() | {"presets": presets})
+    if arguments.report:
+        from haptogram.paper.html import report_files
+        from haptogram.report.files import write_atomically
+
+        for path, content in report_files(paper, presets, arguments.report):
+            write_atomically(path, content)
     return PASS if paper.averages_reproduced else FAIL
 
 
@@ -89,15 +89,4 @@ def _check_places(arguments: argparse.Namespace) -> None:
         from haptogram.paper.html import check_report
 
         check_report(arguments.report)
-    if arguments.json and not Path(arguments.json).parent.is_dir():
-        raise ConfigurationError(f"JSON '{arguments.json}': there is no such folder")
-
-
-def _write(name: str, document: str) -> None:
-    if name == "-":
-        sys.stdout.write(document)
-        return
-    try:
-        Path(name).write_text(document, encoding="utf-8")
-    except OSError as error:
-        raise ConfigurationError(f"JSON '{name}' cannot be written: {error}") from error
+    check_file(arguments.json)

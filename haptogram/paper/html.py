@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -17,7 +17,7 @@ from haptogram.paper.document import (
 )
 from haptogram.paper.drawings import draw_figure_4, draw_hemispheres, draw_table_1
 from haptogram.paper.equations import EQUATIONS
-from haptogram.pictures import as_data_uri, save
+from haptogram.pictures import as_data_uri, render
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,33 +35,33 @@ code { font-size: .92em } figure { margin: 1.2rem 0 } img { max-width: 100% }
 """
 
 
-def write_report(paper: Paper, presets: Iterable[dict[str, Any]], path: Path) -> None:
-    """Write the page to *path*; to a folder (no suffix), with every picture as PNG and SVG too.
+def report_files(
+    paper: Paper, presets: Iterable[dict[str, Any]], path: Path
+) -> Iterator[tuple[Path, bytes]]:
+    """Yield what to write for a report at *path*: a page; to a folder, every picture as well.
+
+    Pictures in a folder (no suffix) are PNG and SVG.
 
     Raises
     ------
     ConfigurationError
-        A suffix other than .html, a path that cannot be written, or no matplotlib.
+        A suffix other than .html, or no matplotlib.
     """
     check_report(path)
-    suffix = path.suffix.lower()
     figures = {
         "hemispheres": draw_hemispheres(),
         "table1": draw_table_1(paper.best),
         **draw_figure_4(),
     }
-    page = _page(paper, list(presets), figures)
-    try:
-        if suffix:
-            path.write_text(page, encoding="utf-8")
-            return
-        path.mkdir(parents=True, exist_ok=True)
-        (path / "index.html").write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise ConfigurationError(f"report '{path}' cannot be written: {error}") from error
+    page = _page(paper, list(presets), figures).encode()
+    if path.suffix:
+        yield path, page
+        return
+    yield path / "index.html", page
     for name, figure in figures.items():
         for kind in (".png", ".svg"):
-            save(figure, path / f"{name}{kind}")
+            picture = path / f"{name}{kind}"
+            yield picture, render(figure, picture)
 
 
 def check_report(path: Path) -> None:
@@ -70,12 +70,12 @@ def check_report(path: Path) -> None:
     Raises
     ------
     ConfigurationError
-        Another suffix, or a folder around it that does not exist.
+        Another suffix, or a file where a folder is wanted.
     """
     if path.suffix.lower() not in ("", ".html", ".htm"):
         raise ConfigurationError(f"report '{path}' must end in .html, or be a folder")
-    if not path.parent.is_dir():
-        raise ConfigurationError(f"report '{path}': there is no folder '{path.parent}'")
+    if path.suffix == "" and path.exists() and not path.is_dir():
+        raise ConfigurationError(f"report '{path}' is a file; a folder, or a name in .html")
 
 
 def _page(paper: Paper, presets: Sequence[dict[str, Any]], figures: dict[str, Figure]) -> str:

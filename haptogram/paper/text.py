@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Final
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 from haptogram.paper.document import (
     DEVIATIONS_REMARK,
@@ -28,22 +28,6 @@ def render(paper: Paper) -> str:
         _figure_4(paper),
     )
     return "\n\n".join("\n".join(section) for section in sections) + "\n"
-
-
-def render_presets(rows: Iterable[dict[str, Any]]) -> str:
-    """Return the published figures of the presets next to ours, grouped by preset."""
-    lines = ["Published figures and ours"]
-    name = ""
-    for row in rows:
-        if row["preset"] != name:
-            name = row["preset"]
-            lines += ["", name]
-        lines.append(
-            f"  {row['quantity']:<34} {row['published']:<30} ours {row['ours']:.4g} {row['unit']}"
-        )
-        note = "; ".join(part for part in (row["source"], row["remark"]) if part)
-        lines += textwrap.wrap(note, _WIDTH, initial_indent="      ", subsequent_indent="      ")
-    return "\n".join(lines) + "\n"
 
 
 def _equations(paper: Paper) -> Iterator[str]:

@@ -10,20 +10,21 @@ from haptogram.pictures.isosurface import draw_isosurfaces, isosurface
 from haptogram.pictures.plane_picture import QUANTITIES, draw_plane
 from haptogram.pictures.planes import Plane, PlaneField, force_values, sample_mean, sample_plane
 from haptogram.pictures.spectra import draw_spectrum
-from haptogram.pictures.style import as_data_uri, save
+from haptogram.pictures.style import as_data_uri, check_format, render
 
 __all__ = [
     "QUANTITIES",
     "Plane",
     "PlaneField",
     "as_data_uri",
+    "check_format",
     "draw_cuts",
     "draw_isosurfaces",
     "draw_plane",
     "draw_spectrum",
     "force_values",
     "isosurface",
+    "render",
     "sample_mean",
     "sample_plane",
-    "save",
 ]

@@ -80,20 +80,20 @@ def check_format(path: Path) -> None:
         )
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write *figure* to *path*, in the format of its suffix, without a date.
+def render(figure: Figure, path: Path) -> bytes:
+    """Return *figure* in the format of the suffix of *path*, without a date.
 
     Raises
     ------
     ConfigurationError
-        A suffix that is not a format, or a path that cannot be written.
+        A suffix that is not a format.
     """
     check_format(path)
-    try:
-        with styled():
-            figure.savefig(path, dpi=DPI, metadata=_undated(path.suffix.lower()))
-    except OSError as error:
-        raise ConfigurationError(f"picture '{path}' cannot be written: {error}") from error
+    suffix = path.suffix.lower()
+    buffer = io.BytesIO()
+    with styled():
+        figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=_undated(suffix))
+    return buffer.getvalue()
 
 
 def as_data_uri(figure: Figure) -> str:

@@ -6,7 +6,14 @@ from typing import Final
 
 from haptogram.acoustics import AcousticModel, CircularPiston, Medium, PointSource, Transducer
 from haptogram.presets.arrays import SONICSURFACE_PITCH_M, autd_unit, sonicsurface
-from haptogram.presets.figures import Figure, Preset, extent_mm, pressure_rms_pa, quantised_share
+from haptogram.presets.figures import (
+    Figure,
+    Preset,
+    element_count,
+    extent_mm,
+    pressure_rms_pa,
+    quantised_share,
+)
 
 # AUTD3 takes 4.386 Pa m peak for a T4010A1, which is 3.10 Pa m RMS: the strength of our default.
 _STRENGTH_PA_M: Final = 3.10
@@ -19,6 +26,7 @@ SONICSURFACE: Final = Preset(
     lambda: AcousticModel(sonicsurface(), Medium.air(), Transducer(CircularPiston(4.5e-3))),
     (0.0, 0.0, 0.15),
     (
+        element_count("256 (16 x 16)", "its repository"),
         Figure(
             "centre of the rows off the origin",
             "2.0 mm",
@@ -61,7 +69,7 @@ AUTD: Final = Preset(
     ),
     (0.0, 0.0, 0.15),
     (
-        Figure("number of elements", "249", "its source", lambda m: float(m.array.count), ""),
+        element_count("249", "its source"),
         Figure(
             "pressure at a focus 150 mm above",
             "4727 Pa RMS",

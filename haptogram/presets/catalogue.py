@@ -16,6 +16,7 @@ from haptogram.presets.boards import AUTD, SONICSURFACE
 from haptogram.presets.figures import (
     Figure,
     Preset,
+    element_count,
     extent_mm,
     force_mn,
     mean_force_mn,
@@ -49,6 +50,7 @@ TACTILE_DISPLAY: Final = Preset(
     lambda: _in_air(TransducerArray.grid(18, 18)),
     (0.0, 0.0, 0.2),
     (
+        element_count("324", _HOSHI),
         Figure(
             "force at the focus",
             "16 mN",
@@ -150,6 +152,7 @@ MULTI_POINT: Final = Preset(
     lambda: _in_air(TransducerArray.grid(16, 20)),
     (0.0, 0.0, 0.2),
     (
+        element_count("320 (16 x 20)", "recollection"),
         Figure(
             "size of a focus",
             "8.6 mm (a wavelength)",
@@ -177,6 +180,7 @@ PAPER_ARRAY: Final = Preset(
     AcousticModel.default,
     (0.0, 0.0, 0.1),
     (
+        element_count("256 (16 x 16)", _PAPER),
         Figure("side of the array", "180 mm", _PAPER, extent_mm(0), "mm", "16 x 10 mm is 160 mm"),
         Figure(
             "w_f at r = 100 mm, equation (9)",

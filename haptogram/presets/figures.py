@@ -101,6 +101,11 @@ def compare(preset: Preset) -> list[dict[str, Any]]:
     ]
 
 
+def element_count(published: str, source: str) -> Figure:
+    """Return the number of elements as a figure."""
+    return Figure("number of elements", published, source, lambda m: float(m.array.count), "")
+
+
 def focus_weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex128]:
     """Return full amplitude on every element, in phase at the focus."""
     weights: NDArray[np.complex128] = np.exp(1j * focus_phases(model, focus_m))

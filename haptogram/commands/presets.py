@@ -1,0 +1,59 @@
+"""``haptogram presets``: known systems, with their published figures next to ours."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Final
+
+from .exit_status import PASS
+from .output_files import check_file, write_json
+
+_EPILOG: Final = """\
+examples:
+  haptogram presets                            all of them
+  haptogram presets tactile-display autd3      these two
+  haptogram presets --json -                   as JSON on standard output
+  haptogram field --preset tactile-display     the field of its typical focus, as a picture
+
+exit status:
+  0  the figures were printed
+  2  usage or environment error
+"""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command."""
+    presets = commands.add_parser(
+        "presets",
+        help="list the known systems, with their published figures next to ours",
+        description="List the systems behind the Haptogram paper and open boards: what each is, "
+        "where its geometry is from, and its published figures next to what the model gives. "
+        "Where no source was at hand, it says so.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    presets.add_argument(
+        "names", nargs="*", metavar="NAME", help="presets to show, by name [all of them]"
+    )
+    presets.add_argument(
+        "--json",
+        metavar="FILE",
+        help="write the figures as JSON instead of text; - is standard output [none]",
+    )
+    presets.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compute and print; return the exit status."""
+    from haptogram.presets import PRESETS, compare, find_preset
+    from haptogram.presets.text import render
+
+    check_file(arguments.json)
+    chosen = [find_preset(name) for name in arguments.names] or PRESETS
+    compared = [(preset, compare(preset)) for preset in chosen]
+    if arguments.json:
+        write_json(arguments.json, {"presets": [row for _, rows in compared for row in rows]})
+    else:
+        sys.stdout.write(render(compared))
+    return PASS
