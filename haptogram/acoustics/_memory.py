@@ -27,6 +27,6 @@ def check_memory(what: str, shape: Sequence[int], item_bytes: int) -> None:
     limit_bytes = int(_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     if size_bytes > limit_bytes:
         raise ConfigurationError(
-            f"{what} of {' x '.join(map(str, shape))} needs {size_bytes / 1e9:.3g} GB, "
+            f"{what} of {' x '.join(map(str, shape))} needs {size_bytes // 10**9:,} GB, "
             f"must be at most {limit_bytes / 1e9:.3g} GB (half of the memory)"
         )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Final, TypeAlias
+import operator
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +16,12 @@ ComplexArray: TypeAlias = NDArray[np.complex128]
 BoolArray: TypeAlias = NDArray[np.bool_]
 
 MAX_TRANSDUCERS: Final = 1024  # per array, and so per drive
+MAX_POINT_M: Final = 1e6  # of any coordinate: nothing overflows, in single precision neither
 
 
 def check_range(name: str, value: float, low: float, high: float) -> float:
     """Return *value* as a float, or raise if it is not a number within [low, high]."""
-    number = float(value)
+    number = _as_number(name, value)
     if not low <= number <= high:  # also catches NaN
         raise ConfigurationError(f"{name} is {number:g}, must be {low:g} to {high:g}")
     return number
@@ -27,10 +29,28 @@ def check_range(name: str, value: float, low: float, high: float) -> float:
 
 def check_positive(name: str, value: float) -> float:
     """Return *value* as a float, or raise if it is not a finite number above zero."""
-    number = float(value)
+    number = _as_number(name, value)
     if not (math.isfinite(number) and number > 0.0):
         raise ConfigurationError(f"{name} is {number:g}, must be finite and above 0")
     return number
+
+
+def check_count(name: str, value: int, low: int, high: int) -> int:
+    """Return *value* as an int, or raise if it is not a whole number within [low, high]."""
+    try:
+        count = operator.index(value)
+    except TypeError as error:
+        raise ConfigurationError(f"{name} is {value!r}, must be a whole number") from error
+    if not low <= count <= high:
+        raise ConfigurationError(f"{name} is {count}, must be {low} to {high}")
+    return count
+
+
+def _as_number(name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{name} is {value!r}, must be a number") from error
 
 
 def as_vector(name: str, values: ArrayLike, length: int) -> FloatArray:
@@ -42,21 +62,40 @@ def as_vector(name: str, values: ArrayLike, length: int) -> FloatArray:
 
 
 def as_points(name: str, values: ArrayLike) -> FloatArray:
-    """Return *values* as a finite (M, 3) float64 array, or raise."""
-    points = as_floats(name, values)
+    """Return *values* as an (M, 3) float64 array of coordinates within 1000 km, or raise."""
+    points = _as_array(name, values)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ConfigurationError(f"{name} has shape {points.shape}, must be (M, 3)")
+    check_magnitudes(name, points, MAX_POINT_M)
     return points
 
 
 def as_floats(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as finite float64 of any shape, or raise."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
+    array = _as_array(name, values)
     check_finite(name, array)
     return array
+
+
+def _as_array(name: str, values: ArrayLike) -> FloatArray:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
+
+
+def check_magnitudes(name: str, array: FloatArray | ComplexArray, limit: float) -> None:
+    """Raise, naming the first one, if *array* holds a NaN or a magnitude above *limit*."""
+    values = array.ravel()
+    if np.vdot(values, values).real <= limit * limit:  # a quarter of the time; NaN is not
+        return
+    check_finite(name, array)
+    beyond = np.argwhere(np.abs(array) > limit)
+    if len(beyond):
+        index = tuple(int(i) for i in beyond[0])
+        raise ConfigurationError(
+            f"{name}{list(index)} is {array[index]:g}, must be {limit:g} at most"
+        )
 
 
 def check_finite(name: str, array: NDArray[np.generic]) -> None:

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics._validation import ComplexArray, FloatArray, as_points, check_positive
-from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics.drive import as_sequence
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.acoustics.field import FieldEngine
-from haptogram.errors import ConfigurationError
 
 _VALUES_PER_CHUNK: Final = 1 << 20  # 16 MB of complex128
 
@@ -58,9 +57,7 @@ def mean_square_pressure(
     ConfigurationError
         No drive, or as :func:`~haptogram.acoustics.field.pressure`.
     """
-    drives = as_weights(weights)
-    if drives.ndim != 2 or not len(drives):
-        raise ConfigurationError(f"weights have shape {drives.shape}, must be (F, N), F at least 1")
+    drives = as_sequence(weights, engine.model.array.count)
     check_positive("frame_s", frame_s)
     points = as_points("points_m", points_m)
     size = max(1, _VALUES_PER_CHUNK // len(drives))

@@ -23,23 +23,25 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from haptogram.acoustics._memory import check_memory
 from haptogram.acoustics._validation import (
     ComplexArray,
     FloatArray,
+    check_count,
     check_positive,
 )
 from haptogram.acoustics.average import periodic_start
-from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics.drive import as_sequence
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.acoustics.exposure import (
     AUDIBLE_LIMIT_HZ,
     LOWEST_AUDIBLE_HZ,
+    MAX_DIRECTIONS,
     a_weighting_db,
     half_sphere,
 )
 from haptogram.acoustics.field import FieldEngine
 from haptogram.acoustics.radiation import level_db_spl
-from haptogram.errors import ConfigurationError
 
 NONLINEARITY: Final = 1.2  # beta of air: (gamma + 1) / 2
 _APERTURES: Final = 4.0  # radius of the sphere over the array's: the beam's power is radial there
@@ -60,11 +62,19 @@ def radiated_power_w(
     weights : (F, N) array_like of complex
         The drives.
 
+    directions : int
+        Points of the half sphere, 10 to a million.
+
     Returns
     -------
     (F,) numpy.ndarray
+
+    Raises
+    ------
+    ConfigurationError
+        No drive; directions out of range.
     """
-    drives = as_weights(weights)
+    drives = as_sequence(weights, engine.model.array.count)
     places, per_square_pa = _sphere(engine, directions)
     power = np.zeros(len(drives))
     for part in _parts(places, len(drives)):
@@ -101,18 +111,17 @@ def demodulated_lines(
     Raises
     ------
     ConfigurationError
-        No drive; a distance or a duration not above 0; a medium that absorbs nothing; a resonator
-        without a lag.
+        No drive; a distance or a duration not above 0; a sequence whose lines would not fit; a
+        medium that absorbs nothing; a resonator without a lag.
     """
-    drives = as_weights(weights)
-    if drives.ndim != 2 or not len(drives):
-        raise ConfigurationError(f"weights have shape {drives.shape}, must be (F, N), F at least 1")
+    drives = as_sequence(weights, engine.model.array.count)
     medium = engine.model.medium
     check_positive("absorption_np_m", medium.absorption_np_m)
     check_positive("time_constant_s", resonator.time_constant_s)
     period_s = len(drives) * check_positive("frame_s", frame_s)
-    first = max(1, math.ceil(LOWEST_AUDIBLE_HZ * period_s))
-    orders = np.arange(first, math.floor(AUDIBLE_LIMIT_HZ * period_s) + 1)
+    first, last = max(1, math.ceil(LOWEST_AUDIBLE_HZ * period_s)), AUDIBLE_LIMIT_HZ * period_s
+    check_memory("lines", (math.ceil(last),), 64)
+    orders = np.arange(first, math.floor(last) + 1)
     rate = 2.0 * np.pi * orders / period_s
     power = _power_lines(engine, drives, frame_s, resonator, orders, directions)
     spread = 8.0 * np.pi * medium.sound_speed_m_s**3 * medium.absorption_np_m
@@ -185,6 +194,7 @@ def _frame_sums(
 
 def _sphere(engine: FieldEngine, directions: int) -> tuple[FloatArray, float]:
     """Return places on a half sphere, and the power that each of them stands for, per Pa^2."""
+    check_count("directions", directions, 10, MAX_DIRECTIONS)
     model, array = engine.model, engine.model.array
     aperture_m = float(np.linalg.norm(array.positions_m - array.centre_m, axis=1).max())
     radius_m = max(_APERTURES * aperture_m, 10.0 * model.wavelength_m)

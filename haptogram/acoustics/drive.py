@@ -19,7 +19,7 @@ from haptogram.acoustics._validation import (
     ComplexArray,
     FloatArray,
     as_floats,
-    check_finite,
+    check_magnitudes,
     read_only,
 )
 from haptogram.errors import ConfigurationError
@@ -27,6 +27,8 @@ from haptogram.errors import ConfigurationError
 MAX_PHASE_BITS: Final = 8
 FULL_AMPLITUDE: Final = 255
 _CEILING: Final = 1.0 + 1e-6  # a magnitude of 1, with the rounding of single precision
+
+_MAX_WEIGHT: Final = 1e6  # the field is linear; far above, single precision is not
 
 _TURN_RAD: Final = 2.0 * math.pi
 _MAX_PHASE_RAD: Final = 1e9  # beyond it a float64 no longer resolves an 8-bit step well
@@ -159,13 +161,45 @@ def check_phase_bits(bits: int) -> None:
 
 
 def as_weights(weights: ArrayLike) -> ComplexArray:
-    """Return *weights* as finite complex128 of any shape, or raise."""
+    """Return *weights* as complex128 of any shape, or raise.
+
+    Raises
+    ------
+    ConfigurationError
+        What is no number, not finite, or a million times what a transducer can follow.
+    """
     try:
         values = np.asarray(weights, dtype=np.complex128)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"weights are not an array of numbers: {error}") from error
-    check_finite("weights", values)
+    check_magnitudes("weights", values, _MAX_WEIGHT)
     return values
+
+
+def as_drives(weights: ArrayLike, count: int) -> ComplexArray:
+    """Return *weights* as one drive (N,) or several (F, N) of *count* elements, or raise."""
+    drives = as_weights(weights)
+    if drives.ndim not in (1, 2) or drives.shape[-1] != count:
+        raise ConfigurationError(f"weights have shape {drives.shape}, must end in {count} elements")
+    return drives
+
+
+def as_drive(weights: ArrayLike, count: int) -> ComplexArray:
+    """Return *weights* as one drive (N,) of *count* elements, or raise."""
+    drive = as_weights(weights)
+    if drive.shape != (count,):
+        raise ConfigurationError(f"weights have shape {drive.shape}, must be ({count},)")
+    return drive
+
+
+def as_sequence(weights: ArrayLike, count: int) -> ComplexArray:
+    """Return *weights* as a sequence (F, N) of at least one drive of *count* elements, or raise."""
+    drives = as_weights(weights)
+    if drives.ndim != 2 or not len(drives) or drives.shape[1] != count:
+        raise ConfigurationError(
+            f"weights have shape {drives.shape}, must be (F, {count}), F at least 1"
+        )
+    return drives
 
 
 def _as_codes(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint8]:

@@ -18,21 +18,25 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from haptogram.acoustics._memory import check_memory
 from haptogram.acoustics._validation import (
     ComplexArray,
     FloatArray,
     as_floats,
     as_points,
+    as_vector,
+    check_count,
     check_positive,
 )
 from haptogram.acoustics.average import mean_square_pressure
-from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics.drive import as_sequence
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.acoustics.field import FieldEngine
 from haptogram.acoustics.radiation import level_db_spl
 from haptogram.errors import ConfigurationError
 
 AUDIBLE_LIMIT_HZ: Final = 20e3
+MAX_DIRECTIONS: Final = 1_000_000
 LOWEST_AUDIBLE_HZ: Final = 20.0
 STATEMENT: Final = (
     "Unweighted levels of the linear free field, re 20 uPa; no reflections, no demodulated sound, "
@@ -88,9 +92,9 @@ def exposure_at(
     ConfigurationError
         As :func:`~haptogram.acoustics.average.mean_square_pressure`.
     """
-    places = as_points("places_m", places_m)
-    mean = mean_square_pressure(engine, weights, places, frame_s, resonator)
-    settled = np.abs(engine.pressure(as_weights(weights), places)).max(axis=0) / math.sqrt(2.0)
+    drives, places = as_sequence(weights, engine.model.array.count), as_points("places_m", places_m)
+    mean = mean_square_pressure(engine, drives, places, frame_s, resonator)
+    settled = np.abs(engine.pressure(drives, places)).max(axis=0) / math.sqrt(2.0)
     return [
         Exposure(
             (place[0], place[1], place[2]), level_db_spl(most), level_db_spl(math.sqrt(square))
@@ -116,11 +120,10 @@ def worst_place(
     Raises
     ------
     ConfigurationError
-        A distance not above 0, or fewer than 10 directions.
+        A distance not above 0, or not 10 to a million directions.
     """
     check_positive("distance_m", distance_m)
-    if directions < 10:
-        raise ConfigurationError(f"directions is {directions}, must be at least 10")
+    check_count("directions", directions, 10, MAX_DIRECTIONS)
     array = engine.model.array
     places = array.centre_m + distance_m * half_sphere(array.facing, directions)
     mean = mean_square_pressure(engine, weights, places, frame_s)
@@ -176,10 +179,14 @@ def switching_level_db_a(
     -------
     float
         dB(A) re 20 uPa; minus infinity for a single drive.
+
+    Raises
+    ------
+    ConfigurationError
+        No drive, a duration that is not above 0, or a sequence whose lines would not fit.
     """
-    drives = as_weights(weights)
-    places = as_points("place_m", np.atleast_2d(as_floats("place_m", place_m)))
-    settled = engine.pressure(drives, places)[:, 0]
+    drives = as_sequence(weights, engine.model.array.count)
+    settled = engine.pressure(drives, as_vector("place_m", place_m, 3)[None])[:, 0]
     period_s = len(drives) * check_positive("frame_s", frame_s)
     if len(drives) == 1:
         return -math.inf
@@ -198,6 +205,7 @@ def _audible_lines(
     """
     first = math.ceil((carrier_hz - AUDIBLE_LIMIT_HZ) * period_s)
     last = math.floor((carrier_hz + AUDIBLE_LIMIT_HZ) * period_s)
+    check_memory("lines", (last + 1 - first,), 128)
     orders = np.arange(first, last + 1)
     offset_hz = orders / period_s
     lines = _step_series(settled, orders) / (

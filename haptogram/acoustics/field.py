@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics._memory import check_memory
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray, as_points
-from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics.drive import as_drive, as_drives
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -115,11 +115,7 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
     ConfigurationError
         As :func:`propagators`; and for weights that are not finite or not one per element.
     """
-    drives = as_weights(weights)
-    if drives.ndim not in (1, 2) or drives.shape[-1] != model.array.count:
-        raise ConfigurationError(
-            f"weights have shape {drives.shape}, must end in {model.array.count} elements"
-        )
+    drives = as_drives(weights, model.array.count)
     points = as_points("points_m", points_m)
     check_memory("a field", (*drives.shape[:-1], len(points)), 16)
     check_points(model, points)
@@ -172,10 +168,11 @@ def in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
 
 def level_in_front(engine: FieldEngine, weights: ArrayLike, points_m: ArrayLike) -> FloatArray:
     """Return |p| of one drive, (M,), and 0 behind the baffle: for a search that reaches there."""
+    drive = as_drive(weights, engine.model.array.count)
     points = as_points("points_m", points_m)
     level = np.zeros(len(points))
     front = in_front(engine.model, points)
-    level[front] = np.abs(engine.pressure(weights, points[front]))
+    level[front] = np.abs(engine.pressure(drive, points[front]))
     return level
 
 

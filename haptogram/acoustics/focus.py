@@ -39,6 +39,7 @@ _STEP_TOLERANCE_M: Final = 1e-10
 _ROUNDING_M: Final = 1e-9
 _MIN_DAMPING: Final = 1e-2
 _MAX_DAMPING: Final = 1e4
+_TINY_M: Final = 1e-300  # a start may lie on an element
 _POINT_M: Final = 1e-6  # elements less spread than this are in one place
 
 
@@ -258,7 +259,7 @@ class _PhaseProblem:
 
     def _slopes(self, offset: FloatArray, distance: FloatArray) -> FloatArray:
         """Return d(residual)/d(position), (N, 3), with the mean that psi absorbs taken out."""
-        slopes: FloatArray = offset * (self._wavenumber / distance)[:, None]
+        slopes: FloatArray = offset * (self._wavenumber / (distance + _TINY_M))[:, None]
         slopes -= np.add.reduce(slopes) / len(slopes)  # `mean` takes four times as long
         return slopes
 

@@ -21,6 +21,7 @@ from haptogram.acoustics._validation import (
     FloatArray,
     as_floats,
     as_points,
+    check_count,
     check_positive,
     read_only,
 )
@@ -96,8 +97,8 @@ class TransducerArray:
     @classmethod
     def grid(cls, nx: int, ny: int, *, pitch_m: float = DEFAULT_PITCH_M) -> Self:
         """Return a planar nx-by-ny grid, centred on the origin and facing +z."""
-        if nx < 1 or ny < 1:
-            raise ConfigurationError(f"grid is {nx}x{ny}, each side must be at least 1")
+        for side in (nx, ny):
+            check_count("side of the grid", side, 1, MAX_TRANSDUCERS)
         _check_count(nx * ny)
         check_positive("pitch_m", pitch_m)
         ix, iy = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")

@@ -109,7 +109,8 @@ def box_points_m(low_m: ArrayLike, high_m: ArrayLike, step_m: float) -> FloatArr
         A box that is not finite or turned inside out, or a grid of more than half of the memory.
     """
     check_positive("step_m", step_m)
-    low, high = as_vector("low_m", low_m, 3), as_vector("high_m", high_m, 3)
+    corners = as_vector("low_m", low_m, 3), as_vector("high_m", high_m, 3)
+    low, high = as_points("box", corners)
     if (low > high).any():
         raise ConfigurationError(f"the box ends at {high}, before its start at {low}")
     counts = np.ceil((high - low) / step_m - 1e-9) + 1.0

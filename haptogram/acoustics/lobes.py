@@ -10,14 +10,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import FloatArray, as_vector, check_range
-from haptogram.acoustics.drive import as_weights
-from haptogram.acoustics.field import FieldEngine, level_in_front
+from haptogram.acoustics._validation import MAX_POINT_M, FloatArray, as_vector, check_range
+from haptogram.acoustics.drive import as_drive
+from haptogram.acoustics.field import FieldEngine, check_points, level_in_front
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
 _POINTS_PER_WAVELENGTH: Final = 3
 _MAX_HALF_WIDTH_M: Final = 0.5
+_MIN_HEIGHT_M: Final = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +68,13 @@ def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe
     Raises
     ------
     ConfigurationError
-        If the array is not a regular grid, whose pitch is known.
+        If the array is not a regular grid, whose pitch is known; a target that is not above it.
     """
     pitch = model.array.pitch_m
     if pitch is None or model.array.grid_shape is None:
         raise ConfigurationError("the array is not a regular grid: it has no grating lobes")
     steered = as_vector("target_m", target_m, 3) - model.array.centre_m
+    check_range("height of the target", steered[2], _MIN_HEIGHT_M, MAX_POINT_M)
     steered = steered / np.linalg.norm(steered)
     step = model.wavelength_m / pitch
     orders = range(-math.ceil(2.0 / step), math.ceil(2.0 / step) + 1)
@@ -103,7 +105,8 @@ def largest_secondary_lobe(
     side = np.linspace(-half_width_m, half_width_m, count + 1)
     x, y = np.meshgrid(side, side, indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), np.full(x.size, target[2])], axis=1)
-    drive = as_weights(weights)
+    drive = as_drive(weights, engine.model.array.count)
+    check_points(engine.model, target[None])
     level = level_in_front(engine, drive, points).reshape(x.shape)
     tops = np.flatnonzero(_local_maxima(level))
     if len(tops) < 2:

@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics._memory import check_memory
-from haptogram.acoustics._validation import FloatArray, check_positive
+from haptogram.acoustics._validation import (
+    MAX_POINT_M,
+    FloatArray,
+    check_count,
+    check_positive,
+    check_range,
+)
 from haptogram.acoustics.drive import as_weights
 from haptogram.acoustics.field import propagators
 from haptogram.acoustics.geometry import TransducerArray
@@ -53,20 +59,16 @@ class PlaneField:
     Raises
     ------
     ConfigurationError
-        The array is no regular lattice; a height below 1 mm; a size out of range or one that would
-        not fit in memory.
+        The array is no regular lattice; a plane within 1 mm of an element or behind baffled ones; a
+        size out of range or one that would not fit in memory.
     """
 
     def __init__(
         self, model: AcousticModel, height_m: float, *, half_width_m: float, oversampling: int = 10
     ) -> None:
         check_positive("half_width_m", half_width_m)
-        if not math.isfinite(height_m):
-            raise ConfigurationError(f"height_m is {height_m}, must be finite")
-        if not 1 <= oversampling <= MAX_OVERSAMPLING:
-            raise ConfigurationError(
-                f"oversampling is {oversampling}, must be 1 to {MAX_OVERSAMPLING}"
-            )
+        check_range("height_m", height_m, -MAX_POINT_M, MAX_POINT_M)
+        check_count("oversampling", oversampling, 1, MAX_OVERSAMPLING)
         self._model = model
         self._height_m = float(height_m)
         self._lattice = _regular_lattice(model.array)

@@ -47,7 +47,11 @@ def radiation_pressure_pa(
     Trans. Haptics 3(3), 2010, eq. (1).
     """
     check_range("reflection", reflection, 1.0, 2.0)
-    mean_square = 0.5 * np.abs(np.asarray(pressure_peak_pa)) ** 2
+    try:
+        level = np.abs(np.asarray(pressure_peak_pa, dtype=np.complex128))
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"pressure_peak_pa is not an array of numbers: {error}") from error
+    mean_square = 0.5 * level**2
     result: FloatArray = reflection * mean_square / (medium.impedance * medium.sound_speed_m_s)
     return result
 

@@ -131,6 +131,10 @@ class Reconstructor:
         ConfigurationError
             The drive is not one of this array.
         """
+        if drive.count != self._model.array.count:
+            raise ConfigurationError(
+                f"drive of {drive.count}, array of {self._model.array.count} elements"
+            )
         if drive.is_muted and not ramping:
             return NoFocus("muted")
         bits = min(drive.phase_bits, self._phase_bits, phase_bits or MAX_PHASE_BITS)

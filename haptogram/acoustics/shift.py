@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import FloatArray, as_vector
-from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics._validation import FloatArray, as_vector, check_positive
+from haptogram.acoustics.drive import as_drive
 from haptogram.acoustics.field import FieldEngine, propagators
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -125,7 +125,7 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
         If there is no sound at the start, or no maximum within 400 steps, each of at most a quarter
         of a wavelength.
     """
-    drive = as_weights(weights)
+    drive = as_drive(weights, engine.model.array.count)
     position = as_vector("start_m", start_m, 3).copy()
     longest = engine.model.wavelength_m / 4.0
     # A wide stencil while far away, a narrow one for the last digits.
@@ -184,4 +184,6 @@ def paraxial_shift_m(model: AcousticModel, distance_m: float) -> float:
     For comparison only: it ignores the directivity and is 26 % too large at 400 mm (16 x 16).
     """
     half = float(model.array.half_extent_m[:2].max()) + (model.array.pitch_m or 0.0) / 2.0
+    check_positive("half-width of the array", half)
+    distance_m = check_positive("distance_m", distance_m)
     return -45.0 * distance_m**3 / (2.0 * model.wavenumber**2 * math.pow(half, 4))

@@ -14,8 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics._compiled import load_kernels
-from haptogram.acoustics._validation import ComplexArray, FloatArray, as_points, as_vector
-from haptogram.acoustics.drive import saturated
+from haptogram.acoustics._validation import (
+    ComplexArray,
+    FloatArray,
+    as_points,
+    as_vector,
+    check_count,
+    check_range,
+)
+from haptogram.acoustics.drive import as_drive, saturated
 from haptogram.acoustics.field import propagators
 from haptogram.acoustics.focus import check_target, superpose
 from haptogram.acoustics.model import AcousticModel
@@ -25,6 +32,7 @@ Method: TypeAlias = Literal["naive", "ibp", "gs", "wgs", "gspat", "gradient"]
 METHODS: Final[tuple[Method, ...]] = get_args(Method)
 MAX_FOCI: Final = 256
 MAX_ROUNDS: Final = 10_000
+_LEVELS: Final = (1e-6, 1e6)  # of amplitudes: their squares are single precision's
 
 
 def solve(
@@ -42,7 +50,7 @@ def solve(
     points_m : (F, 3) array_like
         Foci, in metres; at most 256.
     amplitudes : (F,) array_like, optional
-        Their relative amplitudes, above 0; all equal if not given.
+        Their relative amplitudes, 1e-6 to 1e6; all equal if not given.
     method : {"naive", "ibp", "gs", "wgs", "gspat", "gradient"}
         Superposition, scaled so that the largest weight is 1; iterative backpropagation (A. Marzo
         and B. W. Drinkwater, PNAS 116(1), 2019); Gerchberg-Saxton, and its weighted form (R. Di
@@ -60,21 +68,19 @@ def solve(
     ------
     ConfigurationError
         An unknown method; no focus or too many; foci out of reach (:func:`.focus.check_target`);
-        amplitudes that are not above 0; rounds out of range.
+        amplitudes or rounds out of range.
     """
     points = as_points("points_m", points_m)
     if method not in METHODS:
         raise ConfigurationError(f"method is {method!r}, must be one of {', '.join(METHODS)}")
     if not 1 <= len(points) <= MAX_FOCI:
         raise ConfigurationError(f"{len(points)} foci, must be 1 to {MAX_FOCI}")
-    if not 1 <= rounds <= MAX_ROUNDS:
-        raise ConfigurationError(f"rounds is {rounds}, must be 1 to {MAX_ROUNDS}")
+    check_count("rounds", rounds, 1, MAX_ROUNDS)
     for point in points:
         check_target(model, point)
     wanted = np.ones(len(points)) if amplitudes is None else amplitudes
     levels = as_vector("amplitudes", wanted, len(points))
-    if levels.min() <= 0.0:
-        raise ConfigurationError(f"an amplitude is {levels.min():g}, must be above 0")
+    _check_levels(levels)
     start = superpose(model, points, levels, np.zeros(len(points)))
     start /= np.abs(start).max()
     matrix = propagators(model, points)
@@ -224,6 +230,11 @@ _SOLVERS: Final[dict[str, _Solver]] = {
 }
 
 
+def _check_levels(levels: FloatArray) -> None:
+    for level in (levels.min(), levels.max()):
+        check_range("an amplitude", level, *_LEVELS)
+
+
 def _reachable(matrix: ComplexArray, wanted: FloatArray) -> float:
     """Return the common factor that uses the whole power if the foci do not overlap."""
     largest = np.abs(matrix).sum(axis=1)
@@ -266,15 +277,17 @@ def quality(
     Raises
     ------
     ConfigurationError
-        Shapes that do not fit each other or the array.
+        Shapes that do not fit each other or the array; no focus, or none with sound; amplitudes
+        out of range.
     """
     points = as_points("points_m", points_m)
     wanted = as_vector("amplitudes", amplitudes, len(points))
-    matrix = propagators(model, points)
-    drive = np.asarray(weights, dtype=np.complex128)
-    if drive.shape != (model.array.count,):
-        raise ConfigurationError(f"weights have shape {drive.shape}, must be (N,)")
+    check_count("number of foci", len(points), 1, MAX_FOCI)
+    _check_levels(wanted)
+    drive, matrix = as_drive(weights, model.array.count), propagators(model, points)
     level = np.abs(matrix @ drive)
+    if not level.max() > 0.0:
+        raise ConfigurationError("no sound at any focus")
     intensity = (level / wanted) ** 2
     spread = float(np.ptp(intensity)) / float(intensity.max() + intensity.min())
     return Quality(float(((level / np.abs(matrix).sum(axis=1)) ** 2).sum()), 1.0 - spread)

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics._validation import FloatArray, as_vector
-from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics.drive import as_drive
 from haptogram.acoustics.field import FieldEngine, level_in_front, propagators
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.shift import direction_covariance
+from haptogram.errors import ConfigurationError
 
 HALF_POWER: Final = 10.0 ** (-3.0 / 20.0)
 HALF_PRESSURE: Final = 10.0 ** (-6.0 / 20.0)
@@ -55,10 +56,12 @@ def measure_spot(engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike) -
     Raises
     ------
     ConfigurationError
-        As :func:`~haptogram.acoustics.field.pressure`.
+        No sound at the target, or as :func:`~haptogram.acoustics.field.pressure`.
     """
-    drive = as_weights(weights)
+    drive = as_drive(weights, engine.model.array.count)
     target = as_vector("target_m", target_m, 3)
+    if not abs(engine.pressure(drive, target[None])[0]) > 0.0:
+        raise ConfigurationError(f"no sound at {target.tolist()} m: it is no focus")
     sides = [_lateral(engine, drive, target, axis) for axis in np.eye(3)[:2]]
     depth, peak = _axial(engine, drive, target)
     (three_x, six_x, null_x), (three_y, six_y, null_y) = sides

@@ -117,7 +117,7 @@ def test_parse_reads_a_grid(text):
 @pytest.mark.parametrize(
     ("make", "complaint"),
     [
-        (lambda: TransducerArray.grid(0, 4), "0x4"),
+        (lambda: TransducerArray.grid(0, 4), "side of the grid is 0"),
         (lambda: TransducerArray.grid(33, 32), "1056 transducers, must be 1 to 1024"),
         (lambda: TransducerArray.grid(99999, 99999), "must be 1 to 1024"),
         (lambda: TransducerArray.grid(4, 4, pitch_m=0.0), "pitch_m is 0"),

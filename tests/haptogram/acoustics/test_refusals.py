@@ -1,0 +1,145 @@
+"""Bad input: one line that says what is wrong and what would be right, and never a warning."""
+
+import math
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics import (
+    AcousticModel,
+    Drive,
+    FocusCodes,
+    GridField,
+    MeasuredDirectivity,
+    Medium,
+    NumbaEngine,
+    Numpy32Engine,
+    NumpyEngine,
+    PlaneField,
+    RectangularPiston,
+    Resonator,
+    TransducerArray,
+    box_points_m,
+    exposure_at,
+    find_peak,
+    fit_focus,
+    focus_phases,
+    grating_lobes,
+    largest_secondary_lobe,
+    mean_square_pressure,
+    measure_spot,
+    paraxial_shift_m,
+    quality,
+    quantise_phase,
+    radiated_power_w,
+    radiation_pressure_pa,
+    solve,
+    switching_level_db_a,
+    worst_place,
+)
+from haptogram.acoustics.demodulation import demodulated_level_db_a
+from haptogram.acoustics.reconstruction import Reconstructor
+from haptogram.errors import ConfigurationError
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+MODEL = AcousticModel.default(4, 4)
+ENGINE = NumpyEngine(MODEL)
+LAG = Resonator.from_bandwidth()
+ONE, PLACE = np.ones(16), [0.0, 0.0, 0.1]
+TWO = np.ones((2, 16))
+
+
+@pytest.mark.parametrize("kind", [NumpyEngine, NumbaEngine, Numpy32Engine])
+@pytest.mark.parametrize(
+    ("weights", "points", "message"),
+    [
+        (ONE, [[0.0, 0.0, math.nan]], r"points_m\[0, 2\] is nan, must be finite"),
+        (ONE, [[0.0, math.inf, 0.1]], r"points_m\[0, 1\] is inf"),
+        (ONE, [[0.0, 0.0, 0.1], [1e200, 0.0, 0.1]], r"points_m\[1, 0\] is 1e\+200, .* 1e\+06"),
+        (ONE, PLACE, r"shape \(3,\), must be \(M, 3\)"),
+        (ONE, [["a", "b", "c"]], "not an array of numbers"),
+        (ONE, [[0.0, 0.0, 0.1j]], "not an array of numbers"),
+        (ONE, [[0.005, 0.005, 0.0]], r"point 0 is 0 mm from element 10, must be at least 1 mm"),
+        (ONE, [[0.0, 0.0, -0.1]], "point 0 is 100 mm behind the baffle"),
+        (np.ones(15), [PLACE], r"shape \(15,\), must end in 16 elements"),
+        (np.full(16, math.nan), [PLACE], r"weights\[0\] is .*nan.*, must be finite"),
+        (np.full(16, 1e155), [PLACE], r"weights\[0\] is 1e\+155.*, must be 1e\+06 at most"),
+        (np.full(16, 1e39j), [PLACE], r"weights\[0\] is 0\+1e\+39j, must be 1e\+06 at most"),
+        (None, [PLACE], r"weights"),
+    ],
+)
+def test_what_has_no_field_is_refused_by_every_engine(kind, weights, points, message):
+    with pytest.raises(ConfigurationError, match=message):
+        kind(MODEL).pressure(weights, points)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Drive.from_weights(1.1 * ONE), r"weights\[0\] has the magnitude 1\.1.* 1 at most"),
+        (lambda: Drive.from_weights(ONE, 2.5), "phase_bits is 2.5, must be 1 to 8"),
+        (lambda: quantise_phase([0.0], None), "phase_bits is None, must be 1 to 8"),
+        (lambda: Medium.air(-300), "temperature_c is -300, must be -20 to 50"),
+        (lambda: Medium.air(1000), "temperature_c is 1000, must be -20 to 50"),
+        (lambda: Medium.air("warm"), "temperature_c is 'warm', must be a number"),
+        (lambda: Medium.air(None), "temperature_c is None, must be a number"),
+        (lambda: Medium.air(20, 5), "humidity_percent is 5, must be 10 to 100"),
+        (lambda: Medium.air(20, 50, 0), "pressure_pa is 0, must be 50000 to 200000"),
+        (lambda: Medium.air(frequency_hz=2e6), "is 19.7 Hz/Pa, must be 0.0004 to 10"),
+        (lambda: TransducerArray.grid(2, 2.5), "side of the grid is 2.5, must be a whole number"),
+        (lambda: TransducerArray.grid(0, 4), "side of the grid is 0, must be 1 to 1024"),
+        (lambda: TransducerArray.grid(64, 64), "4096 transducers, must be 1 to 1024"),
+        (lambda: TransducerArray.from_positions(np.zeros((2, 3))), "are 0 mm apart"),
+        (lambda: TransducerArray.from_positions([PLACE], [[0, 0, 0]]), "has no direction"),
+        (lambda: TransducerArray.from_positions([PLACE], [[0, 0, 1e300]]), "must be 1e.06 at most"),
+        (lambda: RectangularPiston(1e-3, 1e-3, (0, 0, 0)), "width_axis is 0"),
+        (lambda: MeasuredDirectivity([0, 60, 50, 90], [1, 1, 1, 1]), "ascend"),
+        (lambda: MeasuredDirectivity([0, 90], [0.5, 0.5]), "must be 1"),
+        (lambda: box_points_m([0, 0, 0], [1, 1, 1], 1e-6), "a grid of 1000001 x .* GB, must be at"),
+        (lambda: box_points_m([0, 0, 0], [1, 1, 1], 1e-300), "a grid of .* GB, must be at most"),
+        (lambda: box_points_m([0, 0, 0], [1e300, 1, 1], 1.0), r"box.*1e\+300"),
+        (lambda: GridField(MODEL, [PLACE]).pressure(np.full(16, 1e300)), "weights.*1e.06 at most"),
+        (lambda: PlaneField(MODEL, 1e200, half_width_m=0.1), r"height_m is 1e\+200"),
+        (lambda: PlaneField(MODEL, "high", half_width_m=0.1), "height_m is 'high', must be a num"),
+        (lambda: PlaneField(MODEL, 0.1, half_width_m=0.1, oversampling=2.5), "whole number"),
+        (lambda: focus_phases(MODEL, [1e300, 0, 0]), r"target_m.* is 1e\+300, must be 1e\+06"),
+        (lambda: FocusCodes(MODEL).codes([1e300, 0, 0]), r"1e\+300, must be 1e\+06"),
+        (lambda: solve(MODEL, [PLACE], [1e-300]), "amplitude is 1e-300, must be 1e-06 to 1e.06"),
+        (lambda: solve(MODEL, [PLACE], [1e300]), r"amplitude is 1e\+300, must be 1e-06 to 1e\+06"),
+        (lambda: solve(MODEL, [PLACE], rounds=2.5), "rounds is 2.5, must be a whole number"),
+        (lambda: quality(MODEL, ONE, [PLACE], [0.0]), "amplitude is 0, must be 1e-06"),
+        (lambda: quality(MODEL, 0 * ONE, [PLACE], [1.0]), "no sound"),
+        (lambda: quality(MODEL, ONE, np.empty((0, 3)), []), "number of foci is 0, must be 1 to"),
+        (lambda: radiation_pressure_pa("loud", MODEL.medium), "not an array of numbers"),
+        (lambda: mean_square_pressure(ENGINE, ONE, [PLACE], 1e-3), r"must be \(F, 16\)"),
+        (lambda: exposure_at(ENGINE, np.empty((0, 16)), [PLACE], 1e-3), "F at least 1"),
+        (lambda: worst_place(ENGINE, TWO, 1.0, 1e-3, 10**13), "directions is 1.*, must be 10 to"),
+        (lambda: switching_level_db_a(ENGINE, ONE, PLACE, 1e-3, LAG), r"must be \(F, 16\)"),
+        (lambda: switching_level_db_a(ENGINE, TWO, PLACE, 1e9, LAG), "lines of .* GB, must be"),
+        (lambda: demodulated_level_db_a(ENGINE, TWO, 1.0, 1e9, LAG), "lines of .* GB, must be"),
+        (lambda: radiated_power_w(ENGINE, ONE), r"must be \(F, 16\)"),
+        (lambda: radiated_power_w(ENGINE, TWO, 0), "directions is 0, must be 10 to 1000000"),
+        (lambda: find_peak(ENGINE, TWO, PLACE), r"must be \(16,\)"),
+        (lambda: find_peak(ENGINE, 0 * ONE, PLACE), "no sound"),
+        (lambda: measure_spot(ENGINE, TWO, PLACE), r"must be \(16,\)"),
+        (lambda: measure_spot(ENGINE, 0 * ONE, PLACE), "no sound"),
+        (lambda: measure_spot(ENGINE, ONE, [0, 0, -0.1]), "100 mm behind"),
+        (lambda: largest_secondary_lobe(ENGINE, TWO, PLACE), r"must be \(16,\)"),
+        (lambda: largest_secondary_lobe(ENGINE, ONE, [0, 0, -0.1]), "100 mm behind"),
+        (lambda: grating_lobes(MODEL, [0, 0, 0]), "height of the target is 0, must be 0.001"),
+        (lambda: grating_lobes(MODEL, [0, 0, -0.1]), "height of the target is -0.1, must be 0.001"),
+        (lambda: paraxial_shift_m(MODEL, math.nan), "distance_m is nan"),
+        (lambda: paraxial_shift_m(AcousticModel.default(1, 1, 1e-2), -1.0), "distance_m is -1"),
+        (lambda: Reconstructor(MODEL).reconstruct(Drive.muted(3)), "drive of 3, array of 16 elements"),
+    ],
+)
+def test_bad_input_is_refused_with_the_value_and_the_limit(call, message):
+    with pytest.raises(ConfigurationError, match=message):
+        call()
+
+
+def test_a_fit_may_start_on_an_element():
+    target = np.array([0.01, 0.0, 0.1])
+    fit = fit_focus(MODEL, focus_phases(MODEL, target), [0.005, 0.005, 0.0], phase_bits=8)
+    assert np.isfinite(fit.position_m).all()
