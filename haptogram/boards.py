@@ -69,10 +69,13 @@ class BoardUnderTest(Protocol):
         """Let what it was sent come to its time, after the link to it broke."""
         ...
 
-    def observations(self, driver: Driver, progress: Progress | None = None) -> list[Observation]:
+    def observations(
+        self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
+    ) -> list[Observation]:
         """Return what it latched in the session of *driver*, which is closed by now.
 
-        *progress* is called with what has come so far and what may come, if that takes time.
+        *progress* is called with what has come so far and what may come, if that takes time.  In a
+        *hurry* what takes time is left out.
         """
         ...
 
@@ -118,12 +121,14 @@ class ProcessBoard:
         if self._board.how_it_ended() is None:
             time.sleep(max(0, _last_ns(driver, time.monotonic_ns()) - time.monotonic_ns()) / 1e9)
 
-    def observations(self, driver: Driver, progress: Progress | None = None) -> list[Observation]:
+    def observations(
+        self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
+    ) -> list[Observation]:
         """End the board, and return everything that came out of its back door."""
         expected = len(driver.intended)
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
-        self._board.finish(show)
+        self._board.finish(show, hurry=hurry)
         self.unseen = why_incomplete(self._board.records(), driver.session)
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
@@ -182,6 +187,8 @@ class InProcessBoard:
         self,
         driver: Driver,
         progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
+        *,
+        hurry: bool = False,  # noqa: ARG002  nor to leave out
     ) -> list[Observation]:
         """Return what came out of the back door."""
         found = observations_of(self._records(), driver.session)
@@ -309,6 +316,8 @@ class PortBoard:
         self,
         driver: Driver,
         progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
+        *,
+        hurry: bool = False,  # noqa: ARG002  nor to leave out
     ) -> list[Observation]:
         """Return what the board said that it latched."""
         return driver.observations + self._read_back

@@ -18,7 +18,7 @@ from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from . import __version__
 from .commands import bench, budget, conform, field, paper, soak, verify
-from .commands.exit_status import EXIT_STATUS, INCONCLUSIVE, USAGE
+from .commands.exit_status import EXIT_STATUS, INTERRUPTED, USAGE
 from .errors import ConfigurationError, HaptogramError
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"haptogram: {error}", file=sys.stderr)
     except KeyboardInterrupt:  # before there was anything to keep
         print("haptogram: interrupted", file=sys.stderr)
-        return INCONCLUSIVE
+        return INTERRUPTED
     except BrokenPipeError:  # nobody reads on: no need to say so
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return USAGE

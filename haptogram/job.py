@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, TypeAlias, cast
 
@@ -20,6 +20,7 @@ from haptogram.frames import Frame, Mode
 from haptogram.playing import PlayReport
 from haptogram.records import STREAM, Focus, Intended, Observation
 from haptogram.streaming import StreamReport
+from haptogram.verification import Cut
 from haptogram_protocol.messages import Counters, HelloReply, StateChanged, unwrap
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ Progress: TypeAlias = Callable[[int, int], None]
 #: A run keeps its frames, with what was seen of them: some 6 kB each.
 MOST_FRAMES: Final = 200_000
 _NO_TROUBLE: Final = frozenset({"frames", "latched", "requests"})
+_OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
 
 
 @dataclass(slots=True)
@@ -48,8 +50,10 @@ class Measured:
         What the board said of itself.
     report : StreamReport, PlayReport or None
         The host's side; None if the run did not come to its end.
-    cut_short : str or None
-        Why the run did not come to its end.
+    cut : Cut or None
+        How the run ended before its end.
+    interrupted : bool
+        Whether it was ended on purpose: nobody is to wait any longer than needed.
     unseen : str or None
         Why a frame may have been latched that nobody saw; None: everything was seen.
     warnings : list of str
@@ -69,7 +73,8 @@ class Measured:
     intended: list[Intended] = field(default_factory=list)
     observations: list[Observation] = field(default_factory=list)
     report: StreamReport | PlayReport | None = None
-    cut_short: str | None = None
+    cut: Cut | None = None
+    interrupted: bool = False
     unseen: str | None = None
     warnings: list[str] = field(default_factory=list)
     silences: list[int] = field(default_factory=list)
@@ -153,21 +158,22 @@ def measure(
     truth = board.model or driver.model
     found = Measured(board.label, truth, driver.identity, warnings=driver.warnings)
     found.intended = driver.intended
+    total = len(points) * config.repeat
     try:
-        with _cut_short(found, driver, board):
+        with _cut_short(found, driver, board, total):
             before = driver.status().counters
             board.prepare(driver)
-            with _interrupted(found, driver):
+            with _interrupted(found, driver, total):
                 frames = _frames(config, driver, points)
                 driver.arm()  # now: the lease would run out while a solver is at work
                 found.report = _display(config, driver, frames, progress)
             board.finish(driver)  # after an interrupt as well: the board is there
-            found.troubles = _troubles(driver, before)
+            found.troubles = _troubles(driver, before, _OWN_MUTE if found.interrupted else ())
     finally:
         _say_goodbye(driver, found)
     found.warnings += _state_changes(driver, found.report)
-    found.observations = board.observations(driver, settling)
-    if found.cut_short is not None:
+    found.observations = board.observations(driver, settling, hurry=found.interrupted)
+    if found.cut is not None:
         found.observations = _until_the_cut(found)
     found.silences = board.silences(driver)
     found.unseen, found.fault_counts = board.unseen, board.fault_counts
@@ -175,37 +181,46 @@ def measure(
 
 
 @contextlib.contextmanager
-def _interrupted(found: Measured, driver: Driver) -> Iterator[None]:
-    """Let an interrupt end what is done here, and nothing more."""
+def _interrupted(found: Measured, driver: Driver, total: int) -> Iterator[None]:
+    """Let an interrupt end what is done here, and nothing more; the board is mute at once."""
     try:
         yield
     except KeyboardInterrupt:
-        found.cut_short = f"interrupted after {len(driver.intended)} frames"
+        found.interrupted = True
+        sent, muted_us = len(driver.intended), driver.device_time_us()
+        found.cut = Cut(f"interrupted after {sent} of {total} frames", muted_us, total - sent)
+        driver.mute()
 
 
 @contextlib.contextmanager
-def _cut_short(found: Measured, driver: Driver, board: BoardUnderTest) -> Iterator[None]:
+def _cut_short(
+    found: Measured, driver: Driver, board: BoardUnderTest, total: int
+) -> Iterator[None]:
     """Let a broken link, or an interrupt at any time, end what is done here.
 
     A board that the host has lost still latches what it was sent.
     """
     try:
-        with _interrupted(found, driver):
+        with _interrupted(found, driver, total):
             yield
     except LinkError as error:
-        found.cut_short = found.cut_short or str(error)
+        if found.cut is None:
+            found.cut = Cut(str(error), not_sent=total - len(driver.intended))
         board.outlast(driver)
 
 
-def _troubles(driver: Driver, before: Counters) -> dict[str, dict[str, int]]:
+def _troubles(
+    driver: Driver, before: Counters, expected: Iterable[str]
+) -> dict[str, dict[str, int]]:
     """Return what both sides of the line counted that should not have been."""
+    fine = _NO_TROUBLE.union(expected)
     after = driver.status().counters
     by_board = {
         name: (getattr(after, name) - getattr(before, name)) % (1 << 32) for name in Counters.WIRE
     }
     sides = {"board": by_board, "host": driver.link_counters}
     bad = {
-        side: {name: count for name, count in counts.items() if count and name not in _NO_TROUBLE}
+        side: {name: count for name, count in counts.items() if count and name not in fine}
         for side, counts in sides.items()
     }
     return {side: counts for side, counts in bad.items() if counts}

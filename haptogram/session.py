@@ -170,6 +170,10 @@ class Session:
 
     # --- questions -----------------------------------------------------------------------------
 
+    def device_time_us(self) -> int:
+        """Return what the board's clock shows now, unwrapped, as far as the host knows."""
+        return self.clock.to_device_us(self._link.now_ns())
+
     def status(self) -> StatusReply:
         """Return the board's counters and arrival margin; the margin then starts anew."""
         return self._link.request(GetStatus(), StatusReply)

@@ -213,7 +213,7 @@ class VirtualBoard:
         self._read_until(is_there)
         return why_incomplete(self._backdoor.records, last.session, last)
 
-    def finish(self, progress: Callable[[int], None] | None = None) -> None:
+    def finish(self, progress: Callable[[int], None] | None = None, *, hurry: bool = False) -> None:
         """End the board in order, if it runs, and read its back door to the end.
 
         Parameters
@@ -221,9 +221,19 @@ class VirtualBoard:
         progress : callable, optional
             Called with the number of records so far: the board may take a while to rebuild what it
             still owes.
+        hurry : bool
+            Whether the last records shall come at once, without their field.
         """
-        self._process.terminate()  # nothing, if it has ended
+        if hurry:
+            self._hurry()
+        else:
+            self._process.terminate()  # nothing, if it has ended
         self._read_until(lambda: False, progress)
+
+    def _hurry(self) -> None:
+        """End the board as our own end would: it tells every latch, but rebuilds no field."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()
 
     def _read_until(
         self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
@@ -301,8 +311,7 @@ class VirtualBoard:
             if self._process.poll() is None:
                 self.stop()
         finally:
-            if self._process.stdin is not None:
-                self._process.stdin.close()
+            self._hurry()  # closes the pipe; the board has ended
             self._backdoor.read()
             shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -315,6 +324,8 @@ class VirtualBoard:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        if kind is not None:
+            self._hurry()  # nobody will ask for fields
         self.close()
 
 

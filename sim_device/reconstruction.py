@@ -55,6 +55,7 @@ _PIPE_BYTES: Final = 1 << 20
 _NICENESS: Final = 19
 _IDLE_S: Final = 0.05  # how long a client of the back door may wait for its first line
 _READY: Final = b"ready\n"
+_HURRY: Final = signal.SIGUSR1  # and not a record: it would wait behind all that is on its way
 _THREADS: Final = (
     "OPENBLAS_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -174,13 +175,17 @@ class ReconstructionWorker:
         self._batch = min(BATCH, len(self._waiting))
         self._unsent = _packed([self._waiting.popleft() for _ in range(self._batch)])
 
+    def hurry(self) -> None:
+        """From now on write every latch down without its field, those on their way included."""
+        self._process.send_signal(_HURRY)
+
     def close(self, timeout_s: float = DRAIN_TIMEOUT_S) -> None:
         """Let the worker write everything down and end; kill it if it takes too long."""
         deadline_s = time.monotonic() + timeout_s
         self._waiting.append(_End(self.dropped, self.notices_dropped))
         self._drain(min(deadline_s, time.monotonic() + HURRY_AFTER_S))
-        if self.pending and self._alive:  # every latch is written down, if not its field
-            self._waiting.appendleft(_Hurry())  # behind the batch that is on its way
+        if self.pending and self._alive:
+            self.hurry()
             self._drain(deadline_s)
         self._alive = False
         for pipe in (self._input, self._process.stdout):
@@ -224,11 +229,6 @@ class _End:
 
     dropped: int
     notices_dropped: int
-
-
-@dataclass(frozen=True, slots=True)
-class _Hurry:
-    """Leave the field out of what comes after this."""
 
 
 def _start_process() -> subprocess.Popen[bytes]:
@@ -309,6 +309,7 @@ def run_worker() -> None:
         signal.signal(number, signal.SIG_IGN)  # the board ends the worker, by closing its input
     with contextlib.suppress(OSError):  # the field can wait, the board and its host cannot
         os.nice(_NICENESS)
+    signal.signal(_HURRY, signal.SIG_IGN)  # until there is something to leave out
     items = _items(_READ_BYTES)
     job = next(item for item in items if item is not None)
     try:
@@ -322,6 +323,7 @@ def run_worker() -> None:
             job.settings, lambda record: sink.write(to_line(record)), reconstruct=job.reconstruct
         )
         recorder.warm_up()
+        signal.signal(_HURRY, lambda *_: recorder.hurry())
         os.write(answer, _READY)
         answer = 2
         _record_all(items, recorder, sink)
@@ -339,8 +341,6 @@ def _record_all(items: Iterator[Any], recorder: InlineReconstruction, sink: Reco
         elif isinstance(item, _End):
             recorder.finish(dropped=item.dropped, notices_dropped=item.notices_dropped)
             return
-        elif isinstance(item, _Hurry):
-            recorder.hurry()
         elif item is not None:
             recorder.notice(item)
         sink.serve()

@@ -79,7 +79,8 @@ class InlineReconstruction:
     def latch(self, latch: Latch) -> None:
         """Take down a latch."""
         self._latched += 1
-        estimate = self._estimator.estimate(latch) if self._estimator else None
+        estimator = self._estimator  # once: a signal may take it away at any time
+        estimate = estimator.estimate(latch) if estimator else None
         self._reconstructed += estimate is not None
         self._write(latch_record(latch, estimate))
 

@@ -328,7 +328,10 @@ class Heartbeat:
             signal.signal(number, lambda *_: self.stop())
 
     def stop_at_eof(self, descriptor: int) -> None:
-        """Let the end of a pipe stop the board: whoever held it open has ended, however it did."""
+        """Let the end of a pipe stop the board: whoever held it open has ended, however it did.
+
+        Nobody waits for fields any more then: what is still to be told goes out without.
+        """
         self._parents.append(descriptor)
 
     def run(self) -> None:
@@ -399,6 +402,8 @@ class Heartbeat:
         ready, _, _ = select.select(waiting, writing, [], _timeout_s(wait_ns))
         if any(parent in ready and not os.read(parent, _CHUNK) for parent in self._parents):
             self.stop()
+            if self._worker is not None:
+                self._worker.hurry()
 
     def _elapsed_ns(self) -> int:
         """Return the time since power-up, in the whole microseconds on which bytes are taken."""

@@ -11,7 +11,7 @@ import numpy as np
 from haptogram import report
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.records import Evidence, Focus, FrameKey, Intended, Observation
-from haptogram.verification import RunVerdict, verify_run
+from haptogram.verification import Cut, RunVerdict, verify_run
 
 SESSION = 0xC0FFEE
 Change = Callable[[Observation], Observation | None]
@@ -30,7 +30,7 @@ def make_run(
     change: dict[int, Change] | None = None,
     *,
     min_verified: float = 0.0,
-    cut_short: str | None = None,
+    cut: Cut | None = None,
 ) -> RunVerdict:
     """Judge a board that latches what it should, but for *change* by frame number."""
     intended, seen = [], []
@@ -48,7 +48,7 @@ def make_run(
         changed = (change or {}).get(number, lambda same: same)(latch)
         if changed is not None:
             seen.append(changed)
-    return verify_run(intended, seen, model=model, min_verified=min_verified, cut_short=cut_short)
+    return verify_run(intended, seen, model=model, min_verified=min_verified, cut=cut)
 
 
 def make_result(run: RunVerdict, **changes: Any) -> dict[str, Any]:

@@ -8,11 +8,13 @@ PASS: Final = 0
 FAIL: Final = 1
 USAGE: Final = 2
 INCONCLUSIVE: Final = 3
+INTERRUPTED: Final = 130  # as every shell has it
 
 EXIT_STATUS: Final = """\
 exit status:
   0  pass: enough frames were verified and none was wrong
   1  fail: a focus off target, a wrong drive, or a damaged frame that was latched
   2  usage or environment error: nothing was judged, or a result could not be written
-  3  inconclusive: too few frames could be verified, or the run was interrupted
+  3  inconclusive: too few frames could be verified, or the link was lost
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP), and nothing was wrong in what was seen until then
 """

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from .exit_status import FAIL, INCONCLUSIVE, PASS
+from .exit_status import FAIL, INTERRUPTED, PASS
 
 if TYPE_CHECKING:
     from haptogram.soak import Campaign, MakeBoard
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
         print(_how_to_resume(arguments, campaign), file=sys.stderr)
     if campaign.failures:
         return FAIL
-    return INCONCLUSIVE if interrupted else PASS
+    return INTERRUPTED if interrupted else PASS
 
 
 def _campaign(arguments: argparse.Namespace) -> Campaign:

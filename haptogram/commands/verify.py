@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from haptogram.config import VerifyConfig, load_config
 from haptogram.errors import ConfigurationError, LinkError
 
-from .exit_status import EXIT_STATUS, USAGE
+from .exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
 from .verify_options import add_options
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
             found.observations,
             model=found.model,
             min_verified=config.least_verified,
-            cut_short=found.cut_short,
+            cut=found.cut,
             unseen=found.unseen,
             silences=found.silences,
             progress=progress,
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         seed=config.seed,
         board=_board_dict(found),
         warnings=found.warnings,
-        cut_short=found.cut_short,
+        cut_short=None if found.cut is None else found.cut.reason,
         faults=_faults_dict(config, found),
         troubles=found.troubles,
         host=None if config.virtual_time else _host_dict(found),
@@ -106,7 +106,10 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         print(f"  {line}")
     for warning in found.warnings:
         print(f"  warning   {warning}")
-    return verdict.exit_status if _write(config, verdict, result, found) else USAGE
+    if not _write(config, verdict, result, found):
+        return USAGE
+    status = verdict.exit_status
+    return INTERRUPTED if found.interrupted and status == INCONCLUSIVE else status
 
 
 @contextlib.contextmanager

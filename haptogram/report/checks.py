@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final, TypeVar
 
 from haptogram.records import FrameKey
-from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, Verdict
+from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, Verdict, cut_text
 
 from .wording import count, describe
 
@@ -103,7 +103,7 @@ def checks(run: RunVerdict, cut_short: str | None = None) -> list[Check]:
         _lost(run),
         _late(run),
         _share_verified(run),
-        _complete(cut_short),
+        _complete(run, cut_short),
     ]
 
 
@@ -137,8 +137,8 @@ def _lost(run: RunVerdict) -> Check:
     lost = [frame for frame in run.frames if frame.status is FrameStatus.LOST]
     statement = "no frame is lost"
     if not lost:
-        return Check("lost", statement, Outcome.PASSED, "every frame was seen latched")
-    decisive = run.verdict is Verdict.INCONCLUSIVE and _too_few(run)
+        return Check("lost", statement, Outcome.PASSED, "every frame that was due was seen latched")
+    decisive = run.verdict is Verdict.INCONCLUSIVE and run.too_few
     outcome = Outcome.INCONCLUSIVE if decisive else Outcome.NOTED
     message = f"{len(lost)} of {count(len(run.frames), 'frame')}"
     return Check("lost", statement, outcome, message, _named(lost))
@@ -157,10 +157,9 @@ def _late(run: RunVerdict) -> Check:
 
 
 def _share_verified(run: RunVerdict) -> Check:
-    verified, sent = run.counts["verified"], run.counts["sent"]
     statement = f"at least {100.0 * run.min_verified:.4g} % of the frames are verified"
-    message = f"{verified} of {sent}"
-    if not _too_few(run):
+    message = f"{run.counts['verified']} of {run.due}"
+    if not run.too_few:
         return Check("verified", statement, Outcome.PASSED, message)
     missing = [frame for frame in run.frames if frame.status is FrameStatus.NOT_VERIFIED]
     # Beside a fault that was proved, too few frames change nothing.
@@ -169,16 +168,12 @@ def _share_verified(run: RunVerdict) -> Check:
     return Check("verified", statement, outcome, message, _named(missing))
 
 
-def _complete(cut_short: str | None) -> Check:
+def _complete(run: RunVerdict, cut_short: str | None) -> Check:
     statement = "the run comes to its end"
     if cut_short is None:
         return Check("complete", statement, Outcome.PASSED, "it did")
-    return Check("complete", statement, Outcome.INCONCLUSIVE, cut_short)
-
-
-def _too_few(run: RunVerdict) -> bool:
-    verified = run.counts["verified"]
-    return not verified or verified < run.min_verified * run.counts["sent"]
+    message = f"{cut_short}{cut_text(run.counts)}"
+    return Check("complete", statement, Outcome.INCONCLUSIVE, message)
 
 
 def _named(frames: list[FrameVerdict]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from haptogram.records import Evidence
-from haptogram.verification import Verdict
+from haptogram.verification import Verdict, cut_text
 
 from .wording import count
 
@@ -53,7 +53,8 @@ def summary(result: Mapping[str, Any]) -> Iterator[str]:
     frames = result["frames"]
     yield (
         f"{count(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
-        f"{frames['verified']} verified, {frames['on_target']} of them on target."
+        f"{frames['verified']} verified, {frames['on_target']} of them on target"
+        f"{cut_text(frames)}."
     )
     if result["reasons"]:
         yield f"Why: {'; '.join(result['reasons'])}."
@@ -82,9 +83,12 @@ def evidence(result: Mapping[str, Any]) -> Iterator[str]:
 def limits(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield what the result does not show, what belongs to this run first."""
     frames = result["frames"]
-    unseen = frames["sent"] - frames["verified"]
+    due = frames["sent"] - frames["cancelled"]
+    unseen = due - frames["verified"]
     if unseen:
-        yield f"{count(unseen, 'frame')} of {frames['sent']} could not be verified at all."
+        yield f"{count(unseen, 'frame')} of {due} could not be verified at all."
+    if result["cut_short"] is not None:
+        yield f"What would have come later: the run was {result['cut_short']}."
     if result["smallest_miss_mm"] is not None:
         yield (
             f"A miss of less than {result['smallest_miss_mm']:.2f} mm cannot be told from what "

@@ -8,11 +8,12 @@ from .effect import Effect
 from .faults import name_faults
 from .judge import Judge
 from .run import RunVerdict, verify_run
-from .summary import consequence_text, pressure_text
-from .verdict import Consequence, FrameStatus, FrameVerdict, Verdict
+from .summary import consequence_text, cut_text, pressure_text
+from .verdict import Consequence, Cut, FrameStatus, FrameVerdict, Verdict
 
 __all__ = [
     "Consequence",
+    "Cut",
     "Effect",
     "FrameStatus",
     "FrameVerdict",
@@ -20,6 +21,7 @@ __all__ = [
     "RunVerdict",
     "Verdict",
     "consequence_text",
+    "cut_text",
     "name_faults",
     "pressure_text",
     "verify_run",

@@ -110,7 +110,8 @@ class Effect:
 
 
 def _stretches(frames: Sequence[FrameVerdict], silences: Sequence[int]) -> Iterator[_Stretch]:
-    timed = [frame for frame in frames if frame.t_apply_us is not None]
+    due = (frame for frame in frames if frame.status is not FrameStatus.CANCELLED)
+    timed = [frame for frame in due if frame.t_apply_us is not None]
     begins = [frame.t_apply_us or 0 for frame in timed]
     for frame, begin_us, end_us in zip(timed, begins, _ends(begins, silences), strict=True):
         # One that is not late latches within a carrier period of its time: no time of its own.

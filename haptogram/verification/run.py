@@ -20,7 +20,7 @@ from haptogram.records import FrameKey, Intended, Observation
 from .effect import Effect
 from .judge import Held, Judge, lost
 from .summary import summary
-from .verdict import JUDGED, FrameStatus, FrameVerdict, Verdict
+from .verdict import JUDGED, NOTHING_WRONG, Cut, FrameStatus, FrameVerdict, Verdict
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 
@@ -44,7 +44,8 @@ class RunVerdict:
     min_verified : float
         Share of frames that had to be verified.
     counts : dict of str to int
-        How many frames were sent, latched, verified, lost and so on.
+        How many frames were sent, latched, verified, lost and so on.  ``cancelled`` are those that
+        were sent, but not due any more when the host ended the run; ``not_sent`` come on top.
     effect : Effect or None
         What lost, late and wrong frames did in space; None: there were none that have a time.
     """
@@ -61,6 +62,17 @@ class RunVerdict:
     def exit_status(self) -> int:
         """0 pass, 1 fail, 3 inconclusive."""
         return self.verdict.exit_status
+
+    @property
+    def due(self) -> int:
+        """Frames that were sent and not cancelled: those that count."""
+        return self.counts["sent"] - self.counts["cancelled"]
+
+    @property
+    def too_few(self) -> bool:
+        """Whether fewer frames were verified than had to be, or none."""
+        verified = self.counts["verified"]
+        return not verified or verified < self.min_verified * self.due
 
     def values(self, name: str) -> np.ndarray:
         """Return one measure of all frames that have it, e.g. ``"axial_error_mm"``."""
@@ -88,9 +100,8 @@ class RunVerdict:
             "pressure_rms_pa": _spread(pressure),
             "force_mn": _spread(force_mn),
             "lateness_us": _percentiles(self.values("lateness_us"), "p50 p99 p99.9 max"),
-            "not_on_target": [
-                _frame_dict(f) for f in self.frames if f.status is not FrameStatus.ON_TARGET
-            ],
+            "not_on_target": [_frame_dict(f) for f in self.frames if f.status not in NOTHING_WRONG],
+            "cancelled": [f.number for f in self.frames if f.status is FrameStatus.CANCELLED],
             "late": [_frame_dict(f) for f in self.frames if f.late],
             "duplicated": [_frame_dict(f) for f in self.frames if f.latches > 1],
             "unexpected": [dataclasses.asdict(key) for key in self.unexpected],
@@ -107,7 +118,7 @@ def verify_run(
     *,
     model: AcousticModel,
     min_verified: float = 1.0,
-    cut_short: str | None = None,
+    cut: Cut | None = None,
     unseen: str | None = None,
     silences: Iterable[int] = (),
     progress: Progress | None = None,
@@ -120,8 +131,8 @@ def verify_run(
         Array and air that the drives were radiated in.
     min_verified : float
         Share of the intended frames that must be verified, 0 to 1.
-    cut_short : str, optional
-        Why the run did not come to its end: then it can fail, but not pass.
+    cut : Cut, optional
+        How the run ended before its end: then it can fail, but not pass.
     unseen : str, optional
         Why a frame may have been latched that nobody saw: then one that was not seen is not
         verified, rather than lost.
@@ -150,7 +161,7 @@ def verify_run(
     quiet_us = sorted(silences)
     for number, (wanted, due) in enumerate(zip(intended, _dues(intended, seen), strict=True)):
         latches = seen.pop(wanted.key, [])
-        verdict = judge.judge(wanted, latches[0]) if latches else _missing(wanted, unseen)
+        verdict = judge.judge(wanted, latches[0]) if latches else _missing(wanted, unseen, cut)
         if verdict.late or verdict.status is FrameStatus.LOST:
             effect = judge.consequence(wanted, _still_held(held, due, quiet_us))
             verdict = dataclasses.replace(verdict, consequence=effect)
@@ -161,7 +172,7 @@ def verify_run(
             held = Held(None, verdict.target_m, due.latest_us)  # who knows whether it was latched?
         if progress is not None:
             progress(number + 1, len(intended))
-    return _conclude(frames, sorted(seen), min_verified, cut_short, quiet_us)
+    return _conclude(frames, sorted(seen), min_verified, cut, quiet_us)
 
 
 class _Due(NamedTuple):
@@ -202,9 +213,11 @@ def _fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> b
     return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
 
 
-def _missing(wanted: Intended, unseen: str | None) -> FrameVerdict:
+def _missing(wanted: Intended, unseen: str | None, cut: Cut | None) -> FrameVerdict:
     """Return the verdict of a frame that nobody saw latched."""
     verdict = lost(wanted)
+    if cut is not None and cut.cancelled(wanted.t_apply_us):
+        return dataclasses.replace(verdict, status=FrameStatus.CANCELLED)
     if unseen is None:
         return verdict
     return dataclasses.replace(verdict, status=FrameStatus.NOT_VERIFIED, note=unseen)
@@ -220,19 +233,19 @@ def _conclude(
     frames: list[FrameVerdict],
     unexpected: list[FrameKey],
     min_verified: float,
-    cut_short: str | None,
+    cut: Cut | None,
     quiet_us: Sequence[int],
 ) -> RunVerdict:
-    counts = _counts(frames, unexpected)
+    counts = _counts(frames, unexpected) | {"not_sent": 0 if cut is None else cut.not_sent}
+    effect = Effect.of(frames, quiet_us)
+    run = RunVerdict(Verdict.PASS, (), frames, unexpected, min_verified, counts, effect)
     wrong = [f"{counts[name]} {text}" for name, text in _FAILURES.items() if counts[name]]
-    missing = [] if cut_short is None else [cut_short]
-    sent, verified = counts["sent"], counts["verified"]
-    if not verified or verified < min_verified * sent:
+    missing = [] if cut is None else [cut.reason]
+    if run.too_few:
         needed = f"{100.0 * min_verified:g} %"
-        missing.append(f"{verified} of {sent} frames were verified; {needed} must be")
+        missing.append(f"{counts['verified']} of {run.due} frames were verified; {needed} must be")
     verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
-    reasons, effect = (*wrong, *missing), Effect.of(frames, quiet_us)
-    return RunVerdict(verdict, reasons, frames, unexpected, min_verified, counts, effect)
+    return dataclasses.replace(run, verdict=verdict, reasons=(*wrong, *missing))
 
 
 _FAILURES: Final = {
@@ -257,6 +270,7 @@ def _counts(frames: list[FrameVerdict], unexpected: list[FrameKey]) -> dict[str,
         "corrupt": by_status[FrameStatus.CORRUPT],
         "not_verified": by_status[FrameStatus.NOT_VERIFIED],
         "lost": by_status[FrameStatus.LOST],
+        "cancelled": by_status[FrameStatus.CANCELLED],
         "late": sum(frame.late for frame in frames),
         "early": sum(frame.early for frame in frames),
         "duplicated": sum(frame.latches > 1 for frame in frames),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from .verdict import WRONG, Consequence, FrameStatus, FrameVerdict
+from .verdict import NOTHING_WRONG, WRONG, Consequence, FrameStatus, FrameVerdict
 
 if TYPE_CHECKING:
     from .run import RunVerdict
@@ -21,6 +21,7 @@ def summary(run: RunVerdict) -> Iterator[str]:
     yield (
         f"  frames    {counts['sent']} sent, {counts['latched']} latched, "
         f"{counts['verified']} verified, {counts['lost']} lost, {counts['late']} late"
+        f"{cut_text(counts)}"
     )
     if result["lateral_error_mm"]["max"] is not None:
         yield _error_line(result)
@@ -31,8 +32,15 @@ def summary(run: RunVerdict) -> Iterator[str]:
     if result["pressure_rms_pa"]["mean"] is not None and result["force_mn"]["mean"] is not None:
         yield _field_line(result)
     yield f"  evidence  {result['evidence'] or 'none: no latch was seen'}"
-    odd = [f for f in run.frames if f.status is not FrameStatus.ON_TARGET or _untimely(f)]
+    odd = [f for f in run.frames if f.status not in NOTHING_WRONG or _untimely(f)]
     yield from (f"  {line}" for line in _named(odd))
+
+
+def cut_text(counts: Mapping[str, int]) -> str:
+    """Return what became of the frames that a run did not come to; nothing if there are none."""
+    parts = {"cancelled": "cancelled by its MUTE", "not_sent": "not sent"}
+    said = (f", {counts[name]} {text}" for name, text in parts.items() if counts[name])
+    return "".join(said)
 
 
 def consequence_text(effect: Consequence) -> str:

@@ -21,6 +21,7 @@ class FrameStatus(enum.StrEnum):
     CORRUPT = "corrupt"  # not the drive that was asked for, although the focus is in its place
     NOT_VERIFIED = "not verified"  # latched, but what was seen of it does not suffice
     LOST = "lost"  # nobody saw it latched
+    CANCELLED = "cancelled"  # the host ended the run, and muted the board, before it was due
 
 
 JUDGED: frozenset[FrameStatus] = frozenset(
@@ -32,6 +33,7 @@ JUDGED: frozenset[FrameStatus] = frozenset(
     }
 )
 WRONG: frozenset[FrameStatus] = JUDGED - {FrameStatus.ON_TARGET}
+NOTHING_WRONG: frozenset[FrameStatus] = frozenset({FrameStatus.ON_TARGET, FrameStatus.CANCELLED})
 
 
 class Verdict(enum.StrEnum):
@@ -45,6 +47,32 @@ class Verdict(enum.StrEnum):
     def exit_status(self) -> int:
         """0 pass, 1 fail, 3 inconclusive."""
         return {Verdict.PASS: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}[self]
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """How a run ended before its end.
+
+    Attributes
+    ----------
+    reason : str
+        Why.
+    muted_us : int or None
+        Device time at which the host muted the board, on the clock of what was intended: what was
+        due later is cancelled, not lost.  None: it did not.
+    not_sent : int
+        Frames of the run that never left the host; of a sequence, that were not played.
+    """
+
+    reason: str
+    muted_us: int | None = None
+    not_sent: int = 0
+
+    def cancelled(self, t_apply_us: int | None) -> bool:
+        """Tell whether a frame with this time, which nobody saw latched, was never to be."""
+        if t_apply_us is None or self.muted_us is None:
+            return False
+        return t_apply_us > self.muted_us
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from haptogram.boards import PortBoard
+from haptogram.cli import board_in_virtual_time
 from haptogram.config import VerifyConfig
 from haptogram.job import Measured, measure
 from haptogram.records import Evidence
@@ -27,7 +28,7 @@ def run_on(port: BoardPort) -> tuple[Measured, RunVerdict]:
         found.observations,
         model=found.model,
         unseen=found.unseen,
-        cut_short=found.cut_short,
+        cut=found.cut,
     )
     return found, run
 
@@ -54,6 +55,25 @@ def test_what_a_ring_no_longer_holds_is_not_verified_rather_than_lost() -> None:
     assert (run.counts["verified"], run.counts["not_verified"], run.counts["lost"]) == (16, 47, 0)
 
 
+def test_an_interrupt_cancels_what_is_on_its_way_and_loses_nothing() -> None:
+    def interrupt(done: int, total: int) -> None:
+        if 2 * done > total:
+            raise KeyboardInterrupt
+
+    config = VerifyConfig(
+        object="circle", radius_mm=20, resolution_mm=2, repeat=8, virtual_time=True
+    )
+    with board_in_virtual_time(config) as board:
+        found = measure(config, board, interrupt)
+    assert found.interrupted
+    run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)
+    assert run.reasons == (f"interrupted after {len(found.intended)} of 504 frames",)
+    assert run.counts["sent"] + run.counts["not_sent"] == 504
+    assert run.counts["lost"] == 0
+    assert run.counts["on_target"] + run.counts["cancelled"] == run.counts["sent"]
+    assert 90 <= run.counts["cancelled"] <= 110  # a lead of 100 ms at 1 kHz
+
+
 def test_the_ring_is_read_after_an_interrupt() -> None:
     def interrupt(done: int, total: int) -> None:
         if 2 * done > total:
@@ -64,6 +84,6 @@ def test_the_ring_is_read_after_an_interrupt() -> None:
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=features, trace_ring=1024)
     found = measure(config, board, interrupt)
-    assert found.cut_short is not None
-    assert found.cut_short.startswith("interrupted after")
+    assert found.cut is not None
+    assert found.cut.reason.startswith("interrupted after")
     assert len(found.observations) > 20

@@ -170,7 +170,7 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(
     command = ["soak", *words, "--resume", str(path), "--json", str(result)]
     with monkeypatch.context() as first:
         interrupt_at(1, first)
-        assert main(command) == 3
+        assert main(command) == 130
     said = capsys.readouterr()
     assert "1 of 2 segments" in said.out
     assert "PASS, so far" in said.out

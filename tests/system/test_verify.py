@@ -108,11 +108,14 @@ def test_an_interrupted_run_keeps_what_it_measured_and_leaves_nothing_behind(
     _wait_for_latches(tmp_path, 20)
     run.send_signal(ending)
     said, complaints = run.communicate(timeout=60)
-    assert run.returncode == 3, (said, complaints)
+    assert run.returncode == 130, (said, complaints)
     assert b"interrupted after" in said
     result = json.loads(path.read_text(encoding="utf-8"))
     assert result["verdict"] == "inconclusive"
-    assert result["frames"]["verified"] >= 20
+    frames = result["frames"]
+    assert frames["verified"] >= 20
+    assert frames["sent"] + frames["not_sent"] == 63_000
+    assert frames["cancelled"] == len(result["cancelled"])
     assert [entry.name for entry in tmp_path.iterdir()] == ["result.json"]
 
 
@@ -136,13 +139,11 @@ def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
                 board.kill()
 
         found = measure(config, ProcessBoard(board), kill_at_half)
-    assert found.cut_short is not None
-    run = verify_run(
-        found.intended, found.observations, model=found.model, cut_short=found.cut_short
-    )
+    assert found.cut is not None
+    run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)
     assert run.verdict is Verdict.INCONCLUSIVE
     assert run.counts["verified"] > 0
-    assert found.cut_short in run.reasons
+    assert found.cut.reason in run.reasons
 
 
 @pytest.mark.pty

@@ -10,7 +10,7 @@ from haptogram import report
 from haptogram.acoustics import AcousticModel
 from haptogram.records import FrameKey
 from haptogram.report.checks import NAMED_FRAMES, Outcome, checks
-from haptogram.verification import RunVerdict, Verdict
+from haptogram.verification import Cut, RunVerdict, Verdict
 from judged_runs import (
     Change,
     aim,
@@ -115,7 +115,7 @@ def test_what_nobody_saw_is_not_passed(tmp_path: Path, model: AcousticModel) -> 
 
 def test_a_run_that_was_cut_short_is_an_error(tmp_path: Path, model: AcousticModel) -> None:
     why = "the line went silent"
-    run = make_run(model, targets(2), cut_short=why)
+    run = make_run(model, targets(2), cut=Cut(why))
     suite = written(tmp_path, run, cut_short=why)
     assert outcome(suite, "complete").get("message") == why
     assert suite.get("errors") == "1"
@@ -148,9 +148,9 @@ def test_the_checks_agree_with_the_verdict(
     model: AcousticModel, min_verified: float, change: Change | None
 ) -> None:
     changes = {} if change is None else {1: change}
-    for cut_short in (None, "interrupted"):
-        run = make_run(model, targets(2), changes, min_verified=min_verified, cut_short=cut_short)
-        outcomes = {check.outcome for check in checks(run, cut_short)}
+    for cut in (None, Cut("interrupted")):
+        run = make_run(model, targets(2), changes, min_verified=min_verified, cut=cut)
+        outcomes = {check.outcome for check in checks(run, None if cut is None else cut.reason)}
         assert (Outcome.FAILED in outcomes) == (run.verdict is Verdict.FAIL)
         if run.verdict is not Verdict.FAIL:
             assert (Outcome.INCONCLUSIVE in outcomes) == (run.verdict is Verdict.INCONCLUSIVE)

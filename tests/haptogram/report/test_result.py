@@ -10,7 +10,7 @@ import pytest
 from haptogram import report
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
-from haptogram.verification import RunVerdict, Verdict
+from haptogram.verification import Cut, RunVerdict, Verdict
 from judged_runs import lose, make_result, make_run, targets
 
 
@@ -86,7 +86,7 @@ def test_nan_is_never_written(tmp_path: Path) -> None:
 
 def test_a_run_that_was_cut_short_does_not_pass(model: AcousticModel) -> None:
     why = "interrupted after 2 frames"
-    result = make_result(make_run(model, targets(2), cut_short=why), cut_short=why)
+    result = make_result(make_run(model, targets(2), cut=Cut(why)), cut_short=why)
     assert result["verdict"] == "inconclusive"
     assert result["cut_short"] == why
     assert why in result["reasons"]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.errors import ConfigurationError
 from haptogram.records import Evidence, FrameKey
-from haptogram.verification import FrameStatus, Verdict, verify_run
+from haptogram.verification import Cut, FrameStatus, Verdict, verify_run
 from latched_drives import SESSION, drive_of, intend, registers, seen
 from oracles import field
 
@@ -101,6 +101,8 @@ def expected_counts(fates, unexpected):
         "corrupt": times["corrupt"] + times["corrupt by CRC"],
         "not_verified": times["unseen"],
         "lost": times["lost"],
+        "cancelled": 0,
+        "not_sent": 0,
         "late": times["late"] + times["flagged late"],
         "early": times["early"],
         "duplicated": times["twice"],
@@ -220,12 +222,38 @@ def test_nothing_seen_is_never_passed():
 def test_a_run_that_was_cut_short_cannot_pass_but_can_fail():
     intended = intended_frames(2)
     whole = [seen(f) for f in intended]
-    run = verify(intended, whole, cut_short="interrupted after 2 frames")
+    run = verify(intended, whole, cut=Cut("interrupted after 2 frames"))
     assert (run.verdict, run.reasons) == (Verdict.INCONCLUSIVE, ("interrupted after 2 frames",))
     broken = [seen(intended[0]), seen(intended[1], wrong_sign(intended[1]))]
-    run = verify(intended, broken, cut_short="interrupted after 2 frames")
+    run = verify(intended, broken, cut=Cut("interrupted after 2 frames"))
     assert run.verdict is Verdict.FAIL
     assert run.reasons == ("1 with a wrong drive", "interrupted after 2 frames")
+
+
+def test_what_was_due_after_the_mute_is_cancelled_and_what_was_due_before_is_lost():
+    intended = intended_frames(6)
+    muted_us = intended[3].t_apply_us
+    whole = [seen(frame) for frame in intended[:3]]  # 3 was due just then: nobody cancelled it
+    run = verify(intended, whole, cut=Cut("interrupted", muted_us, not_sent=4), min_verified=0.75)
+    assert Counter(frame.status for frame in run.frames) == {
+        FrameStatus.ON_TARGET: 3,
+        FrameStatus.LOST: 1,
+        FrameStatus.CANCELLED: 2,
+    }
+    assert run.reasons == ("interrupted",)  # 3 of the 4 that were due suffice
+    result = run.as_dict()
+    assert result["cancelled"] == [4, 5]
+    assert [frame["number"] for frame in result["not_on_target"]] == [3]
+    assert "1 lost, 0 late, 2 cancelled by its MUTE, 4 not sent" in str(run)
+    assert run.effect is not None
+    assert run.effect.away_ms == 1.0  # of the lost one only
+
+
+def test_a_frame_that_was_latched_after_all_is_judged():
+    intended = intended_frames(2)
+    run = verify(intended, [seen(frame) for frame in intended], cut=Cut("interrupted", 0))
+    assert run.counts["on_target"] == 2
+    assert run.counts["cancelled"] == 0
 
 
 @pytest.mark.parametrize(
