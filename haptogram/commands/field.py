@@ -12,12 +12,14 @@ from typing import Final
 from haptogram.config import MESH_SUFFIXES, SHAPES, VerifyConfig
 
 from .exit_status import PASS
+from .places import Place, place_mm
 from .output_files import check_file, write_picture
 
 VIEWS: Final = ("plane", "cuts", "isosurface", "spectrum")
 PLANES: Final = ("xy", "xz", "yz")
 QUANTITIES: Final = ("pressure", "phase", "force")
 MODULATIONS: Final = ("am", "lm", "stm")
+EAR_MM: Final[Place] = (0.0, -300.0, 400.0)  # someone who sits before the array, bent over it
 
 _EPILOG: Final = """\
 examples:
@@ -28,6 +30,8 @@ examples:
   haptogram field --object circle --radius-mm 20 --plane xy
       what a hand feels over one pass: mean square over the sequence, with narrow transducers
   haptogram field --view spectrum --modulation am --rate-hz 1000
+  haptogram field --ear-mm --modulation am
+      what reaches an ear: ultrasound in dB SPL, what is audible of a 200 Hz modulation in dB(A)
   haptogram field --drive drive.csv --plane xy
       a drive as codes: a header phase,amplitude and one line for each element
 
@@ -61,7 +65,7 @@ def _add_source(field: argparse.ArgumentParser) -> None:
     source = group.add_mutually_exclusive_group()
     source.add_argument(
         "--focus-mm",
-        type=_triple,
+        type=place_mm,
         metavar="X,Y,Z",
         help="one focus [0,0,150, or that of the preset]",
     )
@@ -84,7 +88,7 @@ def _add_source(field: argparse.ArgumentParser) -> None:
         )
     group.add_argument(
         "--center-mm",
-        type=_triple,
+        type=place_mm,
         metavar="X,Y,Z",
         default=default.center_mm,
         help="centre of an object [0,0,100]",
@@ -100,7 +104,8 @@ def _add_source(field: argparse.ArgumentParser) -> None:
         "--modulation",
         choices=MODULATIONS,
         default="am",
-        help="for a spectrum: amplitude, lateral, or spatio-temporal along a circle [am]",
+        help="for a spectrum, and for what is audible: amplitude, lateral, or spatio-temporal along "
+        "a circle [am]",
     )
     group.add_argument(
         "--modulation-hz",
@@ -116,7 +121,7 @@ def _add_array(field: argparse.ArgumentParser) -> None:
     group = field.add_argument_group("array and air")
     system = group.add_mutually_exclusive_group()
     system.add_argument(
-        "--preset", metavar="NAME", help="a known system; 'haptogram paper --presets' lists them"
+        "--preset", metavar="NAME", help="a known system; 'haptogram presets' lists them"
     )
     system.add_argument(
         "--array", metavar="NXxNY|FILE", help="grid, or a CSV file of positions in mm [16x16]"
@@ -164,6 +169,15 @@ def _add_picture(field: argparse.ArgumentParser) -> None:
         default=Path("field.png"),
         help=".png, .svg or .pdf [field.png]",
     )
+    group.add_argument(
+        "--ear-mm",
+        type=place_mm,
+        nargs="?",
+        const=EAR_MM,
+        metavar="X,Y,Z",
+        help="also print the levels at an ear [0,-300,400: before the array, bent over it]: of the "
+        "ultrasound, next to a guideline, and of what is audible; a focus is modulated",
+    )
     group.add_argument("--quiet", action="store_true", help="no progress and no text")
 
 
@@ -171,6 +185,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
     from haptogram.pictures import check_format
 
+    from .field_levels import describe_levels
     from .field_scene import Scene
     from .field_views import describe, draw
 
@@ -181,7 +196,8 @@ def run(arguments: argparse.Namespace) -> int:
         figure = draw(arguments, scene, progress)
     write_picture(arguments.output, figure)
     if not arguments.quiet:
-        sys.stdout.write("\n".join([*describe(scene), f"written: {arguments.output}"]) + "\n")
+        lines = [*describe(scene), *describe_levels(arguments, scene)]
+        sys.stdout.write("\n".join([*lines, f"written: {arguments.output}"]) + "\n")
     return PASS
 
 
@@ -200,11 +216,3 @@ def _bar(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
             bar.update(done - bar.n)
 
         yield show
-
-
-def _triple(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,Z in mm") from None
-    return x, y, z
