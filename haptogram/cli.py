@@ -19,6 +19,8 @@ from urllib.parse import parse_qsl, urlencode, urlsplit
 from . import __version__
 from .commands import bench, budget, conform, field, paper, presets, soak, verify
 from .commands.exit_status import EXIT_STATUS, INTERRUPTED, USAGE
+from .commands.places import joined
+from .commands.standard_streams import patient_streams
 from .errors import ConfigurationError, HaptogramError
 
 if TYPE_CHECKING:
@@ -36,7 +38,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line *argv* and return its exit status."""
     # One thread each: two threads of a linear algebra library ruin the loop on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    arguments = _parser().parse_args(argv)
+    with patient_streams():
+        return _run(argv)
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    arguments = _parser().parse_args(joined(sys.argv[1:] if argv is None else argv))
     try:
         with _terminated_like_interrupted():
             return int(arguments.run(arguments))
@@ -45,8 +52,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:  # before there was anything to keep
         print("haptogram: interrupted", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # nobody reads on: no need to say so
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return USAGE
 
 

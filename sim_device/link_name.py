@@ -36,7 +36,7 @@ class LinkName:
             os.symlink(target, fresh)
             os.replace(fresh, self._path)
         except OSError as error:
-            raise ConfigurationError(f"cannot make the link {self._path}: {error}") from error
+            raise self._impossible(error) from error
         self._target = target
 
     def withdraw(self) -> None:
@@ -60,7 +60,7 @@ class LinkName:
             try:
                 lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
             except OSError as error:
-                raise ConfigurationError(f"cannot make the link {self._path}: {error}") from error
+                raise self._impossible(error) from error
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
@@ -73,6 +73,9 @@ class LinkName:
                 os.write(lock, f"{os.getpid()}\n".encode())
                 return lock
             os.close(lock)  # its owner removed it between our two calls: try again
+
+    def _impossible(self, error: OSError) -> ConfigurationError:
+        return ConfigurationError(f"cannot make the link {self._path}: {error.strerror}")
 
     def _is_current(self, lock: int) -> bool:
         try:

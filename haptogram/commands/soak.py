@@ -77,11 +77,11 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
             )
     except Interrupted:
         interrupted = True
-    if arguments.json is not None:
-        campaign.save(arguments.json)
-    print(render(campaign))
+    print(render(campaign))  # before the file: a full disk must not cost the account
     if interrupted:
         print(_how_to_resume(arguments, campaign), file=sys.stderr)
+    if arguments.json is not None:
+        campaign.save(arguments.json)
     if campaign.failures:
         return FAIL
     return INTERRUPTED if interrupted else PASS

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from haptogram.config import MESH_SUFFIXES, MODES, PHASE_BITS, SHAPES, SOLVERS, VerifyConfig
 
+from .places import place_mm
+
 
 def add_options(verify: argparse.ArgumentParser) -> None:
     """Add every option; one that is not given is None, so that a file can set it."""
@@ -33,7 +35,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     )
     shape.add_argument(
         "--center-mm",
-        type=_triple,
+        type=place_mm,
         metavar="X,Y,Z",
         help="centre of the shape above the array [0,0,100]",
     )
@@ -138,7 +140,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         help=f"seed of everything random, faults among it [{default.seed}]",
     )
 
-    result = verify.add_argument_group("result")
+    result = verify.add_argument_group("result", "Folders of these files are made where needed.")
     result.add_argument(
         "--min-verified",
         type=float,
@@ -157,11 +159,3 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         help="TOML file with a [verify] table of these options",
     )
     verify.add_argument("--quiet", action="store_true", help="no progress bar")
-
-
-def _triple(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,Z in mm") from None
-    return x, y, z

@@ -75,7 +75,7 @@ def faults_and_troubles(result: Mapping[str, Any]) -> Iterator[str]:
     if "faults" in result:
         yield f"faults on purpose: {_fired(result['faults'])}"
     sides = [
-        f"the {side} counted " + ", ".join(f"{number} {name}" for name, number in counts.items())
+        f"the {side} counted " + ", ".join(f"{name} {number}" for name, number in counts.items())
         for side, counts in result["troubles"].items()
     ]
     if sides:

@@ -126,8 +126,11 @@ class Campaign:
             known = state["kind"], state["version"]
         except FileNotFoundError:
             return cls(setup)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ConfigurationError(f"{path} is no checkpoint of a soak: {error}") from error
+        except OSError as error:
+            reason = error.strerror
+            raise ConfigurationError(f"cannot read the checkpoint {path}: {reason}") from error
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigurationError(f"{path} is no checkpoint of a soak") from error
         if known != ("haptogram soak", VERSION):
             raise ConfigurationError(f"{path} is no checkpoint of a soak of version {VERSION}")
         for name, value in dataclasses.asdict(setup).items():

@@ -7,16 +7,16 @@ from collections import Counter
 from .campaign import Campaign
 from .tally import Tally
 
-_COUNTED: tuple[tuple[str, str], ...] = (
-    ("frames", "stream frames"),
+_COUNTED: tuple[tuple[str, str], ...] = (  # {s}: of a plural
+    ("frames", "stream frame{s}"),
     ("latched", "latched, each compared code by code with what was sent"),
-    ("sessions", "sessions"),
-    ("pauses", "pauses"),
-    ("outages", "outages"),
+    ("sessions", "session{s}"),
+    ("pauses", "pause{s}"),
+    ("outages", "outage{s}"),
     ("mutes", "MUTE in the midst of the stream"),
-    ("restarts", "sessions begun in the midst of the stream"),
-    ("muted by a timer", "mutes by a timer, each within its limit"),
-    ("clock steps", "steps of the board's clock"),
+    ("restarts", "session{s} begun in the midst of the stream"),
+    ("muted by a timer", "mute{s} by a timer, each within its limit"),
+    ("clock steps", "step{s} of the board's clock"),
 )
 _TRAFFIC: dict[str, str] = {
     "frames": "undamaged frames that came",
@@ -48,16 +48,18 @@ def render(campaign: Campaign) -> str:
 def _head(campaign: Campaign) -> list[str]:
     setup = campaign.setup
     what = f"seed {setup.seed}, {setup.fault_rate:g} of the frames hit, 1 kHz"
-    mib = campaign.memory.growth_bytes / 2**20
+    grown = f"{campaign.memory.growth_bytes / 2**20:.1f}"
+    memory = "did not grow" if float(grown) <= 0.0 else f"grew by {grown} MiB"
     return [
         f"soak: {campaign.done_s / 3600:.3f} of {setup.hours:g} virtual hours "
         f"({campaign.done} of {setup.segments} segments), {what}",
-        f"speed: {campaign.times_real_time:.1f} times real time; memory grew by {mib:.1f} MiB",
+        f"speed: {campaign.times_real_time:.1f} times real time; memory {memory}",
     ]
 
 
 def _totals(tally: Tally) -> list[str]:
-    return [f"{tally.totals[name]:>12} {text}" for name, text in _COUNTED]
+    counts = ((tally.totals[name], text) for name, text in _COUNTED)
+    return [f"{count:>12} {text.format(s='' if count == 1 else 's')}" for count, text in counts]
 
 
 def _table(tally: Tally) -> list[str]:

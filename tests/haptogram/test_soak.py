@@ -15,6 +15,7 @@ from haptogram.soak import Campaign, Interrupted, Setup, Tally, campaign, run_se
 from haptogram.soak.faults import KINDS
 from haptogram.soak.line import DAMAGE
 from haptogram.soak.memory import GROWTH_LIMIT_BYTES, Memory
+from haptogram.soak.text import render
 
 SHORT = Setup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_s=0.4)
 
@@ -189,6 +190,17 @@ def test_a_checkpoint_of_another_soak_is_refused(tmp_path: Path) -> None:
     path.write_text("[]")
     with pytest.raises(ConfigurationError, match="no checkpoint of a soak"):
         other(SHORT)
+    with pytest.raises(ConfigurationError, match=f"^cannot read the checkpoint {tmp_path}: Is a"):
+        Campaign.load(tmp_path, SHORT)
+
+
+def test_the_account_counts_in_words() -> None:
+    soak = Campaign(SHORT)
+    soak.tally.totals.update({"sessions": 1, "pauses": 2})
+    said = render(soak)
+    assert " 1 session\n" in said
+    assert " 2 pauses\n" in said
+    assert "memory did not grow\n" in said
 
 
 def test_segments_cover_the_whole_time() -> None:

@@ -1,0 +1,82 @@
+"""Standard output and error that may fail: a full disk, a reader that went away.
+
+What is written last is written when the interpreter ends, where an error becomes a status of its
+own.  So the errors are kept until the command is over: it writes its files and knows its verdict
+whatever happened to its words.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+from .exit_status import USAGE
+
+
+class PatientStream:
+    """A text stream that keeps its first error instead of raising it, and drops what follows.
+
+    Attributes
+    ----------
+    error : OSError or None
+        Why it could not be written.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        self.error: OSError | None = None
+        self._stream = stream or io.StringIO()  # None, where it was closed
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write *text*, if that is possible."""
+        self._attempt(lambda: self._stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        """Pass on what waits, if that is possible."""
+        self._attempt(self._stream.flush)
+
+    def _attempt(self, write: Any) -> None:
+        if self.error is not None:
+            return
+        try:
+            write()
+        except OSError as error:
+            self.error = error
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """Let what waits go nowhere: the interpreter would try again at its end."""
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
+
+
+@contextlib.contextmanager
+def patient_streams() -> Iterator[None]:
+    """Let a command come to its end whatever happens to what it says.
+
+    A reader that went away (``| head -1``) is no error: it has read what it wanted.
+
+    Raises
+    ------
+    SystemExit
+        With the status of an environment error, if standard output could not be written.
+    """
+    output, complaints = PatientStream(sys.stdout), PatientStream(sys.stderr)
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(complaints):
+        try:
+            yield
+        finally:
+            output.flush()
+            if output.error is not None and not isinstance(output.error, BrokenPipeError):
+                reason = output.error.strerror
+                print(f"haptogram: cannot write to standard output: {reason}", file=sys.stderr)
+                raise SystemExit(USAGE)
+            complaints.flush()

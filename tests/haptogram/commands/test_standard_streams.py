@@ -1,0 +1,62 @@
+"""Standard output that cannot be written: every command is told of in one place."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from haptogram.cli import main
+from haptogram.commands.standard_streams import patient_streams
+
+FULL = Path("/dev/full")
+needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+
+
+@needs_full
+@pytest.mark.parametrize("words", [["budget"], ["--help"]])
+def test_a_full_disk_behind_standard_output_is_status_2_and_one_line(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with FULL.open("w") as full, contextlib.redirect_stdout(full), pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert said == "haptogram: cannot write to standard output: No space left on device\n"
+
+
+@needs_full
+def test_complaints_that_nobody_can_read_do_not_change_the_status() -> None:
+    with FULL.open("w", buffering=1) as full, contextlib.redirect_stderr(full):
+        assert main(["budget", "--rate", "-1"]) == 2
+
+
+def test_a_reader_that_went_away_costs_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with open(writing, "w") as pipe, contextlib.redirect_stdout(pipe):
+        assert main(["budget"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_command_goes_on_after_its_words_were_lost() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = []
+    with (
+        open(writing, "w", buffering=1) as pipe,
+        contextlib.redirect_stdout(pipe),
+        patient_streams(),
+    ):
+        sys.stdout.write("nobody reads this\n")
+        sys.stdout.write("nor this\n")
+        done.append("files")
+    assert done
+
+
+def test_a_closed_standard_output_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    assert main(["budget"]) == 0
