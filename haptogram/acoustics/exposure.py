@@ -42,6 +42,11 @@ STATEMENT: Final = (
     "Unweighted levels of the linear free field, re 20 uPa; no reflections, no demodulated sound, "
     "no judgement. Compare with the limits that apply where the array is used."
 )
+GUIDELINE: Final = (
+    "for comparison: many bodies advise at most 110 dB SPL at work in each third of an octave from "
+    "25 to 50 kHz (review: C. Q. Howard, C. H. Hansen, A. C. Zander, J. Occup. Health Saf. Aust. "
+    "N. Z. 21(3), 253-257, 2004); for the public less, where there is a limit at all"
+)
 
 # Pole frequencies of the A-weighting, IEC 61672-1:2013, annex E.
 _A_POLES_HZ: Final = (20.598997, 107.65265, 737.86223, 12194.217)

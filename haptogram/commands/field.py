@@ -12,8 +12,8 @@ from typing import Final
 from haptogram.config import MESH_SUFFIXES, SHAPES, VerifyConfig
 
 from .exit_status import PASS
-from .places import Place, place_mm
 from .output_files import check_file, write_picture
+from .places import Place, place_mm
 
 VIEWS: Final = ("plane", "cuts", "isosurface", "spectrum")
 PLANES: Final = ("xy", "xz", "yz")
@@ -104,8 +104,8 @@ def _add_source(field: argparse.ArgumentParser) -> None:
         "--modulation",
         choices=MODULATIONS,
         default="am",
-        help="for a spectrum, and for what is audible: amplitude, lateral, or spatio-temporal along "
-        "a circle [am]",
+        help="for a spectrum, and what is audible: amplitude, lateral, or spatio-temporal along a "
+        "circle [am]",
     )
     group.add_argument(
         "--modulation-hz",
@@ -192,11 +192,12 @@ def run(arguments: argparse.Namespace) -> int:
     check_format(arguments.output)
     check_file(arguments.output)
     scene = Scene.from_arguments(arguments)
+    levels = [] if arguments.quiet else list(describe_levels(arguments, scene))
+    lines = [] if arguments.quiet else [*describe(scene), *levels]
     with _bar(quiet=arguments.quiet) as progress:
         figure = draw(arguments, scene, progress)
     write_picture(arguments.output, figure)
     if not arguments.quiet:
-        lines = [*describe(scene), *describe_levels(arguments, scene)]
         sys.stdout.write("\n".join([*lines, f"written: {arguments.output}"]) + "\n")
     return PASS
 

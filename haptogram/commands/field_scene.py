@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +22,24 @@ from haptogram.acoustics import (
     check_target,
     focus_phases,
 )
+from haptogram.acoustics.field import level_in_front
 from haptogram.config import VerifyConfig
 from haptogram.errors import ConfigurationError
 from haptogram.job import sample_object
+from haptogram.modulation import (
+    FocusFrames,
+    amplitude_modulation,
+    lateral_modulation,
+    spatio_temporal_modulation,
+)
 from haptogram.presets import find_preset
+
+from .places import metres
 
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
+
+_PATH_RADIUS_M: Final = 0.020
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -65,7 +77,7 @@ class Scene:
             return cls(model, drive.weights()[None], np.empty((0, 3)), look, frame_s)
         if arguments.object:
             targets = sample_object(_object_config(arguments))
-            look = _metres(arguments.center_mm)
+            look = metres(arguments.center_mm)
         else:
             look = _focus(arguments)
             targets = np.array([look])
@@ -79,6 +91,29 @@ class Scene:
     def is_sequence(self) -> bool:
         """Whether there is more than one drive."""
         return len(self.weights) > 1
+
+
+def modulated(arguments: argparse.Namespace, scene: Scene, periods: int) -> FocusFrames:
+    """Return some periods of the focus as it is modulated.
+
+    Raises
+    ------
+    ConfigurationError
+        A drive from a file, which has no focus; a frequency or a rate out of range.
+    """
+    if not len(scene.targets_m):
+        raise ConfigurationError("a modulation needs a focus; a drive from a file has none")
+    frequency, rate = arguments.modulation_hz, arguments.rate_hz
+    if not (math.isfinite(frequency) and frequency > 0.0):
+        raise ConfigurationError(f"modulation_hz is {frequency:g}, must be finite and above 0")
+    timing = {"frequency_hz": frequency, "duration_s": periods / frequency, "rate_hz": rate}
+    if arguments.modulation == "am":
+        return amplitude_modulation(scene.look_m, **timing)
+    if arguments.modulation == "lm":
+        return lateral_modulation(scene.look_m, **timing)
+    angles = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(200)], axis=1) * _PATH_RADIUS_M
+    return spatio_temporal_modulation(scene.look_m + circle, **timing)
 
 
 def read_drive(path: Path, count: int, phase_bits: int) -> Drive:
@@ -123,7 +158,7 @@ def _model(arguments: argparse.Namespace) -> AcousticModel:
 def _focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
     if arguments.focus_mm is None and arguments.preset:
         return find_preset(arguments.preset).focus_m
-    return _metres(arguments.focus_mm or (0.0, 0.0, 150.0))
+    return metres(arguments.focus_mm or (0.0, 0.0, 150.0))
 
 
 def _object_config(arguments: argparse.Namespace) -> VerifyConfig:
@@ -149,11 +184,6 @@ def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float,
     heights = np.linspace(0.03, 0.30, 46)
     points = np.stack(np.meshgrid(side, side, heights, indexing="ij"), axis=-1).reshape(-1, 3)
     points += model.array.centre_m
-    level = np.abs(NumpyEngine(model).pressure(weights, points))
+    level = level_in_front(NumpyEngine(model), weights, points)
     x, y, z = points[int(np.argmax(level))].tolist()
     return x, y, z
-
-
-def _metres(place_mm: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = place_mm
-    return x / 1e3, y / 1e3, z / 1e3

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import textwrap
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final, TypeAlias
 
@@ -14,18 +13,10 @@ from numpy.typing import NDArray
 from haptogram.acoustics import NumpyEngine, force_on_disc_n, level_db_spl
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.acoustics.engine import choose_engine
-from haptogram.acoustics.exposure import STATEMENT, worst_place
 from haptogram.acoustics.lobes import largest_secondary_lobe
 from haptogram.acoustics.shift import find_peak, predict_focal_shift
 from haptogram.acoustics.spot import measure_spot
 from haptogram.errors import ConfigurationError
-from haptogram.modulation import (
-    FocusFrames,
-    amplitude_modulation,
-    lateral_modulation,
-    signal_at,
-    spatio_temporal_modulation,
-)
 from haptogram.pictures import (
     Plane,
     draw_cuts,
@@ -35,8 +26,9 @@ from haptogram.pictures import (
     sample_mean,
     sample_plane,
 )
+from haptogram.signals import signal_at
 
-from .field_scene import Scene
+from .field_scene import Scene, modulated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,8 +36,6 @@ if TYPE_CHECKING:
 Progress: TypeAlias = Callable[[int, int], None]
 FloatArray: TypeAlias = NDArray[np.float64]
 
-_LISTENER_M: Final = 0.5
-_PATH_RADIUS_M: Final = 0.020
 _PERIODS: Final = 10
 
 
@@ -109,9 +99,7 @@ def _place(plane: Plane) -> str:
 
 
 def _draw_spectrum(arguments: argparse.Namespace, scene: Scene) -> Figure:
-    if not len(scene.targets_m):
-        raise ConfigurationError("view 'spectrum' modulates a focus; a drive from a file has none")
-    frames = _frames(arguments, scene)
+    frames = modulated(arguments, scene, _PERIODS)
     place = frames.points_m[0]
     signal = signal_at(NumpyEngine(scene.model), frames, place, Resonator.from_bandwidth())
     shown = signal.time_s <= 4.0 / arguments.modulation_hz
@@ -127,27 +115,6 @@ def _draw_spectrum(arguments: argparse.Namespace, scene: Scene) -> Figure:
     )
 
 
-def _frames(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
-    """Return ten periods of the modulation."""
-    frequency, rate = arguments.modulation_hz, arguments.rate_hz
-    if not (math.isfinite(frequency) and frequency > 0.0):
-        raise ConfigurationError(f"modulation_hz is {frequency:g}, must be finite and above 0")
-    duration_s = _PERIODS / frequency
-    if arguments.modulation == "am":
-        return amplitude_modulation(
-            scene.look_m, frequency_hz=frequency, duration_s=duration_s, rate_hz=rate
-        )
-    if arguments.modulation == "lm":
-        return lateral_modulation(
-            scene.look_m, frequency_hz=frequency, duration_s=duration_s, rate_hz=rate
-        )
-    angles = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
-    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(200)], axis=1) * _PATH_RADIUS_M
-    return spatio_temporal_modulation(
-        scene.look_m + circle, frequency_hz=frequency, duration_s=duration_s, rate_hz=rate
-    )
-
-
 def describe(scene: Scene) -> Iterator[str]:
     """Yield the figures of the focus, or of the sequence, line by line."""
     engine = NumpyEngine(scene.model)
@@ -160,12 +127,6 @@ def describe(scene: Scene) -> Iterator[str]:
         )
     elif len(scene.targets_m):
         yield from _describe_focus(engine, scene)
-    worst = worst_place(engine, scene.weights, _LISTENER_M, scene.frame_s, directions=500)
-    yield (
-        f"loudest {_LISTENER_M:g} m from the centre: {worst.equivalent_db_spl:.1f} dB SPL at "
-        f"({_text(np.array(worst.position_m))}) mm"
-    )
-    yield from textwrap.wrap(STATEMENT, 98, initial_indent="  ", subsequent_indent="  ")
 
 
 def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:

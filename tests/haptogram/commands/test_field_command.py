@@ -6,9 +6,20 @@ import re
 import numpy as np
 import pytest
 
-from haptogram.acoustics import AcousticModel, Drive, focus_phases
+from haptogram.acoustics import (
+    AcousticModel,
+    Drive,
+    NumpyEngine,
+    Resonator,
+    demodulated_level_db_a,
+    exposure_at,
+    focus_phases,
+    switching_level_db_a,
+)
 from haptogram.commands import field
+from haptogram.commands.places import joined
 from haptogram.errors import ConfigurationError
+from haptogram.modulation import amplitude_modulation
 
 
 def parse(*words):
@@ -126,3 +137,66 @@ def test_a_place_that_is_no_triple_is_a_usage_error(capsys):
         parse("--focus-mm", "1,2")
     assert caught.value.code == 2
     assert "is not X,Y,Z in mm" in capsys.readouterr().err
+
+
+def test_the_levels_at_an_ear_are_those_of_the_library(run, capsys):
+    assert run("--array", "6x6", "--focus-mm", "0,0,80", "--ear-mm", "--step-mm", "6") == 0
+    out = " ".join(capsys.readouterr().out.split())
+    model = AcousticModel.default(6, 6)
+    frames = amplitude_modulation((0.0, 0.0, 0.08), duration_s=5e-3, rate_hz=1000.0)
+    engine, weights, lag = NumpyEngine(model), frames.weights(model), Resonator.from_bandwidth()
+    ear_m = (0.0, -0.3, 0.4)
+    heard = exposure_at(engine, weights, [ear_m], 1e-3, lag)[0]
+    steps = switching_level_db_a(engine, weights, ear_m, 1e-3, lag)
+    hum = demodulated_level_db_a(engine, weights, 0.5, 1e-3, lag)
+    assert "at an ear at (0, -300, 400) mm, 500 mm from the centre; AM at 200 Hz, 1000" in out
+    found = re.search(
+        r"ultrasound: ([\d.]+) dB SPL at most, ([\d.]+) dB SPL on average .* 110 dB SPL .*"
+        r"drive to drive: ([\d.]+) dB\(A\) .* by the air: ([\d.]+) dB\(A\) at most",
+        out,
+    )
+    assert [float(value) for value in found.groups()] == pytest.approx(
+        [heard.maximum_db_spl, heard.equivalent_db_spl, steps, hum], abs=0.1
+    )
+
+
+def test_an_ear_hears_a_sequence_and_nothing_of_a_steady_drive(run, tmp_path, capsys):
+    words = ("--array", "4x4", "--ear-mm", "100,-200,300", "--step-mm", "6")
+    assert run(*words, "--object", "circle", "--resolution-mm", "20", "--plane", "xy") == 0
+    sequence = " ".join(capsys.readouterr().out.split())
+    assert re.search(
+        r"\(100, -200, 300\) mm.*; 16 drives of 1 ms: .* by the air: [\d.]+ dB", sequence
+    )
+    (tmp_path / "steady.csv").write_text("phase,amplitude\n" + "0,255\n" * 16)
+    assert run(*words, "--drive", "steady.csv") == 0
+    steady = " ".join(capsys.readouterr().out.split())
+    assert "a steady drive:" in steady
+    assert steady.count("below 0 dB(A)") == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--ear-mm", "0,0,-100"), "100 mm behind the baffle"),
+        (("--ear-mm", "--modulation-hz", "900"), "half of"),
+        (("--ear-mm", "--modulation-hz", "-1"), "above 0"),
+    ],
+)
+def test_an_ear_out_of_the_field_is_refused_before_the_picture(run, tmp_path, words, message):
+    with pytest.raises(ConfigurationError, match=message):
+        run(*words)
+    assert not (tmp_path / "field.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--focus-mm", "-20,0,120"], ["--focus-mm=-20,0,120"]),
+        (["--ear-mm", "-.5,-1e1,3", "--quiet"], ["--ear-mm=-.5,-1e1,3", "--quiet"]),
+        (["--ear-mm", "--quiet"], ["--ear-mm", "--quiet"]),
+        (["--step-mm", "-3"], ["--step-mm", "-3"]),
+        (["-h", "-1,2,3"], ["-h", "-1,2,3"]),
+    ],
+)
+def test_a_place_may_begin_with_a_minus(words, expected):
+    assert joined(words) == expected

@@ -1,0 +1,86 @@
+"""What a person hears of an array, and what reaches the ear: the levels of ``haptogram field``."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import textwrap
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics import (
+    Resonator,
+    choose_engine,
+    demodulated_level_db_a,
+    exposure_at,
+    switching_level_db_a,
+)
+from haptogram.acoustics.exposure import GUIDELINE, STATEMENT, worst_place
+
+from .field_scene import ComplexArray, Scene, modulated
+from .places import metres
+
+_LISTENER_M: Final = 0.5
+_DIRECTIONS: Final = 500
+
+
+def describe_levels(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
+    """Yield the levels at the loudest place half a metre away and, if asked for, at an ear."""
+    engine = choose_engine(scene.model)
+    worst = worst_place(engine, scene.weights, _LISTENER_M, scene.frame_s, directions=_DIRECTIONS)
+    yield (
+        f"loudest {_LISTENER_M:g} m from the centre: {worst.equivalent_db_spl:.1f} dB SPL at "
+        f"({_text(worst.position_m)}) mm"
+    )
+    yield from textwrap.wrap(STATEMENT, 98, initial_indent="  ", subsequent_indent="  ")
+    if arguments.ear_mm is not None:
+        yield from _describe_ear(arguments, scene)
+
+
+def _describe_ear(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
+    engine, lag = choose_engine(scene.model), Resonator.from_bandwidth()
+    ear = metres(arguments.ear_mm)
+    weights, what = _sequence(arguments, scene)
+    exposure = exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
+    distance_m = math.dist(ear, scene.model.array.centre_m)
+    yield f"at an ear at ({_text(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre; {what}:"
+    yield (
+        f"  ultrasound: {exposure.maximum_db_spl:.1f} dB SPL at most, "
+        f"{exposure.equivalent_db_spl:.1f} dB SPL on average (Leq)"
+    )
+    yield from textwrap.wrap(GUIDELINE, 98, initial_indent="    ", subsequent_indent="    ")
+    switching = switching_level_db_a(engine, weights, ear, scene.frame_s, lag)
+    yield f"  audible, by the steps from drive to drive: {_audible(switching)}"
+    hum = demodulated_level_db_a(engine, weights, distance_m, scene.frame_s, lag)
+    yield (
+        f"  audible, demodulated by the air: {_audible(hum)} at most "
+        "(Berktay's law, on the axis of the beam)"
+    )
+
+
+def _sequence(arguments: argparse.Namespace, scene: Scene) -> tuple[ComplexArray, str]:
+    """Return the drives that are repeated, and what they are."""
+    if scene.is_sequence or not len(scene.targets_m):
+        count = len(scene.weights)
+        return scene.weights, (
+            f"{count} drives of {scene.frame_s * 1e3:g} ms" if count > 1 else "a steady drive"
+        )
+    name = arguments.modulation.upper()
+    what = f"{name} at {arguments.modulation_hz:g} Hz, {arguments.rate_hz:g} frames/s"
+    return modulated(arguments, scene, _periods(arguments)).weights(scene.model), what
+
+
+def _periods(arguments: argparse.Namespace) -> int:
+    """Return after how many periods, 10 at most, the frames repeat."""
+    frames = arguments.rate_hz / arguments.modulation_hz if arguments.modulation_hz > 0.0 else 1.0
+    return next((n for n in range(1, 10) if (n * frames).is_integer()), 10)
+
+
+def _audible(level_db_a: float) -> str:
+    return f"{level_db_a:.1f} dB(A)" if level_db_a >= 0.0 else "below 0 dB(A)"
+
+
+def _text(place_m: tuple[float, ...]) -> str:
+    return ", ".join(f"{value + 0.0:g}" for value in np.round(np.array(place_m) * 1e3, 1))

@@ -1,0 +1,42 @@
+"""Places as the command line takes them: X,Y,Z in mm."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from typing import Final
+
+Place = tuple[float, float, float]
+
+_OPTION: Final = re.compile(r"--[a-z-]+-mm")
+_NEGATIVE: Final = re.compile(r"-[\d.][^,]*,.*")
+
+
+def place_mm(text: str) -> Place:
+    """Return the place that *text* names, in mm: the type of an argument."""
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,Z in mm") from None
+    return x, y, z
+
+
+def metres(place: Place) -> Place:
+    """Return a place in mm in metres."""
+    x, y, z = place
+    return x / 1e3, y / 1e3, z / 1e3
+
+
+def joined(words: Sequence[str]) -> list[str]:
+    """Return *words* with places that begin with a minus joined to their options.
+
+    argparse takes them for options: ``--focus-mm -20,0,120`` becomes ``--focus-mm=-20,0,120``.
+    """
+    result: list[str] = []
+    for word in words:
+        if result and _OPTION.fullmatch(result[-1]) and _NEGATIVE.fullmatch(word):
+            result[-1] += f"={word}"
+        else:
+            result.append(word)
+    return result
