@@ -11,11 +11,9 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -37,6 +35,7 @@ from haptogram.backdoor import (
 )
 from haptogram.errors import ConfigurationError, LinkLostError
 from haptogram.records import Intended, Observation
+from haptogram.working_folder import WorkingFolder
 
 if TYPE_CHECKING:
     from haptogram.verification import RunVerdict
@@ -102,17 +101,18 @@ class VirtualBoard:
             Medium.air(temperature_c),
             Transducer(),
         )
-        self._folder = Path(tempfile.mkdtemp(prefix="haptogram-"))
-        self._backdoor = BackdoorFile(self._folder / "backdoor.jsonl")
-        self._log = self._folder / "log"
-        self.url = str(self._folder / "board")
+        self._folder = WorkingFolder("haptogram-board-")
+        records = self._folder.path / "backdoor.jsonl"
+        self._backdoor = BackdoorFile(records)
+        self._log = self._folder.path / "log"
+        self.url = str(self._folder.path / "board")
         options = {
             "--link": self.url,
             "--array": array,
             "--pitch-mm": pitch_mm,
             "--temperature-c": temperature_c,
             "--seed": seed,
-            "--backdoor": self._folder / "backdoor.jsonl",
+            "--backdoor": records,
         }
         if baudrate is not None:
             options["--baud"] = baudrate
@@ -313,7 +313,7 @@ class VirtualBoard:
         finally:
             self._hurry()  # closes the pipe; the board has ended
             self._backdoor.read()
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder.remove()
 
     def __enter__(self) -> Self:
         return self

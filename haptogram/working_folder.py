@@ -1,0 +1,73 @@
+"""A temporary folder that goes with its owner, however the owner ends."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+
+_OWNER: Final = "haptogram-owner.lock"
+_TRIES: Final = 3
+
+
+class WorkingFolder:
+    """A folder of this process; those whose owners were killed are removed on the way.
+
+    A lock in the folder says that its owner lives: the system drops it with the process.
+
+    Parameters
+    ----------
+    prefix : str
+        What the name begins with, of this folder and of those that are looked at.
+
+    Attributes
+    ----------
+    path : Path
+
+    Raises
+    ------
+    ConfigurationError
+        If files cannot be locked where temporary files go.
+    """
+
+    def __init__(self, prefix: str) -> None:
+        place = Path(tempfile.gettempdir())
+        for lock_file in place.glob(f"{prefix}*/{_OWNER}"):
+            _remove_unowned(lock_file.parent)
+        for _ in range(_TRIES):  # somebody else may have seen the new one before it had an owner
+            self.path = Path(tempfile.mkdtemp(prefix=prefix))
+            if (lock := _own(self.path)) is not None:
+                self._lock: int | None = lock
+                return
+        raise ConfigurationError(f"{place}: files cannot be locked there; set TMPDIR")
+
+    def remove(self) -> None:
+        """Remove it with all that is in it; twice does no harm."""
+        if self._lock is not None:
+            shutil.rmtree(self.path, ignore_errors=True)
+            os.close(self._lock)
+            self._lock = None
+
+
+def _remove_unowned(folder: Path) -> None:
+    if (lock := _own(folder)) is not None:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+
+
+def _own(folder: Path) -> int | None:
+    """Return the lock of *folder*; None: somebody has it, or has removed the folder."""
+    with contextlib.suppress(OSError):
+        lock = os.open(folder / _OWNER, os.O_RDWR | os.O_CREAT, 0o600)
+        with contextlib.suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.fstat(lock).st_nlink:
+                return lock
+        os.close(lock)
+    return None
