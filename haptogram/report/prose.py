@@ -8,7 +8,7 @@ from typing import Any, Final
 from haptogram.records import Evidence
 from haptogram.verification import Verdict, cut_text
 
-from .wording import count
+from .wording import count, host_delay
 
 HEADLINES: Final = {
     Verdict.PASS: "Pass: every focus that was verified is on its target",
@@ -67,6 +67,8 @@ def summary(result: Mapping[str, Any]) -> Iterator[str]:
             f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: so much could "
             "come of the rounding of the phases alone."
         )
+    if (delay := host_delay(result)) is not None:
+        yield f"{delay[0].upper()}{delay[1:]}."
     if frames["lost"] or frames["late"]:
         yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
 

@@ -71,15 +71,29 @@ def where(frame: FrameVerdict) -> str:
 
 
 def faults_and_troubles(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what went wrong on purpose, and what both sides counted of damage on the line."""
+    """Yield what went wrong on purpose, by the host's own delay, and on the line."""
     if "faults" in result:
         yield f"faults on purpose: {_fired(result['faults'])}"
+    if (delay := host_delay(result)) is not None:
+        yield f"host: {delay}"
     sides = [
         f"the {side} counted " + ", ".join(f"{name} {number}" for name, number in counts.items())
         for side, counts in result["troubles"].items()
     ]
     if sides:
         yield f"line: {'; '.join(sides)} (SPEC.md 9.2)"
+
+
+def host_delay(result: Mapping[str, Any]) -> str | None:
+    """Return how long the host was held up, if frames were not sent for it; None: none was."""
+    host = result.get("host")
+    if not host or not host["skipped"]:
+        return None
+    skipped = count(len(host["skipped"]), "frame")
+    return (
+        "this machine, not the board, was held up, for up to "
+        f"{host['tick_lateness_us_max'] / 1e3:.0f} ms: too late to send {skipped}"
+    )
 
 
 def _fired(faults: Mapping[str, Any]) -> str:

@@ -10,6 +10,7 @@ import pytest
 from haptogram import report
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.report import prose
 from haptogram.verification import Cut, RunVerdict, Verdict
 from judged_runs import lose, make_result, make_run, targets
 
@@ -101,3 +102,15 @@ def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, good_run: RunVer
     (tmp_path / "file").touch()
     with pytest.raises(ConfigurationError, match=r"file/result\.json"):
         report.write_json(tmp_path / "file" / "result.json", make_result(good_run))
+
+
+def test_a_host_that_was_held_up_says_so(model: AcousticModel) -> None:
+    run = make_run(model, targets(3), {1: lose})
+    host = {"skipped": [1], "tick_lateness_us_max": 2_003_000.0}
+    result = make_result(run, host=host)
+    said = "this machine, not the board, was held up, for up to 2003 ms: too late"
+    (line,) = report.faults_and_troubles(result)
+    assert line.startswith(f"host: {said} to send 1 frame")
+    assert any(said[1:] in sentence for sentence in prose.summary(result))
+    in_time = make_result(run, host=host | {"skipped": []})
+    assert list(report.faults_and_troubles(in_time)) == []
