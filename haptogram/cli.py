@@ -17,7 +17,17 @@ from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from . import __version__
-from .commands import bench, budget, conform, field, paper, presets, soak, verify
+from .commands import (
+    bench,
+    budget,
+    conform,
+    field,
+    modulation,
+    paper,
+    presets,
+    soak,
+    verify,
+)
 from .commands.exit_status import EXIT_STATUS, INTERRUPTED, USAGE
 from .commands.places import joined
 from .commands.standard_streams import patient_streams
@@ -85,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     verify.add(commands, _prepare_simulator, board_in_virtual_time)
     conform.add(commands, access_in_program)
     soak.add(commands, board_without_a_line)
-    for command in (bench, budget, field, presets, paper):
+    for command in (bench, budget, field, modulation, presets, paper):
         command.add(commands)
     return parser
 

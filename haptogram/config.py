@@ -11,10 +11,11 @@ from typing import Any, Final, get_args, get_type_hints
 
 from .errors import ConfigurationError
 
-MODES: Final = ("phases", "points", "sequence")
+MODES: Final = ("phases", "drives", "points", "sequence")
 PHASE_BITS: Final = (8, 6, 5)
 # Those of haptogram.acoustics.solvers, which takes numpy: --help shall not.
 SOLVERS: Final = ("naive", "ibp", "gs", "wgs", "gspat", "gradient")
+MODULATIONS: Final = ("am", "lm", "stm")  # those of haptogram.modulation, which takes numpy
 SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
 MESH_SUFFIXES: Final = (".stl", ".obj", ".ply")
 DEFAULT_ARRAY: Final = "16x16"
@@ -57,6 +58,11 @@ class VerifyConfig:
     center_mm: tuple[float, float, float] = (0.0, 0.0, 100.0)
     rate_hz: float = dataclasses.field(default=1000.0, metadata=_limits(1.0, 40_000.0))
     repeat: int = dataclasses.field(default=1, metadata=_limits(1, 1_000_000))
+    modulation: str | None = None
+    modulation_hz: float = dataclasses.field(default=200.0, metadata=_limits(0.01, 20_000.0))
+    depth: float = dataclasses.field(default=1.0, metadata=_limits(0.0, 1.0))
+    shift_mm: tuple[float, float, float] = (3.0, 0.0, 0.0)
+    dwell_ms: float | None = dataclasses.field(default=None, metadata=_limits(0.01, 60_000.0))
     foci: int = dataclasses.field(default=1, metadata=_limits(1, 32))
     solver: str | None = None
     mode: str = "phases"
@@ -91,10 +97,30 @@ class VerifyConfig:
                 f"is {self.object!r}; known are {', '.join(SHAPES)} and a mesh file "
                 f"({', '.join(MESH_SUFFIXES)})",
             )
-        if self.mode == "points" and self.solver not in (None, "naive"):
-            raise SettingError("solver", f"is {self.solver!r}; in the mode points the board solves")
+        if self.modulation is not None:
+            self._check_modulation()
+        if self.frame_kind == "points" and self.solver not in (None, "naive"):
+            raise SettingError(
+                "solver", f"is {self.solver!r}; the board solves frames of points, by superposition"
+            )
         if self.port is not None:
             self._check_port(self.port)
+
+    def _check_modulation(self) -> None:
+        """Refuse what frames of this rate and mode cannot carry."""
+        _check_choice("modulation", self.modulation, MODULATIONS)
+        if self.modulation_hz > self.rate_hz / 2.0:
+            raise SettingError(
+                "modulation_hz",
+                f"is {self.modulation_hz:g}; at {self.rate_hz:g} frames/s it can be "
+                f"{self.rate_hz / 2.0:g} at most",
+            )
+        if self.modulation == "am" and self.mode == "phases":
+            raise SettingError(
+                "modulation",
+                "is 'am', whose frames have amplitudes; the mode phases drives every transducer in "
+                "full, the modes points, drives and sequence do not",
+            )
 
     def _check_port(self, port: str) -> None:
         """Refuse what only the board that is started here can do."""
@@ -116,9 +142,16 @@ class VerifyConfig:
         return self.array or DEFAULT_ARRAY
 
     @property
+    def frame_kind(self) -> str:
+        """What a frame holds: phases, drives or points; a sequence has no drives."""
+        if self.mode == "sequence":
+            return "points" if self.modulation == "am" else "phases"
+        return self.mode
+
+    @property
     def solver_of_host(self) -> str:
         """What makes the drive of several foci; a board that does it superposes them."""
-        return self.solver or ("naive" if self.mode == "points" else "wgs")
+        return self.solver or ("naive" if self.frame_kind == "points" else "wgs")
 
     @property
     def least_verified(self) -> float:
@@ -241,10 +274,12 @@ class _ListKind:
     fits: Callable[[list[Any]], bool]
 
 
+_PLACE: Final = _ListKind(
+    float, "[x, y, z]", lambda items: len(items) == 3 and all(map(_is_number, items))
+)
 _LISTS: Final = {
-    "center_mm": _ListKind(
-        float, "[x, y, z]", lambda items: len(items) == 3 and all(map(_is_number, items))
-    ),
+    "center_mm": _PLACE,
+    "shift_mm": _PLACE,
     "fault": _ListKind(
         str, "a list of texts", lambda items: all(isinstance(item, str) for item in items)
     ),

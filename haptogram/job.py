@@ -17,6 +17,7 @@ from haptogram.config import VerifyConfig
 from haptogram.driver import DEFAULT_PLAY_LEAD_US, Driver
 from haptogram.errors import ConfigurationError, LinkError
 from haptogram.frames import Frame, Mode
+from haptogram.modulation import FocusFrames, Modulation
 from haptogram.playing import PlayReport
 from haptogram.records import STREAM, Focus, Intended, Observation
 from haptogram.streaming import StreamReport
@@ -91,6 +92,27 @@ def host_model(config: VerifyConfig, array: TransducerArray | None = None) -> Ac
     return AcousticModel(array, air, transducer)
 
 
+def frames_to_show(config: VerifyConfig) -> FocusFrames:
+    """Return the frames of one pass: the object's points, modulated and held as the settings say.
+
+    Raises
+    ------
+    ConfigurationError
+        As :func:`sample_object` and :meth:`haptogram.modulation.Modulation.frames`.
+    """
+    x, y, z = (coordinate / 1e3 for coordinate in config.shift_mm)
+    modulation = Modulation(
+        config.modulation,
+        config.modulation_hz,
+        config.depth,
+        (x, y, z),
+        None if config.dwell_ms is None else config.dwell_ms / 1e3,
+    )
+    frames = modulation.frames(sample_object(config), config.rate_hz)
+    _check_kept(config, frames.count, "frames")
+    return frames
+
+
 def sample_object(config: VerifyConfig) -> NDArray[np.float64]:
     """Return the (T, 3) points to display, in metres, in the order of one pass.
 
@@ -101,12 +123,16 @@ def sample_object(config: VerifyConfig) -> NDArray[np.float64]:
         one run can keep.
     """
     points = _shape(config).sample(config.resolution_mm / 1e3)
-    if len(points) * config.repeat > MOST_FRAMES:
+    _check_kept(config, len(points), "points")
+    return points
+
+
+def _check_kept(config: VerifyConfig, count: int, of_what: str) -> None:
+    if count * config.repeat > MOST_FRAMES:
         raise ConfigurationError(
-            f"{config.repeat} times {len(points)} points are {len(points) * config.repeat} frames; "
+            f"{config.repeat} times {count} {of_what} are {count * config.repeat} frames; "
             f"a run keeps them all, and can have {MOST_FRAMES}"
         )
-    return points
 
 
 def _shape(config: VerifyConfig) -> tactile.TactileObject:
@@ -144,7 +170,7 @@ def measure(
         Called with what has been done and what there is to do: of the frames, and of what the board
         has still to tell when they are over.
     """
-    points = sample_object(config)
+    shown = frames_to_show(config)
     model = host_model(config)
     own_array = config.port is not None and config.array is None
     driver = Driver(
@@ -158,13 +184,13 @@ def measure(
     truth = board.model or driver.model
     found = Measured(board.label, truth, driver.identity, warnings=driver.warnings)
     found.intended = driver.intended
-    total = len(points) * config.repeat
+    total = shown.count * config.repeat
     try:
         with _cut_short(found, driver, board, total):
             before = driver.status().counters
             board.prepare(driver)
             with _interrupted(found, driver, total):
-                frames = _frames(config, driver, points)
+                frames = _frames(config, driver, shown)
                 driver.arm()  # now: the lease would run out while a solver is at work
                 found.report = _display(config, driver, frames, progress)
             board.finish(driver)  # after an interrupt as well: the board is there
@@ -226,14 +252,18 @@ def _troubles(
     return {side: counts for side, counts in bad.items() if counts}
 
 
-def _frames(config: VerifyConfig, driver: Driver, points: NDArray[np.float64]) -> list[Frame]:
-    targets = points if config.foci == 1 else _at_once(points, config.foci)
+def _frames(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
+    foci = [
+        Focus.at(point, amplitude / config.foci)
+        for point, amplitude in zip(shown.points_m, shown.amplitudes, strict=True)
+    ]
+    targets = foci if config.foci == 1 else _at_once(foci, config.foci)
     solver = cast("Method", config.solver_of_host)
-    return driver.frames(targets, mode=_mode(config), solver=solver)
+    return driver.frames(targets, mode=_kind(config), solver=solver)
 
 
-def _mode(config: VerifyConfig) -> Mode:
-    return "points" if config.mode == "points" else "phases"
+def _kind(config: VerifyConfig) -> Mode:
+    return cast("Mode", config.frame_kind)
 
 
 def _display(
@@ -245,6 +275,7 @@ def _display(
             frames,
             config.rate_hz,
             loops=config.repeat,
+            kind=_kind(config),
             lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
             progress=progress,
         )
@@ -253,23 +284,22 @@ def _display(
         config.rate_hz,
         loops=config.repeat,
         lead_us=lead_us,
-        mode=_mode(config),
+        mode=_kind(config),
         progress=progress,
     )
 
 
-def _at_once(points: NDArray[np.float64], count: int) -> list[list[Focus]]:
-    """Return for every frame *count* foci of equal strength, evenly apart along the pass.
+def _at_once(foci: list[Focus], count: int) -> list[list[Focus]]:
+    """Return for every frame *count* of the foci, evenly apart along the pass.
 
     Raises
     ------
     ConfigurationError
         If the object has fewer points.
     """
-    total = len(points)
+    total = len(foci)
     if count > total:
         raise ConfigurationError(f"{count} foci at once, and the object has {total} points")
-    foci = [Focus.at(point, 1.0 / count) for point in points]
     return [
         [foci[(number + place * total // count) % total] for place in range(count)]
         for number in range(total)

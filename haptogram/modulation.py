@@ -2,7 +2,7 @@
 
 Amplitude modulation varies the strength, lateral modulation shakes the focus, spatio-temporal
 modulation runs it along a closed path, dwell holds one point after the other.  Each is sampled to
-frames at the rate of the loop, and the radiation pressure that they make at a point has a spectrum.
+frames at the rate of the loop; what they make at a point is in :mod:`haptogram.signals`.
 """
 
 from __future__ import annotations
@@ -14,16 +14,20 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import AcousticModel, FieldEngine, focus_phases, radiation_pressure_pa
-from haptogram.acoustics.dynamics import Resonator
+from haptogram.acoustics import AcousticModel, focus_phases
 from haptogram.errors import ConfigurationError
 
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
+KINDS: Final = ("am", "lm", "stm")
 DEFAULT_MODULATION_HZ: Final = 200.0  # skin feels vibration best around 200 Hz
-DEFAULT_LATERAL_M: Final = 3e-3
-MAX_FRAMES: Final = 1_000_000
+DEFAULT_SHIFT_M: Final = (3e-3, 0.0, 0.0)
+MAX_SHIFT_M: Final = 0.1
+MAX_FRAMES: Final = 200_000
+
+# A pass that ends this part of a period off closes as well as anybody can feel.
+_SEAMS: Final = (1e-9, 1e-3)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -44,6 +48,29 @@ class FocusFrames:
     amplitudes: FloatArray
     rate_hz: float
 
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return len(self.amplitudes)
+
+    @property
+    def duration_s(self) -> float:
+        """How long one pass takes."""
+        return self.count / self.rate_hz
+
+    @property
+    def steps_m(self) -> FloatArray:
+        """How far the focus moves from each frame to the next, from the last to the first."""
+        steps: FloatArray = np.linalg.norm(
+            np.roll(self.points_m, -1, axis=0) - self.points_m, axis=1
+        )
+        return steps
+
+    def repeated(self, times: int) -> FocusFrames:
+        """Return the frames of several passes."""
+        points = np.tile(self.points_m, (times, 1))
+        return FocusFrames(points, np.tile(self.amplitudes, times), self.rate_hz)
+
     def weights(self, model: AcousticModel) -> ComplexArray:
         """Return the (F, N) weights that the frames ask for."""
         phases = focus_phases(model, self.points_m)
@@ -51,15 +78,95 @@ class FocusFrames:
         return weights
 
 
-def amplitude_modulation(
-    point_m: ArrayLike,
-    *,
-    frequency_hz: float = DEFAULT_MODULATION_HZ,
-    depth: float = 1.0,
-    duration_s: float,
-    rate_hz: float,
+@dataclass(frozen=True, slots=True)
+class Modulation:
+    """How the points of an object are shown.
+
+    Attributes
+    ----------
+    kind : str or None
+        One of :data:`KINDS`: "am" and "lm" modulate the points one after the other, "stm" runs
+        along them; None shows them as they are.
+    frequency_hz : float
+        Of "am" and "lm"; of "stm" rounds per second.
+    depth : float
+        Of "am", see :func:`modulate_amplitude`.
+    shift_m : (float, float, float)
+        Of "lm", see :func:`modulate_place`.
+    dwell_s : float or None
+        How long each point is held; None: one frame.  Not for "stm", which does not stop.
+    """
+
+    kind: str | None = "am"
+    frequency_hz: float = DEFAULT_MODULATION_HZ
+    depth: float = 1.0
+    shift_m: tuple[float, float, float] = DEFAULT_SHIFT_M
+    dwell_s: float | None = None
+
+    def frames(self, points_m: ArrayLike, rate_hz: float) -> FocusFrames:
+        """Return the frames of a pass that can be repeated without a seam.
+
+        It holds whole passes of the points and whole periods; where no short one does exactly, the
+        frequency is rounded, by less than a thousandth of a period in the pass.
+
+        Raises
+        ------
+        ConfigurationError
+            As :func:`modulate_amplitude` and its likes; an unknown kind; a pass of more than
+            200 000 frames.
+        """
+        if self.kind not in (None, *KINDS):
+            raise ConfigurationError(
+                f"modulation is {self.kind!r}, must be one of {', '.join(KINDS)}"
+            )
+        if self.kind == "stm":
+            return self._along(points_m, rate_hz)
+        held_s = 1.0 / check_above("rate_hz", rate_hz) if self.dwell_s is None else self.dwell_s
+        held = dwell(points_m, dwell_s=held_s, rate_hz=rate_hz)
+        if self.kind is None:
+            return held
+        passes, frequency_hz = self._seamless(held.count, rate_hz)
+        frames = held.repeated(passes)
+        if self.kind == "am":
+            return modulate_amplitude(frames, frequency_hz=frequency_hz, depth=self.depth)
+        return modulate_place(frames, frequency_hz=frequency_hz, shift_m=self.shift_m)
+
+    def _along(self, path_m: ArrayLike, rate_hz: float) -> FocusFrames:
+        if self.dwell_s is not None:
+            raise ConfigurationError(
+                f"a dwell of {self.dwell_s * 1e3:g} ms: stm moves on with every frame"
+            )
+        count, frequency_hz = self._seamless(1, rate_hz)
+        return spatio_temporal_modulation(
+            path_m, frequency_hz=frequency_hz, duration_s=count / rate_hz, rate_hz=rate_hz
+        )
+
+    def _seamless(self, count: int, rate_hz: float) -> tuple[int, float]:
+        """Return how often *count* frames come until the modulation is in step, and its frequency.
+
+        The frequency is the one asked for, but for the rounding.
+        """
+        check_frequency(self.frequency_hz, rate_hz)
+        most = MAX_FRAMES // count
+        passes = np.arange(1, most + 1)
+        periods = passes * (count * self.frequency_hz / rate_hz)
+        off = np.where(periods > 0.5, np.abs(periods - np.round(periods)), 1.0)
+        for seam in _SEAMS:
+            if (found := np.flatnonzero(off < seam)).size:
+                chosen = int(found[0])
+                rounded = round(periods[chosen]) * rate_hz / (count * (chosen + 1))
+                return chosen + 1, rounded
+        raise ConfigurationError(
+            f"{count} frames at {rate_hz:g} Hz and a modulation of {self.frequency_hz:g} Hz come "
+            f"into step again only after more than {MAX_FRAMES} frames; take a frequency of which "
+            "the rate is a multiple, or fewer points"
+        )
+
+
+def modulate_amplitude(
+    frames: FocusFrames, *, frequency_hz: float = DEFAULT_MODULATION_HZ, depth: float = 1.0
 ) -> FocusFrames:
-    """Return a standing focus whose radiation pressure varies as a sine.
+    """Return the frames with a radiation pressure that varies as a sine.
 
     The force goes with the square of the amplitude, A = sqrt((1 + m cos) / (1 + m)): a sine in the
     force has no overtones, a sine in the amplitude would have one at twice the frequency.
@@ -72,46 +179,70 @@ def amplitude_modulation(
     Raises
     ------
     ConfigurationError
-        A depth outside 0 to 1, a frequency above half the rate, or frames out of range.
+        A depth outside 0 to 1, or a frequency above half the rate.
     """
     if not 0.0 <= depth <= 1.0:
         raise ConfigurationError(f"depth is {depth:g}, must be 0 to 1")
-    time_s = _frame_times(frequency_hz, duration_s, rate_hz)
-    force = (1.0 + depth * np.cos(2.0 * np.pi * frequency_hz * time_s)) / (1.0 + depth)
-    points = np.tile(_as_point(point_m), (len(time_s), 1))
-    return FocusFrames(points, np.sqrt(np.maximum(force, 0.0)), rate_hz)
+    force = (1.0 + depth * np.cos(_phase_rad(frames, frequency_hz))) / (1.0 + depth)
+    amplitudes = frames.amplitudes * np.sqrt(np.maximum(force, 0.0))
+    return FocusFrames(frames.points_m, amplitudes, frames.rate_hz)
 
 
-def lateral_modulation(
-    point_m: ArrayLike,
+def modulate_place(
+    frames: FocusFrames,
     *,
     frequency_hz: float = DEFAULT_MODULATION_HZ,
-    shift_m: float = DEFAULT_LATERAL_M,
-    direction: ArrayLike = (1.0, 0.0, 0.0),
-    duration_s: float,
-    rate_hz: float,
+    shift_m: ArrayLike = DEFAULT_SHIFT_M,
 ) -> FocusFrames:
-    """Return a focus that swings by *shift_m* to both sides of a point, at full amplitude.
+    """Return the frames with a focus that swings by *shift_m* (3,) to both sides of its point.
 
     The force at the point itself varies at twice the frequency; skin beside it feels the frequency.
 
     Raises
     ------
     ConfigurationError
-        A direction of no length, a shift outside 0 to 100 mm, a frequency above half the rate, or
-        frames out of range.
+        A shift of no length or of more than 100 mm, or a frequency above half the rate.
     """
-    along = _as_point(direction)
-    length = float(np.linalg.norm(along))
-    if not length > 0.0 or not 0.0 <= shift_m <= 0.1:
+    shift = as_point(shift_m)
+    length_m = float(np.linalg.norm(shift))
+    if not 0.0 < length_m <= MAX_SHIFT_M:
         raise ConfigurationError(
-            f"direction has length {length:g} and shift_m is {shift_m:g}, "
-            "must be above 0 and 0 to 0.1"
+            f"the shift is {length_m * 1e3:g} mm long, must be above 0, at most "
+            f"{MAX_SHIFT_M * 1e3:g} mm"
         )
-    time_s = _frame_times(frequency_hz, duration_s, rate_hz)
-    swing = shift_m * np.cos(2.0 * np.pi * frequency_hz * time_s)
-    points = _as_point(point_m) + swing[:, None] * (along / length)
-    return FocusFrames(points, np.ones(len(time_s)), rate_hz)
+    swing = np.cos(_phase_rad(frames, frequency_hz))[:, None] * shift
+    return FocusFrames(frames.points_m + swing, frames.amplitudes, frames.rate_hz)
+
+
+def amplitude_modulation(
+    point_m: ArrayLike,
+    *,
+    frequency_hz: float = DEFAULT_MODULATION_HZ,
+    depth: float = 1.0,
+    duration_s: float,
+    rate_hz: float,
+) -> FocusFrames:
+    """Return a standing focus under :func:`modulate_amplitude`, for a duration."""
+    standing = dwell([as_point(point_m)], dwell_s=duration_s, rate_hz=rate_hz)
+    return modulate_amplitude(standing, frequency_hz=frequency_hz, depth=depth)
+
+
+def lateral_modulation(
+    point_m: ArrayLike,
+    *,
+    frequency_hz: float = DEFAULT_MODULATION_HZ,
+    shift_m: float = DEFAULT_SHIFT_M[0],
+    direction: ArrayLike = (1.0, 0.0, 0.0),
+    duration_s: float,
+    rate_hz: float,
+) -> FocusFrames:
+    """Return a standing focus under :func:`modulate_place`, for a duration."""
+    along = as_point(direction)
+    length = float(np.linalg.norm(along))
+    if not length > 0.0:
+        raise ConfigurationError("direction has length 0, must be above 0")
+    standing = dwell([as_point(point_m)], dwell_s=duration_s, rate_hz=rate_hz)
+    return modulate_place(standing, frequency_hz=frequency_hz, shift_m=along * (shift_m / length))
 
 
 def spatio_temporal_modulation(
@@ -121,7 +252,7 @@ def spatio_temporal_modulation(
     duration_s: float,
     rate_hz: float,
 ) -> FocusFrames:
-    """Return a focus that runs along a closed path at constant speed.
+    """Return a focus that runs along a closed path at constant speed and full amplitude.
 
     Parameters
     ----------
@@ -138,16 +269,19 @@ def spatio_temporal_modulation(
     """
     corners = np.asarray(path_m, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1:] != (3,) or len(corners) < 2:
-        raise ConfigurationError(f"path_m has shape {corners.shape}, must be (K, 3), K at least 2")
+        raise ConfigurationError(
+            f"a path along points of shape {corners.shape}, must be (K, 3), K at least 2"
+        )
     closed = np.vstack([corners, corners[:1]])
     lengths = np.linalg.norm(np.diff(closed, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(lengths)])
     if not (math.isfinite(travelled[-1]) and travelled[-1] > 0.0):
         raise ConfigurationError(f"the path is {travelled[-1]:g} m long, must be above 0")
-    time_s = _frame_times(frequency_hz, duration_s, rate_hz)
-    place = np.mod(frequency_hz * time_s, 1.0) * travelled[-1]
+    check_frequency(frequency_hz, rate_hz)
+    count = _check_count(check_above("duration_s", duration_s) * rate_hz)
+    place = np.mod(frequency_hz * (np.arange(count) / rate_hz), 1.0) * travelled[-1]
     points = np.stack([np.interp(place, travelled, closed[:, axis]) for axis in range(3)], axis=1)
-    return FocusFrames(points, np.ones(len(time_s)), rate_hz)
+    return FocusFrames(points, np.ones(count), rate_hz)
 
 
 def dwell(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> FocusFrames:
@@ -161,95 +295,57 @@ def dwell(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> FocusFrames
     points = np.asarray(points_m, dtype=np.float64)
     if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
         raise ConfigurationError(f"points_m has shape {points.shape}, must be (K, 3)")
-    _check_above("rate_hz", rate_hz)
-    frames = round(_check_above("dwell_s", dwell_s) * rate_hz)
-    if not 1 <= frames * len(points) <= MAX_FRAMES:
+    check_above("rate_hz", rate_hz)
+    frames = round(check_above("dwell_s", dwell_s) * rate_hz)
+    if frames < 1:
         raise ConfigurationError(
-            f"{len(points)} points of {dwell_s * rate_hz:g} frames, "
-            f"must be 1 to {MAX_FRAMES} frames in all"
+            f"a dwell of {dwell_s * 1e3:g} ms is {dwell_s * rate_hz:.3g} frames at {rate_hz:g} Hz, "
+            "must be half a frame or more"
         )
+    _check_count(frames * len(points))
     held = np.repeat(points, frames, axis=0)
     return FocusFrames(held, np.ones(len(held)), rate_hz)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class FocusSignal:
-    """Radiation pressure on a reflecting wall at a point, and its spectrum.
+def check_frequency(frequency_hz: float, rate_hz: float) -> None:
+    """Raise unless both are above 0, and the frequency at most half the rate.
 
-    Attributes
-    ----------
-    time_s, pressure_pa : (T,) numpy.ndarray
-        The last pass, sampled evenly.
-    frequency_hz, amplitude_pa : (K,) numpy.ndarray
-        One-sided amplitude spectrum; the value at 0 Hz is the mean.
+    Raises
+    ------
+    ConfigurationError
+        Names the value and the limit.
     """
-
-    time_s: FloatArray
-    pressure_pa: FloatArray
-    frequency_hz: FloatArray
-    amplitude_pa: FloatArray
-
-
-def signal_at(
-    engine: FieldEngine,
-    frames: FocusFrames,
-    point_m: ArrayLike,
-    resonator: Resonator | None = None,
-    samples_per_frame: int = 16,
-) -> FocusSignal:
-    """Return what repeated frames make at a point, in time and in frequency.
-
-    Parameters
-    ----------
-    engine : FieldEngine
-        What computes the field.
-    point_m : (3,) array_like
-        Where: on the skin, say.
-    resonator : Resonator, optional
-        Envelope of the transducers, in the steady state of the repetition; without it frames switch
-        at once.  Travel times are left out.
-    samples_per_frame : int
-        Samples per frame; they resolve the build-up within one.
-    """
-    settled = engine.pressure(frames.weights(engine.model), [_as_point(point_m)])[:, 0]
-    follow = resonator or Resonator(0.0)
-    frame_s = 1.0 / frames.rate_hz
-    # The field is linear in the drives, so its envelope is theirs; from rest, the state after one
-    # pass falls short of the periodic one by the factor 1 - e^{-T/tau}.
-    first = follow.envelope(settled, frame_s, 1)[-1]
-    start = first / (1.0 - follow.decay(frame_s * len(settled)))
-    field = follow.envelope(settled, frame_s, samples_per_frame, start)
-    pressure = radiation_pressure_pa(field, engine.model.medium)
-    step_s = frame_s / samples_per_frame
-    time_s = np.arange(1, len(pressure) + 1, dtype=np.float64) * step_s
-    frequency_hz = np.asarray(np.fft.rfftfreq(len(pressure), step_s), dtype=np.float64)
-    spectrum: FloatArray = np.abs(np.fft.rfft(pressure)) / len(pressure)
-    spectrum[1 : (len(pressure) + 1) // 2] *= 2.0
-    return FocusSignal(time_s, pressure, frequency_hz, spectrum)
-
-
-def _frame_times(frequency_hz: float, duration_s: float, rate_hz: float) -> FloatArray:
-    """Return the starts of the frames of a duration, or raise."""
-    _check_above("frequency_hz", frequency_hz)
-    _check_above("rate_hz", rate_hz)
+    check_above("modulation_hz", frequency_hz)
+    check_above("rate_hz", rate_hz)
     if frequency_hz > rate_hz / 2.0:
         raise ConfigurationError(
-            f"frequency_hz is {frequency_hz:g}, must be at most half of {rate_hz:g} frames a second"
+            f"modulation_hz is {frequency_hz:g}, must be at most half of {rate_hz:g} frames a "
+            f"second, {rate_hz / 2.0:g}"
         )
-    count = round(_check_above("duration_s", duration_s) * rate_hz)
-    if not 1 <= count <= MAX_FRAMES:
-        raise ConfigurationError(f"{count} frames, must be 1 to {MAX_FRAMES}")
-    return np.arange(count) / rate_hz
 
 
-def _check_above(name: str, value: float) -> float:
+def check_above(name: str, value: float) -> float:
+    """Return *value* if it is finite and above 0, else raise."""
     if not (math.isfinite(value) and value > 0.0):
         raise ConfigurationError(f"{name} is {value:g}, must be finite and above 0")
     return value
 
 
-def _as_point(values: ArrayLike) -> FloatArray:
+def as_point(values: ArrayLike) -> FloatArray:
+    """Return (3,) finite numbers, or raise."""
     point = np.asarray(values, dtype=np.float64)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise ConfigurationError(f"{values!r} is not a point of three finite numbers")
     return point
+
+
+def _check_count(frames: float) -> int:
+    if not 1 <= round(frames) <= MAX_FRAMES:
+        raise ConfigurationError(f"{frames:.6g} frames, must be 1 to {MAX_FRAMES}")
+    return round(frames)
+
+
+def _phase_rad(frames: FocusFrames, frequency_hz: float) -> FloatArray:
+    check_frequency(frequency_hz, frames.rate_hz)
+    turns: FloatArray = np.arange(frames.count) * (frequency_hz / frames.rate_hz)
+    return 2.0 * np.pi * np.mod(turns, 1.0)

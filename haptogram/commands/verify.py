@@ -38,6 +38,8 @@ examples:
       a real board, by its own trace
   haptogram verify --object shape.stl --mode sequence --report out.html
       a mesh, uploaded once and played on the board's clock
+  haptogram verify --object point --modulation am --mode points --repeat 200
+      a standing focus, modulated by 200 Hz, for a second
   haptogram verify --fault "line.flip ber=1e-5" --fault "device.stuck column=3 from=2s"
       what a bad line and a broken column do to the focus
 """
@@ -123,7 +125,7 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
             config.port,
             baudrate=config.link_baud,
             rate_hz=config.rate_hz,
-            board_computes=config.mode == "points",
+            board_computes=config.frame_kind == "points",
         )
     elif config.virtual_time:
         with in_process(config) as board:

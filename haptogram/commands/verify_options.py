@@ -5,8 +5,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from haptogram.config import MESH_SUFFIXES, MODES, PHASE_BITS, SHAPES, SOLVERS, VerifyConfig
+from haptogram.config import (
+    MESH_SUFFIXES,
+    MODES,
+    MODULATIONS,
+    PHASE_BITS,
+    SHAPES,
+    SOLVERS,
+    VerifyConfig,
+)
 
+from .modulation_options import add_modulation
 from .places import place_mm
 
 
@@ -51,6 +60,13 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"how often the object is displayed [{default.repeat}]",
     )
+    shape.add_argument(
+        "--modulation",
+        choices=MODULATIONS,
+        help="what makes it felt: am, amplitude; lm, lateral; stm, along the object in rounds, at "
+        "constant speed; 'haptogram modulation' shows what arrives [none]",
+    )
+    add_modulation(shape)
     shape.add_argument(
         "--foci",
         type=int,
@@ -103,7 +119,8 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     link.add_argument(
         "--mode",
         choices=MODES,
-        help="phases: the host computes every drive; points: the board does; "
+        help="phases: the host computes every drive; drives: with amplitudes; points: the board "
+        "does; "
         f"sequence: uploaded once, played on the board's clock [{default.mode}]",
     )
     link.add_argument(

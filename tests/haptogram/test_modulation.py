@@ -11,12 +11,14 @@ from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, pressure, rad
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.errors import ConfigurationError
 from haptogram.modulation import (
+    MAX_FRAMES,
+    Modulation,
     amplitude_modulation,
     dwell,
     lateral_modulation,
-    signal_at,
     spatio_temporal_modulation,
 )
+from haptogram.signals import signal_at
 
 MODEL = AcousticModel.default(8, 8)
 ENGINE = NumpyEngine(MODEL)
@@ -134,6 +136,81 @@ def test_the_spectrum_holds_the_power_of_the_signal(count):
     lines = signal.amplitude_pa.copy()
     lines[1 : (count + 1) // 2] /= math.sqrt(2.0)
     assert np.sum(lines**2) == pytest.approx(np.mean(signal.pressure_pa**2))
+
+
+@given(st.sampled_from(["am", "lm", "stm"]), st.floats(5.0, 400.0), st.integers(1, 7))
+def test_a_pass_of_a_modulation_repeats_without_a_seam(kind, frequency_hz, count):
+    path = np.array(SQUARE * 2)[: max(count, 2)]
+    rate = 1000.0
+    frames = Modulation(kind, frequency_hz).frames(path, rate)
+    assert frames.count <= MAX_FRAMES
+    periods = frames.count * frequency_hz / rate
+    assert abs(periods - round(periods)) < 1.001e-3
+    used = round(periods) * rate / frames.count
+    assert used == pytest.approx(frequency_hz, rel=1e-2)
+    # One frame on, it would begin again: an envelope of frame F is that of frame 0.
+    turn = np.mod(np.arange(frames.count + 1) * used / rate, 1.0)
+    assert min(turn[-1], 1.0 - turn[-1]) < 1e-6
+    if kind == "am":
+        force = (1.0 + np.cos(2.0 * np.pi * turn[:-1])) / 2.0
+        assert frames.amplitudes**2 == pytest.approx(force, abs=1e-6)
+    if kind != "stm":
+        assert frames.count % len(path) == 0
+    again = frames.repeated(2)
+    assert (again.points_m[frames.count :] == frames.points_m).all()
+
+
+def test_frequencies_that_divide_the_rate_take_the_shortest_pass():
+    assert Modulation("am", 200.0).frames([POINT], 1000.0).count == 5
+    assert Modulation("am", 70.0).frames([POINT], 1000.0).count == 100
+    assert Modulation("stm", 50.0).frames(SQUARE, 1000.0).count == 20
+    held = Modulation("am", 200.0, dwell_s=0.010).frames(SQUARE, 1000.0)
+    assert held.count == 40
+    assert (held.points_m[:10] == SQUARE[0]).all()
+    assert held.amplitudes[:5] == pytest.approx(held.amplitudes[5:10])
+    assert Modulation(None).frames(SQUARE, 1000.0).points_m == pytest.approx(np.array(SQUARE))
+
+
+def test_steps_close_the_pass():
+    steps = Modulation("stm", 100.0).frames(SQUARE, 1000.0).steps_m
+    assert len(steps) == 10
+    assert steps.max() <= 8e-3 + 1e-12
+    assert Modulation("am").frames([POINT], 1000.0).steps_m.max() == 0.0
+
+
+def test_a_signal_names_its_lines_and_its_swing():
+    frames = Modulation("am", 200.0, depth=0.5).frames([POINT], 40_000.0)
+    signal = signal_at(ENGINE, frames, POINT, samples_per_frame=1)
+    ((frequency, level),) = signal.lines(0.01)
+    assert frequency == pytest.approx(200.0)
+    assert level == pytest.approx(0.5 * signal.mean_pa, rel=1e-9)
+    assert signal.swing == pytest.approx(0.5, rel=1e-9)
+    assert signal.vibration_rms_pa == pytest.approx(level / math.sqrt(2.0), rel=1e-9)
+    assert signal.share_above(300.0) == pytest.approx(0.0, abs=1e-12)
+    assert signal.share_above(100.0) == pytest.approx(1.0)
+    still = signal_at(ENGINE, dwell([POINT], dwell_s=0.01, rate_hz=1000.0), POINT)
+    assert still.lines(0.01) == []
+    assert (still.swing, still.share_above(0.0)) == (pytest.approx(0.0, abs=1e-9), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("modulation", "points", "message"),
+    [
+        (Modulation("fm"), SQUARE, "must be one of am, lm, stm"),
+        (Modulation("am", 501.0), SQUARE, "501, must be at most half of 1000 .*500"),
+        (Modulation("am", depth=1.5), SQUARE, "depth is 1.5, must be 0 to 1"),
+        (Modulation("lm", shift_m=(0.2, 0.0, 0.0)), SQUARE, "200 mm long.* at most 100 mm"),
+        (Modulation("lm", shift_m=(0.0, 0.0, 0.0)), SQUARE, "0 mm long, must be above 0"),
+        (Modulation("stm", dwell_s=0.01), SQUARE, "dwell of 10 ms: stm moves on"),
+        (Modulation("stm"), [POINT], "at least 2"),
+        (Modulation(None, dwell_s=1e-4), SQUARE, r"0.1 ms is 0.1 frames at 1000 Hz"),
+        (Modulation("am", 0.001), [POINT], "more than 200000 frames"),
+        (Modulation("am", 199.9977), np.tile(SQUARE, (9_999, 1)), "more than 200000 frames"),
+    ],
+)
+def test_a_modulation_that_cannot_be_is_refused_with_value_and_limit(modulation, points, message):
+    with pytest.raises(ConfigurationError, match=message):
+        modulation.frames(points, 1000.0)
 
 
 @pytest.mark.parametrize(
