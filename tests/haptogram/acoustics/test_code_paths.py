@@ -136,6 +136,32 @@ def test_a_plane_by_convolution_is_the_triple_loop_in_any_pose(pattern, seed, po
 
 
 @pytest.mark.parametrize("kind", [Numpy32Engine, NumbaEngine])
+@pytest.mark.parametrize("active", [1, 80])
+@pytest.mark.parametrize("loss", [0.0, 0.99])
+@given(seed=seeds)
+@settings(max_examples=3)
+def test_single_precision_keeps_its_promise_at_its_limits(kind, active, loss, seed):
+    """One element whose errors nothing evens out; air that absorbs as much as an engine takes.
+
+    2e-5 of the magnitudes, from as near to as far as it goes.
+    """
+    rng = np.random.default_rng(seed)
+    array = TransducerArray.grid(10, 9)
+    absorption = loss * kind.REACH.aperture_loss / np.linalg.norm(array.positions_m, axis=1).max()
+    model = AcousticModel(array, Medium(343.2, 1.2, absorption), Transducer())
+    weights = np.zeros(90, dtype=complex)
+    weights[rng.choice(90, active, replace=False)] = np.exp(2j * np.pi * rng.random(active))
+    directions = rng.normal(size=(1500, 3)) * [1.0, 1.0, 0.7]
+    directions[:, 2] = np.abs(directions[:, 2])
+    distances = np.geomspace(0.01, 8.0, 1500)  # in order: a block of them is near, or far
+    points = directions / np.linalg.norm(directions, axis=1)[:, None] * distances[:, None]
+    points[:, 2] += 3e-3
+    matrix = propagators(model, points)
+    error = np.abs(kind(model).pressure(weights, points) - matrix @ weights)
+    assert (error <= 2e-5 * (np.abs(matrix) @ np.abs(weights))).all()
+
+
+@pytest.mark.parametrize("kind", [Numpy32Engine, NumbaEngine])
 @given(seed=seeds)
 @settings(max_examples=6)
 def test_force_and_mean_square_do_not_depend_on_the_engine(kind, seed):
