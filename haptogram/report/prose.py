@@ -32,7 +32,11 @@ CRITERIA: Final = (
     "S4: the peak of the pressure is where diffraction puts it.",
     "S5: every latched amplitude is the intended one, within half a step.",
     "Several foci in a frame: S3 compares the pressure at every focus with that of the intended "
-    "drive; S2, where a solver made that drive, is whether every focus is there.",
+    "drive; S2 is whether every focus is there, and not judged where a drive was superposed (the "
+    "solver naive, or the board): superposition promises no share of the output to any.",
+    "Efficiency of several foci: the squares of their pressures, each over what the same output "
+    "would make of that focus alone, added up. 1: they share it without loss; less: they take from "
+    "each other; more: they are so near that one beam serves several.",
 )
 
 _LIMITS: Final = (

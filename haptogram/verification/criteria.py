@@ -212,7 +212,9 @@ class FociLevels:
     Attributes
     ----------
     efficiency : float
-        sum_i (|p(t_i)| / sum_n |g_n(t_i)|)^2: 1 if every element served one focus only, perfectly.
+        sum_i (|p(t_i)| / sum_n |a_n g_n(t_i)|)^2, a_n the intended amplitudes: each focus over what
+        the same output would make of it alone.  1 if they share it without loss; less of
+        foci that take from each other; more of foci so near that one beam serves several.
     balance : float
         The least |p(t_i)| / A_i over the mean of them, A_i the wanted amplitudes.
     """
@@ -225,12 +227,13 @@ class FociLevels:
         """Return the levels of the foci of *intended* under the drive *latched*."""
         arrivals = np.array([target.arrivals for target in targets])
         levels = np.abs(arrivals @ latched)
+        alone = np.abs(arrivals) @ np.abs(intended.drive.weights())
         wanted = np.array([focus.amplitude for focus in intended.foci])
         asked = wanted > 0.0
         shares = levels[asked] / wanted[asked]
         mean = float(shares.mean()) if asked.any() else 0.0
         return cls(
-            float(((levels / np.abs(arrivals).sum(axis=1)) ** 2).sum()),
+            float(((levels / alone) ** 2).sum()),
             float(shares.min()) / mean if mean > 0.0 else 0.0,
         )
 

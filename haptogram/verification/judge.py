@@ -39,6 +39,8 @@ _AMBIGUOUS: Final = (
     "none: S2 is not judged"
 )
 
+_SUPERPOSED: Final = "S2 is not judged: plain superposition promises no share of the output to any"
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Held:
@@ -286,7 +288,10 @@ class Judge:
     ) -> FrameVerdict:
         targets = [self._target(focus, intended.phase_bits) for focus in intended.foci]
         levels = criteria.FociLevels.of(intended, latched.weights(), targets)
-        verdicts = {} if intended.solver == "naive" else {"S2": levels.ok}
+        note = f"{len(targets)} foci, each judged by the pressure at its point"
+        verdicts = {"S2": levels.ok}
+        if intended.solver == "naive":
+            verdicts, note = {}, f"{note}; {_SUPERPOSED}"
         asked = self._asked(intended.foci, intended.solver)
         verdicts["S3"] = criteria.several_foci_ok(intended, latched.weights(), targets, asked)
         verdicts["S5"] = criteria.amplitudes_ok(intended, latched)
@@ -295,7 +300,7 @@ class Judge:
             status=_status(verdicts, faults, focused=False),
             criteria=verdicts,
             faults=faults,
-            note=f"{len(targets)} foci, each judged by the pressure at its point",
+            note=note,
             balance=levels.balance,
             efficiency=levels.efficiency,
             pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),

@@ -26,7 +26,7 @@ def summary(run: RunVerdict) -> Iterator[str]:
     if result["lateral_error_mm"]["max"] is not None:
         yield _error_line(result)
     if result["balance"]["min"] is not None:
-        yield _several_line(result)
+        yield _several_line(run, result)
     if run.effect is not None:
         yield f"  effect    {run.effect}"
     if result["pressure_rms_pa"]["mean"] is not None and result["force_mn"]["mean"] is not None:
@@ -82,11 +82,20 @@ def _field_line(result: dict[str, Any]) -> str:
     )
 
 
-def _several_line(result: dict[str, Any]) -> str:
+def _several_line(run: RunVerdict, result: dict[str, Any]) -> str:
     return (
         f"  foci      several in a frame: the weakest has {result['balance']['min']:.2f} of their "
-        f"mean or more, efficiency {result['efficiency']['min']:.2f} or more, "
-        f"{result['pressure_rms_pa']['mean']:.0f} Pa RMS at the first on average"
+        f"mean or more, efficiency {result['efficiency']['min']:.2f} or more (1: they share the "
+        f"output without loss), {result['pressure_rms_pa']['mean']:.0f} Pa RMS at the first on "
+        f"average{_unjudged(run)}"
+    )
+
+
+def _unjudged(run: RunVerdict) -> str:
+    """Say so where foci were superposed: nothing tells how much of the output each should have."""
+    several = [frame for frame in run.frames if frame.efficiency is not None]
+    return (
+        "" if any("S2" in frame.criteria for frame in several) else "; superposed: S2 is not judged"
     )
 
 

@@ -123,7 +123,7 @@ class FrameVerdict:
         S3: at the target, normalised by the intended amplitudes.
     balance, efficiency : float or None
         Of several foci: the least pressure for the wanted amplitude over the mean of them, and
-        sum_i (|p_i| / sum_n |g_in|)^2.
+        sum_i (|p_i| / sum_n |a_n g_in|)^2 with the intended amplitudes a_n.
     peak_error : float or None
         S4: largest distance of the pressure peak from its place, in radians of phase.
     pressure_rms_pa, force_n : float or None

@@ -20,6 +20,8 @@ from haptogram.acoustics.drive import quantise_phase
 from haptogram.acoustics.solvers import solve
 from haptogram.records import Focus
 from haptogram.verification import FrameStatus, Judge, Verdict, criteria, verify_run
+from haptogram.verification import judge as judge_module
+from haptogram.verification.target import TargetField
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
 
 MODEL = AcousticModel.default()
@@ -167,6 +169,7 @@ def test_several_foci_of_phases_only_are_judged_at_full_amplitude(target, phase_
     intended = intend(MODEL, target, bits, foci=foci, drive=drive)
     found = judge(intended)
     assert (found.status, found.criteria) == (FrameStatus.ON_TARGET, {"S3": True, "S5": True})
+    assert "S2 is not judged" in found.note
     wrong = judge(intended, drive_of(-codes(intended)))
     assert wrong.status is FrameStatus.WRONG_DRIVE
     assert wrong.faults == ("opposite sign of all phases",)
@@ -200,6 +203,20 @@ def test_every_focus_of_a_solver_is_there():
     assert "4 foci" in found.note
 
 
+@pytest.mark.parametrize("amplitude", [1.0, 0.1])
+def test_efficiency_is_of_the_output_that_was_asked_for(amplitude):
+    """Foci that are quiet on purpose are no worse for it; one that is missing is, loud or quiet."""
+    weights = amplitude * solve(MODEL, RING, method="wgs")
+    foci = tuple(Focus.at(point, amplitude) for point in RING)
+    intended = intend(MODEL, RING[0], foci=foci, drive=Drive.from_weights(weights), solver="wgs")
+    targets = [TargetField.of(MODEL, focus, 8) for focus in foci]
+    right = criteria.FociLevels.of(intended, weights, targets)
+    assert right.ok
+    assert right.efficiency == pytest.approx(1.0, abs=0.15)
+    alone = amplitude * solve(MODEL, RING[:1], method="wgs")
+    assert not criteria.FociLevels.of(intended, alone, targets).ok
+
+
 @pytest.mark.parametrize(
     "drive_for",
     [
@@ -222,7 +239,7 @@ def test_foci_of_a_solver_in_other_air_are_off_target():
 
 def test_phases_that_make_no_foci_are_off_target_whatever_the_solver_says(monkeypatch):
     noise = np.exp(1j * np.random.default_rng(1).uniform(0.0, math.tau, MODEL.array.count))
-    monkeypatch.setattr(criteria, "solve", lambda *_, **__: noise)
+    monkeypatch.setattr(judge_module, "weights_for_foci", lambda *_, **__: noise)
     foci = tuple(Focus.at(point) for point in RING)
     drive = Drive.from_weights(noise)
     intended = intend(MODEL, RING[0], foci=foci, drive=drive, solver="wgs")
