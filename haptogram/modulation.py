@@ -26,8 +26,9 @@ DEFAULT_SHIFT_M: Final = (3e-3, 0.0, 0.0)
 MAX_SHIFT_M: Final = 0.1
 MAX_FRAMES: Final = 200_000
 
-# A pass that ends this part of a period off closes as well as anybody can feel.
-_SEAMS: Final = (1e-9, 1e-3)
+# How far off, in periods, a pass may end, and how many frames it may have: exactly, if that is not
+# long, else as well as anybody can feel.
+_SEAMS: Final = ((1e-9, 2_000), (1e-3, MAX_FRAMES))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -106,8 +107,8 @@ class Modulation:
     def frames(self, points_m: ArrayLike, rate_hz: float) -> FocusFrames:
         """Return the frames of a pass that can be repeated without a seam.
 
-        It holds whole passes of the points and whole periods; where no short one does exactly, the
-        frequency is rounded, by less than a thousandth of a period in the pass.
+        It holds whole passes of the points and whole periods; where none of 2000 frames or fewer
+        does exactly, the frequency is rounded, by less than a thousandth of a period in the pass.
 
         Raises
         ------
@@ -151,8 +152,8 @@ class Modulation:
         passes = np.arange(1, most + 1)
         periods = passes * (count * self.frequency_hz / rate_hz)
         off = np.where(periods > 0.5, np.abs(periods - np.round(periods)), 1.0)
-        for seam in _SEAMS:
-            if (found := np.flatnonzero(off < seam)).size:
+        for seam, frames in _SEAMS:
+            if (found := np.flatnonzero((off < seam) & (passes * count <= frames))).size:
                 chosen = int(found[0])
                 rounded = round(periods[chosen]) * rate_hz / (count * (chosen + 1))
                 return chosen + 1, rounded
@@ -212,37 +213,6 @@ def modulate_place(
         )
     swing = np.cos(_phase_rad(frames, frequency_hz))[:, None] * shift
     return FocusFrames(frames.points_m + swing, frames.amplitudes, frames.rate_hz)
-
-
-def amplitude_modulation(
-    point_m: ArrayLike,
-    *,
-    frequency_hz: float = DEFAULT_MODULATION_HZ,
-    depth: float = 1.0,
-    duration_s: float,
-    rate_hz: float,
-) -> FocusFrames:
-    """Return a standing focus under :func:`modulate_amplitude`, for a duration."""
-    standing = dwell([as_point(point_m)], dwell_s=duration_s, rate_hz=rate_hz)
-    return modulate_amplitude(standing, frequency_hz=frequency_hz, depth=depth)
-
-
-def lateral_modulation(
-    point_m: ArrayLike,
-    *,
-    frequency_hz: float = DEFAULT_MODULATION_HZ,
-    shift_m: float = DEFAULT_SHIFT_M[0],
-    direction: ArrayLike = (1.0, 0.0, 0.0),
-    duration_s: float,
-    rate_hz: float,
-) -> FocusFrames:
-    """Return a standing focus under :func:`modulate_place`, for a duration."""
-    along = as_point(direction)
-    length = float(np.linalg.norm(along))
-    if not length > 0.0:
-        raise ConfigurationError("direction has length 0, must be above 0")
-    standing = dwell([as_point(point_m)], dwell_s=duration_s, rate_hz=rate_hz)
-    return modulate_place(standing, frequency_hz=frequency_hz, shift_m=along * (shift_m / length))
 
 
 def spatio_temporal_modulation(
@@ -347,5 +317,6 @@ def _check_count(frames: float) -> int:
 
 def _phase_rad(frames: FocusFrames, frequency_hz: float) -> FloatArray:
     check_frequency(frequency_hz, frames.rate_hz)
-    turns: FloatArray = np.arange(frames.count) * (frequency_hz / frames.rate_hz)
-    return 2.0 * np.pi * np.mod(turns, 1.0)
+    turns = np.arange(frames.count) * (frequency_hz / frames.rate_hz)
+    phase: FloatArray = 2.0 * np.pi * np.mod(turns, 1.0)
+    return phase

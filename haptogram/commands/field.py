@@ -9,16 +9,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
-from haptogram.config import MESH_SUFFIXES, SHAPES, VerifyConfig
+from haptogram.config import MESH_SUFFIXES, MODULATIONS, SHAPES, VerifyConfig
 
 from .exit_status import PASS
 from .output_files import check_file, write_picture
 from .places import Place, place_mm
 
-VIEWS: Final = ("plane", "cuts", "isosurface", "spectrum")
+VIEWS: Final = ("plane", "cuts", "isosurface")
 PLANES: Final = ("xy", "xz", "yz")
 QUANTITIES: Final = ("pressure", "phase", "force")
-MODULATIONS: Final = ("am", "lm", "stm")
 EAR_MM: Final[Place] = (0.0, -300.0, 400.0)  # someone who sits before the array, bent over it
 
 _EPILOG: Final = """\
@@ -29,7 +28,6 @@ examples:
   haptogram field --preset autd3 --view isosurface
   haptogram field --object circle --radius-mm 20 --plane xy
       what a hand feels over one pass: mean square over the sequence, with narrow transducers
-  haptogram field --view spectrum --modulation am --rate-hz 1000
   haptogram field --ear-mm --modulation am
       what reaches an ear: ultrasound in dB SPL, what is audible of a 200 Hz modulation in dB(A)
   haptogram field --drive drive.csv --plane xy
@@ -47,9 +45,9 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "field",
         help="draw the field of a focus, an object or a drive",
         description="Draw the sound field of a focus, of a tactile object or of a drive: |p|, its "
-        "phase or the radiation pressure on a plane, cuts through the focus, surfaces around it, "
-        "or the spectrum of a modulation. Axes are in mm; the target is marked by a cross, the "
-        "peak of the plane by a ring.",
+        "phase or the radiation pressure on a plane, cuts through the focus, or surfaces around "
+        "it. Axes are in mm; the target is marked by a cross, the peak by a ring. What a "
+        "modulation makes of a focus is shown by 'haptogram modulation'.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -104,7 +102,7 @@ def _add_source(field: argparse.ArgumentParser) -> None:
         "--modulation",
         choices=MODULATIONS,
         default="am",
-        help="for a spectrum, and what is audible: amplitude, lateral, or spatio-temporal along a "
+        help="for what is audible at --ear-mm: amplitude, lateral, or spatio-temporal along a "
         "circle [am]",
     )
     group.add_argument(

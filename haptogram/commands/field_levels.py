@@ -69,13 +69,7 @@ def _sequence(arguments: argparse.Namespace, scene: Scene) -> tuple[ComplexArray
         )
     name = arguments.modulation.upper()
     what = f"{name} at {arguments.modulation_hz:g} Hz, {arguments.rate_hz:g} frames/s"
-    return modulated(arguments, scene, _periods(arguments)).weights(scene.model), what
-
-
-def _periods(arguments: argparse.Namespace) -> int:
-    """Return after how many periods, 10 at most, the frames repeat."""
-    frames = arguments.rate_hz / arguments.modulation_hz if arguments.modulation_hz > 0.0 else 1.0
-    return next((n for n in range(1, 10) if (n * frames).is_integer()), 10)
+    return modulated(arguments, scene).weights(scene.model), what
 
 
 def _audible(level_db_a: float) -> str:

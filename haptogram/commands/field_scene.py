@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -26,13 +25,9 @@ from haptogram.acoustics.field import level_in_front
 from haptogram.config import VerifyConfig
 from haptogram.errors import ConfigurationError
 from haptogram.job import sample_object
-from haptogram.modulation import (
-    FocusFrames,
-    amplitude_modulation,
-    lateral_modulation,
-    spatio_temporal_modulation,
-)
+from haptogram.modulation import FocusFrames, Modulation
 from haptogram.presets import find_preset
+from haptogram.tactile import Circle
 
 from .places import metres
 
@@ -40,6 +35,7 @@ FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
 _PATH_RADIUS_M: Final = 0.020
+_PATH_STEP_M: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,8 +89,8 @@ class Scene:
         return len(self.weights) > 1
 
 
-def modulated(arguments: argparse.Namespace, scene: Scene, periods: int) -> FocusFrames:
-    """Return some periods of the focus as it is modulated.
+def modulated(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
+    """Return a pass of the focus as it is modulated.
 
     Raises
     ------
@@ -103,17 +99,11 @@ def modulated(arguments: argparse.Namespace, scene: Scene, periods: int) -> Focu
     """
     if not len(scene.targets_m):
         raise ConfigurationError("a modulation needs a focus; a drive from a file has none")
-    frequency, rate = arguments.modulation_hz, arguments.rate_hz
-    if not (math.isfinite(frequency) and frequency > 0.0):
-        raise ConfigurationError(f"modulation_hz is {frequency:g}, must be finite and above 0")
-    timing = {"frequency_hz": frequency, "duration_s": periods / frequency, "rate_hz": rate}
-    if arguments.modulation == "am":
-        return amplitude_modulation(scene.look_m, **timing)
-    if arguments.modulation == "lm":
-        return lateral_modulation(scene.look_m, **timing)
-    angles = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
-    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(200)], axis=1) * _PATH_RADIUS_M
-    return spatio_temporal_modulation(scene.look_m + circle, **timing)
+    points = np.array([scene.look_m])
+    if arguments.modulation == "stm":
+        points = Circle(_PATH_RADIUS_M, scene.look_m).sample(_PATH_STEP_M)
+    modulation = Modulation(arguments.modulation, arguments.modulation_hz)
+    return modulation.frames(points, arguments.rate_hz)
 
 
 def read_drive(path: Path, count: int, phase_bits: int) -> Drive:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,21 +22,17 @@ from haptogram.pictures import (
     draw_cuts,
     draw_isosurfaces,
     draw_plane,
-    draw_spectrum,
     sample_mean,
     sample_plane,
 )
-from haptogram.signals import signal_at
 
-from .field_scene import Scene, modulated
+from .field_scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Progress: TypeAlias = Callable[[int, int], None]
 FloatArray: TypeAlias = NDArray[np.float64]
-
-_PERIODS: Final = 10
 
 
 def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
@@ -57,10 +53,8 @@ def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None)
     engine = choose_engine(scene.model)
     if arguments.view == "cuts":
         return draw_cuts(engine, scene.weights[0], scene.look_m, half_m)
-    if arguments.view == "isosurface":
-        step = max(step_m, 1.5e-3)
-        return draw_isosurfaces(engine, scene.weights[0], scene.look_m, half_m / 2.0, step)
-    return _draw_spectrum(arguments, scene)
+    step = max(step_m, 1.5e-3)
+    return draw_isosurfaces(engine, scene.weights[0], scene.look_m, half_m / 2.0, step)
 
 
 def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
@@ -96,23 +90,6 @@ def _plane(arguments: argparse.Namespace, scene: Scene) -> Plane:
 def _place(plane: Plane) -> str:
     axis = plane.normal_axis
     return f"{'xyz'[axis]} = {plane.through_m[axis] * 1e3:g} mm"
-
-
-def _draw_spectrum(arguments: argparse.Namespace, scene: Scene) -> Figure:
-    frames = modulated(arguments, scene, _PERIODS)
-    place = frames.points_m[0]
-    signal = signal_at(NumpyEngine(scene.model), frames, place, Resonator.from_bandwidth())
-    shown = signal.time_s <= 4.0 / arguments.modulation_hz
-    where = ", ".join(f"{value * 1e3:g}" for value in np.round(place, 5))
-    return draw_spectrum(
-        signal.time_s[shown],
-        signal.pressure_pa[shown],
-        signal.frequency_hz,
-        signal.amplitude_pa,
-        title=f"{arguments.modulation.upper()} at {arguments.modulation_hz:g} Hz, "
-        f"{arguments.rate_hz:g} frames/s, felt at ({where}) mm",
-        highest_hz=max(1000.0, 6.0 * arguments.modulation_hz),
-    )
 
 
 def describe(scene: Scene) -> Iterator[str]:

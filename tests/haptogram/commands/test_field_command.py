@@ -19,7 +19,7 @@ from haptogram.acoustics import (
 from haptogram.commands import field
 from haptogram.commands.places import joined
 from haptogram.errors import ConfigurationError
-from haptogram.modulation import amplitude_modulation
+from haptogram.modulation import Modulation
 
 
 def parse(*words):
@@ -59,9 +59,6 @@ def test_a_focus_is_drawn_and_described(run, tmp_path, capsys):
         ("--plane", "yz", "--quantity", "force", "--output", "a.svg"),
         ("--view", "cuts", "--output", "a.svg"),
         ("--view", "isosurface", "--half-width-mm", "30", "--output", "a.svg"),
-        ("--view", "spectrum", "--output", "a.svg"),
-        ("--view", "spectrum", "--modulation", "lm", "--output", "a.svg"),
-        ("--view", "spectrum", "--modulation", "stm", "--modulation-hz", "50", "--output", "a.svg"),
         ("--preset", "sonicsurface", "--output", "a.svg"),
         ("--object", "circle", "--radius-mm", "15", "--plane", "xy", "--output", "a.svg"),
         ("--array", "8x8", "--pitch-mm", "8", "--output", "a.svg"),
@@ -120,8 +117,8 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
         (("--drive", "missing.csv"), "cannot be read"),
         (("--output", "field.gif"), "possible are"),
         (("--rate-hz", "0"), "1 to 40000"),
-        (("--view", "spectrum", "--modulation-hz", "900"), "half of"),
-        (("--view", "spectrum", "--modulation-hz", "0"), "above 0"),
+        (("--ear-mm", "--modulation-hz", "900"), "half of"),
+        (("--ear-mm", "--modulation-hz", "0"), "above 0"),
         (("--temperature-c", "90"), "temperature_c"),
         (("--half-width-mm", "1e6"), "points"),
     ],
@@ -143,7 +140,7 @@ def test_the_levels_at_an_ear_are_those_of_the_library(run, capsys):
     assert run("--array", "6x6", "--focus-mm", "0,0,80", "--ear-mm", "--step-mm", "6") == 0
     out = " ".join(capsys.readouterr().out.split())
     model = AcousticModel.default(6, 6)
-    frames = amplitude_modulation((0.0, 0.0, 0.08), duration_s=5e-3, rate_hz=1000.0)
+    frames = Modulation("am").frames([(0.0, 0.0, 0.08)], 1000.0)
     engine, weights, lag = NumpyEngine(model), frames.weights(model), Resonator.from_bandwidth()
     ear_m = (0.0, -0.3, 0.4)
     heard = exposure_at(engine, weights, [ear_m], 1e-3, lag)[0]
