@@ -50,7 +50,8 @@ def test_a_changed_amplitude_is_another_drive(drive, element, change):
     assert drive != "a drive"
 
 
-@given(drives(), st.integers(1, 8))
+@given(drives(count=5), phase_bits)
+@settings(max_examples=20)
 def test_the_same_codes_of_another_resolution_are_another_drive(drive, bits):
     codes = drive.phase_codes & (1 << min(bits, drive.phase_bits)) - 1
     one, other = (Drive(codes, drive.amplitude_codes, size) for size in (bits, drive.phase_bits))
