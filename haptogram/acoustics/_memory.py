@@ -1,10 +1,10 @@
-"""Refusing work that would not fit, before it starts."""
+"""Refusing work that would not fit, before it starts, and dividing what does."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from haptogram.errors import ConfigurationError
@@ -30,3 +30,8 @@ def check_memory(what: str, shape: Sequence[int], item_bytes: int) -> None:
             f"{what} of {' x '.join(map(str, shape))} needs {size_bytes // 10**9:,} GB, "
             f"must be at most {limit_bytes / 1e9:.3g} GB (half of the memory)"
         )
+
+
+def chunks(count: int, size: int) -> Iterator[slice]:
+    """Return the slices that divide *count* items into parts of at most *size*."""
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))

@@ -7,13 +7,13 @@ theta_n is the angle to the element's own normal. Linear acoustics, free field, 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sized
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._memory import check_memory
+from haptogram.acoustics._memory import check_memory, chunks
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray, as_points
 from haptogram.acoustics.drive import as_drive, as_drives
 from haptogram.acoustics.model import AcousticModel
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from haptogram.acoustics.directivities import OrientedDirectivity
 
 MIN_DISTANCE_M: Final = 1e-3
+_POINTS_PER_CHUNK: Final = 1 << 14  # cached too; some 0.1 ms, so that Ctrl-C is heard
 _PAIRS_PER_CHUNK: Final = 1 << 13  # a temporary takes 64 kB: cached, and never mapped afresh
 
 
@@ -120,7 +121,7 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
     check_memory("a field", (*drives.shape[:-1], len(points)), 16)
     check_points(model, points)
     result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
-    for chunk in _chunks(points, model.array.count):
+    for chunk in chunks(len(points), _points_at_a_time(model)):
         result[..., chunk] = drives @ _propagators(model, points[chunk]).T
     return result
 
@@ -138,9 +139,8 @@ def _gain(
     return directivity.gain(along / distance, model.wavenumber)
 
 
-def _chunks(points: Sized, count: int) -> Iterator[slice]:
-    size = max(1, _PAIRS_PER_CHUNK // count)
-    return (slice(start, start + size) for start in range(0, len(points), size))
+def _points_at_a_time(model: AcousticModel) -> int:
+    return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 
 def fronts(model: AcousticModel) -> FloatArray:
@@ -162,7 +162,8 @@ def in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
     """
     points = as_points("points_m", points_m)
     front = np.ones(len(points), dtype=np.bool_)
-    front[_behind(model, points)] = False
+    for part in chunks(len(points), _POINTS_PER_CHUNK):
+        front[part][_behind(model, points[part])] = False
     return front
 
 
@@ -184,18 +185,30 @@ def check_points(model: AcousticModel, points: FloatArray) -> None:
     ConfigurationError
         A point within 1 mm of an element, or behind all of them if they are baffled.
     """
-    behind = _behind(model, points)
-    if len(behind):
-        ahead_m = (fronts(model) @ np.append(points[behind[0]], 1.0)).max()
-        raise ConfigurationError(
-            f"point {behind[0]} is {-ahead_m * 1e3:.3g} mm behind the baffle of the array, "
-            "must be in front of an element"
-        )
-    low, high = model.array.bounds_m
-    outside = np.maximum(low - points, points - high) >= MIN_DISTANCE_M
-    near = np.flatnonzero(~outside.any(axis=1))
-    for chunk in _chunks(near, model.array.count):
-        _check_distance(near[chunk], points[near[chunk]], model.array.positions_m)
+    for part in chunks(len(points), _POINTS_PER_CHUNK):
+        behind = part.start + _behind(model, points[part])
+        if len(behind):
+            ahead_m = (fronts(model) @ np.append(points[behind[0]], 1.0)).max()
+            raise ConfigurationError(
+                f"point {behind[0]} is {-ahead_m * 1e3:.3g} mm behind the baffle of the array, "
+                "must be in front of an element"
+            )
+    for near, distance in _distances(model, points, MIN_DISTANCE_M):
+        if distance.min() < MIN_DISTANCE_M:
+            point, element = np.unravel_index(int(distance.argmin()), distance.shape)
+            raise ConfigurationError(
+                f"point {near[point]} is {distance.min() * 1e3:.3g} mm from element {element}, "
+                f"must be at least {MIN_DISTANCE_M * 1e3:g} mm"
+            )
+
+
+def is_clear(model: AcousticModel, points_m: ArrayLike, distance_m: float) -> BoolArray:
+    """Return which of (M, 3) points keep a distance from every element, (M,)."""
+    points = as_points("points_m", points_m)
+    clear = np.ones(len(points), dtype=np.bool_)
+    for near, distance in _distances(model, points, distance_m):
+        clear[near] = distance.min(axis=1) >= distance_m
+    return clear
 
 
 def _behind(model: AcousticModel, points: FloatArray) -> NDArray[np.intp]:
@@ -209,12 +222,17 @@ def _behind(model: AcousticModel, points: FloatArray) -> NDArray[np.intp]:
     return behind
 
 
-def _check_distance(indices: NDArray[np.intp], points: FloatArray, positions: FloatArray) -> None:
-    offsets = points[:, None, :] - positions
-    distance = np.sqrt(np.einsum("mni,mni->mn", offsets, offsets))
-    if distance.min() < MIN_DISTANCE_M:
-        point, element = np.unravel_index(int(distance.argmin()), distance.shape)
-        raise ConfigurationError(
-            f"point {indices[point]} is {distance.min() * 1e3:.3g} mm from element {element}, "
-            f"must be at least {MIN_DISTANCE_M * 1e3:g} mm"
-        )
+def _distances(
+    model: AcousticModel, points: FloatArray, reach_m: float
+) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
+    """Yield, in parts, the indices of the points about the array and their (m, N) distances.
+
+    All others are further than *reach_m* from every element: outside the box around them.
+    """
+    low, high = model.array.bounds_m
+    for part in chunks(len(points), _POINTS_PER_CHUNK):
+        outside = np.maximum(low - points[part], points[part] - high) >= reach_m
+        about = part.start + np.flatnonzero(~outside.any(axis=1))
+        for chunk in chunks(len(about), _points_at_a_time(model)):
+            offsets = points[about[chunk]][:, None, :] - model.array.positions_m
+            yield about[chunk], np.sqrt(np.einsum("mni,mni->mn", offsets, offsets))

@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from haptogram.acoustics._layout import SingleArray, single
+from haptogram.acoustics._memory import chunks
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field import in_front
 from haptogram.acoustics.model import AcousticModel
-from haptogram.acoustics.single_precision import CLEARANCE, Reach, SingleEngine, chunks
+from haptogram.acoustics.single_precision import CLEARANCE, Reach, SingleEngine
 from haptogram.acoustics.transducer import GRAZING
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics._layout import SingleArray, single
-from haptogram.acoustics._memory import check_memory
+from haptogram.acoustics._memory import check_memory, chunks
 from haptogram.acoustics._polynomials import gain_polynomial
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray, as_points
 from haptogram.acoustics.drive import as_weights
@@ -196,11 +195,6 @@ class SingleEngine(ABC):
     @abstractmethod
     def _waves(self, points: FloatArray) -> SingleArray:
         """Return the (2, N, M) real and imaginary parts of the propagators."""
-
-
-def chunks(count: int, size: int) -> Iterator[slice]:
-    """Return the slices that divide *count* items into parts of at most *size*."""
-    return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def _effective_count(drives: ComplexArray) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics import FieldEngine, in_front, radiation_pressure_pa
 from haptogram.acoustics.average import mean_square_pressure
 from haptogram.acoustics.dynamics import Resonator
-from haptogram.acoustics.field import check_points
+from haptogram.acoustics.field import check_points, is_clear
 from haptogram.errors import ConfigurationError
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -159,7 +159,7 @@ def _sample(
     front = in_front(engine.model, points)
     if not front.any():
         check_points(engine.model, points)  # says how far behind
-    clear = np.flatnonzero(front & _is_clear(engine, points))
+    clear = np.flatnonzero(front & is_clear(engine.model, points, _CLEARANCE_M))
     if not len(clear):
         raise ConfigurationError("every point of the plane is within 2 mm of an element")
     parts = []
@@ -173,15 +173,6 @@ def _sample(
     values[clear] = found
     across, up = plane.coordinates_m()
     return values.reshape(len(up), len(across))
-
-
-def _is_clear(engine: FieldEngine, points: FloatArray) -> NDArray[np.bool_]:
-    """Return which points are more than the clearance away from every element."""
-    clear = np.ones(len(points), dtype=np.bool_)
-    for position in engine.model.array.positions_m:
-        near = np.abs(points - position).max(axis=1) < _CLEARANCE_M
-        clear[near] &= np.linalg.norm(points[near] - position, axis=1) >= _CLEARANCE_M
-    return clear
 
 
 def force_values(engine: FieldEngine, field: PlaneField) -> FloatArray:

@@ -1,5 +1,6 @@
 """Behind a baffle there is no field: every engine refuses to say one, before any work."""
 
+import math
 import re
 
 import numpy as np
@@ -31,28 +32,12 @@ from haptogram.acoustics import (
     worst_place,
 )
 from haptogram.acoustics import field as field_module
+from haptogram.acoustics.field import is_clear
 from haptogram.errors import ConfigurationError
-from strategies_acoustics import seeds
+from strategies_acoustics import Pose, seeds
 
 ENGINES = [NumpyEngine, NumbaEngine, Numpy32Engine]
 FLAT = AcousticModel.default(5, 4)
-
-
-def turned(model, turn, shift=(0.0, 0.0, 0.0)):
-    array = TransducerArray.from_positions(
-        model.array.positions_m @ turn.T + shift, model.array.normals @ turn.T
-    )
-    return AcousticModel(array, model.medium, model.transducer)
-
-
-def about_x(angle_deg):
-    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-
-
-def any_rotation(seed):
-    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    return q * np.linalg.det(q)
 
 
 def bowl(angle_deg=60.0):
@@ -71,17 +56,17 @@ def bowl(angle_deg=60.0):
 @given(seed=seeds, depth_m=st.floats(1e-6, 10.0))
 @settings(max_examples=15)
 def test_what_is_behind_is_refused_wherever_the_array_lies(kind, seed, depth_m):
-    turn, shift = any_rotation(seed), np.random.default_rng(seed).uniform(-3.0, 3.0, 3)
+    pose = Pose.any(np.random.default_rng(seed), reach_m=3.0)
     points = np.array([[0.03, 0.02, 0.1], [0.1, -0.2, 0.05], [0.02, 0.01, -depth_m]])
-    engine = kind(turned(FLAT, turn, shift))
+    engine = kind(pose.model(FLAT))
     for weights in (np.ones(20), np.ones((2, 20))):
         with pytest.raises(ConfigurationError, match="mm behind the baffle") as refused:
-            engine.pressure(weights, points @ turn.T + shift)
+            engine.pressure(weights, pose.points(points))
         stated = re.fullmatch(
             r"point 2 is (\S+) mm behind .* in front of an element", str(refused.value)
         )
         assert float(stated[1]) == pytest.approx(depth_m * 1e3, rel=0.01)
-    assert np.abs(engine.pressure(np.ones(20), points[:2] @ turn.T + shift)).min() > 0.0
+    assert np.abs(engine.pressure(np.ones(20), pose.points(points[:2]))).min() > 0.0
 
 
 @pytest.mark.parametrize("kind", ENGINES)
@@ -91,9 +76,9 @@ def test_the_plane_of_a_turned_array_is_in_front_of_it(kind, seed):
     """Rounding puts half of its points on the far side, by less than a nanometre."""
     rng = np.random.default_rng(seed)
     points = np.column_stack([rng.uniform(0.05, 0.2, (30, 2)), np.zeros(30)])
-    turn, shift = any_rotation(seed), rng.uniform(-3.0, 3.0, 3)
+    pose = Pose.any(rng, reach_m=3.0)
     weights = np.exp(2j * np.pi * rng.random(20))
-    found = kind(turned(FLAT, turn, shift)).pressure(weights, points @ turn.T + shift)
+    found = kind(pose.model(FLAT)).pressure(weights, pose.points(points))
     matrix = propagators(FLAT, points)
     assert (np.abs(found - matrix @ weights) <= 2e-5 * np.abs(matrix).sum(axis=1)).all()
 
@@ -162,6 +147,14 @@ def test_nothing_is_computed_before_every_point_was_looked_at(monkeypatch):
             pressure(AcousticModel.default(), np.ones(256), points)
 
 
+def test_points_near_an_element_are_found_among_many():
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-0.04, 0.04, (40_000, 3))
+    distance = np.array([np.linalg.norm(points - s, axis=1) for s in FLAT.array.positions_m])
+    assert (is_clear(FLAT, points, 2e-3) == (distance.min(axis=0) >= 2e-3)).all()
+    assert (is_clear(FLAT, points, 50e-3) == (distance.min(axis=0) >= 50e-3)).all()
+
+
 def test_matrices_and_planes_are_refused_too():
     for make in (
         lambda: GridField(FLAT, [[0.0, 0.0, 0.1], [0.0, 0.0, -0.1]]),
@@ -174,7 +167,7 @@ def test_matrices_and_planes_are_refused_too():
 
 
 def test_searches_around_a_focus_of_a_steep_array_leave_out_what_is_behind():
-    model = turned(AcousticModel.default(8, 8), about_x(50.0))
+    model = Pose.about(0, math.radians(50.0)).model(AcousticModel.default(8, 8))
     target = model.array.centre_m + 0.12 * model.array.facing
     weights = np.exp(1j * focus_phases(model, target))
     corner = [target[0], 0.3, target[2]]
@@ -188,14 +181,14 @@ def test_the_loudest_place_is_looked_for_where_the_array_faces():
     target = np.array([0.02, 0.0, 0.15])
     weights = np.exp(1j * focus_phases(flat, target))[None]
     upright = worst_place(NumpyEngine(flat), weights, 0.5, 1e-3, directions=600)
-    model = turned(flat, about_x(90.0))
+    model = Pose.about(0, math.radians(90.0)).model(flat)
     tilted = worst_place(NumpyEngine(model), weights, 0.5, 1e-3, directions=600)
     assert np.array(tilted.position_m) @ model.array.facing > 0.0
     assert tilted.equivalent_db_spl == pytest.approx(upright.equivalent_db_spl, abs=1.0)
 
 
 def test_an_array_that_faces_down_has_no_targets():
-    model = turned(AcousticModel.default(4, 4), about_x(180.0))
+    model = Pose.about(0, math.radians(180.0)).model(AcousticModel.default(4, 4))
     with pytest.raises(ConfigurationError, match="100 mm behind the baffle"):
         check_target(model, [0.0, 0.0, 0.1])
     with pytest.raises(ConfigurationError, match="the array faces"):
