@@ -58,35 +58,47 @@ class Pose:
     turn: np.ndarray
     shift_m: np.ndarray
 
+    @classmethod
+    def any(cls, rng, reach_m=1.0):
+        return cls(rotation(rng), rng.uniform(-reach_m, reach_m, 3))
+
+    @classmethod
+    def about(cls, axis, angle_rad, shift_m=(0.0, 0.0, 0.0)):
+        """Turned around one of the axes x, y, z, by its number."""
+        c, s = math.cos(angle_rad), math.sin(angle_rad)
+        planes = np.roll(np.arange(3), -1 - axis)[:2]
+        turn = np.eye(3)
+        turn[np.ix_(planes, planes)] = [[c, -s], [s, c]]
+        return cls(turn, np.asarray(shift_m))
+
     def points(self, points_m):
         return np.asarray(points_m) @ self.turn.T + self.shift_m
 
+    def array(self, array):
+        return TransducerArray.from_positions(
+            self.points(array.positions_m), array.normals @ self.turn.T
+        )
+
     def model(self, model):
         """The same array somewhere else: all that has a direction turns with it."""
-        array = TransducerArray.from_positions(
-            self.points(model.array.positions_m), model.array.normals @ self.turn.T
-        )
         transducer, pattern = model.transducer, model.transducer.directivity
         if isinstance(pattern, RectangularPiston):
             pattern = dataclasses.replace(pattern, width_axis=self.turn @ pattern.width_axis)
             transducer = dataclasses.replace(transducer, directivity=pattern)
-        return AcousticModel(array, model.medium, transducer)
+        return AcousticModel(self.array(model.array), model.medium, transducer)
 
 
 @st.composite
 def poses(draw, reach_m=1.0):
     """Any orientation, anywhere within *reach_m*."""
-    rng = np.random.default_rng(draw(seeds))
-    return Pose(rotation(rng), rng.uniform(-reach_m, reach_m, 3))
+    return Pose.any(np.random.default_rng(draw(seeds)), reach_m)
 
 
 @st.composite
 def upright_poses(draw, reach_m=1.0):
     """Turned around the vertical only: the array still looks up."""
-    angle = draw(st.floats(-math.pi, math.pi))
-    c, s = math.cos(angle), math.sin(angle)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Pose(turn, np.random.default_rng(draw(seeds)).uniform(-reach_m, reach_m, 3))
+    shift_m = np.random.default_rng(draw(seeds)).uniform(-reach_m, reach_m, 3)
+    return Pose.about(2, draw(st.floats(-math.pi, math.pi)), shift_m)
 
 
 @st.composite

@@ -28,18 +28,11 @@ from haptogram.acoustics import engine as engine_module
 from haptogram.acoustics._polynomials import fit
 from haptogram.acoustics.engine import NumbaEngine, Numpy32Engine, choose_engine
 from haptogram.errors import ConfigurationError
-from strategies_acoustics import grids, models, seeds
+from strategies_acoustics import Pose, grids, models, seeds
 
 ROOT = Path(__file__).resolve().parents[3]
 TOLERANCE = 2e-5  # of the sum of magnitudes: what the engines promise
 ENGINES = [NumbaEngine, Numpy32Engine]
-
-
-def rotation(rng):
-    """A random rotation matrix."""
-    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
-    q *= np.sign(np.diag(r))
-    return q * np.linalg.det(q)
 
 
 def assert_agrees(engine, weights, points):
@@ -48,13 +41,6 @@ def assert_agrees(engine, weights, points):
     magnitudes = np.abs(np.atleast_2d(weights)) @ np.abs(matrix).T
     error = np.abs(np.atleast_2d(engine.pressure(weights, points)) - expected)
     assert (error <= TOLERANCE * magnitudes).all(), (error / magnitudes).max()
-
-
-def moved(model, turn, shift):
-    array = TransducerArray.from_positions(
-        model.array.positions_m @ turn.T + shift, model.array.normals @ turn.T
-    )
-    return AcousticModel(array, model.medium, model.transducer)
 
 
 def some_points(rng, model, count=40):
@@ -70,10 +56,10 @@ def some_points(rng, model, count=40):
 @settings(max_examples=40)
 def test_grids_anywhere_agree_with_the_reference(kind, model, seed, drives):
     rng = np.random.default_rng(seed)
-    turn, shift = rotation(rng), rng.uniform(-3.0, 3.0, 3)
-    points = some_points(rng, model) @ turn.T + shift
+    pose = Pose.any(rng, reach_m=3.0)
+    points = pose.points(some_points(rng, model))
     weights = rng.normal(size=(drives, model.array.count, 2)) @ [1, 1j]
-    assert_agrees(kind(moved(model, turn, shift)), weights[0] if drives == 1 else weights, points)
+    assert_agrees(kind(pose.model(model)), weights[0] if drives == 1 else weights, points)
 
 
 @pytest.mark.parametrize("kind", ENGINES)

@@ -7,22 +7,13 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import TransducerArray
 from haptogram.acoustics.lattice import find_lattice, plane_axes
-from strategies_acoustics import grids, seeds
+from strategies_acoustics import grids, poses, seeds
 
 
-def turned(array, seed):
-    rng = np.random.default_rng(seed)
-    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    q *= np.linalg.det(q)
-    return TransducerArray.from_positions(
-        array.positions_m @ q.T + rng.uniform(-2, 2, 3), array.normals @ q.T
-    )
-
-
-@given(grids(1, 12), seeds)
+@given(grids(1, 12), poses(reach_m=2.0))
 @settings(max_examples=60)
-def test_every_element_lies_on_its_node(array, seed):
-    array = turned(array, seed)
+def test_every_element_lies_on_its_node(array, pose):
+    array = pose.array(array)
     lattice = find_lattice(array)
     assert lattice is not None
     assert sorted(lattice.elements[lattice.elements >= 0]) == list(range(array.count))
