@@ -100,22 +100,25 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _prepare_simulator(config: VerifyConfig) -> None:
-    """Open the way to a board in this program, and refuse faults that nobody knows.
+def _prepare_simulator(config: VerifyConfig) -> verify.PlannedFaults:
+    """Open the way to a board in this program, and read the faults that it shall have.
 
     Raises
     ------
     ConfigurationError
-        For a fault that is not known, or a parameter of it.
+        For a fault that is not known, or a parameter of it; for a plan that cannot be read.
     """
     if config.port is not None and config.port.startswith(_SCHEME):
         import sim_device
 
         sim_device.register_url_handler()
-    if config.fault:
-        from sim_device.faults import FaultPlan
+    if not config.fault and config.fault_plan is None:
+        return verify.PlannedFaults((), config.seed)
+    from sim_device.options import fault_plan
 
-        FaultPlan.parse(config.fault, config.seed)
+    plan = fault_plan(config.fault, config.fault_plan, config.seed)
+    in_file = plan.faults[: len(plan.faults) - len(config.fault)]
+    return verify.PlannedFaults((*map(str, in_file), *config.fault), plan.seed)
 
 
 @contextlib.contextmanager
@@ -139,6 +142,8 @@ def board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
         "reconstruct": 1,
         "fault": config.fault,
     }
+    if config.fault_plan is not None:
+        options["fault_plan"] = config.fault_plan
     url = f"{_SCHEME}?{urlencode(options, doseq=True)}"
     virtual: Any = serial.serial_for_url(url, timeout=0)  # the stubs know no URL handler
     with contextlib.closing(virtual) as port:

@@ -79,6 +79,7 @@ class VerifyConfig:
     min_verified: float | None = dataclasses.field(default=None, metadata=_limits(0.0, 1.0))
     seed: int = dataclasses.field(default=0, metadata=_limits(0, 2**32 - 1))
     fault: tuple[str, ...] = ()
+    fault_plan: Path | None = None
     virtual_time: bool = False
     json: Path | None = None
     junit: Path | None = None
@@ -129,9 +130,10 @@ class VerifyConfig:
                 "virtual_time",
                 f"runs on the board inside this program; port {port!r} has a clock of its own",
             )
-        if self.fault:
+        faulty = next((name for name in ("fault", "fault_plan") if getattr(self, name)), None)
+        if faulty is not None:
             raise SettingError(
-                "fault",
+                faulty,
                 f"is for the virtual board that is started here; the one at port {port!r} has its "
                 "own (a virtual one takes them when it is started: docs/faults.md)",
             )
@@ -170,11 +172,13 @@ class VerifyConfig:
         """Return what decides the result, for the report: no output path, JSON types only."""
         outputs = {"json", "junit", "report"}
         values = dataclasses.asdict(self)
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in values.items()
-            if name not in outputs
-        }
+        return {name: _for_json(value) for name, value in values.items() if name not in outputs}
+
+
+def _for_json(value: Any) -> Any:
+    if isinstance(value, Path):
+        return str(value)
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _check_limits(field: dataclasses.Field[Any], value: Any) -> None:
@@ -227,7 +231,8 @@ def _read_table(path: Path) -> dict[str, Any]:
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigurationError(f"{path}: {reason}") from error
     table = document.get(_SECTION)
     if not isinstance(table, dict) or len(document) > 1:
         raise ConfigurationError(f"{path}: one table [{_SECTION}] and nothing else is expected")

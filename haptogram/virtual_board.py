@@ -70,6 +70,8 @@ class VirtualBoard:
     faults : sequence of str
         What goes wrong with its line, clock and transducers, such as ``"line.flip ber=1e-5"``; all
         of them are in docs/faults.md.
+    fault_plan : path, optional
+        TOML file with faults, which come before those of *faults*.
 
     Attributes
     ----------
@@ -95,6 +97,7 @@ class VirtualBoard:
         baudrate: int | None = None,
         reconstruct: bool = True,
         faults: Sequence[str] = (),
+        fault_plan: Path | None = None,
     ) -> None:
         self.model = AcousticModel(
             TransducerArray.parse(array, pitch_m=pitch_mm / 1000),
@@ -116,6 +119,8 @@ class VirtualBoard:
         }
         if baudrate is not None:
             options["--baud"] = baudrate
+        if fault_plan is not None:
+            options["--fault-plan"] = fault_plan
         arguments = [str(part) for option in options.items() for part in option]
         arguments += [f"--fault={fault}" for fault in faults]
         self._process = self._start(arguments + ([] if reconstruct else ["--no-reconstruct"]))

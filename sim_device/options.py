@@ -83,7 +83,7 @@ def _line(
     )
 
 
-def fault_plan(texts: Iterable[str], file: str | None, seed: int) -> FaultPlan:
+def fault_plan(texts: Iterable[str], file: str | Path | None, seed: int) -> FaultPlan:
     """Return the plan of a file, if one is named, and of *texts* after it.
 
     Parameters

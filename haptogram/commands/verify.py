@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 from haptogram.config import VerifyConfig, load_config
 from haptogram.errors import ConfigurationError, LinkError
@@ -23,8 +23,16 @@ if TYPE_CHECKING:
     from haptogram.job import Measured, Progress
     from haptogram.verification import RunVerdict
 
+
+class PlannedFaults(NamedTuple):
+    """What goes wrong with the virtual board on purpose, as it is written, and the seed of that."""
+
+    plan: tuple[str, ...]
+    seed: int
+
+
 #: Looks at what concerns the virtual board, before anything starts.
-Prepare: TypeAlias = "Callable[[VerifyConfig], None]"
+Prepare: TypeAlias = "Callable[[VerifyConfig], PlannedFaults]"
 InProcess: TypeAlias = "Callable[[VerifyConfig], AbstractContextManager[BoardUnderTest]]"
 
 _LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
@@ -72,7 +80,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     names = {field.name for field in dataclasses.fields(VerifyConfig)}
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_config(arguments.config, given)
-    prepare(config)
+    planned = prepare(config)
     quiet = arguments.quiet
     with (
         _board(config, in_process) as board,
@@ -98,7 +106,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         board=_board_dict(found),
         warnings=found.warnings,
         cut_short=None if found.cut is None else found.cut.reason,
-        faults=_faults_dict(config, found),
+        faults=_faults_dict(planned, found),
         troubles=found.troubles,
         host=None if config.virtual_time else _host_dict(found),
         environment=None if config.virtual_time else report.environment(),
@@ -138,6 +146,7 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
             seed=config.seed,
             baudrate=None,  # the driver paces itself; twice would count every stall twice
             faults=config.fault,
+            fault_plan=config.fault_plan,
         ) as virtual:
             try:
                 yield ProcessBoard(virtual)
@@ -184,11 +193,11 @@ def _board_dict(found: Measured) -> dict[str, object]:
     }
 
 
-def _faults_dict(config: VerifyConfig, found: Measured) -> dict[str, object] | None:
+def _faults_dict(planned: PlannedFaults, found: Measured) -> dict[str, object] | None:
     """Return the faults on purpose, and how often each fired (None: the board did not tell)."""
-    if not config.fault:
+    if not planned.plan:
         return None
-    return {"plan": list(config.fault), "seed": config.seed, "fired": found.fault_counts}
+    return {"plan": list(planned.plan), "seed": planned.seed, "fired": found.fault_counts}
 
 
 def _host_dict(found: Measured) -> dict[str, object] | None:

@@ -151,6 +151,13 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         "before it hits the handshake as well. All faults: docs/faults.md",
     )
     link.add_argument(
+        "--fault-plan",
+        type=Path,
+        metavar="FILE",
+        help="faults from a TOML file, as python -m sim_device takes it, before those of --fault: "
+        "seed = N, and tables [[fault]] with name and parameters",
+    )
+    link.add_argument(
         "--seed",
         type=int,
         metavar="N",

@@ -65,6 +65,7 @@ def test_the_solvers_are_those_that_there_are() -> None:
         ({"object": "teapot"}, "--object is 'teapot'; known are hemisphere"),
         ({"virtual_time": True, "port": "/dev/ttyUSB0"}, "has a clock of its own"),
         ({"fault": ["line.drop"], "port": "/dev/ttyUSB0"}, "--fault is for the virtual board"),
+        ({"fault_plan": Path("x"), "port": "/dev/ttyUSB0"}, "--fault-plan is for the virtual"),
     ],
 )
 def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: str) -> None:

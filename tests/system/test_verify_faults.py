@@ -149,3 +149,28 @@ def test_a_board_that_is_unplugged_still_latches_what_it_was_sent(tmp_path: Path
     frames = result["frames"]
     assert 30 < frames["sent"] < 63
     assert frames["lost"] <= 1  # the one that was on the line
+
+
+@pytest.mark.parametrize(
+    "virtual", [True, pytest.param(False, marks=pytest.mark.pty)], ids=["virtual time", "pty"]
+)
+def test_a_plan_in_a_file_is_that_of_the_board(tmp_path: Path, virtual: bool) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text('seed = 7\n\n[[fault]]\nname = "device.stuck"\ncolumn = 3\n', encoding="utf-8")
+    words = ["--virtual-time"] if virtual else []
+    more = ["--fault-plan", str(plan), "--rate-hz", "100"]
+    result = _result(tmp_path, _faulty([*_CIRCLE, *_FEW, *words, *more], "device.dead transducer=9"))
+    assert result["faults"]["plan"] == ["device.stuck column=3", "device.dead transducer=9"]
+    assert result["faults"]["seed"] == 7
+    assert set(result["faults"]["fired"]) == {"device.stuck", "device.dead"}
+    assert result["configuration"]["fault_plan"] == str(plan)
+    assert result["frames"]["wrong_drive"] > 0
+
+
+def test_a_plan_that_cannot_be_read_is_told_before_anything_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    absent = tmp_path / "absent.toml"
+    assert main(["verify", "--fault-plan", str(absent)]) == 2
+    told = f"cannot read the fault plan {absent}: No such file or directory"
+    assert capsys.readouterr().err == f"haptogram: {told}\n"
