@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 _MILLION: Final = 1_000_000
-_NS_PER_US: Final = 1_000
+NS_PER_US: Final = 1_000
 
 
 def earliest(*times: int | None) -> int | None:
@@ -20,6 +20,11 @@ def earliest(*times: int | None) -> int | None:
         if t is not None and (first is None or t < first):
             first = t
     return first
+
+
+def whole_us(t_ns: int) -> int:
+    """Return *t_ns* rounded up to the microseconds that the board counts in."""
+    return -(-t_ns // NS_PER_US) * NS_PER_US
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +53,7 @@ class DeviceClock:
 
     def device_us(self, t_ns: int) -> int:
         """Return the unwrapped device time at *t_ns*: whole microseconds that have passed."""
-        run_us = t_ns * (_MILLION + self.ppm) // (_MILLION * _NS_PER_US)
+        run_us = t_ns * (_MILLION + self.ppm) // (_MILLION * NS_PER_US)
         return self.boot_us + self._shown_us(run_us)
 
     def reached_ns(self, device_us: int) -> int:
@@ -56,7 +61,7 @@ class DeviceClock:
         run_us = device_us - self.boot_us
         if self.step_us and run_us > 0:  # it never falls: the first moment is found by halving
             run_us = bisect.bisect_left(range(run_us), run_us, key=self._shown_us)
-        return -(-run_us * _MILLION * _NS_PER_US // (_MILLION + self.ppm))
+        return -(-run_us * _MILLION * NS_PER_US // (_MILLION + self.ppm))
 
     def _shown_us(self, run_us: int) -> int:
         return run_us + self._jumps(run_us) * self.step_us

@@ -12,13 +12,14 @@ from typing import Final, NoReturn
 from haptogram.errors import ConfigurationError, HaptogramError
 
 from .fault_kinds import described
+from .heartbeat import Heartbeat
 from .log import CountLog, NoticeLog
 from .mutants import parts_of
 from .options import board_settings, fault_plan
 from .port import Port, PtyPort, SerialPort, TcpPort
 from .reconstruction import ReconstructionWorker
 from .settings import BoardSettings
-from .simulation import Heartbeat, Recorder, Simulation
+from .simulation import Recorder, Simulation
 
 _LOG: Final = logging.getLogger(__name__)
 _SERIAL_BAUD: Final = 3_000_000

@@ -1,17 +1,12 @@
 """One board at the far end of one line: joins line, dialect, board and recorder.
 
-:class:`Simulation` knows no clock: times are nanoseconds since power-up, given by the caller, and
-it goes from event to event, so a run on the wall clock and one in virtual time are the same code.
-:class:`Heartbeat` is the wall clock's: it waits for the port or for the next event.
+It knows no clock: times are nanoseconds since power-up, given by the caller, and it goes from event
+to event, so a run on the wall clock and one in virtual time are the same code.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import os
-import select
-import signal
-import time
 from typing import Final, Protocol
 
 from haptogram_protocol.export import description_hash
@@ -19,14 +14,11 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 
 from .assembly import HEALTHY, Parts
 from .board import Board
-from .clock import earliest
+from .clock import NS_PER_US, earliest, whole_us
 from .faults import FaultPlan
 from .injection import Injection
 from .latch import Latch, LineCounted, Notice
 from .line_settings import LineSettings
-from .log import CountLog
-from .port import Port
-from .reconstruction import ReconstructionWorker
 from .settings import BoardSettings
 from .uart import Line, line_to_board, line_to_host
 
@@ -34,10 +26,6 @@ HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the boa
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
 _LINE_CHUNK: Final = MAX_ENCODED_BYTES + 2  # handed to the line at a time: the longest frame
 MAX_CREDIT_NS: Final = 100_000_000  # of line time, for a process that stalled
-_SHORT_NS: Final = 60_000  # what a sleep takes at least; the next carrier boundary is nearer
-_HAND_OVER_NS: Final = 20_000_000  # from one batch of records for the worker to the next
-_NS_PER_US: Final = 1_000
-_CHUNK: Final = 4_096
 
 
 class Recorder(Protocol):
@@ -199,7 +187,7 @@ class Simulation:
         board_us = self.dialect.next_event_us()
         first_ns = None if board_us is None else self._clock.reached_ns(board_us)
         if (down_ns := self._down.next_event_ns(DELIMITER)) is not None:
-            first_ns = earliest(first_ns, _whole_us(down_ns))
+            first_ns = earliest(first_ns, whole_us(down_ns))
         if (up_ns := self._up.next_event_ns(DELIMITER)) is not None:
             first_ns = earliest(first_ns, up_ns)
         if self._can_feed:
@@ -227,7 +215,7 @@ class Simulation:
         if self._injection is not None and self._injection.has_left(t_ns):
             self.unplug()
         t_us = self._clock.device_us(t_ns)
-        if t_ns % _NS_PER_US == 0 and (data := self._down.receive(t_ns)):
+        if t_ns % NS_PER_US == 0 and (data := self._down.receive(t_ns)):
             self.dialect.receive(data, t_us)  # only on whole microseconds: never before it came
         else:
             self.dialect.advance_to(t_us)
@@ -270,142 +258,3 @@ class Simulation:
         if self._can_feed and self._up.free_ns <= self._now_ns:
             self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self._now_ns)
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
-
-
-def _timeout_s(wait_ns: int | None) -> float | None:
-    """Return how long to sleep; not at all if waking up would take longer than the wait."""
-    if wait_ns is None:
-        return None
-    return wait_ns / 1e9 if wait_ns > _SHORT_NS else 0.0
-
-
-def _whole_us(t_ns: int) -> int:
-    """Return *t_ns* rounded up to the microseconds that the board counts in."""
-    return -(-t_ns // _NS_PER_US) * _NS_PER_US
-
-
-class Heartbeat:
-    """Runs a simulation on the wall clock, behind a port, until it is told to stop.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        The board.
-    port : Port
-        Where the host's bytes come and go.
-    worker : ReconstructionWorker or None
-        Needs to be given time to hand over its records.
-    counts : CountLog or None
-        Says how the counters move on.
-    """
-
-    def __init__(
-        self,
-        simulation: Simulation,
-        port: Port,
-        worker: ReconstructionWorker | None = None,
-        counts: CountLog | None = None,
-    ) -> None:
-        self._simulation, self._port = simulation, port
-        self._worker, self._counts = worker, counts
-        self._stopping = False
-        self._is_plugged = True
-        self._parents: list[int] = []  # whose end is that of the board
-        self._due_ns: int | None = None  # when it meant to wake
-        self._hand_over_ns = 0
-        self._wake_read, self._wake_write = os.pipe()
-        self._start_ns = time.monotonic_ns()
-
-    def stop(self) -> None:
-        """Make :meth:`run` return; may be called from a signal handler."""
-        if not self._stopping:  # a second signal finds the pipe closed
-            self._stopping = True
-            os.write(self._wake_write, b"!")
-
-    def stop_on_signals(self) -> None:
-        """Let SIGINT, SIGTERM and SIGHUP stop the board in good order."""
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, lambda *_: self.stop())
-
-    def stop_at_eof(self, descriptor: int) -> None:
-        """Let the end of a pipe stop the board: whoever held it open has ended, however it did.
-
-        Nobody waits for fields any more then: what is still to be told goes out without.
-        """
-        self._parents.append(descriptor)
-
-    def run(self) -> None:
-        """Serve the port until :meth:`stop`; then mute the board.
-
-        Raises
-        ------
-        PortLostError
-            If the port goes away for good.
-        """
-        try:
-            while not self._stopping:
-                self._turn()
-                self._wait()
-        finally:
-            self._simulation.power_down()
-            os.close(self._wake_read)
-            os.close(self._wake_write)
-
-    def _turn(self) -> None:
-        simulation, port, now_ns = self._simulation, self._port, self._elapsed_ns()
-        # Late for what it meant to wake for: for so long the host's bytes may lie here already.
-        # Time spent idle is not counted, or a frame after a pause would take no time on the line.
-        stalled_ns = 0 if self._due_ns is None else max(0, now_ns - self._due_ns)
-        if data := port.read(simulation.host_room):
-            simulation.host_write(data, now_ns, waited_ns=stalled_ns)
-        simulation.advance_to(now_ns)
-        if simulation.is_connected is not self._is_plugged:
-            self._is_plugged = simulation.is_connected
-            port.plug(self._is_plugged)
-        if port.take_departure():
-            simulation.unplug()  # the next client must not get what this one left
-        port.write(b"")  # the rest of last time; once it is gone nothing else would wake us up
-        if not port.pending:
-            port.write(simulation.host_read())
-        self._hand_over(now_ns)
-        if self._counts is not None and self._counts.is_due(now_ns):
-            self._counts.update(simulation.dialect.counters, now_ns)
-
-    def _hand_over(self, now_ns: int) -> None:
-        """Let the worker have its records: every so often, as each time wakes it up.
-
-        One that is behind gets more as soon as it takes more: that is what :meth:`_wait` wakes for.
-        """
-        worker = self._worker
-        if worker is None or not worker.pending:
-            return
-        if worker.is_refusing or now_ns >= self._hand_over_ns:
-            worker.pump()
-            self._hand_over_ns = now_ns + _HAND_OVER_NS
-
-    def _wait(self) -> None:
-        """Sleep until bytes come, the other side takes bytes, or something is due."""
-        reading = self._port.reading() if self._simulation.host_room else []
-        writing = self._port.writing()
-        hand_over_ns = None
-        if self._worker is not None and self._worker.is_refusing:
-            writing = [*writing, self._worker.fileno()]
-        elif self._worker is not None and self._worker.pending:
-            hand_over_ns = self._hand_over_ns
-        self._due_ns = self._simulation.next_event_ns()
-        next_ns = earliest(self._due_ns, hand_over_ns)
-        wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
-        if wait_ns is not None and wait_ns <= 0:
-            return  # it is due already: the next turn looks at the port all the same
-        # select, because it alone waits for fractions of a millisecond everywhere.
-        waiting = [self._wake_read, *self._parents, *reading]
-        ready, _, _ = select.select(waiting, writing, [], _timeout_s(wait_ns))
-        if any(parent in ready and not os.read(parent, _CHUNK) for parent in self._parents):
-            self.stop()
-            if self._worker is not None:
-                self._worker.hurry()
-
-    def _elapsed_ns(self) -> int:
-        """Return the time since power-up, in the whole microseconds on which bytes are taken."""
-        elapsed_ns = time.monotonic_ns() - self._start_ns
-        return -(-elapsed_ns // _NS_PER_US) * _NS_PER_US
