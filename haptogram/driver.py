@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics import AcousticModel, Medium
 from haptogram.acoustics.solvers import Method
+from haptogram.arming import ArmedSession
 from haptogram.budget import frame_bytes, transmission_ns
 from haptogram.errors import ConfigurationError
 from haptogram.frames import (
@@ -33,29 +34,16 @@ from haptogram.link import NS_PER_S, Progress
 from haptogram.playing import Player, PlayReport, Timing, playback_period_us
 from haptogram.realtime import next_deadline_ns
 from haptogram.records import Focus, Intended
-from haptogram.session import Session
-from haptogram.streaming import Pacing, Schedule, Streamer, StreamReport, preparation_ns
+from haptogram.schedule import Schedule
+from haptogram.streaming import Pacing, Streamer, StreamReport, preparation_ns
 from haptogram.transport import DEFAULT_BAUDRATE, Transport
 from haptogram.upload import SequenceData
-from haptogram_protocol.messages import (
-    Arm,
-    ArmReply,
-    Disarm,
-    DisarmReply,
-    StatusReply,
-    TraceMode,
-    unwrap,
-)
-from haptogram_protocol.state import MuteReason, OutputState
-
-_PAUSES: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
-_AT_ONCE_US: Final = 2_000  # from a question to the latch of what is sent upon the answer
-_REFRESHES: Final = 4  # of a held focus within the shorter one of the two timers
+from haptogram_protocol.messages import TraceMode
 
 DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
 
 
-class Driver(Session):
+class Driver(ArmedSession):
     """A session with one board.
 
     Parameters
@@ -129,7 +117,6 @@ class Driver(Session):
             trace=trace,
         )
         self.intended: list[Intended] = []
-        self._armed = False
         self._held: Frame | None = None
         try:
             self._builder = FrameBuilder(self.model, self.identity, phase_bits)
@@ -145,27 +132,6 @@ class Driver(Session):
             status=lambda: self.last_status,
         )
         self._player = Player(link, pinger, identity, events=self.events)
-
-    # --- output state --------------------------------------------------------------------------
-
-    def arm(self) -> OutputState:
-        """Allow output; it stays silent until the first frame is latched.
-
-        A board mutes itself when it hears no frame for a while.  What is asked of the driver after
-        such a pause arms it again, until :meth:`mute` or :meth:`disarm`.
-        """
-        self._armed = True
-        return self._link.request(Arm(), ArmReply).state
-
-    def mute(self) -> OutputState:
-        """Switch the output off, ahead of everything that waits."""
-        self._armed = False
-        return super().mute()
-
-    def disarm(self) -> OutputState:
-        """Switch the output off and forbid it."""
-        self._armed = False
-        return self._link.request(Disarm(), DisarmReply).state
 
     # --- output --------------------------------------------------------------------------------
 
@@ -190,7 +156,6 @@ class Driver(Session):
         """
         if self._held is None:
             raise ConfigurationError("there is no focus to hold; call focus first")
-        period_ns = self._timer_ns // _REFRESHES
         deadline_ns = self._link.now_ns()
         end_ns = deadline_ns + int(seconds * NS_PER_S)
         while deadline_ns < end_ns:
@@ -200,7 +165,7 @@ class Driver(Session):
             self._streamer.send_now(self._held)
             now_ns = self._link.now_ns()
             deadline_ns = next_deadline_ns(
-                deadline_ns=deadline_ns, now_ns=now_ns, period_ns=period_ns
+                deadline_ns=deadline_ns, now_ns=now_ns, period_ns=self._refresh_ns
             )
         self._link.run_until(end_ns)
 
@@ -370,58 +335,6 @@ class Driver(Session):
         if are_frames(targets):
             return list(targets)
         return self.frames(cast("Targets", targets), mode=mode, solver=solver)
-
-    def _resume(self, first_us: int) -> None:
-        """Arm again a board whose timers muted it, or would, while this host had nothing to send.
-
-        Parameters
-        ----------
-        first_us : int
-            How long until the first latch of what comes.  A hold that runs out before would mute
-            the board under the frames on their way, and all of them would be lost.
-
-        Raises
-        ------
-        ConfigurationError
-            If it is not armed for any other reason.
-        """
-        status = self._fresh_status()
-        if self._armed and self._hold_ends_before(first_us, status):
-            super().mute()
-            self.arm()
-        elif self._armed and status.reason in _PAUSES:
-            self.arm()
-        elif status.state is not OutputState.ARMED:
-            raise ConfigurationError(
-                f"the board is {status.state.name} ({status.reason.name}); arm it first"
-            )
-
-    @property
-    def _timer_ns(self) -> int:
-        """The shorter one of the two timers that mute the board."""
-        return min(self._config.hold_ms, self._config.host_timeout_ms) * 1_000_000
-
-    def _fresh_status(self) -> StatusReply:
-        """Return the status, asked again if this host was held up before it read the answer."""
-        for _ in range(_REFRESHES):
-            asked_ns = self._link.now_ns()
-            status = self.status()
-            if self._link.now_ns() - asked_ns < self._timer_ns // _REFRESHES:
-                break
-        return status
-
-    def _hold_ends_before(self, first_us: int, status: StatusReply) -> bool:
-        """Tell whether a drive is held now that may not be any more when the first frame latches.
-
-        That may miss its plan: by half the time until then; at once is a few milliseconds.
-        """
-        if status.state is not OutputState.ARMED or not status.counters.latched:
-            return False
-        now_us = self.clock.to_device_us(self._link.now_ns())
-        held_us = now_us - unwrap(status.last_latch_us, now_us, 32)
-        hold_us, ramp_us = self._config.hold_ms * 1000, self._config.ramp_ms * 1000
-        wait_us = first_us + max(first_us // 2, min(_AT_ONCE_US, hold_us // 4))
-        return hold_us - wait_us < held_us <= hold_us + ramp_us  # later: armed, nothing latched yet
 
     def _agree_on_air(self, mode: Mode) -> None:
         """Tell a board that computes drives which speed of sound the host assumes."""

@@ -1,8 +1,8 @@
 """Frames at a steady rate: each has its device time, and leaves a lead before it.
 
-Frame i is due at t0 + floor(i * period): from the exact period, never accumulated.  What became
-late on the host is sent at once while it can still be complete at the board before it is due, and
-skipped otherwise.  A skipped frame has used its sequence number, and stays among what was intended.
+A frame is due when its :class:`~haptogram.schedule.Schedule` says.  What became late on the host is
+sent at once while it can still be complete at the board before it is due, and skipped otherwise.  A
+skipped frame has used its sequence number, and stays among what was intended.
 
 The bytes of a frame are there long before its tick: the first 256 before the first tick, every
 other one encoded while the loop has nothing else to do.  A tick is one write.
@@ -13,26 +13,24 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from fractions import Fraction
 from itertools import islice
 from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.budget import check_rate, frame_bytes
 from haptogram.clocksync import next_boundary_us
-from haptogram.errors import ConfigurationError, LinkError
+from haptogram.errors import LinkError
 from haptogram.frames import Frame
-from haptogram.lead import LeadTrim, Reserve, default_lead_us
+from haptogram.lead import LeadTrim, Reserve
 from haptogram.link import Link, Progress
 from haptogram.pinging import Pinger
 from haptogram.process import real_time
 from haptogram.realtime import PeriodicLoop, TickLog, can_arrive
 from haptogram.records import FrameKey, Intended
-from haptogram_protocol.messages import Config, HelloReply, Status, StatusReply
+from haptogram.schedule import Schedule
+from haptogram_protocol.messages import HelloReply, Status, StatusReply
 
-US_PER_S: Final = 1_000_000
 _PROGRESS_HZ: Final = 20
 _SETTLING_NS: Final = 5_000_000  # between the last latch and the question how it went
 _START_NS: Final = 2_000_000  # from the last preparation to the first frame
@@ -93,95 +91,6 @@ class StreamReport:
     def sent(self) -> int:
         """Frames that were handed to the port."""
         return self.frames - len(self.skipped)
-
-
-@dataclass(frozen=True, slots=True)
-class Schedule:
-    """When each frame of a stream is due.
-
-    Attributes
-    ----------
-    period_us : Fraction
-        Exact time from one frame to the next.
-    lead_us : int
-        How long before its time a frame is sent.
-    """
-
-    period_us: Fraction
-    lead_us: int
-
-    @classmethod
-    def at_rate(cls, rate_hz: float, lead_us: int | None, *, queue_depth: int) -> Schedule:
-        """Return the schedule of *rate_hz*, taken as the simplest fraction within 1e-9 of it.
-
-        Without a lead it gets :func:`~haptogram.lead.default_lead_us`.
-        """
-        if not 0.0 < rate_hz <= US_PER_S:
-            raise ConfigurationError(f"rate is {rate_hz:g} Hz, must be above 0, at most 1000000")
-        period_us = US_PER_S / Fraction(rate_hz).limit_denominator(1_000_000)
-        if lead_us is None:
-            lead_us = default_lead_us(period_us, queue_depth)
-        if lead_us < 1:
-            raise ConfigurationError(f"lead is {lead_us} us, must be 1 or more")
-        return cls(period_us, lead_us)
-
-    @property
-    def rate_hz(self) -> float:
-        """Frames per second."""
-        return float(US_PER_S / self.period_us)
-
-    def offset_us(self, number: int) -> int:
-        """Return when frame *number* is due after the first, in whole microseconds."""
-        return number * self.period_us.numerator // self.period_us.denominator
-
-    def check(self, frames: list[Frame], identity: HelloReply, baudrate: int) -> None:
-        """Refuse, before the first byte, what line and board cannot carry.
-
-        Raises
-        ------
-        ConfigurationError
-            Naming what was asked and the limit.
-        """
-        size = frame_bytes(max(frame.payload_bytes for frame in frames))
-        check_rate(size, baudrate=baudrate, rate_hz=self.rate_hz)
-        if self.rate_hz > identity.max_frame_rate_hz:
-            raise ConfigurationError(
-                f"rate is {self.rate_hz:g} Hz; the board latches up to "
-                f"{identity.max_frame_rate_hz} frames/s"
-            )
-        if self.lead_us > identity.max_horizon_us:
-            raise ConfigurationError(
-                f"lead is {self.lead_us} us; the board looks {identity.max_horizon_us} us ahead"
-            )
-        waiting = -(-self.lead_us // self.period_us)
-        if waiting > identity.queue_depth:
-            longest_us = int(identity.queue_depth * self.period_us)
-            raise ConfigurationError(
-                f"a lead of {self.lead_us} us at {self.rate_hz:g} Hz keeps {waiting} frames "
-                f"waiting; the board's queue holds {identity.queue_depth}: lead up to "
-                f"{longest_us} us"
-            )
-        least_us = -(-size * 10 * US_PER_S // baudrate)
-        if self.lead_us <= least_us:
-            raise ConfigurationError(
-                f"lead is {self.lead_us} us; {size} bytes at {baudrate} baud take {least_us} us"
-            )
-
-    def check_timers(self, config: Config) -> None:
-        """Refuse a rate so low that the board's timers would mute it between two frames.
-
-        Raises
-        ------
-        ConfigurationError
-            Naming the timers.
-        """
-        period_ms = float(self.period_us) / 1000
-        if period_ms >= min(config.hold_ms, config.host_timeout_ms):
-            raise ConfigurationError(
-                f"rate is {self.rate_hz:g} Hz, a frame every {period_ms:g} ms; the board mutes "
-                f"itself after hold_ms = {config.hold_ms}, host_timeout_ms = "
-                f"{config.host_timeout_ms}: configure both to be longer"
-            )
 
 
 @dataclass(frozen=True, slots=True)

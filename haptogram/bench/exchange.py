@@ -25,7 +25,8 @@ from haptogram.link import Link
 from haptogram.pinging import Pinger
 from haptogram.process import real_time
 from haptogram.records import Intended
-from haptogram.streaming import Pacing, Schedule, Streamer
+from haptogram.schedule import Schedule
+from haptogram.streaming import Pacing, Streamer
 from haptogram.stuffing import fastest_cobs
 from haptogram.transport import open_transport
 from haptogram_protocol import HostConnection

@@ -18,7 +18,6 @@ from haptogram.acoustics import (
     Reconstructor,
     SingleFocus,
     phase_step_rad,
-    pressure,
 )
 from haptogram.acoustics.solvers import Method, weights_for_foci
 from haptogram.records import Focus, Intended, Observation
@@ -26,7 +25,7 @@ from haptogram.records import Focus, Intended, Observation
 from . import criteria
 from .faults import UNNAMED, name_faults, named_elements
 from .target import Complexes, Floats, TargetField
-from .verdict import JUDGED, Consequence, FrameStatus, FrameVerdict, Vector
+from .verdict import FrameStatus, FrameVerdict
 
 # Of targets, and as many drives of solvers: a pass that repeats costs nothing new.
 _REMEMBERED_BYTES: Final = 1 << 27
@@ -40,42 +39,6 @@ _AMBIGUOUS: Final = (
 )
 
 _SUPERPOSED: Final = "S2 is not judged: plain superposition promises no share of the output to any"
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Held:
-    """What the board goes on radiating until the next latch.
-
-    Attributes
-    ----------
-    drive : Drive or None
-        None: another one than intended, and not seen.
-    focus_m : tuple
-        Where its focus was found; where that cannot be observed, or was not, where it was wanted.
-    t_latch_us : float
-        Device time since when: a silence after it ends it. Infinite: nobody knows.
-    """
-
-    drive: Drive | None
-    focus_m: Vector
-    t_latch_us: float
-
-    @classmethod
-    def after(cls, intended: Intended, observation: Observation, verdict: FrameVerdict) -> Held:
-        """Return what is held once the frame of *verdict* has been latched."""
-        unseen = (None, None, None)
-        x, y, z = (
-            wanted if bound is None or found is None else found
-            for wanted, found, bound in zip(
-                verdict.target_m,
-                verdict.measured_m or unseen,
-                verdict.bound_mm or unseen,
-                strict=True,
-            )
-        )
-        by_crc = verdict.status in JUDGED and not verdict.faults
-        drive = observation.drive or (intended.drive if by_crc else None)
-        return cls(drive, (x, y, z), observation.t_latch_us)
 
 
 class Judge:
@@ -305,27 +268,6 @@ class Judge:
             efficiency=levels.efficiency,
             pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
         )
-
-    def consequence(self, intended: Intended, held: Held | None) -> Consequence | None:
-        """Return what it did that *intended* was not latched while *held* still was.
-
-        None as *held*: nothing had been latched yet.  None in return: nobody knows the drive.
-        """
-        position = np.array(intended.foci[0].position_m)
-        wanted = self._pressure_rms_pa(intended.drive, position)
-        if held is None:
-            return Consequence(None, 0.0, wanted)
-        if held.drive is None:
-            return None
-        pressure_rms_pa = self._pressure_rms_pa(held.drive, position)
-        if held.drive.is_muted:
-            return Consequence(None, pressure_rms_pa, wanted)
-        away_m = float(np.linalg.norm(position - np.array(held.focus_m)))
-        return Consequence(_MM * away_m, pressure_rms_pa, wanted)
-
-    def _pressure_rms_pa(self, drive: Drive, position: Floats) -> float:
-        found = pressure(self._model, drive.weights(), position[None, :])
-        return abs(complex(found[0])) / math.sqrt(2.0)
 
 
 def lost(intended: Intended) -> FrameVerdict:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
-import math
-from bisect import bisect_right
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,7 +15,8 @@ from haptogram.errors import ConfigurationError
 from haptogram.records import FrameKey, Intended, Observation
 
 from .effect import Effect
-from .judge import Held, Judge, lost
+from .held import Held, consequence, dues, still_held
+from .judge import Judge, lost
 from .summary import summary
 from .verdict import JUDGED, NOTHING_WRONG, Cut, FrameStatus, FrameVerdict, Verdict
 
@@ -159,11 +157,11 @@ def verify_run(
     frames: list[FrameVerdict] = []
     held: Held | None = None
     quiet_us = sorted(silences)
-    for number, (wanted, due) in enumerate(zip(intended, _dues(intended, seen), strict=True)):
+    for number, (wanted, due) in enumerate(zip(intended, dues(intended, seen), strict=True)):
         latches = seen.pop(wanted.key, [])
         verdict = judge.judge(wanted, latches[0]) if latches else _missing(wanted, unseen, cut)
         if verdict.late or verdict.status is FrameStatus.LOST:
-            effect = judge.consequence(wanted, _still_held(held, due, quiet_us))
+            effect = consequence(model, wanted, still_held(held, due, quiet_us))
             verdict = dataclasses.replace(verdict, consequence=effect)
         frames.append(dataclasses.replace(verdict, latches=len(latches)))
         if latches:
@@ -173,44 +171,6 @@ def verify_run(
         if progress is not None:
             progress(number + 1, len(intended))
     return _conclude(frames, sorted(seen), min_verified, cut, quiet_us)
-
-
-class _Due(NamedTuple):
-    """When a frame should have been latched: not before the one, not after the other."""
-
-    earliest_us: float
-    latest_us: float
-
-
-def _dues(
-    intended: Sequence[Intended], seen: Mapping[FrameKey, Sequence[Observation]]
-) -> Iterator[_Due]:
-    """Yield when each frame was due: without a time, between those known of its neighbours."""
-    latched = (seen.get(wanted.key) for wanted in intended)
-    known = [
-        latches[0].t_latch_us if latches else wanted.t_apply_us
-        for wanted, latches in zip(intended, latched, strict=True)
-    ]
-    before = itertools.accumulate((-math.inf if t is None else t for t in known), max)
-    after = itertools.accumulate((math.inf if t is None else t for t in reversed(known)), min)
-    bounds = zip(intended, before, reversed(list(after)), strict=True)
-    for wanted, earliest_us, latest_us in bounds:
-        due_us = wanted.t_apply_us
-        yield _Due(earliest_us, latest_us) if due_us is None else _Due(due_us, due_us)
-
-
-def _still_held(held: Held | None, due: _Due, quiet_us: Sequence[int]) -> Held | None:
-    """Return what is left of *held* when a frame is due; None: silence."""
-    if held is None or _fell_silent(quiet_us, held.t_latch_us, due.earliest_us):
-        return None
-    if _fell_silent(quiet_us, due.earliest_us, due.latest_us):
-        return dataclasses.replace(held, drive=None)  # before the frame or after it: who knows?
-    return held
-
-
-def _fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
-    """Tell whether the output fell silent after the one time, and not after the other."""
-    return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
 
 
 def _missing(wanted: Intended, unseen: str | None, cut: Cut | None) -> FrameVerdict:

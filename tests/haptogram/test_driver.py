@@ -9,7 +9,7 @@ from haptogram.acoustics import AcousticModel, TransducerArray
 from haptogram.driver import Driver
 from haptogram.errors import ConfigurationError, DeviceError, LinkError, LinkLostError
 from haptogram.records import Evidence, Focus
-from haptogram.streaming import Schedule
+from haptogram.schedule import Schedule
 from haptogram_protocol.messages import DriveKind, ErrorCode, Feature, MessageType, TraceMode
 from haptogram_protocol.state import MuteReason, OutputState
 from virtual_ports import BoardPort

@@ -15,7 +15,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.records import Evidence, FrameKey
 from haptogram.verification import Cut, FrameStatus, Verdict, verify_run
 from latched_drives import SESSION, drive_of, intend, registers, seen
-from oracles import field
+from oracles import circular_piston, field
 
 MODEL = AcousticModel.default(8, 8)
 AWAY_M = (0.0, 0.0, 0.02)  # further than any rounding
@@ -309,7 +309,7 @@ def pressure_rms_pa(drive, place):
         weights,
         wavenumber=MODEL.wavenumber,
         absorption=MODEL.medium.absorption_np_m,
-        piston_radius=transducer.directivity.radius_m,
+        gain=circular_piston(MODEL.wavenumber * transducer.directivity.radius_m),
         peak_strength=math.sqrt(2.0) * transducer.source_strength_pa_m,
     )
     return abs(p) / math.sqrt(2.0)
