@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -52,9 +53,18 @@ def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None)
         )
     engine = choose_engine(scene.model)
     if arguments.view == "cuts":
-        return draw_cuts(engine, scene.weights[0], scene.look_m, half_m)
+        return draw_cuts(
+            engine, scene.weights[0], scene.look_m, half_m, title=_title(arguments, scene)
+        )
     step = max(step_m, 1.5e-3)
-    return draw_isosurfaces(engine, scene.weights[0], scene.look_m, half_m / 2.0, step)
+    return draw_isosurfaces(
+        engine,
+        scene.weights[0],
+        scene.look_m,
+        half_m / 2.0,
+        step,
+        title=_title(arguments, scene),
+    )
 
 
 def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
@@ -65,13 +75,14 @@ def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress 
         field = sample_mean(
             engine, scene.weights, plane, scene.frame_s, resonator, progress=progress
         )
-        frames = f"mean over {len(scene.weights)} frames of {scene.frame_s * 1e3:g} ms"
-        title = f"{frames}, {_place(plane)}"
     else:
         field = sample_plane(engine, scene.weights[0], plane, progress)
-        title = ""
     return draw_plane(
-        engine, field, quantity=arguments.quantity, targets_m=scene.targets_m, title=title
+        engine,
+        field,
+        quantity=arguments.quantity,
+        targets_m=scene.targets_m,
+        title=_title(arguments, scene),
     )
 
 
@@ -87,9 +98,15 @@ def _plane(arguments: argparse.Namespace, scene: Scene) -> Plane:
     )
 
 
-def _place(plane: Plane) -> str:
-    axis = plane.normal_axis
-    return f"{'xyz'[axis]} = {plane.through_m[axis] * 1e3:g} mm"
+def _title(arguments: argparse.Namespace, scene: Scene) -> str:
+    """Return what sounds, in a line."""
+    array = arguments.preset or f"{scene.model.array.count} elements"
+    if arguments.drive:
+        return f"{array}, drive of {arguments.drive.name}"
+    if scene.is_sequence:
+        frames = f"mean over {len(scene.weights)} frames of {scene.frame_s * 1e3:g} ms"
+        return f"{array}, {Path(arguments.object).name}: {frames}"
+    return f"{array}, focus at ({_text(scene.targets_m[0])}) mm"
 
 
 def describe(scene: Scene) -> Iterator[str]:

@@ -14,7 +14,7 @@ from haptogram.acoustics import FieldEngine, Resonator, check_target, focus_phas
 from haptogram.acoustics.spot import measure_spot
 from haptogram.config import VerifyConfig
 from haptogram.modulation import FocusFrames
-from haptogram.signals import FocusSignal, signal_at
+from haptogram.signals import FloatArray, FocusSignal, signal_at
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -211,15 +211,12 @@ def draw(felt: Felt) -> Figure:
     from haptogram.pictures import draw_spectrum
 
     signal, frames = felt.signal, felt.frames
-    shown_s = frames.duration_s
-    if felt.frequency_hz is not None:
-        shown_s = min(shown_s, _PERIODS_SHOWN / felt.frequency_hz)
-    shown = signal.time_s <= shown_s * (1.0 + 1e-9)
+    time_s, pressure_pa = _first_periods(felt)
     tone = "dwell" if felt.frequency_hz is None else f"{felt.frequency_hz:.6g} Hz"
     kind = "" if felt.config.modulation is None else f"{felt.config.modulation.upper()} at "
     return draw_spectrum(
-        signal.time_s[shown],
-        signal.pressure_pa[shown],
+        time_s,
+        pressure_pa,
         signal.frequency_hz,
         signal.amplitude_pa,
         title=f"{kind}{tone}, {felt.config.object}, {frames.rate_hz:g} frames/s, felt at "
@@ -228,6 +225,16 @@ def draw(felt: Felt) -> Figure:
         modulation_hz=felt.frequency_hz,
         rate_hz=frames.rate_hz,
     )
+
+
+def _first_periods(felt: Felt) -> tuple[FloatArray, FloatArray]:
+    """Return time and pressure of some periods, or of a pass without any; a pass repeats."""
+    signal, duration_s = felt.signal, felt.frames.duration_s
+    shown_s = duration_s if felt.frequency_hz is None else _PERIODS_SHOWN / felt.frequency_hz
+    passes = math.ceil(shown_s / duration_s * (1.0 - 1e-9))
+    step_s = duration_s / len(signal.pressure_pa)
+    count = round(shown_s / step_s)
+    return np.arange(1, count + 1) * step_s, np.tile(signal.pressure_pa, passes)[:count]
 
 
 def as_csv(frames: FocusFrames) -> str:

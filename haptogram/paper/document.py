@@ -108,7 +108,7 @@ def prose() -> list[str]:
     """Return what the text says about Table 1, next to the table itself."""
     means = np.array(PRINTED).mean(axis=0)
     averages, deviations = (
-        ", ".join(f"{value:.2f}" for value in means[:, part]) for part in (0, 1)
+        ", ".join(f"{value:.3f}" for value in means[:, part]) for part in (0, 1)
     )
     return [
         f"'from 4 mN to around 3.5 mN' is the mean over the arrays, per resolution: {averages} mN.",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from haptogram.acoustics import NumpyEngine, focus_phases
+from haptogram.acoustics.shift import find_peak
 from haptogram.paper.figure4 import BENDS, FIGURE_4_FOCI_M, figure_4_model
 from haptogram.paper.hemisphere import RESOLUTIONS_M, hemisphere
 from haptogram.paper.table1 import CONFIGURATIONS, Reproduction
@@ -100,13 +101,15 @@ def draw_figure_4() -> dict[str, Figure]:
             Plane("yz", focus, (-0.10, 0.10), _HEIGHTS_M, _STEP_M),
         ):
             field = sample_plane(engine, weights, plane)
-            axis = plane.normal_axis
+            # Along the beam, the edge of the section bent along y is louder than its focus.
+            along = bend == "y" and plane.orientation == "yz"
+            peak = find_peak(engine, weights, focus) if along else None
             figures[f"figure4_{index}_bent_{bend}_{plane.orientation}"] = draw_plane(
                 engine,
                 field,
                 targets_m=[focus],
-                peak=bend == "x",  # near the section bent along y, its own edge is loudest
-                title=f"64 × 1 section bent along {bend}, plane "
-                f"{'xyz'[axis]} = {focus[axis] * 1e3:g} mm",
+                peak_m=peak,
+                title=f"64 × 1 section bent along {bend}, focus at "
+                f"({', '.join(f'{value * 1e3:g}' for value in focus)}) mm",
             )
     return figures

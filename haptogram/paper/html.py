@@ -34,6 +34,14 @@ code { font-size: .92em } figure { margin: 1.2rem 0 } img { max-width: 100% }
 .faults { color: #8a3a00 } p.note { max-width: 50rem }
 """
 
+# By how the section is bent, and the plane.
+_FIGURE_4_CAPTIONS: Final = {
+    "x_xz": "Bent along x: the plane along x and z through the target, as the paper draws it.",
+    "x_yz": "Bent along x: across the section, which cannot focus there.",
+    "y_xz": "Bent along y: the plane along x and z through the target, across the section.",
+    "y_yz": "Bent along y: the ring is the maximum of the focus; the section's edge is louder.",
+}
+
 
 def report_files(
     paper: Paper, presets: Iterable[dict[str, Any]], path: Path
@@ -102,7 +110,11 @@ def _page(paper: Paper, presets: Sequence[dict[str, Any]], figures: dict[str, Fi
         _readings(paper),
         "<h2>Figure 4</h2>",
         _note(FIGURE_4_REMARK),
-        *(_figure(figures[name], "") for name in figures if name.startswith("figure4")),
+        *(
+            _figure(figures[name], _FIGURE_4_CAPTIONS[name[-len("x_xz") :]])
+            for name in figures
+            if name.startswith("figure4")
+        ),
         "<h2>Systems behind the paper, and open boards</h2>",
         _presets(presets),
     ]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics import FieldEngine
 from haptogram.errors import ConfigurationError
-from haptogram.pictures.style import BLACK, BLUE, GREEN, VERMILION, new_figure, styled
+from haptogram.pictures.style import BLACK, BLUE, GREEN, VERMILION, new_figure, styled, two_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,12 +68,12 @@ def draw_cuts(
         lateral.set_xlabel("distance from the target (mm)")
         axial.set_xlabel("z (mm)")
         lateral.set_ylabel("sound pressure, RMS (kPa)")
-        lateral.axvline(0.0, color=BLACK, linewidth=0.8, linestyle=":")
+        lateral.axvline(0.0, color=BLACK, linewidth=0.8, linestyle=":", label="target")
         axial.axvline(target[2] * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label="target")
         for axes in (lateral, axial):
             axes.set_ylim(bottom=0.0)
             axes.grid(visible=True, linewidth=0.4, alpha=0.6)
             axes.legend(loc="upper right")
         place_text = ", ".join(f"{value * 1e3:g}" for value in target)
-        figure.suptitle(title or f"cuts through ({place_text}) mm", fontsize=10)
+        figure.suptitle(two_lines(title, f"cuts through ({place_text}) mm"), fontsize=10)
     return figure

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine
 from haptogram.errors import ConfigurationError
-from haptogram.pictures.style import BLUE, ORANGE, VERMILION, new_figure, styled
+from haptogram.pictures.style import BLUE, ORANGE, VERMILION, new_figure, styled, two_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -147,10 +147,9 @@ def draw_isosurfaces(
     figure = new_figure(5.4, 5.6)
     with styled():
         _plot(figure, level, low * 1e3, spacing * 1e3, target * 1e3)
-        figure.suptitle(
-            title or f"surfaces of |p|, relative to {level.max() / math.sqrt(2) / 1e3:.3g} kPa RMS",
-            fontsize=10,
-        )
+        loudest_kpa = level.max() / math.sqrt(2.0) * 1e-3
+        what = f"surfaces of |p|, relative to {loudest_kpa:.3g} kPa RMS"
+        figure.suptitle(two_lines(title, what), fontsize=10)
     return figure
 
 
@@ -193,6 +192,15 @@ def _plot(
         "k+",
         markersize=12,
         label="target",
+        zorder=1.0,
+    )
+    peak_mm = low_mm + step_mm * np.array(np.unravel_index(int(np.argmax(level)), level.shape))
+    handles += axes.plot(
+        *peak_mm[:, None],
+        "ko",
+        markersize=9,
+        fillstyle="none",
+        label="peak",
         zorder=1.0,
     )
     high_mm = low_mm + step_mm * (np.array(level.shape) - 1)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics import FieldEngine
 from haptogram.errors import ConfigurationError
 from haptogram.pictures.planes import Plane, PlaneField, force_values
-from haptogram.pictures.style import MAGNITUDE_MAP, PHASE_MAP, mark, new_figure, styled
+from haptogram.pictures.style import MAGNITUDE_MAP, PHASE_MAP, mark, new_figure, styled, two_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 FloatArray: TypeAlias = NDArray[np.float64]
 
 QUANTITIES: Final = ("pressure", "phase", "force")
+# A picture of a plane, without its bar and its labels; the legend needs the least width.
+_WIDEST_IN: Final = 5.0
+_TALLEST_IN: Final = 6.0
+_NARROWEST_IN: Final = 3.2
 _NEAR_M: Final = 2.5e-3
 _FEW_TARGETS: Final = 4
 _MANY_TARGETS: Final = 200
@@ -31,7 +35,7 @@ def draw_plane(
     quantity: str = "pressure",
     targets_m: ArrayLike = (),
     title: str = "",
-    peak: bool = True,
+    peak_m: ArrayLike | None = None,
 ) -> Figure:
     """Return the picture of a plane.
 
@@ -41,8 +45,10 @@ def draw_plane(
         "pressure" (RMS), "phase", or "force" (radiation pressure on a reflecting wall).
     targets_m : (T, 3) array_like
         Targets to mark: those within 2.5 mm of the plane, none if they are more than 200.
-    peak : bool
-        Whether to mark the largest value of the plane.
+    title : str
+        What it is a picture of; where the plane lies is said after it.
+    peak_m : (3,) array_like, optional
+        What to mark as the peak; by default the place of the largest value of the plane.
 
     Raises
     ------
@@ -51,6 +57,7 @@ def draw_plane(
     """
     values, label, colours, limits = _picture_of(engine, field, quantity)
     figure = new_figure(*_size(field.plane))
+    figure.set_layout_engine("compressed")  # the aspect is fixed: no gaps beside it
     with styled():
         axes = figure.add_subplot()
         across, up = field.plane.coordinates_m()
@@ -81,11 +88,10 @@ def draw_plane(
         size = 6.0 if len(marked) > _FEW_TARGETS else None
         for target in marked:
             mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
-        if peak:
-            place = field.peak_m()
-            mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
+        place = np.asarray(field.peak_m() if peak_m is None else peak_m, dtype=np.float64)
+        mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
         _legend(figure)
-        axes.set_title(title or _title(field.plane))
+        axes.set_title(_title(title, field.plane))
     return figure
 
 
@@ -114,8 +120,9 @@ def _size(plane: Plane) -> tuple[float, float]:
     """Return the size of a figure, in inches, that fits the shape of the plane."""
     (left, right), (low, high) = plane.horizontal_m, plane.vertical_m
     ratio = (high - low) / (right - left)
-    width = 5.0 if ratio <= 1.0 else max(2.4, 5.0 / ratio)
-    return width + 1.6, min(max(width * ratio, 1.2), 5.2) + 1.0
+    width = min(_WIDEST_IN, _TALLEST_IN / ratio)
+    height = max(width * ratio, 1.2)
+    return max(width + 1.6, _NARROWEST_IN), height + 1.25
 
 
 def _marked(plane: Plane, targets_m: ArrayLike) -> list[list[float]]:
@@ -134,6 +141,6 @@ def _legend(figure: Figure) -> None:
         )
 
 
-def _title(plane: Plane) -> str:
+def _title(title: str, plane: Plane) -> str:
     axis = plane.normal_axis
-    return f"{'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm"
+    return two_lines(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")

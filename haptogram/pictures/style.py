@@ -96,6 +96,11 @@ def render(figure: Figure, path: Path) -> bytes:
     return buffer.getvalue()
 
 
+def two_lines(title: str, detail: str) -> str:
+    """Return what a picture is of, if that is said, and below it what it shows of that."""
+    return f"{title}\n{detail}" if title else detail
+
+
 def as_data_uri(figure: Figure) -> str:
     """Return *figure* as a PNG in a data URI, for an HTML page that needs no other file."""
     buffer = io.BytesIO()

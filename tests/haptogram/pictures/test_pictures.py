@@ -170,6 +170,30 @@ def test_pictures_are_repeatable():
     assert png.startswith(b"\x89PNG")
 
 
+def test_a_picture_says_what_it_is_of_and_where_and_marks_target_and_peak():
+    picture = draw_plane(ENGINE, field(), targets_m=[TARGET], title="a focus")
+    axes = picture.axes[0]
+    assert axes.get_title() == "a focus\nplane z = 80 mm"
+    assert set(axes.get_legend_handles_labels()[1]) == {"target", "peak"}
+    elsewhere = draw_plane(ENGINE, field(), peak_m=(0.02, 0.01, 0.08)).axes[0]
+    assert elsewhere.get_title() == "plane z = 80 mm"
+    assert [float(line.get_xdata()[0]) for line in elsewhere.lines] == [20.0, 20.0]
+
+
+@pytest.mark.parametrize("up_m", [(0.04, 0.14), (0.005, 0.06), (0.005, 0.70)])
+def test_nothing_of_a_picture_is_cut_whatever_the_shape_of_its_plane(up_m):
+    plane = Plane("xz", TARGET, (-0.06, 0.06), up_m, 5e-3)
+    picture = draw_plane(ENGINE, field(plane), targets_m=[TARGET], title="a focus with a long name")
+    picture.draw_without_rendering()
+    whole, (width_in, height_in) = picture.get_tightbbox(), picture.get_size_inches()
+    assert whole.x0 >= 0.0
+    assert whole.y0 >= 0.0
+    assert whole.x1 <= width_in
+    assert whole.y1 <= height_in
+    legend = picture.legends[0].get_window_extent()
+    assert legend.y1 < picture.axes[0].xaxis.label.get_window_extent().y0
+
+
 def test_a_spectrum_shows_its_lines():
     time, frequency = np.arange(4.0), np.array([0.0, 500.0, 2000.0])
     left, right = draw_spectrum(time, time, frequency, np.array([1.0, 2.0, 3.0])).axes
