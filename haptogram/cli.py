@@ -29,6 +29,7 @@ from .commands import (
     verify,
 )
 from .commands.exit_status import EXIT_STATUS, INTERRUPTED, USAGE
+from .commands.interrupts import heard_interrupts, leave_at_once
 from .commands.places import joined
 from .commands.standard_streams import patient_streams
 from .errors import ConfigurationError, HaptogramError
@@ -48,6 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line *argv* and return its exit status."""
     # One thread each: two threads of a linear algebra library ruin the loop on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    leave_at_once()
     with patient_streams():
         return _run(argv)
 
@@ -55,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str] | None) -> int:
     arguments = _parser().parse_args(joined(sys.argv[1:] if argv is None else argv))
     try:
-        with _terminated_like_interrupted():
+        with _terminated_like_interrupted(), heard_interrupts():
             return int(arguments.run(arguments))
     except HaptogramError as error:
         print(f"haptogram: {error}", file=sys.stderr)
