@@ -197,7 +197,10 @@ def test_in_the_far_field_the_field_is_as_loud_as_predicted_in_a_grating_lobe():
     steered = 20.0 * np.array([0.3, 0.1, math.sqrt(0.9)])
     weights = focus(model, steered)
     (main,) = np.abs(pressure(model, weights, [steered]))
-    for lobe in grating_lobes(model, steered):
+    lobes = grating_lobes(model, steered)
+    assert [lobe.level_db for lobe in lobes] == sorted((b.level_db for b in lobes), reverse=True)
+    assert lobes[0].level_db > lobes[-1].level_db + 1.0
+    for lobe in lobes:
         (level,) = np.abs(pressure(model, weights, [20.0 * np.array(lobe.direction)]))
         assert 20 * math.log10(level / main) == pytest.approx(lobe.level_db, abs=0.4)
 
