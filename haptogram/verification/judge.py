@@ -20,16 +20,18 @@ from haptogram.acoustics import (
     phase_step_rad,
 )
 from haptogram.acoustics.solvers import Method, weights_for_foci
-from haptogram.records import Focus, Intended, Observation
+from haptogram.records import Focus, FrameKey, Intended, Observation
 
 from . import criteria
 from .faults import UNNAMED, name_faults, named_elements
 from .target import Complexes, Floats, TargetField
 from .verdict import FrameStatus, FrameVerdict
 
-# Of targets, and as many drives of solvers: a pass that repeats costs nothing new.
+# Of targets, and as many drives of solvers and verdicts: a pass that repeats costs nothing new.
 _REMEMBERED_BYTES: Final = 1 << 27
 _BYTES_PER_ELEMENT: Final = 24  # of a target: a phase and a complex pressure
+_ANY: Final = FrameKey(0, 0, 0, 0)
+_ITS_OWN: Final = ("number", "key", "t_apply_us", "t_latch_us", "late", "early")
 _MM: Final = 1e3
 _STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
 _ACROSS_AND_ALONG: Final = 2
@@ -59,6 +61,7 @@ class Judge:
         remembered = _REMEMBERED_BYTES // (_BYTES_PER_ELEMENT * model.array.count)
         self._target = functools.lru_cache(remembered)(self._make_target)
         self._asked = functools.lru_cache(remembered)(self._solve)
+        self._judged = functools.lru_cache(remembered)(self._judge)
 
     def _make_target(self, focus: Focus, phase_bits: int) -> TargetField:
         return TargetField.of(self._model, focus, phase_bits)
@@ -71,6 +74,15 @@ class Judge:
 
     def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return what became of a frame that was latched."""
+        seen = self._seen(intended, observation)
+        found = self._judged(
+            dataclasses.replace(intended, number=0, key=_ANY, t_apply_us=None),
+            dataclasses.replace(observation, key=_ANY, t_latch_us=0, late=False),
+        )
+        return dataclasses.replace(found, **{name: getattr(seen, name) for name in _ITS_OWN})
+
+    def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
+        """Return the verdict of all frames and latches that differ in key and times only."""
         seen = self._seen(intended, observation)
         if _crc_differs(intended, observation):
             return dataclasses.replace(

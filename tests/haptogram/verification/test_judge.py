@@ -21,6 +21,7 @@ from haptogram.acoustics import (
 )
 from haptogram.records import Evidence, Focus
 from haptogram.verification import FrameStatus, Judge, criteria
+from haptogram.verification import judge as judge_module
 from haptogram.verification.target import TargetField, peak_offset_m, predicted_shift_m
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
 
@@ -265,3 +266,18 @@ def test_late_and_early_are_measured_from_the_first_boundary_at_or_after_the_tim
         assert (found.late, found.early, found.lateness_us) == (late, early, delay_us)
     assert judge(intended, t_latch_us=999).early
     assert judge(intended, late=True).late
+
+
+def test_what_repeats_is_judged_once_but_for_its_times(monkeypatch):
+    judged = []
+    name_faults = judge_module.name_faults
+    monkeypatch.setattr(judge_module, "name_faults", lambda *a: judged.append(a) or name_faults(*a))
+    own = Judge(MODEL, carrier_us=25)
+    first, again = (intend(MODEL, TARGET, number=number) for number in (0, 7))
+    found = own.judge(first, seen(first))
+    late = own.judge(again, seen(again, t_latch_us=again.t_apply_us + 50))
+    assert len(judged) == 1
+    assert (late.number, late.key, late.t_apply_us, late.late) == (7, again.key, 7000, True)
+    same = {"number": 0, "key": first.key, "t_apply_us": 0, "t_latch_us": 0, "late": False}
+    assert dataclasses.replace(late, **same) == found
+    assert not own.judge(again, seen(again, drive_of(-codes(again)))).criteria["S1"]
