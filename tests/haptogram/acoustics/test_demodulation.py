@@ -25,8 +25,8 @@ LAG = Resonator(2e-4)
 FRAME_S = 1e-3
 
 
-def engine_of(nx=1, ny=1, directivity=None):
-    medium = Medium.air(20.0, frequency_hz=40e3)
+def engine_of(nx=1, ny=1, directivity=None, temperature_c=20.0):
+    medium = Medium.air(temperature_c, frequency_hz=40e3)
     transducer = Transducer() if directivity is None else Transducer(directivity)
     return NumpyEngine(AcousticModel(TransducerArray.grid(nx, ny), medium, transducer))
 
@@ -56,8 +56,9 @@ def test_a_focus_radiates_less_than_the_sum_of_coherent_sources_and_does_not_dep
     assert coarse[0] == pytest.approx(power[0], rel=0.02)
 
 
-def test_the_lines_are_those_of_the_law_in_the_time_domain():
-    engine, samples = engine_of(), 400
+@pytest.mark.parametrize("temperature_c", [-10.0, 35.0])
+def test_the_lines_are_those_of_the_law_in_the_time_domain(temperature_c):
+    engine, samples = engine_of(temperature_c=temperature_c), 400
     drives = modulated(1)
     turns = 40  # rounds until the start is forgotten
     envelope = np.abs(LAG.envelope(np.tile(drives, (turns, 1)), FRAME_S, samples))[:, 0]
