@@ -29,7 +29,9 @@ table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular
 th, td { border-bottom: 1px solid #ccc; padding: .25rem .7rem; text-align: left;
          vertical-align: top }
 td.n { text-align: right }
+td.n, td.verdict { white-space: nowrap }
 td.no { color: #8a3a00; font-weight: 600 }
+.pairs { display: grid; grid-template-columns: 1fr 1fr; gap: 0 1rem; align-items: end }
 code { font-size: .92em } figure { margin: 1.2rem 0 } img { max-width: 100% }
 .faults { color: #8a3a00 } p.note { max-width: 50rem }
 """
@@ -110,11 +112,13 @@ def _page(paper: Paper, presets: Sequence[dict[str, Any]], figures: dict[str, Fi
         _readings(paper),
         "<h2>Figure 4</h2>",
         _note(FIGURE_4_REMARK),
+        '<div class="pairs">',
         *(
             _figure(figures[name], _FIGURE_4_CAPTIONS[name[-len("x_xz") :]])
             for name in figures
             if name.startswith("figure4")
         ),
+        "</div>",
         "<h2>Systems behind the paper, and open boards</h2>",
         _presets(presets),
     ]
@@ -155,7 +159,7 @@ def _table_1(paper: Paper) -> str:
     for cell in paper.best.cells:
         columns, lines = cell.configuration
         rows.append(
-            f"<tr><td>{columns} × {lines}</td><td class=n>{cell.resolution_m * 1e3:g}</td>"
+            f"<tr><td class=n>{columns} × {lines}</td><td class=n>{cell.resolution_m * 1e3:g}</td>"
             f"<td class=n>{cell.points}</td>"
             f"<td class=n>{cell.printed_average_mn:.2f}</td><td class=n>{cell.average_mn:.2f}</td>"
             + _verdict(cell.average_error, cell.average_reproduced)
@@ -170,8 +174,8 @@ def _table_1(paper: Paper) -> str:
 
 def _verdict(error: float, reproduced: bool) -> str:
     if reproduced:
-        return f"<td>{error:+.1%}, reproduced</td>"
-    return f'<td class="no">{error:+.0%}, not reproduced</td>'
+        return f'<td class="verdict">{error:+.1%}, reproduced</td>'
+    return f'<td class="verdict no">{error:+.0%}, not reproduced</td>'
 
 
 def _readings(paper: Paper) -> str:

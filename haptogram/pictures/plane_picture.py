@@ -137,7 +137,11 @@ def _legend(figure: Figure) -> None:
     unique = dict(zip(labels, handles, strict=True))
     if unique:
         figure.legend(
-            list(unique.values()), list(unique.keys()), loc="outside lower center", ncols=2
+            list(unique.values()),
+            list(unique.keys()),
+            loc="outside lower center",
+            ncols=2,
+            markerscale=0.7,
         )
 
 
