@@ -61,6 +61,13 @@ def as_vector(name: str, values: ArrayLike, length: int) -> FloatArray:
     return vector
 
 
+def as_place(name: str, values: ArrayLike) -> FloatArray:
+    """Return *values* as a (3,) float64 vector of coordinates within 1000 km, or raise."""
+    place = as_vector(name, values, 3)
+    check_magnitudes(name, place, MAX_POINT_M)
+    return place
+
+
 def as_points(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as an (M, 3) float64 array of coordinates within 1000 km, or raise."""
     points = _as_array(name, values)

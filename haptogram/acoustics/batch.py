@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics._compiled import load_kernels
 from haptogram.acoustics._layout import Layout, single
 from haptogram.acoustics._memory import check_memory
-from haptogram.acoustics._validation import FloatArray, as_floats, as_points, as_vector
+from haptogram.acoustics._validation import FloatArray, as_floats, as_place, as_points
 from haptogram.acoustics.drive import MAX_PHASE_BITS, check_phase_bits, quantise_phase
 from haptogram.acoustics.focus import focus_phases
 from haptogram.acoustics.model import AcousticModel
@@ -72,7 +72,7 @@ class FocusCodes:
         """
         values = as_floats("targets_m", targets_m)
         if values.ndim == 1 and out is None:
-            return self.focus(*as_vector("targets_m", values, 3).tolist())
+            return self.focus(*as_place("targets_m", values).tolist())
         targets = values.reshape(1, -1) if values.ndim == 1 else values
         if targets.ndim != 2 or targets.shape[1] != 3:
             raise ConfigurationError(f"targets_m has shape {values.shape}, must be (3,) or (T, 3)")

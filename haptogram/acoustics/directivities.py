@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics._validation import (
     FloatArray,
     as_floats,
-    as_vector,
+    as_place,
     check_positive,
     read_only,
 )
@@ -70,7 +70,7 @@ class RectangularPiston:
     def __post_init__(self) -> None:
         check_positive("width_m", self.width_m)
         check_positive("height_m", self.height_m)
-        axis = as_vector("width_axis", self.width_axis, 3).copy()
+        axis = as_place("width_axis", self.width_axis).copy()
         length = check_positive("length of width_axis", float(np.linalg.norm(axis)))
         axis /= length
         read_only(axis)

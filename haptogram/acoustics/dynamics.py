@@ -22,7 +22,7 @@ from haptogram.acoustics._validation import (
     ComplexArray,
     FloatArray,
     as_floats,
-    as_vector,
+    as_place,
     check_positive,
     check_range,
 )
@@ -173,7 +173,7 @@ def hop_response(
     (T,) numpy.ndarray
         |p| at the new focus over its final value.
     """
-    old, new = (as_vector("target_m", target, 3) for target in targets_m)
+    old, new = (as_place("target_m", target) for target in targets_m)
     times = as_floats("times_s", times_s)
     propagator = propagators(model, new[None])[0]
     before, after = (np.exp(1j * focus_phases(model, target)) for target in (old, new))
@@ -202,7 +202,7 @@ def hop_mean_square(
     arrival of the new sound on.
     """
     check_positive("dwell_s", dwell_s)
-    new = as_vector("target_m", targets_m[1], 3)
+    new = as_place("target_m", targets_m[1])
     nearest = float(np.linalg.norm(new - model.array.positions_m, axis=1).min())
     start = nearest / model.medium.sound_speed_m_s if from_first_arrival else 0.0
     # Midpoints; arrivals are 256 small steps, so 4000 of them leave an error below 1e-4.

@@ -10,9 +10,10 @@ from haptogram.acoustics.field import FieldEngine, NumpyEngine
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.numba_engine import NumbaEngine
 from haptogram.acoustics.numpy32_engine import Numpy32Engine
+from haptogram.acoustics.single_precision import SingleEngine
 from haptogram.errors import ConfigurationError
 
-__all__ = ["NumbaEngine", "Numpy32Engine", "Preference", "choose_engine"]
+__all__ = ["NumbaEngine", "Numpy32Engine", "Preference", "choose_engine", "why_not_compiled"]
 
 Preference: TypeAlias = Literal["auto", "numpy", "numpy32", "numba"]
 
@@ -42,11 +43,22 @@ def choose_engine(model: AcousticModel, *, prefer: Preference = "auto") -> Field
         return NumbaEngine(model)
     if prefer != "auto":
         raise ConfigurationError(f"engine is {prefer!r}, must be auto, numpy, numpy32 or numba")
+    kind, why = _fastest(model)
+    if why is not None:
+        _log.info("%s", why)
+    return kind(model)
+
+
+def why_not_compiled(model: AcousticModel) -> str | None:
+    """Return the line that says which engine serves *model* and why, if it is not compiled."""
+    return _fastest(model)[1]
+
+
+def _fastest(model: AcousticModel) -> tuple[type[NumpyEngine | SingleEngine], str | None]:
     fastest = Numpy32Engine if load_kernels() is None else NumbaEngine
     reason = fastest.why_not(model)
     if reason is not None:
-        _log.info("field engine: numpy in double precision, since %s", reason)
-        return NumpyEngine(model)
+        return NumpyEngine, f"field engine: numpy in double precision, since {reason}"
     if fastest is Numpy32Engine:
-        _log.info("field engine: numpy in single precision, since numba is not installed")
-    return fastest(model)
+        return fastest, "field engine: numpy in single precision, since numba is not installed"
+    return fastest, None

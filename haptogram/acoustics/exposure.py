@@ -23,8 +23,8 @@ from haptogram.acoustics._validation import (
     ComplexArray,
     FloatArray,
     as_floats,
+    as_place,
     as_points,
-    as_vector,
     check_count,
     check_positive,
 )
@@ -191,7 +191,7 @@ def switching_level_db_a(
         No drive, a duration that is not above 0, or a sequence whose lines would not fit.
     """
     drives = as_sequence(weights, engine.model.array.count)
-    settled = engine.pressure(drives, as_vector("place_m", place_m, 3)[None])[:, 0]
+    settled = engine.pressure(drives, as_place("place_m", place_m)[None])[:, 0]
     period_s = len(drives) * check_positive("frame_s", frame_s)
     if len(drives) == 1:
         return -math.inf

@@ -18,6 +18,7 @@ from haptogram.acoustics._validation import (
     ComplexArray,
     FloatArray,
     as_floats,
+    as_place,
     as_points,
     as_vector,
 )
@@ -91,7 +92,7 @@ def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
         Not three finite numbers; less than 20 mm above the array's centre or from any element; more
         than 1 m from the centre; |x|, |y| beyond the array's half-width plus 150 mm; behind it.
     """
-    target = as_vector("target_m", target_m, 3)
+    target = as_place("target_m", target_m)
     offset = target - model.array.centre_m
     _check_limit("height z", offset[2], low_m=MIN_TARGET_DISTANCE_M)
     nearest = float(np.linalg.norm(model.array.positions_m - target, axis=1).min())
@@ -186,7 +187,7 @@ def fit_focus(
     phases = as_vector("phases_rad", phases_rad, model.array.count)
     used = _as_mask(active, model.array.count)
     problem = _PhaseProblem(model, phases, used)
-    position, steps, converged = problem.solve(as_vector("start_m", start_m, 3))
+    position, steps, converged = problem.solve(as_place("start_m", start_m))
     residual, phase, slopes = problem.residual_of_all(position)
     std_m, bound_m, observable = problem.uncertainty(slopes, phase_step_rad(phase_bits))
     own = residual[used]

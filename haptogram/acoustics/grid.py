@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics._memory import check_memory
 from haptogram.acoustics._validation import (
     FloatArray,
+    as_place,
     as_points,
-    as_vector,
     check_finite,
     check_positive,
 )
@@ -109,8 +109,7 @@ def box_points_m(low_m: ArrayLike, high_m: ArrayLike, step_m: float) -> FloatArr
         A box that is not finite or turned inside out, or a grid of more than half of the memory.
     """
     check_positive("step_m", step_m)
-    corners = as_vector("low_m", low_m, 3), as_vector("high_m", high_m, 3)
-    low, high = as_points("box", corners)
+    low, high = as_place("low_m", low_m), as_place("high_m", high_m)
     if (low > high).any():
         raise ConfigurationError(f"the box ends at {high}, before its start at {low}")
     counts = np.ceil((high - low) / step_m - 1e-9) + 1.0

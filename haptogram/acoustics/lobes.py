@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import MAX_POINT_M, FloatArray, as_vector, check_range
+from haptogram.acoustics._validation import MAX_POINT_M, FloatArray, as_place, check_range
 from haptogram.acoustics.drive import as_drive
 from haptogram.acoustics.field import FieldEngine, check_points, level_in_front
 from haptogram.acoustics.model import AcousticModel
@@ -73,7 +73,7 @@ def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe
     pitch = model.array.pitch_m
     if pitch is None or model.array.grid_shape is None:
         raise ConfigurationError("the array is not a regular grid: it has no grating lobes")
-    steered = as_vector("target_m", target_m, 3) - model.array.centre_m
+    steered = as_place("target_m", target_m) - model.array.centre_m
     check_range("height of the target", steered[2], _MIN_HEIGHT_M, MAX_POINT_M)
     steered = steered / np.linalg.norm(steered)
     step = model.wavelength_m / pitch
@@ -100,7 +100,7 @@ def largest_secondary_lobe(
         A half-width outside 10 to 500 mm, or as :func:`~haptogram.acoustics.field.pressure`.
     """
     check_range("half_width_m", half_width_m, 0.010, _MAX_HALF_WIDTH_M)
-    target = as_vector("target_m", target_m, 3)
+    target = as_place("target_m", target_m)
     count = math.ceil(2.0 * half_width_m * _POINTS_PER_WAVELENGTH / engine.model.wavelength_m)
     side = np.linspace(-half_width_m, half_width_m, count + 1)
     x, y = np.meshgrid(side, side, indexing="ij")

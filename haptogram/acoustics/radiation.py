@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import FloatArray, as_vector, check_positive, check_range
+from haptogram.acoustics._validation import FloatArray, as_place, check_positive, check_range
 from haptogram.acoustics.field import FieldEngine, NumpyEngine
 from haptogram.acoustics.medium import Medium
 from haptogram.acoustics.model import AcousticModel
@@ -113,7 +113,7 @@ class ReflectingDisc:
         ConfigurationError
             Weights of several drives, or a disc that touches an element.
         """
-        nodes_m = as_vector("centre_m", centre_m, 3) + self._offsets_m
+        nodes_m = as_place("centre_m", centre_m) + self._offsets_m
         pressure = self._engine.pressure(weights, nodes_m)
         if pressure.ndim != 1:
             raise ConfigurationError(f"{len(pressure)} drives, the force is that of one")

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import FloatArray, as_vector, check_positive
+from haptogram.acoustics._validation import FloatArray, as_place, as_vector, check_positive
 from haptogram.acoustics.drive import as_drive
 from haptogram.acoustics.field import FieldEngine, propagators
 from haptogram.acoustics.model import AcousticModel
@@ -68,7 +68,7 @@ def predict_focal_shift(
     ConfigurationError
         As :func:`~haptogram.acoustics.field.propagators`, or amplitudes that do not fit the array.
     """
-    target = as_vector("target_m", target_m, 3)
+    target = as_place("target_m", target_m)
     count = model.array.count
     levels = np.ones(count) if amplitudes is None else as_vector("amplitudes", amplitudes, count)
     stencil = target + _GRADIENT_STEP_M * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
@@ -126,7 +126,7 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
         of a wavelength.
     """
     drive = as_drive(weights, engine.model.array.count)
-    position = as_vector("start_m", start_m, 3).copy()
+    position = as_place("start_m", start_m).copy()
     longest = engine.model.wavelength_m / 4.0
     # A wide stencil while far away, a narrow one for the last digits.
     for width in (engine.model.wavelength_m / 50.0, engine.model.wavelength_m / 250.0):

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import FloatArray, as_vector
+from haptogram.acoustics._validation import FloatArray, as_place
 from haptogram.acoustics.drive import as_drive
 from haptogram.acoustics.field import FieldEngine, level_in_front, propagators
 from haptogram.acoustics.model import AcousticModel
@@ -59,7 +59,7 @@ def measure_spot(engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike) -
         No sound at the target, or as :func:`~haptogram.acoustics.field.pressure`.
     """
     drive = as_drive(weights, engine.model.array.count)
-    target = as_vector("target_m", target_m, 3)
+    target = as_place("target_m", target_m)
     if not abs(engine.pressure(drive, target[None])[0]) > 0.0:
         raise ConfigurationError(f"no sound at {target.tolist()} m: it is no focus")
     sides = [_lateral(engine, drive, target, axis) for axis in np.eye(3)[:2]]
@@ -74,7 +74,7 @@ def predict_width_m(model: AcousticModel, target_m: ArrayLike) -> tuple[float, f
     2 x 0.831 / (k sqrt(C_xx)): the curvature of the main lobe, continued as a Gaussian.  Good to
     4 % at 50 to 200 mm from a 16 x 16 array; infinite along an axis without elements.
     """
-    target = as_vector("target_m", target_m, 3)
+    target = as_place("target_m", target_m)
     shares = np.abs(propagators(model, target[None]))[0]
     spread = np.sqrt(np.maximum(np.diag(direction_covariance(model, target, shares)), 0.0))
     widths = [

@@ -158,7 +158,11 @@ def _add_picture(field: argparse.ArgumentParser) -> None:
         help="how far a picture reaches around the target [60; isosurface: half of it]",
     )
     group.add_argument(
-        "--step-mm", type=float, metavar="MM", default=0.75, help="spacing of the samples [0.75]"
+        "--step-mm",
+        type=float,
+        metavar="MM",
+        default=0.75,
+        help="spacing of the samples [0.75; isosurface: 1.5 at least]",
     )
     group.add_argument(
         "--output",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import NumpyEngine, force_on_disc_n, level_db_spl
 from haptogram.acoustics.dynamics import Resonator
-from haptogram.acoustics.engine import choose_engine
+from haptogram.acoustics.engine import choose_engine, why_not_compiled
 from haptogram.acoustics.lobes import largest_secondary_lobe
 from haptogram.acoustics.shift import find_peak, predict_focal_shift
 from haptogram.acoustics.spot import measure_spot
@@ -113,6 +113,9 @@ def describe(scene: Scene) -> Iterator[str]:
     """Yield the figures of the focus, or of the sequence, line by line."""
     engine = NumpyEngine(scene.model)
     yield f"array: {scene.model.array.count} elements, k = {scene.model.wavenumber:.2f} rad/m"
+    slower = why_not_compiled(scene.model)
+    if slower is not None:
+        yield slower
     if scene.is_sequence:
         share = Resonator.from_bandwidth().dwell_mean_square(scene.frame_s)
         yield (

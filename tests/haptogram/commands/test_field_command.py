@@ -16,6 +16,7 @@ from haptogram.acoustics import (
     focus_phases,
     switching_level_db_a,
 )
+from haptogram.acoustics.engine import why_not_compiled
 from haptogram.commands import field
 from haptogram.commands.places import joined
 from haptogram.errors import ConfigurationError
@@ -155,6 +156,15 @@ def test_the_levels_at_an_ear_are_those_of_the_library(run, capsys):
     assert [float(value) for value in found.groups()] == pytest.approx(
         [heard.maximum_db_spl, heard.equivalent_db_spl, steps, hum], abs=0.1
     )
+
+
+def test_one_line_says_that_numba_is_missing(run, monkeypatch, capsys):
+    words = ("--array", "4x4", "--step-mm", "6")
+    monkeypatch.setattr("haptogram.acoustics.engine.load_kernels", lambda: None)
+    assert run(*words) == 0
+    assert capsys.readouterr().out.count("since numba is not installed") == 1
+    monkeypatch.undo()
+    assert why_not_compiled(AcousticModel.default(4, 4)) is None
 
 
 def test_an_ear_hears_a_sequence_and_nothing_of_a_steady_drive(run, tmp_path, capsys):
