@@ -158,7 +158,7 @@ class Modulation:
                 rounded = round(periods[chosen]) * rate_hz / (count * (chosen + 1))
                 return chosen + 1, rounded
         raise ConfigurationError(
-            f"{count} frames at {rate_hz:g} Hz and a modulation of {self.frequency_hz:g} Hz come "
+            f"{count} frames at {rate_hz:g} Hz and a modulation of {self.frequency_hz:.9g} Hz come "
             f"into step again only after more than {MAX_FRAMES} frames; take a frequency of which "
             "the rate is a multiple, or fewer points"
         )

@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from haptogram.config import MESH_SUFFIXES, SHAPES, VerifyConfig, load_config
+from haptogram.config import MESH_SUFFIXES, SHAPES, VerifyConfig, load_config, option_name
+from haptogram.errors import ConfigurationError
 
 from .exit_status import PASS
 from .modulation_options import add_modulation
@@ -17,7 +18,6 @@ from .places import metres, place_mm
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
-    from haptogram.config import VerifyConfig as Config
 
 HOLD: Final = "dwell"
 KINDS: Final = ("am", "lm", "stm", HOLD)
@@ -164,7 +164,7 @@ def run(arguments: argparse.Namespace) -> int:
     return PASS
 
 
-def _config(arguments: argparse.Namespace) -> Config:
+def _config(arguments: argparse.Namespace) -> VerifyConfig:
     """Return the settings of a run that would display it."""
     held = arguments.kind in ("stm", HOLD)
     defaults = {
@@ -183,8 +183,16 @@ def _config(arguments: argparse.Namespace) -> Config:
     return load_config(None, defaults | given | {"modulation": kind})
 
 
-def _model(arguments: argparse.Namespace, config: Config) -> AcousticModel:
+def _model(arguments: argparse.Namespace, config: VerifyConfig) -> AcousticModel:
     from haptogram.job import host_model
     from haptogram.presets import find_preset
 
-    return find_preset(arguments.preset).build() if arguments.preset else host_model(config)
+    if not arguments.preset:
+        return host_model(config)
+    for name in ("pitch_mm", "temperature_c"):
+        if getattr(arguments, name) is not None:
+            raise ConfigurationError(
+                f"{option_name(name)} is {getattr(arguments, name):g}; --preset "
+                f"{arguments.preset} brings its own array and air"
+            )
+    return find_preset(arguments.preset).build()

@@ -234,7 +234,8 @@ def _first_periods(felt: Felt) -> tuple[FloatArray, FloatArray]:
     passes = math.ceil(shown_s / duration_s * (1.0 - 1e-9))
     step_s = duration_s / len(signal.pressure_pa)
     count = round(shown_s / step_s)
-    return np.arange(1, count + 1) * step_s, np.tile(signal.pressure_pa, passes)[:count]
+    time_s: FloatArray = np.arange(1, count + 1, dtype=np.float64) * step_s
+    return time_s, np.tile(signal.pressure_pa, passes)[:count]
 
 
 def as_csv(frames: FocusFrames) -> str:

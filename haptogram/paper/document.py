@@ -91,7 +91,7 @@ def demonstrations() -> list[Demonstration]:
 def _pressure_for_table_1_pa(constants: eq.Constants) -> float:
     """Return the P0 with which (7) and (8) give 128 elements the 4 mN of Table 1, at 0.1 m."""
     level = math.sqrt(2.0) * 128 * eq.attenuation_eq6(0.1, constants)  # per pascal of P0
-    return (4e-3 / eq.force_eq8_printed(level, 1e-3, constants)) ** (1.0 / 3.0)
+    return math.cbrt(4e-3 / eq.force_eq8_printed(level, 1e-3, constants))
 
 
 def figure_4() -> list[dict[str, Any]]:

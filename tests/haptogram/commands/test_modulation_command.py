@@ -93,6 +93,7 @@ def test_picture_frames_and_json_say_the_same(tmp_path, capsys, monkeypatch):
         (("lm", "--shift-mm", "0,0,-90"), "height"),
         (("am", "--bandwidth-hz", "0"), "bandwidth_hz is 0"),
         (("am", "--preset", "none"), "known are paper"),
+        (("am", "--preset", "autd3", "--pitch-mm", "8"), "--pitch-mm is 8; --preset autd3 brings"),
         (("am", "--output", "am.gif"), "possible are .png, .svg, .pdf"),
         (("am", "--frames", "/dev/full"), "/dev/full: cannot be written: No space left on device"),
         (("am", "--json", "/dev/full"), "/dev/full: cannot be written: No space left on device"),
