@@ -30,7 +30,7 @@ from haptogram.acoustics.focus import (
     superpose,
 )
 from haptogram.acoustics.geometry import TransducerArray
-from haptogram.acoustics.medium import Medium
+from haptogram.acoustics.medium import Medium, iso_9613_absorption_np_m
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.radiation import force_on_disc_n, level_db_spl, radiation_pressure_pa
 from haptogram.acoustics.reconstruction import Reconstructor
@@ -45,7 +45,12 @@ if TYPE_CHECKING:
         radiated_power_w,
     )
     from haptogram.acoustics.directivities import MeasuredDirectivity, RectangularPiston
-    from haptogram.acoustics.dynamics import Resonator, amplitude_to_duty, duty_to_amplitude
+    from haptogram.acoustics.dynamics import (
+        Resonator,
+        amplitude_to_duty,
+        duty_to_amplitude,
+        hop_response,
+    )
     from haptogram.acoustics.exposure import (
         Exposure,
         a_weighting_db,
@@ -67,9 +72,10 @@ if TYPE_CHECKING:
         paraxial_shift_m,
         predict_focal_shift,
     )
-    from haptogram.acoustics.solvers import Quality, quality, solve
+    from haptogram.acoustics.solvers import Quality, quality, solve, weights_for_foci
     from haptogram.acoustics.spot import FocalSpot, measure_spot, predict_width_m
     from haptogram.acoustics.tracking import Fix, FocusTracker
+    from haptogram.acoustics.waveform import instantaneous_pressure, rms_pressure
 
 __all__ = [
     "AcousticModel",
@@ -119,7 +125,10 @@ __all__ = [
     "focus_phases",
     "force_on_disc_n",
     "grating_lobes",
+    "hop_response",
     "in_front",
+    "instantaneous_pressure",
+    "iso_9613_absorption_np_m",
     "largest_secondary_lobe",
     "level_db_spl",
     "mean_square_pressure",
@@ -134,10 +143,12 @@ __all__ = [
     "quantise_phase",
     "radiated_power_w",
     "radiation_pressure_pa",
+    "rms_pressure",
     "saturated",
     "solve",
     "superpose",
     "switching_level_db_a",
+    "weights_for_foci",
     "worst_place",
 ]
 
@@ -165,6 +176,8 @@ _LATER: Final = {
     "exposure_at": "exposure",
     "find_peak": "shift",
     "grating_lobes": "lobes",
+    "hop_response": "dynamics",
+    "instantaneous_pressure": "waveform",
     "largest_secondary_lobe": "lobes",
     "mean_square_pressure": "average",
     "measure_spot": "spot",
@@ -173,8 +186,10 @@ _LATER: Final = {
     "predict_width_m": "spot",
     "quality": "solvers",
     "radiated_power_w": "demodulation",
+    "rms_pressure": "waveform",
     "solve": "solvers",
     "switching_level_db_a": "exposure",
+    "weights_for_foci": "solvers",
     "worst_place": "exposure",
 }
 

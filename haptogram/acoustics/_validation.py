@@ -91,6 +91,21 @@ def _as_array(name: str, values: ArrayLike) -> FloatArray:
         raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
 
 
+def as_phasors(name: str, values: ArrayLike) -> ComplexArray:
+    """Return *values* as finite complex128 of any shape, or raise."""
+    phasors = as_complex(name, values)
+    check_finite(name, phasors)
+    return phasors
+
+
+def as_complex(name: str, values: ArrayLike) -> ComplexArray:
+    """Return *values* as complex128 of any shape, NaN included, or raise."""
+    try:
+        return np.asarray(values, dtype=np.complex128)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
+
+
 def check_magnitudes(name: str, array: FloatArray | ComplexArray, limit: float) -> None:
     """Raise, naming the first one, if *array* holds a NaN or a magnitude above *limit*."""
     values = array.ravel()

@@ -18,6 +18,7 @@ from haptogram.acoustics._validation import (
     MAX_TRANSDUCERS,
     ComplexArray,
     FloatArray,
+    as_complex,
     as_floats,
     check_magnitudes,
     read_only,
@@ -168,10 +169,7 @@ def as_weights(weights: ArrayLike) -> ComplexArray:
     ConfigurationError
         What is no number, not finite, or a million times what a transducer can follow.
     """
-    try:
-        values = np.asarray(weights, dtype=np.complex128)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"weights are not an array of numbers: {error}") from error
+    values = as_complex("weights", weights)
     check_magnitudes("weights", values, _MAX_WEIGHT)
     return values
 

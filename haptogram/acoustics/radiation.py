@@ -12,7 +12,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import FloatArray, as_place, check_positive, check_range
+from haptogram.acoustics._validation import (
+    FloatArray,
+    as_complex,
+    as_place,
+    check_positive,
+    check_range,
+)
 from haptogram.acoustics.field import FieldEngine, NumpyEngine
 from haptogram.acoustics.medium import Medium
 from haptogram.acoustics.model import AcousticModel
@@ -47,11 +53,7 @@ def radiation_pressure_pa(
     Trans. Haptics 3(3), 2010, eq. (1).
     """
     check_range("reflection", reflection, 1.0, 2.0)
-    try:
-        level = np.abs(np.asarray(pressure_peak_pa, dtype=np.complex128))
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"pressure_peak_pa is not an array of numbers: {error}") from error
-    mean_square = 0.5 * level**2
+    mean_square = 0.5 * np.abs(as_complex("pressure_peak_pa", pressure_peak_pa)) ** 2
     result: FloatArray = reflection * mean_square / (medium.impedance * medium.sound_speed_m_s)
     return result
 
