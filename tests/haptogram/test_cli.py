@@ -21,7 +21,7 @@ from haptogram.cli import main
         (["--center-mm", "0,0,-100"], "must be at least"),
         (["--object", "absent.stl"], "absent.stl"),
         (["--object", "teapot"], "--object is 'teapot'; known are hemisphere"),
-        (["--array", "0x16"], "0x16"),
+        (["--array", "0x16"], "side of the grid is 0, must be 1 to 1024"),
         (["--config", "absent.toml"], "absent.toml"),
         (["--min-verified", "2"], "--min-verified is 2; it can be 0 to 1"),
     ],
