@@ -168,7 +168,7 @@ def _plot(
     )
 
     figure.set_layout_engine("none")  # it clips the labels of a tall box
-    axes: Any = figure.add_axes((0.07, 0.08, 0.86, 0.88), projection="3d", computed_zorder=False)
+    axes: Any = figure.add_axes((0.07, 0.11, 0.86, 0.80), projection="3d", computed_zorder=False)
     handles: list[Any] = []
     # The inner surface last, so that its colour is not mixed with those around it.
     for db, colour, opacity in zip(LEVELS_DB, _COLOURS, _OPACITY, strict=True):
@@ -210,4 +210,4 @@ def _plot(
         getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(7 if name == "z" else 4))
     axes.set_box_aspect(tuple((high_mm - low_mm) / (high_mm - low_mm).max()))
     axes.view_init(elev=18, azim=-58)
-    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.02, 0.94))
+    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.02, 0.90))
