@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics._validation import FloatArray, as_place, as_vector, check_positive
 from haptogram.acoustics.drive import as_drive
-from haptogram.acoustics.field import FieldEngine, propagators
+from haptogram.acoustics.field import MIN_DISTANCE_M, FieldEngine, in_front, propagators
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -123,7 +123,7 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
     ------
     ConfigurationError
         If there is no sound at the start, or no maximum within 400 steps, each of at most a quarter
-        of a wavelength.
+        of a wavelength, or before the field rises up to the array itself.
     """
     drive = as_drive(weights, engine.model.array.count)
     position = as_place("start_m", start_m).copy()
@@ -134,6 +134,11 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
             step = _ascent_step(engine, drive, position, width)
             step *= min(1.0, longest / max(float(np.linalg.norm(step)), longest))
             position = position + step
+            if not _is_clear(engine.model, position):
+                raise ConfigurationError(
+                    f"no maximum of |p| next to {np.asarray(start_m, dtype=float).tolist()} m: the "
+                    "field rises up to the array"
+                )
             if np.linalg.norm(step) < _STEP_TOLERANCE_M:
                 break
         else:
@@ -142,6 +147,14 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
                 f"{np.asarray(start_m, dtype=float).tolist()} m"
             )
     return position
+
+
+def _is_clear(model: AcousticModel, position: FloatArray) -> bool:
+    """Tell whether a whole stencil around *position* is in front of the array, and off it."""
+    margin_m = MIN_DISTANCE_M + model.wavelength_m / 25.0
+    offsets = model.array.positions_m - position
+    nearest_m = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
+    return nearest_m > margin_m and bool(in_front(model, position + margin_m * _stencil()).all())
 
 
 def _ascent_step(

@@ -6,10 +6,10 @@ import argparse
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import NumpyEngine, force_on_disc_n, level_db_spl
 from haptogram.acoustics.dynamics import Resonator
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 Progress: TypeAlias = Callable[[int, int], None]
 FloatArray: TypeAlias = NDArray[np.float64]
+
+_NO_FOCUS: Final = 0.25  # of the target's distance: a maximum that far off is not its focus
 
 
 def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
@@ -130,17 +132,10 @@ def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
     target, weights = scene.targets_m[0], scene.weights[0]
     rms = float(np.abs(engine.pressure(weights, [target])[0])) / math.sqrt(2.0)
     yield f"target ({_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
-    peak = find_peak(engine, weights, target)
-    expected = predict_focal_shift(scene.model, target)
-    yield (
-        f"maximum ({_text(peak)}) mm: {np.linalg.norm(peak - target) * 1e3:.2f} mm from the target "
-        f"(expected {np.linalg.norm(expected.offset_m) * 1e3:.2f} mm, by diffraction)"
-    )
+    yield _describe_peak(engine, weights, target)
     spot = measure_spot(engine, weights, target)
-    yield (
-        f"spot at -6 dB: {spot.width_6db_m[0] * 1e3:.1f} x {spot.width_6db_m[1] * 1e3:.1f} mm; "
-        f"depth at -3 dB: {sum(spot.depth_3db_m) * 1e3:.1f} mm"
-    )
+    across = " x ".join(_size(width_m) for width_m in spot.width_6db_m)
+    yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_size(sum(spot.depth_3db_m))} mm"
     force = force_on_disc_n(engine, weights, target)
     yield f"force on a reflecting disc of 20 mm diameter: {force * 1e3:.2f} mN"
     lobe = largest_secondary_lobe(engine, weights, target)
@@ -149,6 +144,24 @@ def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
             f"largest secondary lobe in its plane: {lobe.level_db:.1f} dB at "
             f"({_text(np.array(lobe.position_m))}) mm"
         )
+
+
+def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) -> str:
+    try:
+        peak = find_peak(engine, weights, target)
+    except ConfigurationError as error:
+        return f"no focus: {error}"
+    shift_m = float(np.linalg.norm(peak - target))
+    expected_m = float(np.linalg.norm(predict_focal_shift(engine.model, target).offset_m))
+    if shift_m > _NO_FOCUS * np.linalg.norm(target - engine.model.array.centre_m):
+        why = "the aperture is too small to focus there"
+    else:
+        why = f"expected {expected_m * 1e3:.2f} mm at most, by diffraction"
+    return f"maximum ({_text(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
+
+
+def _size(size_m: float) -> str:
+    return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"
 
 
 def _text(place_m: FloatArray) -> str:

@@ -111,6 +111,12 @@ def test_a_line_of_elements_has_no_shift_around_itself():
     assert abs(shift @ np.array([0.0, 0.1, -0.03])) < 1e-9  # along the circle around the line
 
 
+def test_a_single_element_has_no_maximum_in_front_of_it():
+    model = AcousticModel.default(1, 1)
+    with pytest.raises(ConfigurationError, match="rises up to the array"):
+        find_peak(NumpyEngine(model), [1.0], (0.0, 0.0, 0.05))
+
+
 def test_silence_has_no_maximum():
     with pytest.raises(ConfigurationError, match="no sound"):
         find_peak(ENGINE, np.zeros(256), (0.0, 0.0, 0.1))

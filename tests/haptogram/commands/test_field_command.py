@@ -54,6 +54,16 @@ def test_a_focus_is_drawn_and_described(run, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("array", "said"), [("1x1", "rises up to the array"), ("2x2", "too small to focus there")]
+)
+def test_an_array_too_small_to_focus_is_described_as_such(run, capsys, array, said):
+    assert run("--array", array) == 0
+    out = capsys.readouterr().out
+    assert said in out
+    assert "nan" not in out
+
+
+@pytest.mark.parametrize(
     "words",
     [
         ("--plane", "xy", "--quantity", "phase", "--output", "a.svg"),
