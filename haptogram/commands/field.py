@@ -14,6 +14,7 @@ from haptogram.config import MESH_SUFFIXES, MODULATIONS, SHAPES, VerifyConfig
 from .exit_status import PASS
 from .output_files import check_file, write_picture
 from .places import Place, place_mm
+from .system import add_system
 
 VIEWS: Final = ("plane", "cuts", "isosurface")
 PLANES: Final = ("xy", "xz", "yz")
@@ -52,7 +53,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_source(field)
-    _add_array(field)
+    add_system(field.add_argument_group("array and air"))
     _add_picture(field)
     field.set_defaults(run=run)
 
@@ -111,32 +112,6 @@ def _add_source(field: argparse.ArgumentParser) -> None:
         metavar="HZ",
         default=200.0,
         help="its frequency; rounds per second for stm [200]",
-    )
-
-
-def _add_array(field: argparse.ArgumentParser) -> None:
-    default = VerifyConfig()
-    group = field.add_argument_group("array and air")
-    system = group.add_mutually_exclusive_group()
-    system.add_argument(
-        "--preset", metavar="NAME", help="a known system; 'haptogram presets' lists them"
-    )
-    system.add_argument(
-        "--array", metavar="NXxNY|FILE", help="grid, or a CSV file of positions in mm [16x16]"
-    )
-    group.add_argument(
-        "--pitch-mm",
-        type=float,
-        metavar="MM",
-        default=default.pitch_mm,
-        help=f"pitch of the grid [{default.pitch_mm:g}]",
-    )
-    group.add_argument(
-        "--temperature-c",
-        type=float,
-        metavar="C",
-        default=default.temperature_c,
-        help=f"air temperature [{default.temperature_c:g}]",
     )
 
 

@@ -14,10 +14,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import (
     AcousticModel,
     Drive,
-    Medium,
     NumpyEngine,
-    Transducer,
-    TransducerArray,
     check_target,
     focus_phases,
 )
@@ -30,6 +27,7 @@ from haptogram.presets import find_preset
 from haptogram.tactile import Circle
 
 from .places import metres
+from .system import system_model
 
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
@@ -65,7 +63,7 @@ class Scene:
     @classmethod
     def from_arguments(cls, arguments: argparse.Namespace) -> Scene:
         """Return the scene that the command line asks for."""
-        model = _model(arguments)
+        model = system_model(arguments)
         frame_s = _frame_s(arguments.rate_hz)
         if arguments.drive:
             drive = read_drive(arguments.drive, model.array.count, arguments.phase_bits)
@@ -136,13 +134,6 @@ def _codes(where: str, cells: list[str]) -> tuple[int, int]:
     except ValueError as error:
         raise ConfigurationError(f"{where}: {','.join(cells)!r} is not two codes") from error
     return phase, amplitude
-
-
-def _model(arguments: argparse.Namespace) -> AcousticModel:
-    if arguments.preset:
-        return find_preset(arguments.preset).build()
-    array = TransducerArray.parse(arguments.array or "16x16", pitch_m=arguments.pitch_mm / 1e3)
-    return AcousticModel(array, Medium.air(arguments.temperature_c), Transducer())
 
 
 def _focus(arguments: argparse.Namespace) -> tuple[float, float, float]:

@@ -8,16 +8,16 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from haptogram.config import MESH_SUFFIXES, SHAPES, VerifyConfig, load_config, option_name
-from haptogram.errors import ConfigurationError
+from haptogram.config import MESH_SUFFIXES, SHAPES, VerifyConfig, load_config
 
 from .exit_status import PASS
 from .modulation_options import add_modulation
 from .output_files import check_file, write_json, write_picture
 from .places import metres, place_mm
+from .system import add_system, system_model
 
 if TYPE_CHECKING:
-    from haptogram.acoustics import AcousticModel
+    pass
 
 HOLD: Final = "dwell"
 KINDS: Final = ("am", "lm", "stm", HOLD)
@@ -88,24 +88,8 @@ def _add_object(modulation: argparse.ArgumentParser) -> None:
 
 
 def _add_skin(modulation: argparse.ArgumentParser) -> None:
-    default = VerifyConfig()
     skin = modulation.add_argument_group("array, air and skin")
-    system = skin.add_mutually_exclusive_group()
-    system.add_argument(
-        "--preset", metavar="NAME", help="a known system; 'haptogram presets' lists them"
-    )
-    system.add_argument(
-        "--array", metavar="NXxNY|FILE", help="grid, or a CSV file of positions in mm [16x16]"
-    )
-    skin.add_argument(
-        "--pitch-mm", type=float, metavar="MM", help=f"pitch of the grid [{default.pitch_mm:g}]"
-    )
-    skin.add_argument(
-        "--temperature-c",
-        type=float,
-        metavar="C",
-        help=f"air temperature [{default.temperature_c:g}]",
-    )
+    add_system(skin)
     skin.add_argument(
         "--bandwidth-hz",
         type=float,
@@ -152,7 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
     frames = frames_to_show(config)
     place = None if arguments.at_mm is None else metres(arguments.at_mm)
-    felt = Felt.of(NumpyEngine(_model(arguments, config)), config, frames, lag, place)
+    felt = Felt.of(NumpyEngine(system_model(arguments)), config, frames, lag, place)
     if arguments.json != "-":
         sys.stdout.write("\n".join(describe(felt, arguments.bandwidth_hz)) + "\n")
     if arguments.output is not None:
@@ -181,18 +165,3 @@ def _config(arguments: argparse.Namespace) -> VerifyConfig:
     }
     kind = None if arguments.kind == HOLD else arguments.kind
     return load_config(None, defaults | given | {"modulation": kind})
-
-
-def _model(arguments: argparse.Namespace, config: VerifyConfig) -> AcousticModel:
-    from haptogram.job import host_model
-    from haptogram.presets import find_preset
-
-    if not arguments.preset:
-        return host_model(config)
-    for name in ("pitch_mm", "temperature_c"):
-        if getattr(arguments, name) is not None:
-            raise ConfigurationError(
-                f"{option_name(name)} is {getattr(arguments, name):g}; --preset "
-                f"{arguments.preset} brings its own array and air"
-            )
-    return find_preset(arguments.preset).build()

@@ -1,0 +1,58 @@
+"""The array and the air of a command that needs no board: a preset, a grid or a file."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from haptogram.config import VerifyConfig, load_config, option_name
+from haptogram.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from haptogram.acoustics import AcousticModel
+
+_OWN = ("pitch_mm", "temperature_c")
+
+
+def add_system(group: argparse._ArgumentGroup) -> None:
+    """Add the options to *group*."""
+    default = VerifyConfig()
+    system = group.add_mutually_exclusive_group()
+    system.add_argument(
+        "--preset", metavar="NAME", help="a known system; 'haptogram presets' lists them"
+    )
+    system.add_argument(
+        "--array", metavar="NXxNY|FILE", help="grid, or a CSV file of positions in mm [16x16]"
+    )
+    group.add_argument(
+        "--pitch-mm", type=float, metavar="MM", help=f"pitch of the grid [{default.pitch_mm:g}]"
+    )
+    group.add_argument(
+        "--temperature-c",
+        type=float,
+        metavar="C",
+        help=f"air temperature [{default.temperature_c:g}]",
+    )
+
+
+def system_model(arguments: argparse.Namespace) -> AcousticModel:
+    """Return the model that the options ask for.
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown preset, or settings beside one; a grid, a file or air that cannot be used.
+    """
+    from haptogram.job import host_model
+    from haptogram.presets import find_preset
+
+    if not arguments.preset:
+        given = {name: getattr(arguments, name) for name in ("array", *_OWN)}
+        return host_model(load_config(None, given))
+    for name in _OWN:
+        if getattr(arguments, name) is not None:
+            raise ConfigurationError(
+                f"{option_name(name)} is {getattr(arguments, name):g}; --preset "
+                f"{arguments.preset} brings its own array and air"
+            )
+    return find_preset(arguments.preset).build()
