@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from haptogram.acoustics._validation import FloatArray
 from haptogram.acoustics.lattice import Lattice, find_lattice
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.transducer import GRAZING
+
+_FAR: Final = 72.0  # wavelengths
+_FAR_ANYWHERE: Final = 16.0  # in a bowl or a ring, all may be at one distance and have one error
 
 SingleArray: TypeAlias = NDArray[np.float32]
 
@@ -28,9 +31,9 @@ class Layout:
         Largest distance of an element from the centroid, in metres.
     frame : (4, 3) numpy.ndarray
         The axes over the wavelength, and the origin in metres.
-    constants : (3,) numpy.ndarray
+    constants : (4,) numpy.ndarray
         Radius, absorption in nepers per wavelength, and the least cosine that an element radiates
-        to: -2 if it has no baffle.
+        to: -2 if it has no baffle; how far away the rounding errors of many elements average out.
     positions_m : (N, 3) numpy.ndarray
         Positions of the elements, in metres.
     elements : (N, 6) numpy.ndarray
@@ -60,12 +63,13 @@ class Layout:
         offsets = array.positions_m - array.centre_m
         radius_m = float(np.linalg.norm(offsets, axis=1).max())
         loss = model.medium.absorption_np_m * wavelength
+        far = _FAR_ANYWHERE if lattice is None else _FAR
         front = GRAZING if model.transducer.directivity.baffled else -2.0
         return cls(
             lattice=lattice,
             radius_m=radius_m,
             frame=np.concatenate([axes / wavelength, array.centre_m[None, :]]),
-            constants=np.array([radius_m / wavelength, loss, front]),
+            constants=np.array([radius_m / wavelength, loss, front, far]),
             positions_m=array.positions_m.copy(),
             elements=np.hstack([offsets @ axes.T / wavelength, array.normals @ axes.T]),
             x=lattice.x_m / wavelength if lattice else np.empty(0),

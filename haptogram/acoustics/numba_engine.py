@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics._compiled import load_kernels
 from haptogram.acoustics._layout import Layout, SingleArray
+from haptogram.acoustics._memory import chunks
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field import fronts
 from haptogram.acoustics.model import AcousticModel
-from haptogram.acoustics.single_precision import CLEARANCE, Reach, SingleEngine
+from haptogram.acoustics.single_precision import CALL_POINTS, Reach, SingleEngine
 from haptogram.errors import ConfigurationError
 
 _T = TypeVar("_T", bound=np.generic)
@@ -41,10 +42,8 @@ class NumbaEngine(SingleEngine):
         self._kernels: ModuleType = kernels
         self._layout = Layout.of(model)
         half = model.array.half_extent_m
-        clearance = CLEARANCE * model.wavelength_m
         shift = np.abs(model.array.bounds_m.mean(axis=0) - model.array.centre_m)
-        self._bounds = np.concatenate([model.array.centre_m, half + shift + clearance])
-        self._clearance_m = clearance
+        self._bounds = np.concatenate([model.array.centre_m, half + shift + self._clearance_m])
         self._fronts = fronts(model).copy()  # writeable, as all that the loops take
 
     def warm_up(self) -> None:
@@ -64,16 +63,17 @@ class NumbaEngine(SingleEngine):
         return 256
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
-        usable = np.empty(len(points), dtype=np.bool_)
-        refused = self._kernels.usable_points(
-            _writeable(points),
-            self._layout.positions_m,
-            self._fronts,
-            self._bounds,
-            reach_m,
-            self._clearance_m,
-            usable,
-        )
+        usable, refused = np.empty(len(points), dtype=np.bool_), 0
+        for part in chunks(len(points), CALL_POINTS):
+            refused += self._kernels.usable_points(
+                _writeable(points[part]),
+                self._layout.positions_m,
+                self._fronts,
+                self._bounds,
+                reach_m,
+                self._clearance_m,
+                usable[part],
+            )
         return usable if refused else None
 
     def _one_drive(

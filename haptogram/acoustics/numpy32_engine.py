@@ -11,7 +11,7 @@ from haptogram.acoustics._memory import chunks
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field import in_front
 from haptogram.acoustics.model import AcousticModel
-from haptogram.acoustics.single_precision import CLEARANCE, Reach, SingleEngine
+from haptogram.acoustics.single_precision import Reach, SingleEngine
 from haptogram.acoustics.transducer import GRAZING
 
 
@@ -44,7 +44,7 @@ class Numpy32Engine(SingleEngine):
         """Return the points neither far away, nor behind, nor so near that r^2 loses digits."""
         distance = np.linalg.norm(points - self._model.array.centre_m, axis=1)
         # r >= |x| - |s|: outside of twice the aperture no r is below half of the largest term.
-        nearest = max(2.0 * self._radius_m, CLEARANCE * self._model.wavelength_m)
+        nearest = max(2.0 * self._radius_m, self._clearance_m)
         within = (distance <= reach_m) & in_front(self._model, points)
         usable: BoolArray = within & (distance >= nearest)
         close = np.flatnonzero(within & ~usable)
@@ -56,7 +56,7 @@ class Numpy32Engine(SingleEngine):
         """Return which points keep 0.6 of the aperture's radius from every element."""
         offsets = points[:, None, :] - self._model.array.positions_m
         nearest = np.sqrt(np.einsum("mni,mni->mn", offsets, offsets).min(axis=1))
-        limit = max(0.6 * self._radius_m, CLEARANCE * self._model.wavelength_m)
+        limit = max(0.6 * self._radius_m, self._clearance_m)
         clear: BoolArray = nearest >= limit
         return clear
 

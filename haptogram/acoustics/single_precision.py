@@ -20,13 +20,13 @@ from haptogram.acoustics._memory import check_memory, chunks
 from haptogram.acoustics._polynomials import gain_polynomial
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray, as_points
 from haptogram.acoustics.drive import as_weights
-from haptogram.acoustics.field import NumpyEngine, check_points, propagators
+from haptogram.acoustics.field import MIN_DISTANCE_M, NumpyEngine, check_points, propagators
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
-_CALL_POINTS: Final = 1 << 15  # some 10 ms: Ctrl-C waits no longer
+CALL_POINTS: Final = 1 << 15  # some 10 ms: Ctrl-C waits no longer
 _MANY: Final = 64.0  # elements, in effect: (sum |w|)^2 / sum |w|^2
-CLEARANCE: Final = 0.3  # wavelengths; nearer, the rounding of a position shows
+_CLEARANCE: Final = 0.3  # wavelengths; nearer, the rounding of a position shows
 _MAX_LOSS: Final = 0.15  # nepers over the half-width of the range of distances in a block
 
 
@@ -81,6 +81,8 @@ class SingleEngine(ABC):
         self._gain = (strength * gain).astype(np.float32)
         offsets = model.array.positions_m - model.array.centre_m
         self._radius_m = float(np.linalg.norm(offsets, axis=1).max())
+        # The reference refuses what is nearer than the second.
+        self._clearance_m = max(_CLEARANCE * wavelength, MIN_DISTANCE_M)
         self._reach_of_few_m = self._reach_m(self.REACH.few)
         self._reach_of_many_m = self._reach_m(self.REACH.many)
 
@@ -165,7 +167,7 @@ class SingleEngine(ABC):
         """
         result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
         if drives.ndim == 1:
-            for part in chunks(len(points), _CALL_POINTS):
+            for part in chunks(len(points), CALL_POINTS):
                 self._one_drive(drives, points[part], careful, result[part])
             return result
         matrix = _real_form(drives)

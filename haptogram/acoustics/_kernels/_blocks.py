@@ -16,7 +16,6 @@ F8 = NDArray[np.float64]
 BLOCK: Final = 256  # points; the buffers of a 16 x 16 array then fill 30 kB, about the first cache
 
 _GENTLE_LOSS: Final = 0.08  # nepers across a block; a quadratic is then off by at most 3e-6
-_FAR: Final = 72.0  # wavelengths; up to there, the rounding errors of many elements average out
 
 
 @jit_checked
@@ -109,7 +108,7 @@ def block(
         places[i, count:] = places[i, count - 1]
     radius, absorption = constants[0], constants[1]
     near, far = max(math.sqrt(near) - radius, 0.0), math.sqrt(far) + radius
-    careful = careful or absorption * (far - near) > _GENTLE_LOSS or far > _FAR
+    careful = careful or absorption * (far - near) > _GENTLE_LOSS or far > constants[3]
     _loss(absorption, near, far, careful, loss)
     return careful
 

@@ -20,7 +20,7 @@ def _digest() -> str:
 
 
 # Everything of `fastmath` but the reordering of sums, which would cancel the rounding errors that
-# `_careful_waves` computes on purpose.
+# `rays` computes on purpose.
 _STRICT_SUMS: Final = {"contract", "arcp", "nnan", "ninf", "nsz", "afn"}
 _SOURCES: Final = _digest()
 

@@ -96,7 +96,9 @@ def rays(
             square = a[p] + b[p]
             part = square - a[p]
             lost = (a[p] - (square - part)) + (b[p] - part)  # by that sum: Knuth's TwoSum
-            missing = (square - r[p] * r[p]) + (lost + (a_low[p] + b_low[p]))
+            length = np.float64(r[p])  # its square is exact in double precision
+            rest = np.float32(np.float64(square) - length * length)
+            missing = rest + (lost + (a_low[p] + b_low[p]))
             t[p] += missing * inverse[p]  # r + missing / 2r is exact
 
 

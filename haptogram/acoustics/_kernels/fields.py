@@ -20,6 +20,9 @@ from haptogram.acoustics._kernels._waves import (
     set_waves,
 )
 
+# Wavelengths by which rounding may put a point behind an element in whose plane it is.
+_ROUNDING = np.float32(1e-5)
+
 
 @jit
 def polar_form(drive: NDArray[np.complex128], polar: F4) -> None:
@@ -226,15 +229,16 @@ def _free_wave(
 ) -> Any:  # fmt: skip
     """Fill phase *t* and magnitude *m* of the element with position and normal *s*."""
     square, low, height, ahead, none = offset[0], offset[1], offset[2], offset[3], offset[4]
-    _offsets(pairs, s, square, height, ahead)
     if careful:
-        _remainders(places, s, square, low)
+        _exact_offsets(places, s, square, low, height, ahead)
+    else:
+        _offsets(pairs, s, square, height, ahead)
     rays(
         square, none, low, none, height, amplitude, phase, careful, gain, loss, scratch, t, m
     )  # fmt: skip
-    front, r = np.float32(constants[2]), scratch[0]
+    front, rounding, r = np.float32(constants[2]), ZERO if careful else _ROUNDING, scratch[0]
     for p in range(r.size):
-        m[p] = m[p] if ahead[p] >= front * r[p] else ZERO
+        m[p] = m[p] if ahead[p] >= front * r[p] - rounding else ZERO
 
 
 @jit_inline
@@ -251,12 +255,18 @@ def _offsets(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) -> Any:
 
 
 @jit_inline
-def _remainders(places: Any, s: Any, square: Any, low: Any) -> Any:
-    """Set what r^2 is above *square*."""
+def _exact_offsets(
+    places: Any, s: Any, square: Any, low: Any, height: Any, ahead: Any
+) -> Any:  # fmt: skip
+    """Set the same in double precision, and what rounding took from r^2."""
     x, y, z = places[0], places[1], places[2]
     for p in range(x.size):
         dx, dy, dz = x[p] - s[0], y[p] - s[1], z[p] - s[2]
-        low[p] = (dx * dx + dy * dy + dz * dz) - np.float64(square[p])
+        exact = dx * dx + dy * dy + dz * dz
+        square[p] = exact
+        low[p] = exact - np.float64(square[p])
+        ahead[p] = dx * s[3] + dy * s[4] + dz * s[5]
+        height[p] = ahead[p] * ahead[p]
 
 
 @jit

@@ -109,6 +109,37 @@ def test_compiled_loops_serve_wide_arrays_and_far_points(seed, side, width, bent
 
 
 @pytest.mark.parametrize("kind", ENGINES)
+@pytest.mark.parametrize("count", [64, 256])
+def test_elements_at_one_distance_have_one_rounding_error_that_does_not_average_out(kind, count):
+    angle = 2.0 * np.pi * np.arange(count) / count + 0.1
+    ring = 0.043 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    model = AcousticModel(TransducerArray.from_positions(ring), Medium.air(), Transducer())
+    points = np.zeros((400, 3))
+    points[:, 2] = np.linspace(0.1, 0.6, 400)
+    assert_agrees(kind(model), np.ones(count), points)
+
+
+@given(seed=seeds)
+@settings(max_examples=10)
+def test_a_point_in_the_plane_of_a_wide_turned_array_hears_all_of_it(seed):
+    rng = np.random.default_rng(seed)
+    places = np.column_stack([rng.uniform(-0.6, 0.6, (30, 2)), np.zeros(30)])
+    flat = AcousticModel(TransducerArray.from_positions(places), Medium.air(), Transducer())
+    angle = rng.uniform(0.0, 2.0 * np.pi, 30)
+    near = places + 0.003 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    pose = Pose.any(rng)
+    assert_agrees(NumbaEngine(pose.model(flat)), np.eye(30), pose.points(near))
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_the_nearest_place_is_that_of_the_reference_at_any_frequency(kind):
+    transducer = Transducer(PointSource(), frequency_hz=120e3)
+    model = AcousticModel(TransducerArray.grid(4, 4), Medium.air(), transducer)
+    with pytest.raises(ConfigurationError, match="from element 5"):
+        kind(model).pressure(np.ones(16), [model.array.positions_m[5] + [0.0, 0.0, 0.9e-3]])
+
+
+@pytest.mark.parametrize("kind", ENGINES)
 def test_blocks_and_chunks_have_no_seam(kind):
     model = AcousticModel.default(5, 3)
     rng = np.random.default_rng(1)
