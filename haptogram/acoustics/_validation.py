@@ -16,6 +16,7 @@ ComplexArray: TypeAlias = NDArray[np.complex128]
 BoolArray: TypeAlias = NDArray[np.bool_]
 
 MAX_TRANSDUCERS: Final = 1024  # per array, and so per drive
+MAX_COMPUTED: Final = 1e15  # no memory holds as many, and a float still counts them one by one
 MAX_POINT_M: Final = 1e6  # of any coordinate: nothing overflows, in single precision neither
 
 
@@ -33,6 +34,11 @@ def check_positive(name: str, value: float) -> float:
     if not (math.isfinite(number) and number > 0.0):
         raise ConfigurationError(f"{name} is {number:g}, must be finite and above 0")
     return number
+
+
+def check_computed(name: str, number: float) -> float:
+    """Return a *number* of things that was computed, or raise if it overflowed: to be rounded."""
+    return check_range(name, number, 0.0, MAX_COMPUTED)
 
 
 def check_count(name: str, value: int, low: int, high: int) -> int:
@@ -106,7 +112,9 @@ def as_complex(name: str, values: ArrayLike) -> ComplexArray:
         raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
 
 
-def check_magnitudes(name: str, array: FloatArray | ComplexArray, limit: float) -> None:
+def check_magnitudes(
+    name: str, array: FloatArray | ComplexArray | NDArray[np.complex64], limit: float
+) -> None:
     """Raise, naming the first one, if *array* holds a NaN or a magnitude above *limit*."""
     values = array.ravel()
     if np.vdot(values, values).real <= limit * limit:  # a quarter of the time; NaN is not

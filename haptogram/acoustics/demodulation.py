@@ -27,6 +27,7 @@ from haptogram.acoustics._memory import check_memory
 from haptogram.acoustics._validation import (
     ComplexArray,
     FloatArray,
+    check_computed,
     check_count,
     check_positive,
 )
@@ -119,9 +120,9 @@ def demodulated_lines(
     check_positive("absorption_np_m", medium.absorption_np_m)
     check_positive("time_constant_s", resonator.time_constant_s)
     period_s = len(drives) * check_positive("frame_s", frame_s)
-    first, last = max(1, math.ceil(LOWEST_AUDIBLE_HZ * period_s)), AUDIBLE_LIMIT_HZ * period_s
-    check_memory("lines", (math.ceil(last),), 64)
-    orders = np.arange(first, math.floor(last) + 1)
+    highest = check_computed("highest line", AUDIBLE_LIMIT_HZ * period_s)
+    check_memory("lines", (math.ceil(highest),), 64)
+    orders = np.arange(max(1, math.ceil(LOWEST_AUDIBLE_HZ * period_s)), math.floor(highest) + 1)
     rate = 2.0 * np.pi * orders / period_s
     power = _power_lines(engine, drives, frame_s, resonator, orders, directions)
     spread = 8.0 * np.pi * medium.sound_speed_m_s**3 * medium.absorption_np_m

@@ -20,6 +20,7 @@ from haptogram.acoustics._validation import (
     FloatArray,
     as_complex,
     as_floats,
+    check_count,
     check_magnitudes,
     read_only,
 )
@@ -57,8 +58,8 @@ class Drive:
     phase_bits: int = MAX_PHASE_BITS
 
     def __post_init__(self) -> None:
-        check_phase_bits(self.phase_bits)
-        phases = _as_codes("phase_codes", self.phase_codes, (1 << self.phase_bits) - 1)
+        bits = check_phase_bits(self.phase_bits)
+        phases = _as_codes("phase_codes", self.phase_codes, (1 << bits) - 1)
         amplitudes = _as_codes("amplitude_codes", self.amplitude_codes, FULL_AMPLITUDE)
         if len(phases) != len(amplitudes):
             raise ConfigurationError(
@@ -66,11 +67,12 @@ class Drive:
             )
         object.__setattr__(self, "phase_codes", phases)
         object.__setattr__(self, "amplitude_codes", amplitudes)
+        object.__setattr__(self, "phase_bits", bits)
 
     @classmethod
     def muted(cls, count: int, phase_bits: int = MAX_PHASE_BITS) -> Self:
         """Return the drive of *count* elements that radiates nothing."""
-        codes = np.zeros(max(count, 0), dtype=np.uint8)
+        codes = np.zeros(check_count("count", count, 1, MAX_TRANSDUCERS), dtype=np.uint8)
         return cls(codes, codes, phase_bits)
 
     @classmethod
@@ -155,10 +157,9 @@ def phase_step_rad(bits: int) -> float:
     return _TURN_RAD / (1 << bits)
 
 
-def check_phase_bits(bits: int) -> None:
-    """Raise unless *bits* is a whole number from 1 to 8."""
-    if bits not in range(1, MAX_PHASE_BITS + 1):
-        raise ConfigurationError(f"phase_bits is {bits}, must be 1 to {MAX_PHASE_BITS}")
+def check_phase_bits(bits: int) -> int:
+    """Return *bits* as an int, or raise unless it is a whole number from 1 to 8."""
+    return check_count("phase_bits", bits, 1, MAX_PHASE_BITS)
 
 
 def as_weights(weights: ArrayLike) -> ComplexArray:
@@ -177,9 +178,22 @@ def as_weights(weights: ArrayLike) -> ComplexArray:
 def as_drives(weights: ArrayLike, count: int) -> ComplexArray:
     """Return *weights* as one drive (N,) or several (F, N) of *count* elements, or raise."""
     drives = as_weights(weights)
+    _check_drives(drives, count)
+    return drives
+
+
+def as_single_drives(weights: ArrayLike, count: int) -> NDArray[np.complex64]:
+    """Return :func:`as_drives` in single precision; what already is so is not copied."""
+    if not (isinstance(weights, np.ndarray) and weights.dtype == np.complex64):
+        return as_drives(weights, count).astype(np.complex64)
+    check_magnitudes("weights", weights, _MAX_WEIGHT)
+    _check_drives(weights, count)
+    return weights
+
+
+def _check_drives(drives: NDArray[np.complexfloating], count: int) -> None:
     if drives.ndim not in (1, 2) or drives.shape[-1] != count:
         raise ConfigurationError(f"weights have shape {drives.shape}, must end in {count} elements")
-    return drives
 
 
 def as_drive(weights: ArrayLike, count: int) -> ComplexArray:
@@ -201,7 +215,10 @@ def as_sequence(weights: ArrayLike, count: int) -> ComplexArray:
 
 
 def _as_codes(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint8]:
-    array = np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of different lengths
+        raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
     if array.ndim != 1 or array.dtype.kind not in "ui":
         raise ConfigurationError(
             f"{name} is {array.dtype} of shape {array.shape}, must be (N,) whole numbers"

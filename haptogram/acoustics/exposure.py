@@ -25,6 +25,7 @@ from haptogram.acoustics._validation import (
     as_floats,
     as_place,
     as_points,
+    check_computed,
     check_count,
     check_positive,
 )
@@ -208,8 +209,8 @@ def _audible_lines(
     With e^{-j w t} a component e^{+j 2 pi m t / T} of the envelope lies at f0 - m / T; below zero
     it is the conjugate of the line at the opposite frequency, to which it adds.
     """
-    first = math.ceil((carrier_hz - AUDIBLE_LIMIT_HZ) * period_s)
-    last = math.floor((carrier_hz + AUDIBLE_LIMIT_HZ) * period_s)
+    highest = check_computed("highest line", (carrier_hz + AUDIBLE_LIMIT_HZ) * period_s)
+    first, last = math.ceil((carrier_hz - AUDIBLE_LIMIT_HZ) * period_s), math.floor(highest)
     check_memory("lines", (last + 1 - first,), 128)
     orders = np.arange(first, last + 1)
     offset_hz = orders / period_s

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,10 +12,10 @@ from haptogram.acoustics._validation import (
     FloatArray,
     as_place,
     as_points,
-    check_finite,
+    check_computed,
     check_positive,
 )
-from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics.drive import as_single_drives
 from haptogram.acoustics.engine import NumbaEngine, Numpy32Engine, choose_engine
 from haptogram.acoustics.field import propagators
 from haptogram.acoustics.model import AcousticModel
@@ -75,15 +77,11 @@ class GridField:
         Raises
         ------
         ConfigurationError
-            Weights that are not finite or not one per element; *out* of another shape or type; a
-            result of more than half of the memory.
+            Weights that are no drives of the array (:func:`.drive.as_drives`); *out* of another
+            shape or type; a result of more than half of the memory.
         """
-        drives = _as_single(weights)
         points, count = self._matrix.shape
-        if drives.ndim not in (1, 2) or drives.shape[-1] != count:
-            raise ConfigurationError(
-                f"weights have shape {drives.shape}, must end in {count} elements"
-            )
+        drives = as_single_drives(weights, count)
         shape = (*drives.shape[:-1], points)
         check_memory("a field", shape, 8)
         if out is not None and (out.shape != shape or out.dtype != np.complex64):
@@ -108,23 +106,17 @@ def box_points_m(low_m: ArrayLike, high_m: ArrayLike, step_m: float) -> FloatArr
     ConfigurationError
         A box that is not finite or turned inside out, or a grid of more than half of the memory.
     """
-    check_positive("step_m", step_m)
+    step_m = check_positive("step_m", step_m)
     low, high = as_place("low_m", low_m), as_place("high_m", high_m)
     if (low > high).any():
         raise ConfigurationError(f"the box ends at {high}, before its start at {low}")
-    counts = np.ceil((high - low) / step_m - 1e-9) + 1.0
-    check_memory("a grid", [int(n) for n in counts], 48)
-    axes = [np.linspace(a, b, int(n)) for a, b, n in zip(low, high, counts, strict=True)]
+    counts = [
+        math.ceil(check_computed("length of the box in steps", length / step_m) - 1e-9) + 1
+        for length in (high - low).tolist()
+    ]
+    check_memory("a grid", counts, 48)
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-def _as_single(weights: ArrayLike) -> NDArray[np.complex64]:
-    """Return finite weights in single precision; those that already are so are not copied."""
-    if isinstance(weights, np.ndarray) and weights.dtype == np.complex64:
-        if not np.isfinite(np.ascontiguousarray(weights).view(np.float32)).all():  # quicker by far
-            check_finite("weights", weights)
-        return weights
-    return as_weights(weights).astype(np.complex64)
 
 
 def _reference_matrix(model: AcousticModel, points: FloatArray) -> NDArray[np.complex64]:

@@ -22,10 +22,9 @@ from haptogram.acoustics._validation import (
     MAX_POINT_M,
     FloatArray,
     check_count,
-    check_positive,
     check_range,
 )
-from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics.drive import as_drive
 from haptogram.acoustics.field import propagators
 from haptogram.acoustics.geometry import TransducerArray
 from haptogram.acoustics.lattice import Lattice, find_lattice
@@ -33,6 +32,7 @@ from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
 MAX_OVERSAMPLING: Final = 64
+_MIN_HALF_WIDTH_M: Final = 1e-6
 _KERNEL_POINTS: Final = 1 << 18  # one element's field is computed in parts of 12 MB
 _LONGEST_PRODUCT: Final = 32  # nodes of a set along an axis; beyond, a fast transform is faster
 
@@ -66,7 +66,7 @@ class PlaneField:
     def __init__(
         self, model: AcousticModel, height_m: float, *, half_width_m: float, oversampling: int = 10
     ) -> None:
-        check_positive("half_width_m", half_width_m)
+        check_range("half_width_m", half_width_m, _MIN_HALF_WIDTH_M, MAX_POINT_M)
         check_range("height_m", height_m, -MAX_POINT_M, MAX_POINT_M)
         check_count("oversampling", oversampling, 1, MAX_OVERSAMPLING)
         self._model = model
@@ -106,11 +106,7 @@ class PlaneField:
         """
         from scipy.fft import fft2  # slow to import, and only planes need it
 
-        drive = as_weights(weights)
-        if drive.shape != (self._model.array.count,):
-            raise ConfigurationError(
-                f"weights have shape {drive.shape}, must be ({self._model.array.count},)"
-            )
+        drive = as_drive(weights, self._model.array.count)
         along_x, along_y = self._axes
         sources = np.zeros((along_x.period, along_y.period), dtype=np.complex64)
         nodes = np.where(self._lattice.elements >= 0, drive[self._lattice.elements], 0.0)

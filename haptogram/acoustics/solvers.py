@@ -68,7 +68,7 @@ def solve(
     ------
     ConfigurationError
         An unknown method; no focus or too many; foci out of reach (:func:`.focus.check_target`);
-        amplitudes or rounds out of range.
+        amplitudes or rounds out of range; a focus that no element reaches.
     """
     points = as_points("points_m", points_m)
     if method not in METHODS:
@@ -83,7 +83,7 @@ def solve(
     _check_levels(levels)
     start = superpose(model, points, levels, np.zeros(len(points)))
     start /= np.abs(start).max()
-    matrix = propagators(model, points)
+    matrix = _propagators(model, points)
     return start if method == "naive" else _SOLVERS[method](matrix, levels, start, rounds)
 
 
@@ -230,6 +230,17 @@ _SOLVERS: Final[dict[str, _Solver]] = {
 }
 
 
+def _propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
+    """Return the matrix of foci that each get sound from some element, or raise."""
+    matrix = propagators(model, points)
+    silent = np.flatnonzero(~matrix.any(axis=1))
+    if silent.size:
+        raise ConfigurationError(
+            f"focus {silent[0]} gets no sound: the directivity of every element is 0 towards it"
+        )
+    return matrix
+
+
 def _check_levels(levels: FloatArray) -> None:
     for level in (levels.min(), levels.max()):
         check_range("an amplitude", level, *_LEVELS)
@@ -277,14 +288,14 @@ def quality(
     Raises
     ------
     ConfigurationError
-        Shapes that do not fit each other or the array; no focus, or none with sound; amplitudes
-        out of range.
+        Shapes that do not fit each other or the array; no focus, one that no element reaches, or
+        no sound at any; amplitudes out of range.
     """
     points = as_points("points_m", points_m)
     wanted = as_vector("amplitudes", amplitudes, len(points))
     check_count("number of foci", len(points), 1, MAX_FOCI)
     _check_levels(wanted)
-    drive, matrix = as_drive(weights, model.array.count), propagators(model, points)
+    drive, matrix = as_drive(weights, model.array.count), _propagators(model, points)
     level = np.abs(matrix @ drive)
     if not level.max() > 0.0:
         raise ConfigurationError("no sound at any focus")

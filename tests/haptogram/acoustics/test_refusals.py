@@ -48,6 +48,7 @@ ENGINE = NumpyEngine(MODEL)
 LAG = Resonator.from_bandwidth()
 ONE, PLACE = np.ones(16), [0.0, 0.0, 0.1]
 TWO = np.ones((2, 16))
+TOO_LOUD = np.where(np.arange(16) == 3, 1e37, 1.0).astype(np.complex64)
 
 
 @pytest.mark.parametrize("kind", [NumpyEngine, NumbaEngine, Numpy32Engine])
@@ -78,8 +79,8 @@ def test_what_has_no_field_is_refused_by_every_engine(kind, weights, points, mes
     ("call", "message"),
     [
         (lambda: Drive.from_weights(1.1 * ONE), r"weights\[0\] has the magnitude 1\.1.* 1 at most"),
-        (lambda: Drive.from_weights(ONE, 2.5), "phase_bits is 2.5, must be 1 to 8"),
-        (lambda: quantise_phase([0.0], None), "phase_bits is None, must be 1 to 8"),
+        (lambda: Drive.from_weights(ONE, 2.5), "phase_bits is 2.5, must be a whole number"),
+        (lambda: quantise_phase([0.0], None), "phase_bits is None, must be a whole number"),
         (lambda: Medium.air(-300), "temperature_c is -300, must be -20 to 50"),
         (lambda: Medium.air(1000), "temperature_c is 1000, must be -20 to 50"),
         (lambda: Medium.air("warm"), "temperature_c is 'warm', must be a number"),
@@ -97,10 +98,13 @@ def test_what_has_no_field_is_refused_by_every_engine(kind, weights, points, mes
         (lambda: MeasuredDirectivity([0, 60, 50, 90], [1, 1, 1, 1]), "ascend"),
         (lambda: MeasuredDirectivity([0, 90], [0.5, 0.5]), "must be 1"),
         (lambda: box_points_m([0, 0, 0], [1, 1, 1], 1e-6), "a grid of 1000001 x .* GB, must be at"),
-        (lambda: box_points_m([0, 0, 0], [1, 1, 1], 1e-300), "a grid of .* GB, must be at most"),
+        (lambda: box_points_m([0, 0, 0], [1, 1, 1], 1e-300), r"in steps is 1e\+300, must be 0"),
+        (lambda: box_points_m([0, 0, 0], [1, 1, 1], 1e-310), r"is inf, must be 0 to 1e\+15"),
         (lambda: box_points_m([0, 0, 0], [1e300, 1, 1], 1.0), r"high_m.*1e\+300"),
         (lambda: GridField(MODEL, [PLACE]).pressure(np.full(16, 1e300)), "weights.*1e.06 at most"),
+        (lambda: GridField(MODEL, [PLACE]).pressure(TOO_LOUD), r"weights\[3\].*, must be 1e.06 at"),
         (lambda: PlaneField(MODEL, 1e200, half_width_m=0.1), r"height_m is 1e\+200"),
+        (lambda: PlaneField(MODEL, 0.1, half_width_m=1e300), "is 1e.300, must be 1e-06 to 1e.06"),
         (lambda: PlaneField(MODEL, "high", half_width_m=0.1), "height_m is 'high', must be a num"),
         (lambda: PlaneField(MODEL, 0.1, half_width_m=0.1, oversampling=2.5), "whole number"),
         (lambda: focus_phases(MODEL, [1e300, 0, 0]), r"target_m.* is 1e\+300, must be 1e\+06"),
@@ -118,6 +122,8 @@ def test_what_has_no_field_is_refused_by_every_engine(kind, weights, points, mes
         (lambda: switching_level_db_a(ENGINE, ONE, PLACE, 1e-3, LAG), r"must be \(F, 16\)"),
         (lambda: switching_level_db_a(ENGINE, TWO, PLACE, 1e9, LAG), "lines of .* GB, must be"),
         (lambda: demodulated_level_db_a(ENGINE, TWO, 1.0, 1e9, LAG), "lines of .* GB, must be"),
+        (lambda: switching_level_db_a(ENGINE, TWO, PLACE, 1e307, LAG), "highest line is inf"),
+        (lambda: demodulated_level_db_a(ENGINE, TWO, 1.0, 1e307, LAG), "highest line is inf"),
         (lambda: radiated_power_w(ENGINE, ONE), r"must be \(F, 16\)"),
         (lambda: radiated_power_w(ENGINE, TWO, 0), "directions is 0, must be 10 to 1000000"),
         (lambda: find_peak(ENGINE, TWO, PLACE), r"must be \(16,\)"),
@@ -131,7 +137,10 @@ def test_what_has_no_field_is_refused_by_every_engine(kind, weights, points, mes
         (lambda: grating_lobes(MODEL, [0, 0, -0.1]), "height of the target is -0.1, must be 0.001"),
         (lambda: paraxial_shift_m(MODEL, math.nan), "distance_m is nan"),
         (lambda: paraxial_shift_m(AcousticModel.default(1, 1, 1e-2), -1.0), "distance_m is -1"),
-        (lambda: Reconstructor(MODEL).reconstruct(Drive.muted(3)), "drive of 3, array of 16 elements"),
+        (
+            lambda: Reconstructor(MODEL).reconstruct(Drive.muted(3)),
+            "drive of 3, array of 16 elements",
+        ),
     ],
 )
 def test_bad_input_is_refused_with_the_value_and_the_limit(call, message):

@@ -7,7 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptogram.acoustics import AcousticModel, propagators, saturated, superpose
+from haptogram.acoustics import (
+    AcousticModel,
+    MeasuredDirectivity,
+    Medium,
+    Transducer,
+    TransducerArray,
+    propagators,
+    saturated,
+    superpose,
+)
 from haptogram.acoustics.solvers import (
     METHODS,
     compare,
@@ -161,6 +170,17 @@ def test_the_table_has_a_row_for_each_method_and_number():
 def test_bad_input_is_refused(points, options, message):
     with pytest.raises(ConfigurationError, match=message):
         solve(BOARD, points, **options)
+
+
+def test_a_focus_that_no_element_reaches_is_refused():
+    narrow = Transducer(MeasuredDirectivity([0, 40, 41, 90], [1, 1, 0, 0]))
+    model = AcousticModel(TransducerArray.grid(4, 4), Medium.air(), narrow)
+    foci = [[0, 0, 0.1], [0.15, 0, 0.05]]
+    for method in METHODS:
+        with pytest.raises(ConfigurationError, match="focus 1 gets no sound"):
+            solve(model, foci, method=method)
+    with pytest.raises(ConfigurationError, match="focus 1 gets no sound"):
+        quality(model, np.ones(16), foci, [1, 1])
 
 
 def test_quality_wants_one_weight_per_element():

@@ -130,7 +130,7 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
         (("--rate-hz", "0"), "1 to 40000"),
         (("--ear-mm", "--modulation-hz", "900"), "half of"),
         (("--ear-mm", "--modulation-hz", "0"), "above 0"),
-        (("--temperature-c", "90"), "temperature_c"),
+        (("--temperature-c", "90"), "--temperature-c is 90; it can be -20 to 50"),
         (("--half-width-mm", "1e6"), "points"),
     ],
 )
