@@ -7,7 +7,6 @@ frames at the rate of the loop; what they make at a point is in :mod:`haptogram.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
@@ -15,6 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, focus_phases
+from haptogram.acoustics._validation import (
+    as_place,
+    as_points,
+    check_count,
+    check_positive,
+    check_range,
+)
 from haptogram.errors import ConfigurationError
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -120,9 +126,10 @@ class Modulation:
             raise ConfigurationError(
                 f"modulation is {self.kind!r}, must be one of {', '.join(KINDS)}"
             )
+        rate_hz = check_positive("rate_hz", rate_hz)
         if self.kind == "stm":
             return self._along(points_m, rate_hz)
-        held_s = 1.0 / check_above("rate_hz", rate_hz) if self.dwell_s is None else self.dwell_s
+        held_s = 1.0 / rate_hz if self.dwell_s is None else self.dwell_s
         held = dwell(points_m, dwell_s=held_s, rate_hz=rate_hz)
         if self.kind is None:
             return held
@@ -147,18 +154,18 @@ class Modulation:
 
         The frequency is the one asked for, but for the rounding.
         """
-        check_frequency(self.frequency_hz, rate_hz)
+        frequency_hz = check_frequency(self.frequency_hz, rate_hz)
         most = MAX_FRAMES // count
         passes = np.arange(1, most + 1)
-        periods = passes * (count * self.frequency_hz / rate_hz)
+        periods = passes * (count * frequency_hz / rate_hz)
         off = np.where(periods > 0.5, np.abs(periods - np.round(periods)), 1.0)
         for seam, frames in _SEAMS:
             if (found := np.flatnonzero((off < seam) & (passes * count <= frames))).size:
                 chosen = int(found[0])
                 rounded = round(periods[chosen]) * rate_hz / (count * (chosen + 1))
-                return chosen + 1, rounded
+                return chosen + 1, min(rounded, rate_hz / 2.0)  # the last bit may round up
         raise ConfigurationError(
-            f"{count} frames at {rate_hz:g} Hz and a modulation of {self.frequency_hz:.9g} Hz come "
+            f"{count} frames at {rate_hz:g} Hz and a modulation of {frequency_hz:.9g} Hz come "
             f"into step again only after more than {MAX_FRAMES} frames; take a frequency of which "
             "the rate is a multiple, or fewer points"
         )
@@ -182,8 +189,7 @@ def modulate_amplitude(
     ConfigurationError
         A depth outside 0 to 1, or a frequency above half the rate.
     """
-    if not 0.0 <= depth <= 1.0:
-        raise ConfigurationError(f"depth is {depth:g}, must be 0 to 1")
+    depth = check_range("depth", depth, 0.0, 1.0)
     force = (1.0 + depth * np.cos(_phase_rad(frames, frequency_hz))) / (1.0 + depth)
     amplitudes = frames.amplitudes * np.sqrt(np.maximum(force, 0.0))
     return FocusFrames(frames.points_m, amplitudes, frames.rate_hz)
@@ -204,7 +210,7 @@ def modulate_place(
     ConfigurationError
         A shift of no length or of more than 100 mm, or a frequency above half the rate.
     """
-    shift = as_point(shift_m)
+    shift = as_place("shift_m", shift_m)
     length_m = float(np.linalg.norm(shift))
     if not 0.0 < length_m <= MAX_SHIFT_M:
         raise ConfigurationError(
@@ -237,18 +243,18 @@ def spatio_temporal_modulation(
         Fewer than two points, a path of no length, a frequency above half the rate, or frames out
         of range.
     """
-    corners = np.asarray(path_m, dtype=np.float64)
-    if corners.ndim != 2 or corners.shape[1:] != (3,) or len(corners) < 2:
+    corners = as_points("path_m", path_m)
+    if len(corners) < 2:
         raise ConfigurationError(
-            f"a path along points of shape {corners.shape}, must be (K, 3), K at least 2"
+            f"number of points on the path is {len(corners)}, must be 2 at least"
         )
     closed = np.vstack([corners, corners[:1]])
     lengths = np.linalg.norm(np.diff(closed, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(lengths)])
-    if not (math.isfinite(travelled[-1]) and travelled[-1] > 0.0):
-        raise ConfigurationError(f"the path is {travelled[-1]:g} m long, must be above 0")
-    check_frequency(frequency_hz, rate_hz)
-    count = _check_count(check_above("duration_s", duration_s) * rate_hz)
+    check_positive("length of the path", travelled[-1])
+    rate_hz = check_positive("rate_hz", rate_hz)
+    frequency_hz = check_frequency(frequency_hz, rate_hz)
+    count = _whole_frames(check_positive("duration_s", duration_s) * rate_hz)
     place = np.mod(frequency_hz * (np.arange(count) / rate_hz), 1.0) * travelled[-1]
     points = np.stack([np.interp(place, travelled, closed[:, axis]) for axis in range(3)], axis=1)
     return FocusFrames(points, np.ones(count), rate_hz)
@@ -260,63 +266,50 @@ def dwell(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> FocusFrames
     Raises
     ------
     ConfigurationError
-        Points that are not (K, 3), a dwell shorter than half a frame, or frames out of range.
+        Points that are not (K, 3), a dwell of half a frame or less, or frames out of range.
     """
-    points = np.asarray(points_m, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
-        raise ConfigurationError(f"points_m has shape {points.shape}, must be (K, 3)")
-    check_above("rate_hz", rate_hz)
-    frames = round(check_above("dwell_s", dwell_s) * rate_hz)
-    if frames < 1:
+    points = as_points("points_m", points_m)
+    check_count("number of points", len(points), 1, MAX_FRAMES)
+    rate_hz = check_positive("rate_hz", rate_hz)
+    frames = check_positive("dwell_s", dwell_s) * rate_hz
+    if frames <= 0.5:
         raise ConfigurationError(
-            f"a dwell of {dwell_s * 1e3:g} ms is {dwell_s * rate_hz:.3g} frames at {rate_hz:g} Hz, "
-            "must be half a frame or more"
+            f"a dwell of {dwell_s * 1e3:g} ms is {frames:.3g} frames at {rate_hz:g} Hz, "
+            "must be more than half a frame"
         )
-    _check_count(frames * len(points))
-    held = np.repeat(points, frames, axis=0)
+    per_point = _whole_frames(frames)
+    _whole_frames(per_point * len(points))
+    held = np.repeat(points, per_point, axis=0)
     return FocusFrames(held, np.ones(len(held)), rate_hz)
 
 
-def check_frequency(frequency_hz: float, rate_hz: float) -> None:
-    """Raise unless both are above 0, and the frequency at most half the rate.
+def check_frequency(frequency_hz: float, rate_hz: float) -> float:
+    """Return a modulation's frequency as a float if it is above 0, at most half the rate.
 
     Raises
     ------
     ConfigurationError
         Names the value and the limit.
     """
-    check_above("modulation_hz", frequency_hz)
-    check_above("rate_hz", rate_hz)
+    frequency_hz = check_positive("modulation_hz", frequency_hz)
     if frequency_hz > rate_hz / 2.0:
         raise ConfigurationError(
             f"modulation_hz is {frequency_hz:g}, must be at most half of {rate_hz:g} frames a "
             f"second, {rate_hz / 2.0:g}"
         )
+    return frequency_hz
 
 
-def check_above(name: str, value: float) -> float:
-    """Return *value* if it is finite and above 0, else raise."""
-    if not (math.isfinite(value) and value > 0.0):
-        raise ConfigurationError(f"{name} is {value:g}, must be finite and above 0")
-    return value
-
-
-def as_point(values: ArrayLike) -> FloatArray:
-    """Return (3,) finite numbers, or raise."""
-    point = np.asarray(values, dtype=np.float64)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise ConfigurationError(f"{values!r} is not a point of three finite numbers")
-    return point
-
-
-def _check_count(frames: float) -> int:
-    if not 1 <= round(frames) <= MAX_FRAMES:
+def _whole_frames(frames: float) -> int:
+    """Return a number of frames, rounded, or raise if it is out of range or overflowed."""
+    count = round(min(frames, MAX_FRAMES + 1))
+    if not 1 <= count <= MAX_FRAMES:
         raise ConfigurationError(f"{frames:.6g} frames, must be 1 to {MAX_FRAMES}")
-    return round(frames)
+    return count
 
 
 def _phase_rad(frames: FocusFrames, frequency_hz: float) -> FloatArray:
-    check_frequency(frequency_hz, frames.rate_hz)
-    turns = np.arange(frames.count) * (frequency_hz / frames.rate_hz)
+    periods = check_frequency(frequency_hz, frames.rate_hz) / frames.rate_hz
+    turns = np.arange(frames.count) * periods
     phase: FloatArray = 2.0 * np.pi * np.mod(turns, 1.0)
     return phase

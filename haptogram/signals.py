@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine, focus_phases, radiation_pressure_pa
+from haptogram.acoustics._validation import as_place
 from haptogram.acoustics.dynamics import Resonator
-from haptogram.modulation import FocusFrames, as_point
+from haptogram.modulation import FocusFrames
 
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
@@ -96,7 +97,7 @@ def signal_at(
     samples_per_frame : int
         Samples per frame; they resolve the build-up within one.
     """
-    settled = _settled(engine, frames, as_point(point_m))
+    settled = _settled(engine, frames, as_place("point_m", point_m))
     follow = resonator or Resonator(0.0)
     frame_s = 1.0 / frames.rate_hz
     # The field is linear in the drives, so its envelope is theirs; from rest, the state after one

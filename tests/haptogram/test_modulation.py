@@ -175,6 +175,12 @@ def test_frequencies_that_divide_the_rate_take_the_shortest_pass():
     assert Modulation(None).frames(SQUARE, 1000.0).points_m == pytest.approx(np.array(SQUARE))
 
 
+def test_half_the_rate_is_a_frequency_at_any_rate():
+    # Of 123.4 Hz and three points, what the pass comes to is half the rate and one bit.
+    frames = Modulation("am", 123.4 / 2.0).frames(np.tile(POINT, (3, 1)), 123.4)
+    assert frames.amplitudes == pytest.approx([1.0, 0.0] * 3, abs=1e-6)
+
+
 def test_steps_close_the_pass():
     steps = Modulation("stm", 100.0).frames(SQUARE, 1000.0).steps_m
     assert len(steps) == 10
@@ -206,7 +212,7 @@ def test_a_signal_names_its_lines_and_its_swing():
         (Modulation("lm", shift_m=(0.2, 0.0, 0.0)), SQUARE, "200 mm long.* at most 100 mm"),
         (Modulation("lm", shift_m=(0.0, 0.0, 0.0)), SQUARE, "0 mm long, must be above 0"),
         (Modulation("stm", dwell_s=0.01), SQUARE, "dwell of 10 ms: stm moves on"),
-        (Modulation("stm"), [POINT], "at least 2"),
+        (Modulation("stm"), [POINT], "is 1, must be 2 at least"),
         (Modulation(None, dwell_s=1e-4), SQUARE, r"0.1 ms is 0.1 frames at 1000 Hz"),
         (Modulation("am", 0.001), [POINT], "more than 200000 frames"),
         (Modulation("am", 199.9977), np.tile(SQUARE, (9_999, 1)), "more than 200000 frames"),
@@ -234,6 +240,17 @@ def test_a_modulation_that_cannot_be_is_refused_with_value_and_limit(modulation,
         ),
         lambda: dwell(SQUARE, dwell_s=1e-5, rate_hz=1000.0),
         lambda: dwell([], dwell_s=1e-3, rate_hz=1000.0),
+        lambda: dwell(np.empty((0, 3)), dwell_s=1e-3, rate_hz=1000.0),
+        lambda: dwell(SQUARE, dwell_s=1e300, rate_hz=1e300),
+        lambda: dwell(SQUARE, dwell_s="long", rate_hz=1000.0),
+        lambda: dwell([[0.0, math.nan, 0.1]], dwell_s=1e-3, rate_hz=1000.0),
+        lambda: spatio_temporal_modulation(
+            [POINT, (math.nan, 0.0, 0.1)], frequency_hz=10.0, duration_s=0.1, rate_hz=1000.0
+        ),
+        lambda: Modulation(None).frames([["a", 0.0, 0.1]], 1000.0),
+        lambda: Modulation("am", "fast").frames(SQUARE, 1000.0),
+        lambda: Modulation("lm", shift_m="far").frames(SQUARE, 1000.0),
+        lambda: Modulation("stm").frames(SQUARE, math.inf),
     ],
 )
 def test_impossible_modulations_are_refused(make):

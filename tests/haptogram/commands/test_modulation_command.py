@@ -88,7 +88,7 @@ def test_picture_frames_and_json_say_the_same(tmp_path, capsys, monkeypatch):
         ),
         (("am", "--depth", "2"), "--depth is 2; it can be 0 to 1"),
         (("am", "--dwell-ms", "0.1"), "a dwell of 0.1 ms is 0.1 frames at 1000 Hz"),
-        (("stm", "--object", "point"), "path along points of shape (1, 3)"),
+        (("stm", "--object", "point"), "number of points on the path is 1, must be 2"),
         (("lm", "--shift-mm", "0,0,0"), "the shift is 0 mm long"),
         (("lm", "--shift-mm", "0,0,-90"), "height"),
         (("am", "--bandwidth-hz", "0"), "bandwidth_hz is 0"),
