@@ -6,7 +6,6 @@ The rectangle depends on the direction around its axis: the reference engine (``
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from haptogram.acoustics._validation import (
     check_positive,
     read_only,
 )
+from haptogram.acoustics.csv_rows import read_rows
 from haptogram.acoustics.transducer import GRAZING
 from haptogram.errors import ConfigurationError
 
@@ -225,23 +225,15 @@ def _check_table(angles: FloatArray, gains: FloatArray) -> None:
 
 
 def _read_table(path: Path) -> tuple[Sequence[str], list[tuple[float, float]]]:
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f"directivity '{path}' cannot be read: {error}") from error
-    numbered = [
-        (number, [cell.strip() for cell in next(csv.reader([line]))])
-        for number, line in enumerate(lines, start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    header = numbered[0][1] if numbered else []
+    lines = read_rows(path, f"directivity '{path}' cannot be read")
+    header = lines[0][1] if lines else []
     if header not in (["angle_deg", "gain"], ["angle_deg", "gain_db"]):
         raise ConfigurationError(
             f"{path}: header is {','.join(header)!r}, must be angle_deg,gain or angle_deg,gain_db"
         )
-    if len(numbered) < 3:
-        raise ConfigurationError(f"{path}: {len(numbered) - 1} angles, must be at least 2")
-    return header, [_read_row(f"{path}:{number}", cells) for number, cells in numbered[1:]]
+    if len(lines) < 3:
+        raise ConfigurationError(f"{path}: {len(lines) - 1} angles, must be at least 2")
+    return header, [_read_row(f"{path}:{number}", cells) for number, cells in lines[1:]]
 
 
 def _read_row(where: str, cells: list[str]) -> tuple[float, float]:

@@ -5,7 +5,6 @@ Element n = ix * ny + iy; the origin is the array's centre and +z the emission s
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 import zlib
@@ -25,6 +24,7 @@ from haptogram.acoustics._validation import (
     check_positive,
     read_only,
 )
+from haptogram.acoustics.csv_rows import read_rows
 from haptogram.errors import ConfigurationError
 
 MIN_SPACING_M: Final = 0.1e-3
@@ -243,21 +243,11 @@ def _check_spacing(positions: FloatArray) -> None:
 
 
 def _read_rows(path: Path) -> list[list[float]]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(
-            f"array '{path}' is neither NXxNY nor a readable file: {error}"
-        ) from error
-    lines = [
-        (number, next(csv.reader([line])))
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    lines = read_rows(path, f"array '{path}' is neither NXxNY nor a readable file")
     if not lines:
         raise ConfigurationError(f"{path}: no elements")
     (number, header), body = lines[0], lines[1:]
-    if [name.strip().lower() for name in header] not in _HEADERS:
+    if [name.lower() for name in header] not in _HEADERS:
         raise ConfigurationError(
             f"{path}:{number}: header is {','.join(header)!r}, must be x,y,z or x,y,z,nx,ny,nz"
         )

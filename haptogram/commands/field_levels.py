@@ -18,6 +18,8 @@ from haptogram.acoustics import (
     switching_level_db_a,
 )
 from haptogram.acoustics.exposure import GUIDELINE, STATEMENT, worst_place
+from haptogram.acoustics.focus import MIN_TARGET_DISTANCE_M
+from haptogram.errors import ConfigurationError
 
 from .field_scene import ComplexArray, Scene, modulated
 from .places import metres
@@ -42,9 +44,14 @@ def describe_levels(arguments: argparse.Namespace, scene: Scene) -> Iterator[str
 def _describe_ear(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
     engine, lag = choose_engine(scene.model), Resonator.from_bandwidth()
     ear = metres(arguments.ear_mm)
+    distance_m = math.dist(ear, scene.model.array.centre_m)
+    if distance_m < MIN_TARGET_DISTANCE_M:
+        raise ConfigurationError(
+            f"--ear-mm is within the array, {distance_m * 1e3:.1f} mm from its centre; "
+            f"it can be from {MIN_TARGET_DISTANCE_M * 1e3:g} mm on"
+        )
     weights, what = _sequence(arguments, scene)
     exposure = exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
-    distance_m = math.dist(ear, scene.model.array.centre_m)
     yield f"at an ear at ({_text(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre; {what}:"
     yield (
         f"  ultrasound: {exposure.maximum_db_spl:.1f} dB SPL at most, "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -18,6 +17,7 @@ from haptogram.acoustics import (
     check_target,
     focus_phases,
 )
+from haptogram.acoustics.csv_rows import read_rows
 from haptogram.acoustics.field import level_in_front
 from haptogram.config import VerifyConfig
 from haptogram.errors import ConfigurationError
@@ -112,12 +112,8 @@ def read_drive(path: Path, count: int, phase_bits: int) -> Drive:
     ConfigurationError
         Names the file, and the line where there is one.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f"drive '{path}' cannot be read: {error}") from error
-    rows = [(number, cells) for number, cells in enumerate(csv.reader(lines), start=1) if cells]
-    if not rows or [cell.strip() for cell in rows[0][1]] != ["phase", "amplitude"]:
+    rows = read_rows(path, f"drive '{path}' cannot be read")
+    if not rows or rows[0][1] != ["phase", "amplitude"]:
         raise ConfigurationError(f"{path}: the first line must be phase,amplitude")
     codes = np.array([_codes(f"{path}:{number}", cells) for number, cells in rows[1:]], dtype=int)
     if len(codes) != count:

@@ -140,6 +140,7 @@ def test_a_table_is_read_from_a_file(tmp_path):
         ("angle_deg,gain\n0,1\n", "1 angles"),
         ("angle_deg,gain\n0,1\n90,zero\n", ":3:"),
         ("angle_deg,gain\n0,1\n90\n", ":3:"),
+        ("angle_deg,gain\n0,1\n\n90," + "0" * 140_000, ":4: field larger than"),
         ("angle_deg,gain\n0,1\n80,0\n", "80 degrees"),
         ("angle_deg,gain\n0,1\n90,0\n60,0\n", "ascend"),
         ("angle_deg,gain\n0,2\n90,0\n", "must be 1"),

@@ -89,6 +89,7 @@ def test_a_file_gives_the_same_array(tmp_path, normals):
         ("a,b,c\n1,2,3\n", "array.csv:1: header is 'a,b,c'"),
         ("x,y,z\n1,2,3\n1,2\n", "array.csv:3: 2 values, must be 3"),
         ("x,y,z\n1,2,3\n\n1,2,wide\n", "array.csv:4: .*wide"),
+        ("x,y,z\n1,2," + "3" * 140_000, "array.csv:2: field larger than"),
         ("x,y,z\n1,2,nan\n", "array.csv:2: .*nan"),
         ("x,y,z\n1,2,3\n1,2,3.05\n", "array.csv: elements 0 and 1 are 0.05 mm apart"),
         ("x,y,z,nx,ny,nz\n1,2,3,0,0,0\n", "array.csv: normal of element 0 has no direction"),
