@@ -61,7 +61,7 @@ def let_pass(host, seconds):
         ("haptogram://?seed=-1", "seed is -1, must be 0 to"),
         ("haptogram://?clock=fast", "clock=fast; known are wall, virtual"),
         ("haptogram://?baud=0", "baud is 0, must be 1 to"),
-        ("haptogram://?array=0x4", "grid is 0x4"),
+        ("haptogram://?array=0x4", "side of the grid is 0"),
         ("haptogram://?array=none.csv", "none.csv"),
         ("haptogram://board?seed=1", r"must be haptogram://\?name=value"),
         ("haptogram://?backdoor=/no/such/folder/x", "cannot write to /no/such/folder/x"),
