@@ -141,7 +141,7 @@ def row(fault: str) -> Row:
         found.intended,
         found.observations,
         model=found.model,
-        cut_short=found.cut_short,
+        cut=found.cut,
         unseen=found.unseen,
         silences=found.silences,
     )
@@ -179,7 +179,7 @@ def _cause(run: RunVerdict, found: Measured) -> str:
     """Return what the run itself names."""
     named = Counter(fault for frame in run.frames for fault in _faults(frame))
     causes = [f"{fault} ({times} x)" for fault, times in named.most_common(1)]
-    causes += [found.cut_short] if found.cut_short else []
+    causes += [] if found.cut is None else [found.cut.reason]
     causes += sorted(set(found.warnings))
     for side, counts in found.troubles.items():
         told = ", ".join(f"{number} {name}" for name, number in counts.items())

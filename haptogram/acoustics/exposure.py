@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from haptogram.acoustics._climb import climb
 from haptogram.acoustics._memory import check_memory
 from haptogram.acoustics._validation import (
     ComplexArray,
@@ -33,11 +34,14 @@ from haptogram.acoustics.average import mean_square_pressure
 from haptogram.acoustics.drive import as_sequence
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.acoustics.field import FieldEngine
+from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.radiation import level_db_spl
 from haptogram.errors import ConfigurationError
 
 AUDIBLE_LIMIT_HZ: Final = 20e3
 MAX_DIRECTIONS: Final = 1_000_000
+_MOST_DIRECTIONS: Final = 100_000  # unless asked for
+_CLIMBED: Final = 16  # directions; the loudest of a grid may be next to another
 LOWEST_AUDIBLE_HZ: Final = 20.0
 STATEMENT: Final = (
     "Unweighted levels of the linear free field, re 20 uPa; no reflections, no demodulated sound, "
@@ -116,12 +120,12 @@ def worst_place(
     weights: ArrayLike,
     distance_m: float,
     frame_s: float,
-    directions: int = 2000,
+    directions: int | None = None,
 ) -> Exposure:
     """Return the loudest place (Leq) on the half sphere that the array faces, around its centre.
 
-    *directions* points of a Fibonacci spiral: 2000 lie 3 degrees apart: more of them
-    may find a little more above a large array, whose lobes are narrower.
+    The best of *directions* points of a Fibonacci spiral, and the loudest places next to them. As
+    many as needed if not given: two to the width of the narrowest lobe.
 
     Raises
     ------
@@ -129,11 +133,37 @@ def worst_place(
         A distance not above 0, or not 10 to a million directions.
     """
     check_positive("distance_m", distance_m)
+    if directions is None:
+        directions = _enough_directions(engine.model)
     check_count("directions", directions, 10, MAX_DIRECTIONS)
     array = engine.model.array
-    places = array.centre_m + distance_m * half_sphere(array.facing, directions)
-    mean = mean_square_pressure(engine, weights, places, frame_s)
-    return exposure_at(engine, weights, places[int(np.argmax(mean))][None], frame_s)[0]
+
+    def level(places: FloatArray) -> FloatArray:
+        return mean_square_pressure(engine, weights, array.centre_m + distance_m * places, frame_s)
+
+    def level_ahead(places: FloatArray) -> FloatArray:
+        return level(_ahead(places, array.facing))
+
+    spiral = half_sphere(array.facing, directions)
+    best = spiral[np.argsort(level(spiral))[-_CLIMBED:]]
+    spacing = math.sqrt(2.0 * math.pi / directions)
+    tops = _ahead(climb(level_ahead, best, spacing), array.facing)
+    loudest = tops[int(np.argmax(level(tops)))]
+    return exposure_at(engine, weights, array.centre_m + distance_m * loudest[None], frame_s)[0]
+
+
+def _enough_directions(model: AcousticModel) -> int:
+    """Return how many directions lie half of the narrowest lobe, lambda / 2 a wide, apart."""
+    lobe_rad = model.wavelength_m / max(2.0 * model.array.aperture_radius_m, model.wavelength_m)
+    return min(math.ceil(2.0 * math.pi * (2.0 / lobe_rad) ** 2), _MOST_DIRECTIONS)
+
+
+def _ahead(directions: FloatArray, facing: FloatArray) -> FloatArray:
+    """Return unit vectors of *directions*; those that point back are turned into the plane."""
+    back = np.minimum(directions @ facing, 0.0)
+    level = directions - back[:, None] * facing
+    unit: FloatArray = level / np.linalg.norm(level, axis=1)[:, None]
+    return unit
 
 
 def a_weighting_db(frequency_hz: ArrayLike) -> FloatArray:

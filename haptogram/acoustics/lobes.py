@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from haptogram.acoustics._climb import STEPS, climb
 from haptogram.acoustics._validation import MAX_POINT_M, FloatArray, as_place, check_range
 from haptogram.acoustics.drive import as_drive
 from haptogram.acoustics.field import FieldEngine, check_points, level_in_front
@@ -17,6 +18,7 @@ from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
 _POINTS_PER_WAVELENGTH: Final = 3
+_CLIMBED: Final = 8  # maxima of the grid
 _MAX_HALF_WIDTH_M: Final = 0.5
 _MIN_HEIGHT_M: Final = 1e-3
 
@@ -91,8 +93,9 @@ def largest_secondary_lobe(
 ) -> SecondaryLobe | None:
     """Return the largest maximum of |p| besides the focus in the target's plane z = constant.
 
-    On a grid of three points per wavelength, |x| and |y| up to *half_width_m*; the maximum next to
-    the target is the focus.  Steered off axis, a 10 mm pitch leaves lobes of only -8 dB.
+    Looked for on a grid of three points per wavelength, |x| and |y| up to *half_width_m*, and from
+    there between its points; the maximum next to the target is the focus.  Steered off axis, a
+    10 mm pitch leaves lobes of only -8 dB.
 
     Raises
     ------
@@ -113,11 +116,18 @@ def largest_secondary_lobe(
         return None
     main = np.argmin(np.linalg.norm(points[tops] - target, axis=1))
     others = np.delete(tops, main)
-    best = others[np.argmax(level.ravel()[others])]
+    loudest = others[np.argsort(level.ravel()[others])[-_CLIMBED:]]
+    tops_m = climb(
+        lambda places: level_in_front(engine, drive, places),
+        points[loudest],
+        float(side[1] - side[0]),
+        STEPS[STEPS[:, 2] == 0.0],
+    )
+    found = level_in_front(engine, drive, tops_m)
     focus = abs(complex(engine.pressure(drive, target[None])[0]))
-    place = points[best].tolist()
-    ratio = float(level.ravel()[best]) / focus
-    return SecondaryLobe((place[0], place[1], place[2]), 20.0 * math.log10(ratio))
+    best = int(np.argmax(found))
+    x_m, y_m, z_m = tops_m[best].tolist()
+    return SecondaryLobe((x_m, y_m, z_m), 20.0 * math.log10(float(found[best]) / focus))
 
 
 def _lobe(

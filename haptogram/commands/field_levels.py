@@ -25,13 +25,12 @@ from .field_scene import ComplexArray, Scene, modulated
 from .places import metres
 
 _LISTENER_M: Final = 0.5
-_DIRECTIONS: Final = 500
 
 
 def describe_levels(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
     """Yield the levels at the loudest place half a metre away and, if asked for, at an ear."""
     engine = choose_engine(scene.model)
-    worst = worst_place(engine, scene.weights, _LISTENER_M, scene.frame_s, directions=_DIRECTIONS)
+    worst = worst_place(engine, scene.weights, _LISTENER_M, scene.frame_s)
     yield (
         f"loudest {_LISTENER_M:g} m from the centre: {worst.equivalent_db_spl:.1f} dB SPL at "
         f"({_text(worst.position_m)}) mm"

@@ -17,6 +17,7 @@ from haptogram.acoustics import (
     check_target,
     focus_phases,
 )
+from haptogram.acoustics._climb import climb
 from haptogram.acoustics.csv_rows import read_rows
 from haptogram.acoustics.field import level_in_front
 from haptogram.config import VerifyConfig
@@ -161,6 +162,10 @@ def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float,
     heights = np.linspace(0.03, 0.30, 46)
     points = np.stack(np.meshgrid(side, side, heights, indexing="ij"), axis=-1).reshape(-1, 3)
     points += model.array.centre_m
-    level = level_in_front(NumpyEngine(model), weights, points)
-    x, y, z = points[int(np.argmax(level))].tolist()
+    engine = NumpyEngine(model)
+    level = level_in_front(engine, weights, points)
+    best = points[[int(np.argmax(level))]]
+    spacing = max(side[1] - side[0], heights[1] - heights[0])
+    top = climb(lambda places: level_in_front(engine, weights, places), best, spacing)[0]
+    x, y, z = (np.round(top, 5) + 0.0).tolist()  # a hundredth of a millimetre, and no minus zero
     return x, y, z

@@ -56,7 +56,12 @@ def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None)
     engine = choose_engine(scene.model)
     if arguments.view == "cuts":
         return draw_cuts(
-            engine, scene.weights[0], scene.look_m, half_m, title=_title(arguments, scene)
+            engine,
+            scene.weights[0],
+            scene.look_m,
+            half_m,
+            title=_title(arguments, scene),
+            quantity=arguments.quantity,
         )
     step = max(step_m, 1.5e-3)
     return draw_isosurfaces(
@@ -66,6 +71,7 @@ def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None)
         half_m / 2.0,
         step,
         title=_title(arguments, scene),
+        quantity=arguments.quantity,
     )
 
 

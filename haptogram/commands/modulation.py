@@ -35,7 +35,7 @@ examples:
   haptogram modulation dwell --object circle --dwell-ms 5
   haptogram modulation am --frames am.csv
       the frames, for any other program: time, focus and amplitude
-  haptogram verify --object point --modulation am --mode points --repeat 200
+  haptogram verify --object point --center-mm 0,0,150 --modulation am --mode points --repeat 200
       the same, sent to a board, frame by frame verified
 
 exit status:

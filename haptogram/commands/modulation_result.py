@@ -198,11 +198,10 @@ def warnings(felt: Felt) -> Iterator[str]:
         )
     longest_m = float(frames.steps_m.max())
     if config.modulation == "stm" and longest_m > felt.spot_m:
-        closed_hz = config.modulation_hz * felt.spot_m / longest_m
         yield (
             f"{longest_m * 1e3:.1f} mm from frame to frame, and a focus is "
-            f"{felt.spot_m * 1e3:.1f} mm wide: the path has gaps; {closed_hz:.3g} rounds per "
-            "second or fewer, or a higher frame rate, close them"
+            f"{felt.spot_m * 1e3:.1f} mm wide: the path has gaps; fewer rounds per second or a "
+            "higher frame rate close them"
         )
 
 

@@ -7,8 +7,9 @@ which closes on itself, for phases.
 
 from haptogram.pictures.cuts import draw_cuts
 from haptogram.pictures.isosurface import draw_isosurfaces, isosurface
-from haptogram.pictures.plane_picture import QUANTITIES, draw_plane
-from haptogram.pictures.planes import Plane, PlaneField, force_values, sample_mean, sample_plane
+from haptogram.pictures.plane_picture import draw_plane
+from haptogram.pictures.planes import Plane, PlaneField, sample_mean, sample_plane
+from haptogram.pictures.quantities import QUANTITIES, shown_as
 from haptogram.pictures.spectra import draw_spectrum
 from haptogram.pictures.style import as_data_uri, check_format, render
 
@@ -22,9 +23,9 @@ __all__ = [
     "draw_isosurfaces",
     "draw_plane",
     "draw_spectrum",
-    "force_values",
     "isosurface",
     "render",
     "sample_mean",
     "sample_plane",
+    "shown_as",
 ]

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine
 from haptogram.errors import ConfigurationError
+from haptogram.pictures.quantities import shown_as
 from haptogram.pictures.style import BLACK, BLUE, GREEN, VERMILION, new_figure, styled, two_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+FloatArray: TypeAlias = NDArray[np.float64]
 
 _NAMES: Final = "xyz"
 _LINES: Final = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-"))
@@ -26,54 +28,65 @@ def draw_cuts(
     target_m: ArrayLike,
     half_width_m: float = 0.050,
     title: str = "",
+    quantity: str = "pressure",
 ) -> Figure:
-    """Return the RMS pressure along x and y through a target, and along z, in two panels.
+    """Return a quantity along x and y through a target, and along z, in two panels.
 
     Parameters
     ----------
     half_width_m : float
         How far the cuts reach to both sides; along z they stay 20 mm off the array's centre.
+    quantity : str
+        As of :func:`draw_plane`.
 
     Raises
     ------
     ConfigurationError
-        A half-width that is not within 1 mm to 1 m, or no matplotlib.
+        A half-width that is not within 1 mm to 1 m, an unknown quantity, or no matplotlib.
     """
     if not 1e-3 <= half_width_m <= 1.0:
         raise ConfigurationError(f"half_width_m is {half_width_m:g}, must be 0.001 to 1")
     target = np.asarray(target_m, dtype=np.float64)
+    offsets = [_offsets(engine, target, half_width_m, axis) for axis in range(3)]
+    lines = [target + offsets[axis][:, None] * np.eye(3)[axis] for axis in range(3)]
+    pressure = engine.pressure(weights, np.concatenate(lines))
+    shown, label = shown_as(engine, pressure, quantity)
+    levels = np.split(shown, 3)
     figure = new_figure(7.2, 3.3)
     with styled():
         lateral, axial = figure.subplots(1, 2, sharey=True)
         for axis, axes in ((0, lateral), (1, lateral), (2, axial)):
-            low = -half_width_m
-            if axis == 2:
-                low = max(low, engine.model.array.centre_m[2] + 0.020 - target[2])
-            offsets = np.linspace(low, half_width_m, _SAMPLES)
-            points = target + offsets[:, None] * np.eye(3)[axis]
-            level = np.abs(engine.pressure(weights, points)) / math.sqrt(2.0) * 1e-3
             colour, style = _LINES[axis]
+            from_m = target[axis] if axis == 2 else 0.0
             axes.plot(
-                (target[axis] + offsets) * 1e3 if axis == 2 else offsets * 1e3,
-                level,
+                (from_m + offsets[axis]) * 1e3,
+                levels[axis],
                 style,
                 color=colour,
                 linewidth=1.5,
                 label=f"along {_NAMES[axis]}",
             )
-            if axis == 2:
-                top = int(np.argmax(level))
-                place = (target[2] + offsets[top]) * 1e3
-                axes.plot(place, level[top], "o", fillstyle="none", color=BLACK, label="peak")
+        if quantity != "phase":
+            top = int(np.argmax(levels[2]))
+            place = (target[2] + offsets[2][top]) * 1e3
+            axial.plot(place, levels[2][top], "o", fillstyle="none", color=BLACK, label="peak")
+            lateral.set_ylim(bottom=0.0)
         lateral.set_xlabel("distance from the target (mm)")
         axial.set_xlabel("z (mm)")
-        lateral.set_ylabel("sound pressure, RMS (kPa)")
+        lateral.set_ylabel(label)
         lateral.axvline(0.0, color=BLACK, linewidth=0.8, linestyle=":", label="target")
         axial.axvline(target[2] * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label="target")
         for axes in (lateral, axial):
-            axes.set_ylim(bottom=0.0)
             axes.grid(visible=True, linewidth=0.4, alpha=0.6)
             axes.legend(loc="upper right")
         place_text = ", ".join(f"{value * 1e3:g}" for value in target)
         figure.suptitle(two_lines(title, f"cuts through ({place_text}) mm"), fontsize=10)
     return figure
+
+
+def _offsets(engine: FieldEngine, target: FloatArray, half_width_m: float, axis: int) -> FloatArray:
+    """Return where the samples along an axis lie, from the target, in metres."""
+    low = -half_width_m
+    if axis == 2:
+        low = max(low, float(engine.model.array.centre_m[2]) + 0.020 - float(target[2]))
+    return np.linspace(low, half_width_m, _SAMPLES)

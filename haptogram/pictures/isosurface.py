@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine
 from haptogram.errors import ConfigurationError
+from haptogram.pictures.quantities import shown_as
 from haptogram.pictures.style import BLUE, ORANGE, VERMILION, new_figure, styled, two_lines
 
 if TYPE_CHECKING:
@@ -116,16 +117,21 @@ def draw_isosurfaces(
     half_width_m: float = 0.030,
     step_m: float = 1.5e-3,
     title: str = "",
+    quantity: str = "pressure",
 ) -> Figure:
     """Return the surfaces of -3, -6 and -12 dB below the largest |p| of a box around a target.
 
-    The box is twice as deep as it is wide, and stays 20 mm off the array's centre.
+    Those of the radiation pressure, which is a square, are the same. The box is twice as deep as
+    it is wide, and stays 20 mm off the array's centre.
 
     Raises
     ------
     ConfigurationError
-        More than 2 million samples, a step or half-width that is not above 0, or no matplotlib.
+        More than 2 million samples, a step or half-width that is not above 0, a quantity other than
+        "pressure" and "force", or no matplotlib.
     """
+    if quantity == "phase":
+        raise ConfigurationError("a phase has no level, so no surfaces; choose a plane or cuts")
     if not (step_m > 0.0 and half_width_m > step_m):
         raise ConfigurationError(
             f"step_m is {step_m:g} and half_width_m {half_width_m:g}, must be above 0 and larger"
@@ -142,14 +148,17 @@ def draw_isosurfaces(
         )
     sides = [np.linspace(low[i], high[i], counts[i]) for i in range(3)]
     points = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
-    level = np.abs(engine.pressure(weights, points)).reshape(counts)
+    pressure = engine.pressure(weights, points)
+    level = np.abs(pressure).reshape(counts)
     spacing = (high - low) / (np.array(counts) - 1)
     figure = new_figure(5.4, 5.6)
     with styled():
         _plot(figure, level, low * 1e3, spacing * 1e3, target * 1e3)
-        loudest_kpa = level.max() / math.sqrt(2.0) * 1e-3
-        what = f"surfaces of |p|, relative to {loudest_kpa:.3g} kPa RMS"
-        figure.suptitle(two_lines(title, what), fontsize=10)
+        what = f"|p|, relative to {level.max() / math.sqrt(2.0) * 1e-3:.3g} kPa RMS"
+        if quantity == "force":
+            largest = shown_as(engine, pressure, quantity)[0].max()
+            what = f"the radiation pressure, relative to {largest:.3g} Pa"
+        figure.suptitle(two_lines(title, f"surfaces of {what}"), fontsize=10)
     return figure
 
 
@@ -207,7 +216,8 @@ def _plot(
     for name, low, high in zip("xyz", low_mm, high_mm, strict=True):
         getattr(axes, f"set_{name}lim")(low, high)
         getattr(axes, f"set_{name}label")(f"{name} (mm)", labelpad=10.0 if name == "z" else 6.0)
-        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(7 if name == "z" else 4))
+        ticks = MaxNLocator(7 if name == "z" else 4, prune="upper" if name == "x" else None)
+        getattr(axes, f"{name}axis").set_major_locator(ticks)  # that of x would meet that of y
     axes.set_box_aspect(tuple((high_mm - low_mm) / (high_mm - low_mm).max()))
     axes.view_init(elev=18, azim=-58)
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.02, 0.90))

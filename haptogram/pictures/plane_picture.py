@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine
-from haptogram.errors import ConfigurationError
-from haptogram.pictures.planes import Plane, PlaneField, force_values
+from haptogram.pictures.planes import Plane, PlaneField
+from haptogram.pictures.quantities import shown_as
 from haptogram.pictures.style import MAGNITUDE_MAP, PHASE_MAP, mark, new_figure, styled, two_lines
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
-QUANTITIES: Final = ("pressure", "phase", "force")
 # A picture of a plane, without its bar and its labels; the legend needs the least width.
 _WIDEST_IN: Final = 5.0
 _TALLEST_IN: Final = 6.0
@@ -55,7 +54,9 @@ def draw_plane(
     ConfigurationError
         An unknown quantity, the phase of a time average, or no matplotlib.
     """
-    values, label, colours, limits = _picture_of(engine, field, quantity)
+    values, label = shown_as(engine, field.values, quantity)
+    colours: str = PHASE_MAP if quantity == "phase" else MAGNITUDE_MAP
+    limits = (-math.pi, math.pi) if quantity == "phase" else (0.0, None)
     figure = new_figure(*_size(field.plane))
     figure.set_layout_engine("compressed")  # the aspect is fixed: no gaps beside it
     with styled():
@@ -93,27 +94,6 @@ def draw_plane(
         _legend(figure)
         axes.set_title(_title(title, field.plane))
     return figure
-
-
-def _picture_of(
-    engine: FieldEngine, field: PlaneField, quantity: str
-) -> tuple[FloatArray, str, str, tuple[float, float | None]]:
-    """Return the values to show, their label, colour map and limits."""
-    if quantity == "phase":
-        if not np.iscomplexobj(field.values):
-            raise ConfigurationError("a time average has no phase; choose pressure or force")
-        angles: FloatArray = np.angle(field.values)
-        return angles, "phase of p (rad)", PHASE_MAP, (-math.pi, math.pi)
-    if quantity == "force":
-        label = "radiation pressure, total reflection (Pa)"
-        return force_values(engine, field), label, MAGNITUDE_MAP, (0.0, None)
-    if quantity != "pressure":
-        raise ConfigurationError(
-            f"quantity is {quantity!r}, must be one of {', '.join(QUANTITIES)}"
-        )
-    rms = np.abs(field.values) / (math.sqrt(2.0) if np.iscomplexobj(field.values) else 1.0)
-    unit, scale = ("kPa", 1e-3) if np.nanmax(rms) >= 1e3 else ("Pa", 1.0)
-    return rms * scale, f"sound pressure, RMS ({unit})", MAGNITUDE_MAP, (0.0, None)
 
 
 def _size(plane: Plane) -> tuple[float, float]:

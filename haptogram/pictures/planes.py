@@ -10,7 +10,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import FieldEngine, in_front, radiation_pressure_pa
+from haptogram.acoustics import FieldEngine, in_front
 from haptogram.acoustics.average import mean_square_pressure
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.acoustics.field import check_points, is_clear
@@ -173,11 +173,3 @@ def _sample(
     values[clear] = found
     across, up = plane.coordinates_m()
     return values.reshape(len(up), len(across))
-
-
-def force_values(engine: FieldEngine, field: PlaneField) -> FloatArray:
-    """Return the radiation pressure on a totally reflecting wall, in pascals, (V, H)."""
-    values = field.values
-    # A sequence holds RMS values already; the formula takes peak ones.
-    peak = values if np.iscomplexobj(values) else math.sqrt(2.0) * values.astype(np.float64)
-    return radiation_pressure_pa(peak, engine.model.medium)

@@ -152,7 +152,7 @@ def test_one_focus_needs_no_solver(identity):
         (PAIR, "phases", "best", "solver is 'best'; known are naive, ibp"),
         (PAIR, "points", "wgs", "in the mode points the board computes"),
         ((PAIR[0], Focus(PAIR[1].position_m, 0.5, 1.0)), "phases", "gs", "frame 0: a focus with"),
-        ((PAIR[0], Focus(PAIR[1].position_m, 0.0)), "phases", "gs", "must be above 0"),
+        ((PAIR[0], Focus(PAIR[1].position_m, 0.0)), "phases", "gs", "must be 1e-06 to"),
     ],
 )
 def test_what_a_solver_cannot_do_is_refused(identity, foci, mode, solver, text):

@@ -159,7 +159,9 @@ def test_a_plan_in_a_file_is_that_of_the_board(tmp_path: Path, virtual: bool) ->
     plan.write_text('seed = 7\n\n[[fault]]\nname = "device.stuck"\ncolumn = 3\n', encoding="utf-8")
     words = ["--virtual-time"] if virtual else []
     more = ["--fault-plan", str(plan), "--rate-hz", "100"]
-    result = _result(tmp_path, _faulty([*_CIRCLE, *_FEW, *words, *more], "device.dead transducer=9"))
+    result = _result(
+        tmp_path, _faulty([*_CIRCLE, *_FEW, *words, *more], "device.dead transducer=9")
+    )
     assert result["faults"]["plan"] == ["device.stuck column=3", "device.dead transducer=9"]
     assert result["faults"]["seed"] == 7
     assert set(result["faults"]["fired"]) == {"device.stuck", "device.dead"}

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptogram.acoustics import AcousticModel, NumpyEngine, focus_phases, pressure
+from haptogram.acoustics import (
+    AcousticModel,
+    NumpyEngine,
+    choose_engine,
+    focus_phases,
+    pressure,
+)
 from haptogram.acoustics.average import mean_square_pressure
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.acoustics.exposure import (
@@ -74,6 +80,18 @@ def test_levels_at_a_place():
     assert level.maximum_db_spl == pytest.approx(20 * math.log10(rms.max() / 20e-6))
     mean = math.sqrt(np.mean(rms**2))
     assert level.equivalent_db_spl == pytest.approx(20 * math.log10(mean / 20e-6))
+
+
+@pytest.mark.parametrize("target", [(0.0, 0.0, 0.15), (0.02, 0.0, 0.12)])
+def test_no_place_of_a_dense_scan_is_louder_than_the_worst(target):
+    model = AcousticModel.default(12, 12)
+    weights = np.exp(1j * focus_phases(model, target))
+    engine = choose_engine(model)
+    worst = worst_place(engine, weights, 0.5, 1e-3)
+    dense = 0.5 * half_sphere(np.array([0.0, 0.0, 1.0]), 200_000)
+    loudest = np.abs(engine.pressure(weights, dense)).max() / np.sqrt(2.0)
+    assert worst.equivalent_db_spl >= 20.0 * np.log10(loudest / 20e-6) - 0.01
+    assert np.linalg.norm(worst.position_m) == pytest.approx(0.5)
 
 
 def test_the_worst_place_is_ahead_of_a_small_array_that_looks_ahead():

@@ -213,7 +213,7 @@ def test_in_the_far_field_the_field_is_as_loud_as_predicted_in_a_grating_lobe():
 
 @pytest.mark.parametrize(
     ("target", "level"),
-    [((0, 0, 0.1), -11.1), ((0.03, 0.02, 0.12), -8.0), ((0.06, 0.06, 0.15), -7.1)],
+    [((0, 0, 0.1), -10.7), ((0.03, 0.02, 0.12), -8.0), ((0.06, 0.06, 0.15), -7.1)],
 )
 def test_the_largest_secondary_lobe_is_where_it_was_found_before(target, level):
     lobe = largest_secondary_lobe(ENGINE, focus(MODEL, target), target)

@@ -1,6 +1,7 @@
 """Ctrl-C at the worst moment: inside a callback, where Python drops it."""
 
 import ctypes
+import signal
 import subprocess
 import sys
 import time
@@ -20,6 +21,15 @@ def call_and_go_on():
         time.sleep(0.01)
 
 
+@pytest.fixture
+def heeded():
+    """An interrupt is ignored in what a shell runs in the background, and so are these tests."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heeded")
 def test_an_interrupt_that_was_dropped_comes_again():
     with pytest.raises(KeyboardInterrupt), heard_interrupts():
         call_and_go_on()

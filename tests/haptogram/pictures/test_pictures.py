@@ -24,11 +24,11 @@ from haptogram.pictures import (
     draw_isosurfaces,
     draw_plane,
     draw_spectrum,
-    force_values,
     isosurface,
     render,
     sample_mean,
     sample_plane,
+    shown_as,
 )
 
 MODEL = AcousticModel.default(8, 8)
@@ -79,8 +79,8 @@ def test_progress_reaches_its_end(monkeypatch):
 
 
 def test_force_is_the_same_for_a_drive_and_for_its_mean():
-    assert force_values(ENGINE, mean_field()) == pytest.approx(
-        force_values(ENGINE, field()), rel=1e-9
+    assert shown_as(ENGINE, mean_field().values, "force")[0] == pytest.approx(
+        shown_as(ENGINE, field().values, "force")[0], rel=1e-9
     )
 
 
@@ -105,7 +105,7 @@ def test_phase_and_force_are_drawn_as_such():
     assert "rad" in phase[1].get_ylabel()
     force = draw_plane(ENGINE, field(), quantity="force").axes
     assert np.asarray(force[0].images[0].get_array()) == pytest.approx(
-        force_values(ENGINE, field())
+        shown_as(ENGINE, field().values, "force")[0]
     )
 
 
@@ -123,6 +123,25 @@ def test_the_cuts_go_through_the_target():
 def volume_of(triangles):
     a, b, c = triangles.swapaxes(0, 1)
     return (a * np.cross(b, c)).sum() / 6
+
+
+@pytest.mark.parametrize(
+    ("quantity", "label", "largest"),
+    [("phase", "rad", np.pi), ("force", "radiation pressure", 1e4), ("pressure", "RMS", 1e4)],
+)
+def test_cuts_show_the_quantity_that_was_asked_for(quantity, label, largest):
+    lateral, axial = draw_cuts(ENGINE, WEIGHTS, TARGET, quantity=quantity).axes
+    assert label in lateral.get_ylabel()
+    values = axial.lines[0].get_ydata()
+    assert np.abs(values).max() <= largest
+    assert (values.min() < 0.0) == (quantity == "phase")
+
+
+def test_the_surfaces_of_the_force_say_so_and_a_phase_has_none():
+    figure = draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3, quantity="force")
+    assert "radiation pressure" in figure.get_suptitle()
+    with pytest.raises(ConfigurationError, match="no surfaces"):
+        draw_isosurfaces(ENGINE, WEIGHTS, TARGET, quantity="phase")
 
 
 @given(st.floats(2.0, 7.5), st.tuples(*[st.floats(-0.5, 0.5)] * 3))
