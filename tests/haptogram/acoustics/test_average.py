@@ -87,7 +87,7 @@ def test_no_place_of_a_dense_scan_is_louder_than_the_worst(target):
     model = AcousticModel.default(12, 12)
     weights = np.exp(1j * focus_phases(model, target))
     engine = choose_engine(model)
-    worst = worst_place(engine, weights, 0.5, 1e-3)
+    worst = worst_place(engine, weights[None], 0.5, 1e-3)
     dense = 0.5 * half_sphere(np.array([0.0, 0.0, 1.0]), 200_000)
     loudest = np.abs(engine.pressure(weights, dense)).max() / np.sqrt(2.0)
     assert worst.equivalent_db_spl >= 20.0 * np.log10(loudest / 20e-6) - 0.01
