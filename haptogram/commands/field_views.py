@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import NumpyEngine, force_on_disc_n, level_db_spl
+from haptogram.acoustics import (
+    NoFocus,
+    NumpyEngine,
+    Reconstructor,
+    SingleFocus,
+    force_on_disc_n,
+    level_db_spl,
+)
 from haptogram.acoustics.dynamics import Resonator
 from haptogram.acoustics.engine import choose_engine, why_not_compiled
 from haptogram.acoustics.lobes import largest_secondary_lobe
@@ -62,6 +69,7 @@ def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None)
             half_m,
             title=_title(arguments, scene),
             quantity=arguments.quantity,
+            place="target" if len(scene.targets_m) else "loudest place",
         )
     step = max(step_m, 1.5e-3)
     return draw_isosurfaces(
@@ -132,6 +140,18 @@ def describe(scene: Scene) -> Iterator[str]:
         )
     elif len(scene.targets_m):
         yield from _describe_focus(engine, scene)
+    else:
+        yield _describe_drive(scene)
+
+
+def _describe_drive(scene: Scene) -> str:
+    """Return what the phases of a drive from a file say of its focus."""
+    found = Reconstructor(scene.model).reconstruct_weights(scene.weights[0])
+    if isinstance(found, NoFocus):
+        return f"no focus: {found.reason}"
+    place = _text(np.array(found.position_m))
+    what = "focus" if isinstance(found, SingleFocus) else "no single focus; best explained from"
+    return f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
 
 
 def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:

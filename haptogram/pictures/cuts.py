@@ -29,6 +29,7 @@ def draw_cuts(
     half_width_m: float = 0.050,
     title: str = "",
     quantity: str = "pressure",
+    place: str = "target",
 ) -> Figure:
     """Return a quantity along x and y through a target, and along z, in two panels.
 
@@ -38,6 +39,8 @@ def draw_cuts(
         How far the cuts reach to both sides; along z they stay 20 mm off the array's centre.
     quantity : str
         As of :func:`draw_plane`.
+    place : str
+        What *target_m* is.
 
     Raises
     ------
@@ -68,14 +71,14 @@ def draw_cuts(
             )
         if quantity != "phase":
             top = int(np.argmax(levels[2]))
-            place = (target[2] + offsets[2][top]) * 1e3
-            axial.plot(place, levels[2][top], "o", fillstyle="none", color=BLACK, label="peak")
+            top_mm = (target[2] + offsets[2][top]) * 1e3
+            axial.plot(top_mm, levels[2][top], "o", fillstyle="none", color=BLACK, label="peak")
             lateral.set_ylim(bottom=0.0)
-        lateral.set_xlabel("distance from the target (mm)")
+        lateral.set_xlabel(f"distance from the {place} (mm)")
         axial.set_xlabel("z (mm)")
         lateral.set_ylabel(label)
-        lateral.axvline(0.0, color=BLACK, linewidth=0.8, linestyle=":", label="target")
-        axial.axvline(target[2] * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label="target")
+        lateral.axvline(0.0, color=BLACK, linewidth=0.8, linestyle=":", label=place)
+        axial.axvline(target[2] * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label=place)
         for axes in (lateral, axial):
             axes.grid(visible=True, linewidth=0.4, alpha=0.6)
             axes.legend(loc="upper right")

@@ -83,7 +83,7 @@ def test_every_view_is_written_as_a_picture_with_axes_in_mm(run, tmp_path, words
     assert capsys.readouterr().out == ""
 
 
-def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path):
+def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
     drive = Drive.from_weights(
         np.exp(1j * focus_phases(AcousticModel.default(), (0.02, 0.0, 0.12)))
     )
@@ -95,6 +95,9 @@ def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path):
     picture = (tmp_path / "drive.svg").read_text()
     assert "peak" in picture
     assert "target" not in picture
+    assert "focus (20, 0, 120) mm: 4126 Pa RMS" in capsys.readouterr().out
+    assert run("--drive", "drive.csv", "--view", "cuts", "--output", "drive.svg") == 0
+    assert "target" not in (tmp_path / "drive.svg").read_text()
     from haptogram.commands.field_scene import Scene
 
     scene = Scene.from_arguments(parse("--drive", "drive.csv"))
