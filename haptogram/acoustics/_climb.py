@@ -20,8 +20,8 @@ def climb(
     starts: FloatArray,
     spacing: float,
     steps: FloatArray = STEPS,
-) -> FloatArray:
-    """Return the (K, 3) loudest places next to *starts*, the best points of a grid.
+) -> tuple[FloatArray, float]:
+    """Return the loudest place (3,) next to *starts*, the best points of a grid, and its level.
 
     Parameters
     ----------
@@ -39,4 +39,5 @@ def climb(
         around = starts[:, None, :] + spacing / 2**halving * steps
         found = level(around.reshape(-1, 3)).reshape(around.shape[:2])
         starts = around[np.arange(len(starts)), found.argmax(axis=1)]
-    return starts
+    best = int(found.max(axis=1).argmax())
+    return starts[best], float(found[best].max())

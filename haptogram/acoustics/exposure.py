@@ -138,18 +138,16 @@ def worst_place(
     check_count("directions", directions, 10, MAX_DIRECTIONS)
     array = engine.model.array
 
-    def level(places: FloatArray) -> FloatArray:
-        return mean_square_pressure(engine, weights, array.centre_m + distance_m * places, frame_s)
+    def places_m(directions: FloatArray) -> FloatArray:
+        return array.centre_m + distance_m * _ahead(directions, array.facing)
 
-    def level_ahead(places: FloatArray) -> FloatArray:
-        return level(_ahead(places, array.facing))
+    def level(directions: FloatArray) -> FloatArray:
+        return mean_square_pressure(engine, weights, places_m(directions), frame_s)
 
     spiral = half_sphere(array.facing, directions)
     best = spiral[np.argsort(level(spiral))[-_CLIMBED:]]
-    spacing = math.sqrt(2.0 * math.pi / directions)
-    tops = _ahead(climb(level_ahead, best, spacing), array.facing)
-    loudest = tops[int(np.argmax(level(tops)))]
-    return exposure_at(engine, weights, array.centre_m + distance_m * loudest[None], frame_s)[0]
+    loudest, _ = climb(level, best, math.sqrt(2.0 * math.pi / directions))
+    return exposure_at(engine, weights, places_m(loudest[None]), frame_s)[0]
 
 
 def _enough_directions(model: AcousticModel) -> int:

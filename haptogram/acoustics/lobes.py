@@ -117,17 +117,15 @@ def largest_secondary_lobe(
     main = np.argmin(np.linalg.norm(points[tops] - target, axis=1))
     others = np.delete(tops, main)
     loudest = others[np.argsort(level.ravel()[others])[-_CLIMBED:]]
-    tops_m = climb(
+    top_m, found = climb(
         lambda places: level_in_front(engine, drive, places),
         points[loudest],
         float(side[1] - side[0]),
         STEPS[STEPS[:, 2] == 0.0],
     )
-    found = level_in_front(engine, drive, tops_m)
     focus = abs(complex(engine.pressure(drive, target[None])[0]))
-    best = int(np.argmax(found))
-    x_m, y_m, z_m = tops_m[best].tolist()
-    return SecondaryLobe((x_m, y_m, z_m), 20.0 * math.log10(float(found[best]) / focus))
+    x_m, y_m, z_m = top_m.tolist()
+    return SecondaryLobe((x_m, y_m, z_m), 20.0 * math.log10(found / focus))
 
 
 def _lobe(

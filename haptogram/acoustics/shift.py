@@ -16,7 +16,13 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics._validation import FloatArray, as_place, as_vector, check_positive
 from haptogram.acoustics.drive import as_drive
-from haptogram.acoustics.field import MIN_DISTANCE_M, FieldEngine, in_front, propagators
+from haptogram.acoustics.field import (
+    MIN_DISTANCE_M,
+    FieldEngine,
+    in_front,
+    is_clear,
+    propagators,
+)
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -152,9 +158,8 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
 def _is_clear(model: AcousticModel, position: FloatArray) -> bool:
     """Tell whether a whole stencil around *position* is in front of the array, and off it."""
     margin_m = MIN_DISTANCE_M + model.wavelength_m / 25.0
-    offsets = model.array.positions_m - position
-    nearest_m = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
-    return nearest_m > margin_m and bool(in_front(model, position + margin_m * _stencil()).all())
+    around = position + margin_m * _stencil()
+    return bool(is_clear(model, position[None], margin_m)[0] and in_front(model, around).all())
 
 
 def _ascent_step(

@@ -19,7 +19,7 @@ from haptogram.acoustics._layout import SingleArray, single
 from haptogram.acoustics._memory import check_memory, chunks
 from haptogram.acoustics._polynomials import gain_polynomial
 from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray, as_points
-from haptogram.acoustics.drive import as_weights
+from haptogram.acoustics.drive import as_drives
 from haptogram.acoustics.field import MIN_DISTANCE_M, NumpyEngine, check_points, propagators
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -118,11 +118,7 @@ class SingleEngine(ABC):
             What does not fit the model, is not finite, lies within 1 mm of an element or behind
             the baffle of all; a result of more than half of the memory.
         """
-        drives = as_weights(weights)
-        if drives.ndim not in (1, 2) or drives.shape[-1] != self._model.array.count:
-            raise ConfigurationError(
-                f"weights have shape {drives.shape}, must end in {self._model.array.count} elements"
-            )
+        drives = as_drives(weights, self._model.array.count)
         points = np.ascontiguousarray(as_points("points_m", points_m))
         shape = (*drives.shape[:-1], len(points))
         check_memory("a field", shape, 16)

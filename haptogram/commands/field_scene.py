@@ -166,6 +166,6 @@ def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float,
     level = level_in_front(engine, weights, points)
     best = points[[int(np.argmax(level))]]
     spacing = max(side[1] - side[0], heights[1] - heights[0])
-    top = climb(lambda places: level_in_front(engine, weights, places), best, spacing)[0]
+    top, _ = climb(lambda places: level_in_front(engine, weights, places), best, spacing)
     x, y, z = (np.round(top, 5) + 0.0).tolist()  # a hundredth of a millimetre, and no minus zero
     return x, y, z
