@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from haptogram.errors import ConfigurationError
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 BoolArray: TypeAlias = NDArray[np.bool_]
+_Kind = TypeVar("_Kind", bound=np.generic)
 
 MAX_TRANSDUCERS: Final = 1024  # per array, and so per drive
 MAX_COMPUTED: Final = 1e15  # no memory holds as many, and a float still counts them one by one
@@ -76,7 +77,7 @@ def as_place(name: str, values: ArrayLike) -> FloatArray:
 
 def as_points(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as an (M, 3) float64 array of coordinates within 1000 km, or raise."""
-    points = _as_array(name, values)
+    points = _as_array(name, values, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ConfigurationError(f"{name} has shape {points.shape}, must be (M, 3)")
     check_magnitudes(name, points, MAX_POINT_M)
@@ -85,14 +86,14 @@ def as_points(name: str, values: ArrayLike) -> FloatArray:
 
 def as_floats(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as finite float64 of any shape, or raise."""
-    array = _as_array(name, values)
+    array = _as_array(name, values, np.float64)
     check_finite(name, array)
     return array
 
 
-def _as_array(name: str, values: ArrayLike) -> FloatArray:
+def _as_array(name: str, values: ArrayLike, kind: type[_Kind]) -> NDArray[_Kind]:
     try:
-        return np.asarray(values, dtype=np.float64)
+        return np.asarray(values, dtype=kind)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
 
@@ -106,10 +107,7 @@ def as_phasors(name: str, values: ArrayLike) -> ComplexArray:
 
 def as_complex(name: str, values: ArrayLike) -> ComplexArray:
     """Return *values* as complex128 of any shape, NaN included, or raise."""
-    try:
-        return np.asarray(values, dtype=np.complex128)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
+    return _as_array(name, values, np.complex128)
 
 
 def check_magnitudes(
