@@ -8,8 +8,6 @@ import textwrap
 from collections.abc import Iterator
 from typing import Final
 
-import numpy as np
-
 from haptogram.acoustics import (
     Resonator,
     choose_engine,
@@ -22,7 +20,7 @@ from haptogram.acoustics.focus import MIN_TARGET_DISTANCE_M
 from haptogram.errors import ConfigurationError
 
 from .field_scene import ComplexArray, Scene, modulated
-from .places import metres
+from .places import metres, text_mm
 
 _LISTENER_M: Final = 0.5
 
@@ -33,7 +31,7 @@ def describe_levels(arguments: argparse.Namespace, scene: Scene) -> Iterator[str
     worst = worst_place(engine, scene.weights, _LISTENER_M, scene.frame_s)
     yield (
         f"loudest {_LISTENER_M:g} m from the centre: {worst.equivalent_db_spl:.1f} dB SPL at "
-        f"({_text(worst.position_m)}) mm"
+        f"({text_mm(worst.position_m)}) mm"
     )
     yield from textwrap.wrap(STATEMENT, 98, initial_indent="  ", subsequent_indent="  ")
     if arguments.ear_mm is not None:
@@ -51,7 +49,7 @@ def _describe_ear(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
         )
     weights, what = _sequence(arguments, scene)
     exposure = exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
-    yield f"at an ear at ({_text(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre; {what}:"
+    yield f"at an ear at ({text_mm(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre; {what}:"
     yield (
         f"  ultrasound: {exposure.maximum_db_spl:.1f} dB SPL at most, "
         f"{exposure.equivalent_db_spl:.1f} dB SPL on average (Leq)"
@@ -80,7 +78,3 @@ def _sequence(arguments: argparse.Namespace, scene: Scene) -> tuple[ComplexArray
 
 def _audible(level_db_a: float) -> str:
     return f"{level_db_a:.1f} dB(A)" if level_db_a >= 0.0 else "below 0 dB(A)"
-
-
-def _text(place_m: tuple[float, ...]) -> str:
-    return ", ".join(f"{value + 0.0:g}" for value in np.round(np.array(place_m) * 1e3, 1))

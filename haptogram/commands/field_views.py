@@ -35,6 +35,7 @@ from haptogram.pictures import (
 )
 
 from .field_scene import Scene
+from .places import text_mm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,7 +123,7 @@ def _title(arguments: argparse.Namespace, scene: Scene) -> str:
     if scene.is_sequence:
         frames = f"mean over {len(scene.weights)} frames of {scene.frame_s * 1e3:g} ms"
         return f"{array}, {Path(arguments.object).name}: {frames}"
-    return f"{array}, focus at ({_text(scene.targets_m[0])}) mm"
+    return f"{array}, focus at ({text_mm(scene.targets_m[0])}) mm"
 
 
 def describe(scene: Scene) -> Iterator[str]:
@@ -149,7 +150,7 @@ def _describe_drive(scene: Scene) -> str:
     found = Reconstructor(scene.model).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
         return f"no focus: {found.reason}"
-    place = _text(np.array(found.position_m))
+    place = text_mm(found.position_m)
     what = "focus" if isinstance(found, SingleFocus) else "no single focus; best explained from"
     return f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
 
@@ -157,7 +158,7 @@ def _describe_drive(scene: Scene) -> str:
 def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
     target, weights = scene.targets_m[0], scene.weights[0]
     rms = float(np.abs(engine.pressure(weights, [target])[0])) / math.sqrt(2.0)
-    yield f"target ({_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
+    yield f"target ({text_mm(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
     yield _describe_peak(engine, weights, target)
     spot = measure_spot(engine, weights, target)
     across = " x ".join(_size(width_m) for width_m in spot.width_6db_m)
@@ -168,7 +169,7 @@ def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
     if lobe is not None:
         yield (
             f"largest secondary lobe in its plane: {lobe.level_db:.1f} dB at "
-            f"({_text(np.array(lobe.position_m))}) mm"
+            f"({text_mm(lobe.position_m)}) mm"
         )
 
 
@@ -183,12 +184,8 @@ def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) 
         why = "the aperture is too small to focus there"
     else:
         why = f"expected {expected_m * 1e3:.2f} mm at most, by diffraction"
-    return f"maximum ({_text(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
+    return f"maximum ({text_mm(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
 
 
 def _size(size_m: float) -> str:
     return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"
-
-
-def _text(place_m: FloatArray) -> str:
-    return ", ".join(f"{value + 0.0:g}" for value in np.round(place_m * 1e3, 1))

@@ -16,6 +16,8 @@ from haptogram.config import VerifyConfig
 from haptogram.modulation import FocusFrames
 from haptogram.signals import FloatArray, FocusSignal, signal_at
 
+from .places import text_mm
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -102,7 +104,7 @@ def describe(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
     yield from _describe_frames(felt)
     signal = felt.signal
     yield (
-        f"felt at ({_text(felt.place_m)}) mm, through transducers of {bandwidth_hz:g} Hz bandwidth "
+        f"felt at ({text_mm(felt.place_m, 2)}) mm, through transducers of {bandwidth_hz:g} Hz bandwidth "
         "(at -6 dB):"
     )
     low, high = signal.pressure_pa.min(), signal.pressure_pa.max()
@@ -219,7 +221,7 @@ def draw(felt: Felt) -> Figure:
         signal.frequency_hz,
         signal.amplitude_pa,
         title=f"{kind}{tone}, {felt.config.object}, {frames.rate_hz:g} frames/s, felt at "
-        f"({_text(felt.place_m)}) mm",
+        f"({text_mm(felt.place_m, 2)}) mm",
         highest_hz=max(FELT_UP_TO_HZ, 6.0 * (felt.frequency_hz or 0.0)),
         modulation_hz=felt.frequency_hz,
         rate_hz=frames.rate_hz,
@@ -269,7 +271,3 @@ def as_dict(felt: Felt, bandwidth_hz: float) -> dict[str, Any]:
         ],
         "warnings": list(warnings(felt)),
     }
-
-
-def _text(place_m: tuple[float, float, float]) -> str:
-    return ", ".join(f"{value + 0.0:g}" for value in np.round(np.array(place_m) * 1e3, 2))

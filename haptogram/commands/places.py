@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 Place = tuple[float, float, float]
 
@@ -26,6 +29,13 @@ def metres(place: Place) -> Place:
     """Return a place in mm in metres."""
     x, y, z = place
     return x / 1e3, y / 1e3, z / 1e3
+
+
+def text_mm(place_m: ArrayLike, decimals: int = 1) -> str:
+    """Return a place in metres as X, Y, Z in mm, without a minus zero."""
+    import numpy as np  # not for --help
+
+    return ", ".join(f"{value + 0.0:g}" for value in np.round(np.array(place_m) * 1e3, decimals))
 
 
 def joined(words: Sequence[str]) -> list[str]:
