@@ -12,6 +12,7 @@
     |   +-- VersionMismatchError  a board of another major version
     |   +-- LinkLostError         the port closed or stopped taking bytes during the run
     +-- DeviceError               the board refused a request, and said why
+    +-- VerificationError         a verification that was asked to pass did not
 """
 
 from __future__ import annotations
@@ -68,3 +69,7 @@ class DeviceError(HaptogramError):
         super().__init__(message)
         self.code = code
         self.detail = detail
+
+
+class VerificationError(HaptogramError, AssertionError):
+    """A verification did not pass; the text says what failed."""

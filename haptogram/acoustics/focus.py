@@ -195,6 +195,33 @@ def fit_focus(
     return PhaseFit(position, phase, residual, rms, std_m, bound_m, observable, steps, converged)
 
 
+def phase_response(
+    model: AcousticModel, position_m: ArrayLike, *, active: ArrayLike | None = None
+) -> tuple[FloatArray, BoolArray]:
+    """Return how far the fitted focus moves for each radian of phase of each element.
+
+    Parameters
+    ----------
+    position_m : (3,) array_like
+        Focus, in metres.
+    active : (N,) array_like of bool, optional
+        Elements that the fit uses.
+
+    Returns
+    -------
+    response : (3, N) numpy.ndarray
+        -J+, J+ the pseudo-inverse of the slopes of the residuals, in m/rad; 0 for an element that
+        is not used.
+    observable : (3,) numpy.ndarray of bool
+        Whether the active elements tell this coordinate from the others.
+    """
+    used = _as_mask(active, model.array.count)
+    problem = _PhaseProblem(model, np.zeros(model.array.count), used)
+    response = np.zeros((3, model.array.count))
+    response[:, used], observable = problem.response(as_place("position_m", position_m))
+    return response, observable
+
+
 def wrap(phases_rad: FloatArray) -> FloatArray:
     """Return phases modulo 2 pi, in [-pi, pi]."""
     wrapped: FloatArray = phases_rad - 2.0 * np.pi * np.rint(phases_rad / (2.0 * np.pi))
@@ -246,13 +273,23 @@ class _PhaseProblem:
         self, slopes: FloatArray, step_rad: float
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return std, bound and observability of each coordinate for phases rounded to a step."""
-        values, vectors, kept = _spectrum(slopes)
-        # A coordinate is lost if the directions that were dropped contain any of it.
-        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _told_apart(self._positions)
-        inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+        inverse, observable = self._inverse(slopes)
         std = np.sqrt(np.diag(inverse)) * (step_rad / math.sqrt(12.0))
         bound = np.abs(inverse @ slopes.T).sum(axis=1) * (step_rad / 2.0)
         return np.where(observable, std, np.inf), np.where(observable, bound, np.inf), observable
+
+    def response(self, position: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return d(position)/d(phase), (3, N), and the observability of each coordinate."""
+        slopes = self._slopes(*self._ray(position))
+        inverse, observable = self._inverse(slopes)
+        return -inverse @ slopes.T, observable
+
+    def _inverse(self, slopes: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return (J^T J)^-1 within the directions that are seen, and which coordinates are."""
+        values, vectors, kept = _spectrum(slopes)
+        # A coordinate is lost if the directions that were dropped contain any of it.
+        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _told_apart(self._positions)
+        return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T, observable
 
     def _ray(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         offset = position - self._positions

@@ -182,6 +182,16 @@ class TransducerArray:
         """Return the (N, 3) positions in micrometres, rounded: the form that the wire carries."""
         return np.rint(self.positions_m * 1e6).astype(np.int32)
 
+    def on_wire(self) -> Self:
+        """Return the array as a host learns it: micrometres, and normals in 1/32767: HG-4.3/6."""
+        if self.grid_shape is not None and self.pitch_m is not None:
+            nx, ny = self.grid_shape
+            grid = type(self).grid(nx, ny, pitch_m=round(self.pitch_m * 1e6) / 1e6)
+            if grid.digest() == self.digest():
+                return grid
+        normals = np.rint(self.normals * 32767) / 32767
+        return type(self).from_positions(self.positions_um() / 1e6, normals)
+
     def digest(self) -> int:
         """Return the u32 CRC-32 over the elements in order, 18 bytes each.
 

@@ -83,6 +83,36 @@ class Medium:
         return 2.0 * math.pi * check_positive("frequency_hz", frequency_hz) / self.sound_speed_m_s
 
 
+def speed_uncertainty(medium: Medium, temperature_c: float, humidity_percent: float) -> float:
+    """Return the relative change of the speed of sound for a change of the air.
+
+    c is in proportion to the root of the absolute temperature.  Of humidity,
+    c / c_dry = sqrt((7 + h) / (5 + h) 5/7 29 / (29 - 11 h)), h the molar share of water vapour
+    (D. A. Bohn, J. Audio Eng. Soc. 36(4), 1988), at standard pressure; :meth:`Medium.air` leaves it
+    out, as ISO 9613-1 does.
+
+    Parameters
+    ----------
+    temperature_c, humidity_percent : float
+        Changes either way: degrees, below the absolute temperature, and % of relative humidity.
+
+    Returns
+    -------
+    float
+        The sum of both.
+
+    Examples
+    --------
+    >>> round(speed_uncertainty(Medium.air(20.0), 1.0, 0.0), 5)
+    0.00171
+    """
+    kelvin = _T_REFERENCE_K * (medium.sound_speed_m_s / _SOUND_SPEED_20C_M_S) ** 2
+    colder = 1.0 / math.sqrt(1.0 - temperature_c / kelvin) - 1.0  # more than warmer
+    water = humidity_percent / 100.0 * _saturation_pressure(kelvin)
+    ratio = (7.0 + water) / (5.0 + water) * 5.0 / 7.0 * 29.0 / (29.0 - 11.0 * water)
+    return colder + math.sqrt(ratio) - 1.0
+
+
 def iso_9613_absorption_np_m(
     temperature_c: float,
     relative_humidity_percent: float,

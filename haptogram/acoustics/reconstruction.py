@@ -65,11 +65,12 @@ class _Radiated:
     active: BoolArray
     phase_bits: int
     codes: NDArray[np.uint8] | None  # of 8 bits; None if some elements are silent
+    slack_rad: float
 
     @property
     def limit_rad(self) -> float:
-        """Half a phase step: the largest RMS residual of a drive that focuses."""
-        return phase_step_rad(self.phase_bits) / 2.0 + 1e-9
+        """Half a phase step, and the slack: the largest RMS residual of a drive that focuses."""
+        return phase_step_rad(self.phase_bits) / 2.0 + 1e-9 + self.slack_rad
 
 
 class Reconstructor:
@@ -117,7 +118,12 @@ class Reconstructor:
         self._last_focus = None
 
     def reconstruct(
-        self, drive: Drive, *, ramping: bool = False, phase_bits: int | None = None
+        self,
+        drive: Drive,
+        *,
+        ramping: bool = False,
+        phase_bits: int | None = None,
+        slack_rad: float = 0.0,
     ) -> Reconstruction:
         """Return what *drive* radiates; *ramping* says that its amplitude is still changing.
 
@@ -125,6 +131,8 @@ class Reconstructor:
         ----------
         phase_bits : int, optional
             Resolution to judge by, if the codes were once coarser than they are now.
+        slack_rad : float
+            RMS residual that a focus may leave on top of half a phase step, in radians.
 
         Raises
         ------
@@ -138,7 +146,7 @@ class Reconstructor:
         if drive.is_muted and not ramping:
             return NoFocus("muted")
         bits = min(drive.phase_bits, self._phase_bits, phase_bits or MAX_PHASE_BITS)
-        return self._reconstruct(drive.weights(), bits, ramping=ramping)
+        return self._reconstruct(drive.weights(), bits, ramping=ramping, slack_rad=slack_rad)
 
     def reconstruct_weights(self, weights: ArrayLike, *, ramping: bool = False) -> Reconstruction:
         """Return what (N,) complex *weights* radiate: a drive after correction, ceiling, faults.
@@ -151,7 +159,7 @@ class Reconstructor:
         return self._reconstruct(as_weights(weights), self._phase_bits, ramping=ramping)
 
     def _reconstruct(
-        self, weights: ComplexArray, phase_bits: int, *, ramping: bool
+        self, weights: ComplexArray, phase_bits: int, *, ramping: bool, slack_rad: float = 0.0
     ) -> Reconstruction:
         if weights.shape != (self._model.array.count,):
             raise ConfigurationError(
@@ -164,7 +172,7 @@ class Reconstructor:
             return NoFocus("zero amplitude")
         phases = np.angle(weights)
         codes = quantise_phase(phases, MAX_PHASE_BITS) if active.all() else None
-        return self._locate(_Radiated(weights, phases, active, phase_bits, codes))
+        return self._locate(_Radiated(weights, phases, active, phase_bits, codes, slack_rad))
 
     def _locate(self, radiated: _Radiated) -> Reconstruction:
         """Try where the compiled search says; if that is nowhere, look with all means."""

@@ -57,7 +57,8 @@ def check_focus(judge: Judge, frame: Frame, shown: Shown) -> None:
     where = ", ".join(f"{1e3 * value:.1f}" for value in frame.foci[0].position_m)
     found = "no focus"
     if verdict.measured_m is not None:
-        found = "(" + ", ".join(f"{1e3 * value:.1f}" for value in verdict.measured_m) + ") mm"
+        place = ("?" if value is None else f"{1e3 * value:.1f}" for value in verdict.measured_m)
+        found = "(" + ", ".join(place) + ") mm"
     named = "; ".join(verdict.faults) or verdict.status.value
     fail(f"{named}: focus commanded to ({where}) mm, found {found} ({frame.phase_bits} bits)")
 

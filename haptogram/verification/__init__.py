@@ -1,7 +1,8 @@
 """The only place that knows targets: joins what was intended with what was latched.
 
 Every verdict is one of physics (criteria S1 to S5, see :mod:`.criteria`), says what evidence it
-rests on, and names the smallest miss that it could have shown.
+rests on, and names the smallest miss that it could have shown.  What cannot be seen is not
+verified, and never passes.
 """
 
 from .effect import Effect
@@ -9,16 +10,21 @@ from .faults import name_faults
 from .judge import Judge
 from .run import RunVerdict, verify_run
 from .summary import consequence_text, cut_text, pressure_text
+from .tolerance import REAL_BOARD, PlaceUncertainty, Tolerance, Uncertainty
 from .verdict import Consequence, Cut, FrameStatus, FrameVerdict, Verdict
 
 __all__ = [
+    "REAL_BOARD",
     "Consequence",
     "Cut",
     "Effect",
     "FrameStatus",
     "FrameVerdict",
     "Judge",
+    "PlaceUncertainty",
     "RunVerdict",
+    "Tolerance",
+    "Uncertainty",
     "Verdict",
     "consequence_text",
     "cut_text",

@@ -15,7 +15,7 @@ import numpy as np
 from haptogram.acoustics import AcousticModel, Drive, pressure
 from haptogram.records import FrameKey, Intended, Observation
 
-from .target import Floats
+from .peaks import Floats
 from .verdict import JUDGED, Consequence, FrameVerdict, Vector
 
 _MM: Final = 1e3

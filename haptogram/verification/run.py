@@ -11,13 +11,14 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import AcousticModel
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, VerificationError
 from haptogram.records import FrameKey, Intended, Observation
 
 from .effect import Effect
 from .held import Held, consequence, dues, still_held
 from .judge import Judge, lost
 from .summary import summary
+from .tolerance import PlaceUncertainty, Tolerance, Uncertainty
 from .verdict import JUDGED, NOTHING_WRONG, Cut, FrameStatus, FrameVerdict, Verdict
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
@@ -27,7 +28,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class RunVerdict:
-    """What is known of a run.
+    """What is known of a run; it is true if the run passed, and only then.
 
     Attributes
     ----------
@@ -46,6 +47,10 @@ class RunVerdict:
         were sent, but not due any more when the host ended the run; ``not_sent`` come on top.
     effect : Effect or None
         What lost, late and wrong frames did in space; None: there were none that have a time.
+    tolerance : Tolerance
+        Which misses passed on top of what rounding makes.
+    uncertainty : Uncertainty
+        How well array and air were known.
     """
 
     verdict: Verdict
@@ -55,6 +60,28 @@ class RunVerdict:
     min_verified: float
     counts: dict[str, int] = field(default_factory=dict)
     effect: Effect | None = None
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run passed."""
+        return self.verdict is Verdict.PASS
+
+    def __bool__(self) -> bool:
+        """Return :attr:`passed`: ``assert board.verify(...)`` fails unless the run passed."""
+        return self.passed
+
+    def raise_for_verdict(self) -> None:
+        """Raise unless the run passed.
+
+        Raises
+        ------
+        VerificationError
+            With the summary: what failed, or why it could not be told.
+        """
+        if not self.passed:
+            raise VerificationError(str(self))
 
     @property
     def exit_status(self) -> int:
@@ -77,6 +104,23 @@ class RunVerdict:
         found = (getattr(frame, name) for frame in self.frames)
         return np.array([value for value in found if value is not None], dtype=np.float64)
 
+    @property
+    def smallest_miss_mm(self) -> float | None:
+        """The smallest miss that shows in every judged frame; None: one in some never would."""
+        misses = [f.smallest_miss_mm for f in self.frames if f.criteria and not f.is_silence]
+        known = [miss for miss in misses if miss is not None]
+        return max(known) if known and len(known) == len(misses) else None
+
+    @property
+    def place_uncertainty(self) -> PlaceUncertainty | None:
+        """How well the place of the least known focus is known; None: no frame tells."""
+        found = [f.uncertainty_mm for f in self.frames if f.uncertainty_mm is not None]
+        return max(found, key=lambda one: one.total, default=None)
+
+    def _uncertainty_dict(self) -> dict[str, float] | None:
+        found = self.place_uncertainty
+        return None if found is None else {**found._asdict(), "total": found.total}
+
     def as_dict(self) -> dict[str, Any]:
         """Return the result for JSON: no host, date or duration, so that it repeats."""
         coherence, pressure = self.values("coherence"), self.values("pressure_rms_pa")
@@ -90,7 +134,10 @@ class RunVerdict:
             "frames": self.counts,
             "lateral_error_mm": _percentiles(self.values("lateral_error_mm"), "p50 p99 max"),
             "axial_error_mm": _percentiles(np.abs(self.values("axial_error_mm")), "p50 p99 max"),
-            "smallest_miss_mm": _largest(self.values("smallest_miss_mm")),
+            "smallest_miss_mm": self.smallest_miss_mm,
+            "tolerance": dataclasses.asdict(self.tolerance),
+            "known_to": dataclasses.asdict(self.uncertainty),
+            "uncertainty_mm": self._uncertainty_dict(),
             "effect": None if self.effect is None else self.effect.as_dict(),
             "coherence": {"min": _least(coherence)},
             "balance": {"min": _least(self.values("balance"))},
@@ -119,6 +166,8 @@ def verify_run(
     cut: Cut | None = None,
     unseen: str | None = None,
     silences: Iterable[int] = (),
+    tolerance: Tolerance | None = None,
+    uncertainty: Uncertainty | None = None,
     progress: Progress | None = None,
 ) -> RunVerdict:
     """Join what was intended with what was latched, by key, and judge every frame.
@@ -137,13 +186,18 @@ def verify_run(
     silences : iterable of int
         Device times at which the output fell silent, on the clock of *intended*: what was latched
         before is no longer radiated then.
+    tolerance : Tolerance, optional
+        Which misses pass on top of what rounding of the phases makes; by default none.
+    uncertainty : Uncertainty, optional
+        How well *model* is known, which the result tells in mm; by default exactly.
     progress : callable, optional
         Called with the number of frames judged and their total.
 
     Raises
     ------
     ConfigurationError
-        If *min_verified* is not 0 to 1, or two intended frames have one key.
+        If *min_verified* is not 0 to 1, or two intended frames have one key; if a focus is behind
+        the array or at one of its elements.
     """
     if not 0.0 <= min_verified <= 1.0:
         raise ConfigurationError(f"min_verified is {min_verified:g}, must be 0 to 1")
@@ -153,7 +207,12 @@ def verify_run(
         seen[observation.key].append(observation)
     for latches in seen.values():
         latches.sort(key=lambda latch: latch.t_latch_us)
-    judge = Judge(model, carrier_us=max(1, round(1e6 / model.frequency_hz)))
+    judge = Judge(
+        model,
+        carrier_us=max(1, round(1e6 / model.frequency_hz)),
+        tolerance=tolerance,
+        uncertainty=uncertainty,
+    )
     frames: list[FrameVerdict] = []
     held: Held | None = None
     quiet_us = sorted(silences)
@@ -170,7 +229,8 @@ def verify_run(
             held = Held(None, verdict.target_m, due.latest_us)  # who knows whether it was latched?
         if progress is not None:
             progress(number + 1, len(intended))
-    return _conclude(frames, sorted(seen), min_verified, cut, quiet_us)
+    run = _conclude(frames, sorted(seen), min_verified, cut, quiet_us)
+    return dataclasses.replace(run, tolerance=judge.tolerance, uncertainty=judge.uncertainty)
 
 
 def _missing(wanted: Intended, unseen: str | None, cut: Cut | None) -> FrameVerdict:
@@ -262,13 +322,11 @@ def _least(values: np.ndarray) -> float | None:
     return float(values.min()) if len(values) else None
 
 
-def _largest(values: np.ndarray) -> float | None:
-    return float(values.max()) if len(values) else None
-
-
 def _frame_dict(frame: FrameVerdict) -> dict[str, Any]:
     """Return what is known of one frame, without what is not."""
     fields = dataclasses.asdict(frame) | {"status": str(frame.status)}
     fields["evidence"] = None if frame.evidence is None else str(frame.evidence)
     fields["lateness_us"] = frame.lateness_us
+    if frame.uncertainty_mm is not None:
+        fields["uncertainty_mm"] = frame.uncertainty_mm.total
     return {name: value for name, value in fields.items() if value not in (None, (), {}, "")}

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from .tolerance import Tolerance
 from .verdict import NOTHING_WRONG, WRONG, Consequence, FrameStatus, FrameVerdict
 
 if TYPE_CHECKING:
@@ -25,8 +26,9 @@ def summary(run: RunVerdict) -> Iterator[str]:
     )
     if result["lateral_error_mm"]["max"] is not None:
         yield _error_line(result)
+    yield from _known_lines(run)
     if result["balance"]["min"] is not None:
-        yield _several_line(run, result)
+        yield _several_line(result)
     if run.effect is not None:
         yield f"  effect    {run.effect}"
     if result["pressure_rms_pa"]["mean"] is not None and result["force_mn"]["mean"] is not None:
@@ -66,12 +68,45 @@ def _untimely(frame: FrameVerdict) -> bool:
 
 def _error_line(result: dict[str, Any]) -> str:
     lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
-    along = "not observable" if axial["max"] is None else f"{axial['p50']:.3f} / {axial['max']:.3f}"
-    return (
-        f"  focus     off by {lateral['p50']:.3f} / {lateral['max']:.3f} mm across, {along} mm "
-        f"along the beam (median / largest); the smallest miss that shows is "
-        f"{result['smallest_miss_mm']:.2f} mm"
+    along = "along the beam: not observable"
+    if axial["max"] is not None:
+        along = f"{axial['p50']:.3f} / {axial['max']:.3f} mm along the beam"
+    smallest_mm = result["smallest_miss_mm"]
+    shows = (
+        "a miss that cannot be observed does not show"
+        if smallest_mm is None
+        else f"the smallest miss that shows is {smallest_mm:.2f} mm"
     )
+    return (
+        f"  focus     off by {lateral['p50']:.3f} / {lateral['max']:.3f} mm across, "
+        f"{along} (median / largest); {shows}"
+    )
+
+
+def _known_lines(run: RunVerdict) -> Iterator[str]:
+    """Yield what is tolerated, and how well the place of a focus is known."""
+    if not run.tolerance.is_strict:
+        yield f"  tolerance {tolerance_text(run.tolerance)}, on top of what rounding makes"
+    place = run.place_uncertainty
+    if place is None or not place.total:
+        return
+    known = run.uncertainty
+    yield (
+        f"  known to  {place.total:.2f} mm, the place of a focus: {place.air:.2f} mm from the air "
+        f"(±{known.temperature_c:g} °C, ±{known.humidity_percent:g} %), {place.positions:.2f} mm "
+        f"from the positions (±{known.position_mm:g} mm) and {place.phases:.2f} mm from the phases "
+        f"(±{known.phase_rad:g} rad) of the elements"
+    )
+
+
+def tolerance_text(tolerance: Tolerance) -> str:
+    """Return what a tolerance tolerates."""
+    parts = [
+        f"{tolerance.miss_mm:g} mm" if tolerance.miss_mm else "",
+        f"air of ±{tolerance.temperature_c:g} °C" if tolerance.temperature_c else "",
+        f"±{tolerance.humidity_percent:g} % humidity" if tolerance.humidity_percent else "",
+    ]
+    return ", ".join(filter(None, parts)) or "none"
 
 
 def _field_line(result: dict[str, Any]) -> str:
@@ -82,20 +117,12 @@ def _field_line(result: dict[str, Any]) -> str:
     )
 
 
-def _several_line(run: RunVerdict, result: dict[str, Any]) -> str:
+def _several_line(result: dict[str, Any]) -> str:
     return (
         f"  foci      several in a frame: the weakest has {result['balance']['min']:.2f} of their "
         f"mean or more, efficiency {result['efficiency']['min']:.2f} or more (1: they share the "
         f"output without loss), {result['pressure_rms_pa']['mean']:.0f} Pa RMS at the first on "
-        f"average{_unjudged(run)}"
-    )
-
-
-def _unjudged(run: RunVerdict) -> str:
-    """Say so where foci were superposed: nothing tells how much of the output each should have."""
-    several = [frame for frame in run.frames if frame.efficiency is not None]
-    return (
-        "" if any("S2" in frame.criteria for frame in several) else "; superposed: S2 is not judged"
+        "average"
     )
 
 
@@ -152,11 +179,37 @@ def _frame_line(frame: FrameVerdict) -> str:
     return "; ".join(parts)
 
 
+def frame_text(frame: FrameVerdict) -> str:
+    """Return what became of one frame, what that rests on, and which miss would have shown."""
+    parts = [_frame_line(frame)]
+    if frame.status not in WRONG and (place := _place(frame)) is not None:
+        parts.append(place)
+    if frame.criteria and not frame.is_silence:
+        smallest_mm = frame.smallest_miss_mm
+        parts.append(
+            "a miss that cannot be observed does not show"
+            if smallest_mm is None
+            else f"smallest miss that shows {smallest_mm:.3f} mm"
+        )
+    judged = [name if passed else f"{name} failed" for name, passed in frame.criteria.items()]
+    parts += [", ".join(judged)] if judged else []
+    parts += [] if frame.evidence is None else [f"{frame.evidence} evidence"]
+    return "; ".join(parts)
+
+
+def _place(frame: FrameVerdict) -> str | None:
+    """Return how far from its place the focus is, as far as that can be observed."""
+    parts = [
+        None if frame.lateral_error_mm is None else f"{frame.lateral_error_mm:.3f} mm across",
+        None if frame.axial_error_mm is None else f"{frame.axial_error_mm:+.3f} mm along",
+    ]
+    return ", ".join(filter(None, parts)) or None
+
+
 def _measures(frame: FrameVerdict) -> Iterator[str]:
     """Yield the millimetres and pascals of what went wrong."""
-    if frame.status in WRONG and frame.lateral_error_mm is not None:
-        axial = f"{frame.axial_error_mm:+.3f} mm along" if frame.axial_error_mm is not None else ""
-        yield f"{frame.lateral_error_mm:.3f} mm across, {axial}".rstrip(", ")
+    if frame.status in WRONG and (place := _place(frame)) is not None:
+        yield place
     if (pressure := pressure_text(frame)) is not None:
         yield pressure
     if frame.consequence is not None:

@@ -2,194 +2,243 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import AcousticModel, fit_focus, focus_phases, in_front
+from haptogram.acoustics import AcousticModel, fit_focus, focus_phases
 from haptogram.acoustics.field import propagators
+from haptogram.acoustics.focus import phase_response
 from haptogram.acoustics.shift import direction_covariance
-from haptogram.records import Focus
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+from .peaks import Complexes, Direction, ExpectedPeak, Floats, expected_peak
+from .tolerance import PlaceUncertainty, Tolerance, Uncertainty
 
-LEAST_FRESNEL_NUMBER: Final = 3.0  # below it the focal shift is not a small one: no prediction
-#: Higher orders of the focal shift, as a share of the first: 0.125 was the most in 600 targets up
-#: to 250 mm over a 16 x 16 array (see `predicted_shift_m`).
-PREDICTION_SHARE: Final = 0.15
-#: A peak that even an ideal drive puts that far from the target is no focus in that direction.
-LONGEST_SHIFT_RAD: Final = 0.5
-_STENCIL_M: Final = 2e-4
-_GRADIENT_STEP_M: Final = 1e-5
-_ASCENTS: Final = 12
-_LONGEST_STEP_RAD: Final = 0.7  # in the metric of the focus: the main lobe reaches to about 2
-_SETTLED_M: Final = 2e-6
+Bools = NDArray[np.bool_]
+
+_MM: Final = 1e3
 _TURNED_RATIO: Final = 1e-6
+_NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proportion
+_OUT_OF_PROPORTION: Final = 1.1  # of the bound of the first order
+_SAME_LINE: Final = 1e-6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Direction:
-    """Where the pressure peak is looked for: a plane across the beam, or a line along it.
-
-    Attributes
-    ----------
-    axes : (D, 3) numpy.ndarray
-        Orthonormal.
-    metric : (D, D) numpy.ndarray
-        k^2 C restricted to them; C is the covariance of the unit vectors from the elements,
-        weighted by the amplitudes that arrive.  A displacement e has the length
-        sqrt(e^T k^2 C e), in radians of phase.
-    """
-
-    axes: Floats
-    metric: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class TargetField:
     """One focus, in the air and over the array that the frame was really radiated in.
 
     Attributes
     ----------
+    model : AcousticModel
+        Array and air.
     position_m : (3,) numpy.ndarray
         The target.
-    axis : (3,) numpy.ndarray
-        Unit vector from the array's centre to it.
-    phases_rad : (N,) numpy.ndarray
-        The phases that focus on it.
-    arrivals : (N,) numpy.ndarray
-        Peak pressure at the target, of each element at unit weight.
-    bound_m : (3,) numpy.ndarray
-        S2: sum_n |J+_in| pi / 2^b; infinite where not observable.
-    directions : tuple of Direction
-        In which S4 looks for the peak; those that this array can tell apart.
-    fresnel_number : float
-        a^2 / (wavelength * distance), a: half the width of the array where it is narrowest.
+    amplitudes : (N,) numpy.ndarray
+        Intended amplitudes, 0 to 1.
+    phase_limit_rad : float
+        Largest error of a latched phase that is none of the host: half a step, and what a board
+        that computes may add.
+    tolerance : Tolerance
+        Which misses pass on top.
     """
 
+    model: AcousticModel
     position_m: Floats
-    axis: Floats
-    phases_rad: Floats
-    arrivals: Complexes
-    bound_m: Floats
-    directions: tuple[Direction, ...]
-    fresnel_number: float
+    amplitudes: Floats
+    phase_limit_rad: float
+    tolerance: Tolerance
 
-    @classmethod
-    def of(cls, model: AcousticModel, focus: Focus, phase_bits: int) -> TargetField:
-        """Return what *focus* asks of *model*, with phases of *phase_bits*."""
-        position = np.array(focus.position_m)
-        ray = position - model.array.centre_m
-        distance_m = float(np.linalg.norm(ray))
-        axis = ray / distance_m
-        phases = focus_phases(model, position)
-        arrivals = propagators(model, position[None, :])[0]
-        fit = fit_focus(model, phases, position, phase_bits=phase_bits)
-        return cls(
-            position,
-            axis,
-            phases,
-            arrivals,
-            fit.bound_m,
-            _directions(model, position, axis, np.abs(arrivals)),
-            _half_width_m(model) ** 2 / (model.wavelength_m * distance_m),
+    @cached_property
+    def active(self) -> Bools:
+        """(N,) the elements that shall sound."""
+        return self.amplitudes > 0.0
+
+    @cached_property
+    def phases_rad(self) -> Floats:
+        """(N,) the phases that focus on the target."""
+        return focus_phases(self.model, self.position_m)
+
+    @cached_property
+    def arrivals(self) -> Complexes:
+        """(N,) peak pressure at the target, of each element at unit weight."""
+        arrivals: Complexes = propagators(self.model, self.position_m[None, :])[0]
+        return arrivals
+
+    @cached_property
+    def axis(self) -> Floats:
+        """(3,) unit vector from the centre of the elements that shall sound to the target."""
+        shares = self.amplitudes / self.amplitudes.sum()
+        ray = self.position_m - shares @ self.model.array.positions_m
+        axis: Floats = ray / np.linalg.norm(ray)
+        return axis
+
+    # --- the fitted focus (S2) -----------------------------------------------------------------
+
+    @cached_property
+    def _response(self) -> tuple[Floats, Bools]:
+        return phase_response(self.model, self.position_m, active=self.active)
+
+    @property
+    def response(self) -> Floats:
+        """(3, N) displacement of the fitted focus per radian of phase, in m/rad."""
+        return self._response[0]
+
+    @cached_property
+    def bound_m(self) -> Floats:
+        """(3,) S2: the largest error per axis that rounding can make; infinite: not observable.
+
+        sum_n |J+_in| times the phase limit.  Where that is no small part of the distance the
+        worst drives are fitted; a coordinate that they move out of proportion is not observable.
+        """
+        response, observable = self._response
+        first_m = np.abs(response).sum(axis=1) * self.phase_limit_rad
+        bound_m = np.where(observable, first_m, np.inf)
+        near_m = _NEAR * float(np.linalg.norm(self.position_m - self.model.array.centre_m))
+        if observable.any() and bound_m[observable].max() > near_m:
+            worst_m = self._worst_displacement_m(response[observable])
+            straight = worst_m <= _OUT_OF_PROPORTION * first_m
+            bound_m = np.where(straight, np.maximum(bound_m, worst_m), np.inf)
+        return bound_m
+
+    def _worst_displacement_m(self, rows: Floats) -> Floats:
+        """Return (3,) the largest displacements of the fitted focus under the worst drives."""
+        worst = np.zeros(3)
+        for row in (*rows, *-rows):
+            phases = self.phases_rad + self.phase_limit_rad * np.sign(row)
+            fit = fit_focus(self.model, phases, self.position_m, phase_bits=8, active=self.active)
+            moved = np.abs(fit.position_m - self.position_m)
+            worst = np.maximum(worst, moved if fit.converged else np.inf)
+        return worst
+
+    @cached_property
+    def observable(self) -> Bools:
+        """(3,) whether each coordinate of the focus shows in the phases."""
+        return np.isfinite(self.bound_m)
+
+    def split(self, offset_m: Floats) -> tuple[float | None, float | None]:
+        """Return the parts of an offset across and along the beam, in metres.
+
+        None where it depends on a coordinate that cannot be observed.
+        """
+        lost = ~self.observable
+        seen = np.where(lost, 0.0, offset_m)
+        along = float(seen @ self.axis)
+        lateral = np.eye(3) - np.outer(self.axis, self.axis)
+        across = float(np.linalg.norm(seen - along * self.axis))
+        return (
+            None if np.abs(lateral[:, lost]).max(initial=0.0) > _SAME_LINE else across,
+            None if np.abs(self.axis[lost]).max(initial=0.0) > _SAME_LINE else along,
         )
 
-    def split(self, offset_m: Floats) -> tuple[float, float]:
-        """Return the parts of an offset across and along the beam, in metres."""
-        along = float(offset_m @ self.axis)
-        return float(np.linalg.norm(offset_m - along * self.axis)), along
+    # --- the pressure peak (S4) ----------------------------------------------------------------
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """(3, 3) C: the covariance of the unit vectors from the elements to the target."""
+        return direction_covariance(
+            self.model, self.position_m, self.amplitudes * np.abs(self.arrivals)
+        )
+
+    def directions(self) -> list[Direction]:
+        """Return the plane across the beam and the line along it, if this array tells them."""
+        found = []
+        for axes in (_across(self.axis), self.axis[None, :]):
+            direction = self.direction(axes)
+            if np.linalg.eigvalsh(direction.metric)[0] > _TURNED_RATIO * self.model.wavenumber**2:
+                found.append(direction)
+        return found
+
+    def direction(self, axes: Floats) -> Direction:
+        """Return the direction along *axes* (D, 3) with its metric."""
+        metric = self.model.wavenumber**2 * (axes @ self.covariance @ axes.T)
+        return Direction(axes, metric)
+
+    @cached_property
+    def peaks(self) -> list[ExpectedPeak]:
+        """The peaks of the ideal drive across and along the beam, as far as they have a place."""
+        ideal = self.amplitudes * np.exp(1j * self.phases_rad)
+        found = (
+            expected_peak(self.model, ideal, self.position_m, direction, self.phase_limit_rad)
+            for direction in self.directions()
+        )
+        return [peak for peak in found if peak is not None]
+
+    # --- tolerance and uncertainty -------------------------------------------------------------
+
+    @cached_property
+    def air_phases_rad(self) -> Floats:
+        """(N,) how the phases change over the tolerated range of the speed of sound."""
+        share = self.tolerance.speed_share(self.model.medium)
+        distances = np.linalg.norm(self.position_m - self.model.array.positions_m, axis=1)
+        change: Floats = distances - distances[self.active].mean()
+        return share * self.model.wavenumber * change
+
+    @cached_property
+    def tolerated_m(self) -> Floats:
+        """(3,) how far tolerated air moves the fitted focus per axis, in metres."""
+        return _moved(self.response, self.air_phases_rad)
+
+    @cached_property
+    def tolerated_rad(self) -> float:
+        """RMS change of the phases that a tolerated miss in tolerated air makes."""
+        steepest = float(np.linalg.eigvalsh(self.covariance)[-1])
+        miss_m = self.tolerance.miss_mm / _MM
+        slack = self.model.wavenumber * np.sqrt(max(steepest, 0.0)) * miss_m
+        return float(slack + np.sqrt(np.mean(self.air_phases_rad[self.active] ** 2)))
+
+    @cached_property
+    def tolerated_peak_rad(self) -> float:
+        """Largest change of a phase that a tolerated miss in tolerated air makes."""
+        rays = self.position_m - self.model.array.positions_m[self.active]
+        rays /= np.linalg.norm(rays, axis=1)[:, None]
+        turned = float(np.linalg.norm(rays - rays.mean(axis=0), axis=1).max())
+        slack = self.model.wavenumber * turned * self.tolerance.miss_mm / _MM
+        return slack + float(np.abs(self.air_phases_rad[self.active]).max())
+
+    @property
+    def smallest_miss_m(self) -> float | None:
+        """The smallest miss that shows; None where one in some direction would never show."""
+        if not self.observable.all():
+            return None
+        longest = float(np.linalg.norm(self.bound_m + self.tolerated_m))
+        return longest + self.tolerance.miss_mm / _MM
+
+    def place_uncertainty(self, known: Uncertainty) -> PlaceUncertainty | None:
+        """Return how well the place of the focus is known; None where it cannot be observed."""
+        if not self.observable.all():
+            return None
+        return place_uncertainty(self.model, self.position_m, self.response, known)
 
 
-def _half_width_m(model: AcousticModel) -> float:
-    half_extent_m = np.sort(model.array.half_extent_m)[-2:]  # the two of the aperture
-    return float(half_extent_m[0]) + (model.array.pitch_m or 0.0) / 2.0
+def place_uncertainty(
+    model: AcousticModel, position_m: Floats, response: Floats, known: Uncertainty
+) -> PlaceUncertainty:
+    """Return the uncertainty of a place that moves by *response* (D, N) per radian of phase.
 
-
-def _directions(
-    model: AcousticModel, position: Floats, axis: Floats, loudness: Floats
-) -> tuple[Direction, ...]:
-    covariance = direction_covariance(model, position, loudness)
-    across = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # in the plane parallel to the array
-    found = []
-    for axes in (across, axis[None, :]):
-        metric = model.wavenumber**2 * (axes @ covariance @ axes.T)
-        lengths = np.linalg.eigvalsh(metric)
-        if lengths[0] > _TURNED_RATIO * model.wavenumber**2:
-            found.append(Direction(axes, metric))
-    return tuple(found)
-
-
-def predicted_shift_m(
-    model: AcousticModel, target: TargetField, amplitudes: Floats, direction: Direction
-) -> Floats:
-    """Return where diffraction moves the peak along *direction*, (3,), from the target.
-
-    (k^2 C)^-1 grad ln S, S = sum_n |a_n g_n|: the first order of the focal shift, which holds with
-    steering and directivity (compare Makov and Sanchez-Morcillo, arXiv 0801.1476).
+    Phases that are off by k r dc / c, all together, by k times the error of a position along the
+    ray, or by themselves, each element for itself.
     """
-    steps = _GRADIENT_STEP_M * np.concatenate([direction.axes, -direction.axes])
-    loudness = np.log(np.abs(propagators(model, target.position_m + steps)) @ amplitudes)
-    count = len(direction.axes)
-    gradient = (loudness[:count] - loudness[count:]) / (2.0 * _GRADIENT_STEP_M)
-    shift: Floats = np.linalg.solve(direction.metric, gradient) @ direction.axes
-    return shift
+    distances = np.linalg.norm(position_m - model.array.positions_m, axis=1)
+    air_rad = known.speed_share(model.medium) * model.wavenumber * distances
+    scatter = _MM * float(np.linalg.norm(response))
+    return PlaceUncertainty(
+        air=_MM * float(np.linalg.norm(response @ air_rad)),
+        positions=scatter * model.wavenumber * known.position_mm / _MM,
+        phases=scatter * known.phase_rad,
+    )
 
 
-def peak_offset_m(
-    model: AcousticModel, weights: Complexes, start: Floats, direction: Direction
-) -> Floats:
-    """Return the offset (3,) of the pressure peak next to *start*, looked for along *direction*.
-
-    Newton steps on ln |p|^2 with derivatives from a stencil; its curvature is replaced by that of
-    an ideal focus, -2 k^2 C, where the field is not convex.
-    """
-    axes = direction.axes
-    offset = np.zeros(len(axes))
-    stencil = _stencil(len(axes))
-    for _ in range(_ASCENTS):
-        points = start + (offset + stencil) @ axes
-        if not in_front(model, points).all():
-            break  # it ran away: further than any limit already
-        level = 2.0 * np.log(np.abs(propagators(model, points) @ weights) + 1e-300)
-        gradient, curvature = _derivatives(level, len(axes))
-        if np.linalg.eigvalsh(curvature)[-1] >= 0.0:
-            curvature = -2.0 * direction.metric
-        step = np.linalg.solve(-curvature, gradient)
-        length_rad = math.sqrt(float(step @ direction.metric @ step))
-        step *= min(1.0, _LONGEST_STEP_RAD / max(length_rad, 1e-12))
-        offset = offset + step
-        if float(np.linalg.norm(step)) < _SETTLED_M:
-            break
-    found: Floats = offset @ axes
-    return found
+def _moved(response: Floats, phases_rad: Floats) -> Floats:
+    moved: Floats = np.abs(response @ phases_rad)
+    return moved
 
 
-def _stencil(count: int) -> Floats:
-    """Return the centre, the neighbours along each axis and, in a plane, the four corners."""
-    steps = [np.zeros(count)]
-    for axis in np.eye(count):
-        steps += [axis, -axis]
-    if count == 2:
-        steps += [np.array(corner) for corner in ((1, 1), (-1, -1), (1, -1), (-1, 1))]
-    return _STENCIL_M * np.array(steps)
-
-
-def _derivatives(level: Floats, count: int) -> tuple[Floats, Floats]:
-    plus, minus = level[1 : 1 + 2 * count : 2], level[2 : 2 + 2 * count : 2]
-    gradient = (plus - minus) / (2.0 * _STENCIL_M)
-    curvature = np.diag((plus - 2.0 * level[0] + minus) / _STENCIL_M**2)
-    if count == 2:
-        mixed = (level[5] + level[6] - level[7] - level[8]) / (4.0 * _STENCIL_M**2)
-        curvature[0, 1] = curvature[1, 0] = mixed
-    return gradient, curvature
-
-
-def metric_length(offset_m: Floats, direction: Direction) -> float:
-    """Return the length of an offset in radians of phase."""
-    local = direction.axes @ offset_m
-    return math.sqrt(float(local @ direction.metric @ local))
+def _across(axis: Floats) -> Floats:
+    """Return two orthonormal vectors across *axis*, (2, 3)."""
+    start = np.eye(3)[np.abs(axis).argmin()]
+    first = start - (start @ axis) * axis
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(axis, first)])

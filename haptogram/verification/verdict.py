@@ -9,7 +9,10 @@ from typing import TypeAlias
 
 from haptogram.records import Evidence, FrameKey
 
+from .tolerance import PlaceUncertainty
+
 Vector: TypeAlias = tuple[float, float, float]
+Observed: TypeAlias = tuple[float | None, float | None, float | None]
 
 
 class FrameStatus(enum.StrEnum):
@@ -47,6 +50,10 @@ class Verdict(enum.StrEnum):
     def exit_status(self) -> int:
         """0 pass, 1 fail, 3 inconclusive."""
         return {Verdict.PASS: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}[self]
+
+    def __bool__(self) -> bool:
+        """Return True for a pass only."""
+        return self is Verdict.PASS
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,16 +114,20 @@ class FrameVerdict:
     target_m : tuple
         First focus that was intended, in metres.
     measured_m : tuple or None
-        Where the focus was found.
+        Where the focus was found; None for a coordinate that this array cannot observe.
     lateral_error_mm, axial_error_mm : float or None
-        Distance of the two across, and signed along, the line from the array's centre to the
-        target; None where that direction cannot be observed. Of a wrong drive that no one point
-        explains: how far the peak of its pressure is from its place (S4), if it is still a focus.
+        Distance of the two across, and signed along, the line from the centre of the elements that
+        sound to the target; None where that direction cannot be observed. Of a wrong drive that no
+        one point explains: how far the peak of its pressure is from its place (S4), if it is still
+        a focus.  Of several foci: how far the worst of their peaks is from that of the ideal drive.
     bound_mm : tuple or None
-        S2: largest error per axis that quantisation can make; None for a direction that this array
-        cannot observe.
+        S2: largest error per axis that rounding can make; None for a direction that this array
+        cannot observe.  Of several foci: of the one whose miss shows last.
     smallest_miss_mm : float or None
-        Length of that bound: a shorter miss cannot be told from rounding.
+        Length of that bound, and the tolerance: a shorter miss does not show.  None where a miss in
+        some direction would never show.
+    uncertainty_mm : PlaceUncertainty or None
+        How well the place is known, for what is not known of air and elements.
     phase_error_rad : float or None
         S1: half the range of the element residuals.
     coherence : float or None
@@ -154,11 +165,12 @@ class FrameVerdict:
     status: FrameStatus
     evidence: Evidence | None
     target_m: Vector
-    measured_m: Vector | None = None
+    measured_m: Observed | None = None
     lateral_error_mm: float | None = None
     axial_error_mm: float | None = None
-    bound_mm: tuple[float | None, float | None, float | None] | None = None
+    bound_mm: Observed | None = None
     smallest_miss_mm: float | None = None
+    uncertainty_mm: PlaceUncertainty | None = None
     phase_error_rad: float | None = None
     coherence: float | None = None
     balance: float | None = None
@@ -176,6 +188,17 @@ class FrameVerdict:
     early: bool = False
     latches: int = 0
     consequence: Consequence | None = None
+
+    def __str__(self) -> str:
+        """Return in a line what became of the frame, and what that rests on."""
+        from .summary import frame_text  # which builds on this module
+
+        return frame_text(self)
+
+    @property
+    def is_silence(self) -> bool:
+        """Whether the frame was to radiate nothing: there is no focus to miss."""
+        return set(self.criteria) == {"S5"}
 
     @property
     def target_pressure_rms_pa(self) -> float | None:

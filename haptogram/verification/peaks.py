@@ -1,0 +1,260 @@
+"""Where the pressure of a focus is largest, and how far rounding of the phases can move that.
+
+Diffraction pulls the peak of |p| towards the array, so a peak is compared with that of the ideal
+drive, whose phases are not rounded.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import AcousticModel, in_front, propagators
+from haptogram.acoustics.field import MIN_DISTANCE_M, is_clear
+
+Floats: TypeAlias = NDArray[np.float64]
+Complexes: TypeAlias = NDArray[np.complex128]
+
+_STENCIL_M: Final = 2e-4
+_STEPS: Final = 60
+_HALVINGS: Final = 10
+_LONGEST_STEP_RAD: Final = 0.7  # in the metric of the focus: the main lobe reaches to about 2
+_SETTLED_M: Final = 2e-6
+#: What the search itself may miss a peak by: its last step, and the error of the differences.
+SEARCH_M: Final = 5e-6
+#: How far the ideal peak may be from the target of one focus: further away it is another one.
+NEXT_TO_TARGET_RAD: Final = 0.5
+#: The same of several foci, which pull at each other: within the main lobe, of about 2 rad.
+WITHIN_LOBE_RAD: Final = 1.8
+_ROUND: Final = 0.10  # rad: a peak that rounding moves further may do so out of proportion
+_FLAT: Final = 1.5  # times the bound of the first order: such a peak has no place of its own
+_MARGIN: Final = 1.1  # for the second order of the response to rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Direction:
+    """Where a peak is looked for: along a line, in a plane, or in space.
+
+    Attributes
+    ----------
+    axes : (D, 3) numpy.ndarray
+        Orthonormal.
+    metric : (D, D) numpy.ndarray
+        k^2 C restricted to them; C is the covariance of the unit vectors from the elements,
+        weighted by the amplitudes that arrive.  A displacement e has the length
+        sqrt(e^T k^2 C e), in radians of phase.
+    """
+
+    axes: Floats
+    metric: Floats
+
+    def length_rad(self, offset_m: Floats) -> float:
+        """Return the length of an offset (3,), in radians of phase."""
+        local = self.axes @ offset_m
+        return math.sqrt(max(float(local @ self.metric @ local), 0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpectedPeak:
+    """The pressure peak of the ideal drive next to a target.
+
+    Attributes
+    ----------
+    direction : Direction
+        Where it was looked for.
+    place_m : (3,) numpy.ndarray
+        The peak.
+    response : (D, N) numpy.ndarray
+        Displacement of the peak per radian of phase of each element, in m/rad, to first order.
+    rounding_m : (D,) numpy.ndarray
+        Largest displacement that rounding of the phases can make.
+    """
+
+    direction: Direction
+    place_m: Floats
+    response: Floats
+    rounding_m: Floats
+
+    def offset_m(self, model: AcousticModel, weights: Complexes) -> Floats | None:
+        """Return (D,) the offset of the peak of *weights* from this one; None: there is none."""
+        return find_peak(model, weights, self.place_m, self.direction)
+
+
+def expected_peak(
+    model: AcousticModel,
+    ideal: Complexes,
+    target_m: Floats,
+    direction: Direction,
+    phase_limit_rad: float,
+    reach_rad: float = NEXT_TO_TARGET_RAD,
+) -> ExpectedPeak | None:
+    """Return the peak of the *ideal* drive (N,) within *reach_rad* of a target, if it has a place.
+
+    The largest displacement by phase errors of at most *phase_limit_rad* is that of the first
+    order, sum_n |R_dn| times the limit; where that is large, the worst drives are tried.
+
+    Returns
+    -------
+    ExpectedPeak or None
+        None: there is no peak next to the target, or one so flat that rounding of the phases
+        moves it out of all proportion.
+    """
+    offset_m = find_peak(model, ideal, target_m, direction)
+    if offset_m is None or direction.length_rad(offset_m @ direction.axes) > reach_rad:
+        return None
+    place_m = target_m + offset_m @ direction.axes
+    response = peak_response(model, ideal, place_m, direction)
+    if response is None:
+        return None
+    rounding_m = np.abs(response).sum(axis=1) * phase_limit_rad
+    if direction.length_rad(rounding_m @ direction.axes) > _ROUND:
+        worst = phase_limit_rad * np.sign(response)
+        worst_m = _worst_displacement_m(model, ideal, place_m, direction, worst)
+        if not (worst_m <= _FLAT * rounding_m + SEARCH_M).all():
+            return None
+        rounding_m = np.maximum(rounding_m, worst_m)
+    return ExpectedPeak(direction, place_m, response, _MARGIN * rounding_m + SEARCH_M)
+
+
+def _worst_displacement_m(
+    model: AcousticModel,
+    ideal: Complexes,
+    place_m: Floats,
+    direction: Direction,
+    errors_rad: Floats,
+) -> Floats:
+    """Return (D,) the largest displacements of the peak by phase errors (K, N) and their negative.
+
+    Infinite where one of them leaves no peak.
+    """
+    worst = np.zeros(len(direction.axes))
+    for errors in (*errors_rad, *-errors_rad):
+        offset = find_peak(model, ideal * np.exp(1j * errors), place_m, direction)
+        worst = np.maximum(worst, np.inf if offset is None else np.abs(offset))
+    return worst
+
+
+def find_peak(
+    model: AcousticModel, weights: Complexes, start_m: Floats, direction: Direction
+) -> Floats | None:
+    """Return (D,) the offset of the pressure peak next to *start_m* along the axes of *direction*.
+
+    Newton steps on ln |p|^2 with derivatives from a stencil; its curvature is replaced by that of
+    an ideal focus, -2 k^2 C, where the field is not convex.  A step that does not climb is halved.
+
+    Returns
+    -------
+    (D,) numpy.ndarray or None
+        None: the ascent leads to the elements or behind them, or does not settle.
+    """
+    axes = direction.axes
+    stencil = _stencil(len(axes))
+    offset = np.zeros(len(axes))
+    for _ in range(_STEPS):
+        level = _level(model, weights, start_m + (offset + stencil) @ axes)
+        if level is None:
+            return None
+        gradient, curvature = _derivatives(level, len(axes))
+        if np.linalg.eigvalsh(curvature)[-1] >= 0.0:
+            curvature = -2.0 * direction.metric
+        newton = np.linalg.solve(-curvature, gradient)
+        length_rad = direction.length_rad(newton @ axes)
+        shortened = min(1.0, _LONGEST_STEP_RAD / max(length_rad, 1e-12))
+        step = np.asarray(shortened * newton, dtype=np.float64)
+        if float(np.linalg.norm(step)) < _SETTLED_M:
+            return offset + step
+        share = _climbing_share(model, weights, start_m, direction, offset, step, float(level[0]))
+        if share is None:  # at the top, as far as differences over the stencil can tell
+            return offset if float(np.linalg.norm(step)) < _STENCIL_M else None
+        offset = offset + share * step
+    return None
+
+
+def _climbing_share(
+    model: AcousticModel,
+    weights: Complexes,
+    start_m: Floats,
+    direction: Direction,
+    offset: Floats,
+    step: Floats,
+    level: float,
+) -> float | None:
+    """Return the largest of 1, 1/2, 1/4, ... of *step* that climbs; None: none does."""
+    for halving in range(_HALVINGS):
+        share = 0.5**halving
+        there = _level(model, weights, start_m + ((offset + share * step) @ direction.axes)[None])
+        if there is not None and float(there[0]) > level:
+            return share
+    return None
+
+
+def peak_response(
+    model: AcousticModel, weights: Complexes, place_m: Floats, direction: Direction
+) -> Floats | None:
+    """Return (D, N) how far each radian of phase of an element moves a peak, in m/rad.
+
+    At a peak of L = ln |p|^2, p = sum_n q_n, phases change by d phi and the peak moves by
+    -(d2L/dx2)^-1 d2L/(dx dphi_n), with dL/dphi_n = -2 Im(q_n / p).
+
+    Returns
+    -------
+    (D, N) numpy.ndarray or None
+        None: *place_m* is no peak.
+    """
+    axes = direction.axes
+    count = len(axes)
+    points = place_m + _stencil(count) @ axes
+    if not _is_clear(model, points):
+        return None
+    parts = propagators(model, points) * weights
+    pressure = parts.sum(axis=1)
+    if not np.abs(pressure).min() > 0.0:
+        return None
+    _, curvature = _derivatives(2.0 * np.log(np.abs(pressure)), count)
+    if np.linalg.eigvalsh(curvature)[-1] >= 0.0:
+        return None
+    slopes = -2.0 * (parts / pressure[:, None]).imag
+    mixed = (slopes[1 : 1 + 2 * count : 2] - slopes[2 : 2 + 2 * count : 2]) / (2.0 * _STENCIL_M)
+    response: Floats = np.linalg.solve(-curvature, mixed)
+    return response
+
+
+def _level(model: AcousticModel, weights: Complexes, points: Floats) -> Floats | None:
+    """Return ln |p|^2 at points (M, 3); None at an element, behind all of them, or in silence."""
+    if not _is_clear(model, points):
+        return None
+    pressure = np.abs(propagators(model, points) @ weights)
+    return 2.0 * np.log(pressure) if pressure.min() > 0.0 else None
+
+
+def _is_clear(model: AcousticModel, points: Floats) -> bool:
+    return bool(in_front(model, points).all() and is_clear(model, points, MIN_DISTANCE_M).all())
+
+
+def _stencil(count: int) -> Floats:
+    """Return the centre, the neighbours along each axis, and four corners for each two axes."""
+    eye = np.eye(count)
+    steps = [np.zeros(count)]
+    for axis in eye:
+        steps += [axis, -axis]
+    for i in range(count):
+        for j in range(i):
+            steps += [eye[i] + eye[j], -eye[i] - eye[j], eye[i] - eye[j], eye[j] - eye[i]]
+    return _STENCIL_M * np.array(steps)
+
+
+def _derivatives(level: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return gradient (D,) and Hessian (D, D) from the values at the stencil."""
+    plus, minus = level[1 : 1 + 2 * count : 2], level[2 : 2 + 2 * count : 2]
+    gradient = (plus - minus) / (2.0 * _STENCIL_M)
+    curvature = np.diag((plus - 2.0 * level[0] + minus) / _STENCIL_M**2)
+    corners = iter(level[1 + 2 * count :].reshape(-1, 4))
+    for i in range(count):
+        for j in range(i):
+            a, b, c, d = next(corners)
+            curvature[i, j] = curvature[j, i] = (a + b - c - d) / (4.0 * _STENCIL_M**2)
+    return gradient, curvature

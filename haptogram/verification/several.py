@@ -1,0 +1,338 @@
+"""Several foci in one frame: what each has of the ideal drive's pressure, and where it is.
+
+Foci that share an aperture pull at each other, so each is compared with the peak that the ideal
+drive has next to its target, and not with the target.  The ideal drive is what made the frame,
+asked again in the air that there is; a frame of phases drives every element in full.
+
+S1  every latched phase is within half a step of the ideal one, up to a phase that all share.
+S2  the pressure peak next to each target is where that of the ideal drive is, within the worst
+    that rounding can do.
+S3  the pressure at each target is that of the ideal drive, within the worst that rounding can do.
+S5  every latched amplitude is the ideal one, within half a step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive
+from haptogram.acoustics.drive import FULL_AMPLITUDE
+from haptogram.records import Intended
+
+from . import criteria
+from .peaks import WITHIN_LOBE_RAD, Complexes, ExpectedPeak, Floats, expected_peak
+from .status import is_right, status_of, warning_of
+from .target import Bools, TargetField, place_uncertainty
+from .tolerance import PlaceUncertainty, Uncertainty
+from .verdict import FrameStatus, FrameVerdict, Vector
+
+_MM: Final = 1e3
+#: Codes of an amplitude below which a board that computes may round a phase as it likes: the waves
+#: of the foci all but cancel there, and the phase of next to nothing means nothing.
+LEAST_AMPLITUDE_CODE: Final = 4
+_HALF: Final = 0.5 + 1e-6  # of an amplitude step
+
+
+@dataclass(frozen=True, eq=False)
+class IdealDrive:
+    """The drive that makes several foci, before its phases are rounded.
+
+    Attributes
+    ----------
+    targets : sequence of TargetField
+        One for each focus.
+    weights : (N,) numpy.ndarray of complex
+        Ideal phases with the intended amplitudes.
+    asked : (N,) numpy.ndarray or None
+        Amplitudes that the foci ask for, 0 to 1; None where the drive has phases only.
+    allowed_codes : int
+        By how many codes a board that computes may differ.
+    """
+
+    targets: Sequence[TargetField]
+    weights: Complexes
+    asked: Floats | None
+    allowed_codes: int
+
+    @classmethod
+    def of(cls, intended: Intended, targets: Sequence[TargetField], asked: Complexes) -> IdealDrive:
+        """Return the ideal drive of a frame whose foci ask for the weights *asked*."""
+        phases = np.exp(1j * np.angle(asked))
+        codes, allowed = intended.drive.amplitude_codes, criteria.allowed_codes(intended)
+        if (codes == FULL_AMPLITUDE).all():
+            return cls(targets, phases, None, allowed)
+        return cls(targets, codes / FULL_AMPLITUDE * phases, np.abs(asked), allowed)
+
+    @cached_property
+    def peaks(self) -> list[ExpectedPeak | None]:
+        """The peak next to each target; None where there is none that has a place."""
+        return [
+            expected_peak(
+                target.model,
+                self.weights,
+                target.position_m,
+                target.direction(np.eye(3)),
+                target.phase_limit_rad,
+                WITHIN_LOBE_RAD,
+            )
+            for target in self.targets
+        ]
+
+    @cached_property
+    def located(self) -> list[ExpectedPeak | None]:
+        """The peaks of the foci whose place this array can observe."""
+        pairs = zip(self.targets, self.peaks, strict=True)
+        return [peak if target.observable.all() else None for target, peak in pairs]
+
+    @cached_property
+    def levels(self) -> Floats:
+        """(F,) |p| at each target."""
+        levels: Floats = np.abs([target.arrivals @ self.weights for target in self.targets])
+        return levels
+
+    @cached_property
+    def level_limits(self) -> Floats:
+        """(F,) S3: how far rounding, and what is tolerated, can change |p| at each target.
+
+        To first order only what is in quadrature to the sum counts, sum_n |Im(q_n / u)| |d_n| with
+        u the phasor of the sum; the second order is at most sum_n |q_n| d_n^2 / 2.
+        """
+        return np.array([self._level_limit(target) for target in self.targets])
+
+    def _level_limit(self, target: TargetField) -> float:
+        parts = target.arrivals * self.weights
+        total = complex(parts.sum())
+        quadrature = np.abs((parts * (total.conjugate() / abs(total) if total else 1.0)).imag)
+        error_rad = target.phase_limit_rad + np.abs(target.air_phases_rad)
+        steepness = np.abs(parts).sum()
+        limit = quadrature @ error_rad
+        limit += steepness * (target.phase_limit_rad + target.tolerated_rad) ** 2 / 2.0
+        limit += self.allowed_codes * criteria.AMPLITUDE_STEP * np.abs(target.arrivals).sum()
+        return float(limit)
+
+    def phase_error_rad(self, latched: Drive, active: Bools) -> float:
+        """S1: half the range of the phase errors over the active elements, common phase out."""
+        if not active.any():
+            return math.pi
+        error = np.angle(latched.weights()[active]) - np.angle(self.weights[active])
+        return criteria.common_phase_error_rad(error)
+
+    def distance(self, latched: Drive, active: Bools) -> tuple[bool, float]:
+        """Return what orders ideal drives by how well they explain a latched one."""
+        error_rad = self.phase_error_rad(latched, active)
+        suits = error_rad <= self.targets[0].phase_limit_rad and self.amplitudes_ok(latched)
+        return not suits, error_rad
+
+    def offsets_m(self, latched: Complexes) -> list[Floats | None]:
+        """S2: return (3,) the offset of each peak from its place; None where there is none."""
+        return [
+            None if peak is None else peak.offset_m(target.model, latched)
+            for target, peak in zip(self.targets, self.peaks, strict=True)
+        ]
+
+    def in_place(self, offsets_m: Sequence[Floats | None]) -> bool:
+        """S2: tell whether every peak that has a place is within its limit of it."""
+        return all(
+            offset is not None and self._is_within(target, peak, offset)
+            for target, peak, offset in zip(self.targets, self.peaks, offsets_m, strict=True)
+            if peak is not None
+        )
+
+    def _is_within(self, target: TargetField, peak: ExpectedPeak, offset_m: Floats) -> bool:
+        return criteria.within(
+            offset_m, self._rounding_and_air_m(target, peak), target.tolerance.miss_mm
+        )
+
+    def _rounding_and_air_m(self, target: TargetField, peak: ExpectedPeak) -> Floats:
+        moved: Floats = np.abs(peak.response @ target.air_phases_rad)
+        return peak.rounding_m + moved
+
+    def levels_ok(self, latched: Complexes) -> bool:
+        """S3: tell whether the pressure at every target is as the ideal drive makes it."""
+        found = np.abs([target.arrivals @ latched for target in self.targets])
+        return bool((np.abs(found - self.levels) <= self.level_limits).all())
+
+    def amplitudes_ok(self, latched: Drive) -> bool:
+        """S5: tell whether no amplitude is off from what the foci ask for by more than rounding."""
+        if self.asked is None:
+            return True
+        steps = latched.amplitude_codes - FULL_AMPLITUDE * self.asked
+        return float(np.abs(steps).max()) <= _HALF + self.allowed_codes
+
+    def worst_limit_m(self) -> tuple[TargetField, Floats] | None:
+        """Return the focus whose miss shows last, and its limits (3,); None: one never shows."""
+        limits = [
+            (target, self._rounding_and_air_m(target, peak))
+            for target, peak in zip(self.targets, self.located, strict=True)
+            if peak is not None
+        ]
+        if len(limits) < len(self.targets):
+            return None
+        return max(limits, key=lambda limit: float(np.linalg.norm(limit[1])))
+
+    def smallest_miss_m(self) -> float | None:
+        """Return the smallest miss that shows at every focus; None where one would never show."""
+        worst = self.worst_limit_m()
+        if worst is None:
+            return None
+        target, limit_m = worst
+        return float(np.linalg.norm(limit_m)) + target.tolerance.miss_mm / _MM
+
+    def place_uncertainty(self, known: Uncertainty) -> PlaceUncertainty | None:
+        """Return how well the place of the least known focus is known; None: it is not."""
+        found = [
+            place_uncertainty(target.model, target.position_m, peak.response, known)
+            for target, peak in zip(self.targets, self.located, strict=True)
+            if peak is not None
+        ]
+        return None if len(found) < len(self.targets) else max(found, key=lambda one: one.total)
+
+
+def meaningful(intended: Intended, latched: Drive) -> Bools:
+    """Return (N,) the elements that sound and whose phase means something."""
+    least = LEAST_AMPLITUDE_CODE if intended.board_computed and len(intended.foci) > 1 else 1
+    sounding: Bools = (intended.drive.amplitude_codes >= least) & (latched.amplitude_codes > 0)
+    return sounding
+
+
+@dataclass(frozen=True, slots=True)
+class FociLevels:
+    """What reaches several foci of one frame.
+
+    Attributes
+    ----------
+    efficiency : float
+        sum_i (|p(t_i)| / sum_n |a_n g_n(t_i)|)^2, a_n the intended amplitudes: each focus over what
+        the same output would make of it alone.  1 if they share it without loss; less of
+        foci that take from each other; more of foci so near that one beam serves several.
+    balance : float
+        The least |p(t_i)| / A_i over the mean of them, A_i the wanted amplitudes.
+    """
+
+    efficiency: float
+    balance: float
+
+    @classmethod
+    def of(
+        cls, intended: Intended, latched: Complexes, targets: Sequence[TargetField]
+    ) -> FociLevels:
+        """Return the levels of the foci of *intended* under the drive *latched*."""
+        arrivals = np.array([target.arrivals for target in targets])
+        levels = np.abs(arrivals @ latched)
+        alone = np.abs(arrivals) @ np.abs(intended.drive.weights())
+        wanted = np.array([focus.amplitude for focus in intended.foci])
+        asked = wanted > 0.0
+        shares = levels[asked] / wanted[asked]
+        mean = float(shares.mean()) if asked.any() else 0.0
+        return cls(
+            float(((levels / alone) ** 2).sum()),
+            float(shares.min()) / mean if mean > 0.0 else 0.0,
+        )
+
+
+def judge_several(
+    seen: FrameVerdict,
+    intended: Intended,
+    latched: Drive,
+    faults: tuple[str, ...],
+    ideals: Sequence[IdealDrive],
+    known: Uncertainty,
+) -> FrameVerdict:
+    """Return the verdict on a frame with several foci.
+
+    Parameters
+    ----------
+    seen : FrameVerdict
+        What is known of the latch.
+    latched : Drive
+        What is radiated.
+    faults : tuple of str
+        What the codes prove to be wrong.
+    ideals : sequence of IdealDrive
+        What the foci ask for, as the host may have known the array: the nearest one counts.
+    known : Uncertainty
+        How well array and air are known.
+    """
+    active = meaningful(intended, latched)
+    s5 = criteria.amplitudes_ok(intended, latched)
+    targets = ideals[0].targets
+    measures = _levels(intended, latched, targets)
+    tolerance, limit_rad = targets[0].tolerance, targets[0].phase_limit_rad
+    ideal = min(ideals, key=lambda one: one.distance(latched, active))
+    error_rad = ideal.phase_error_rad(latched, active)
+    offsets_m = ideal.offsets_m(latched.weights())
+    verdicts = {
+        "S1": error_rad <= limit_rad,
+        "S2": ideal.in_place(offsets_m),
+        "S3": ideal.levels_ok(latched.weights()),
+        "S5": s5 and (not tolerance.is_strict or ideal.amplitudes_ok(latched)),
+    }
+    status = status_of(verdicts, faults, focused=False, tolerance=tolerance)
+    notes = [seen.note] if seen.note else []
+    notes.append(f"{len(targets)} foci, each against the ideal drive's")
+    lost = [number for number, peak in enumerate(ideal.located, 1) if peak is None]
+    if status is FrameStatus.ON_TARGET and lost:
+        status = FrameStatus.NOT_VERIFIED
+        notes.insert(0, _unlocated(lost))
+    if is_right(status):
+        notes += warning_of(verdicts, error_rad, limit_rad)
+    worst = ideal.worst_limit_m()
+    smallest_m = ideal.smallest_miss_m()
+    return dataclasses.replace(
+        seen,
+        status=status,
+        criteria=verdicts,
+        faults=faults,
+        note="; ".join(notes),
+        phase_error_rad=error_rad,
+        bound_mm=None if worst is None else _mm(worst[1]),
+        smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
+        uncertainty_mm=ideal.place_uncertainty(known),
+        **measures,
+        **_farthest(ideal, offsets_m),
+    )
+
+
+def _levels(intended: Intended, latched: Drive, targets: Sequence[TargetField]) -> dict[str, Any]:
+    """Return how the foci share the output, and the pressure at the first."""
+    weights = latched.weights()
+    levels = FociLevels.of(intended, weights, targets)
+    first_pa = abs(complex(targets[0].arrivals @ weights)) / math.sqrt(2.0)
+    return {
+        "balance": levels.balance,
+        "efficiency": levels.efficiency,
+        "pressure_rms_pa": first_pa,
+    }
+
+
+def _farthest(ideal: IdealDrive, offsets_m: Sequence[Floats | None]) -> dict[str, Any]:
+    """Return how far the worst of the foci is from its place; nothing if one has no place."""
+    if any(peak is None for peak in ideal.located) or any(o is None for o in offsets_m):
+        return {}
+    pairs = [(t, o) for t, o in zip(ideal.targets, offsets_m, strict=True) if o is not None]
+    target, offset_m = max(pairs, key=lambda pair: float(np.linalg.norm(pair[1])))
+    across_m, along_m = target.split(offset_m)
+    return {
+        "lateral_error_mm": None if across_m is None else _MM * across_m,
+        "axial_error_mm": None if along_m is None else _MM * along_m,
+    }
+
+
+def _unlocated(lost: Sequence[int]) -> str:
+    which = ", ".join(map(str, lost))
+    return (
+        f"no pressure peak of {'its' if len(lost) == 1 else 'their'} own next to "
+        f"focus {which}: a miss there would not show"
+    )
+
+
+def _mm(values: Floats) -> Vector:
+    x, y, z = (float(_MM * value) for value in values)
+    return x, y, z

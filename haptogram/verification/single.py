@@ -1,0 +1,246 @@
+"""The verdict on a frame with one focus, or with none."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import (
+    AcousticModel,
+    Drive,
+    NotSingle,
+    Reconstruction,
+    SingleFocus,
+)
+from haptogram.records import Intended
+
+from . import criteria
+from .faults import named_elements
+from .peaks import Floats
+from .status import is_right, status_of, warning_of
+from .target import TargetField
+from .tolerance import Uncertainty
+from .verdict import FrameStatus, FrameVerdict
+
+_MM: Final = 1e3
+_STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
+_ACROSS_AND_ALONG: Final = 2
+_AMBIGUOUS: Final = (
+    "the phases suit the target, but a search that is not told the target finds another point or "
+    "none: S2 is not judged"
+)
+
+
+def judge_silence(
+    seen: FrameVerdict, intended: Intended, latched: Drive, faults: tuple[str, ...]
+) -> FrameVerdict:
+    """Judge a frame that shall radiate nothing: there is no focus, only S5."""
+    verdicts = {"S5": criteria.amplitudes_ok(intended, latched)}
+    faults = () if verdicts["S5"] else faults
+    return dataclasses.replace(
+        seen,
+        status=status_of(verdicts, faults, focused=False),
+        criteria=verdicts,
+        faults=faults,
+        note="silence was intended",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SingleFrame:
+    """A frame with one focus, and the drive that its board radiates.
+
+    Attributes
+    ----------
+    intended : Intended
+        The frame.
+    latched : Drive
+        What is radiated.
+    target : TargetField
+        What its focus asks of the field.
+    search : callable
+        Returns the reconstruction of a drive.
+    """
+
+    intended: Intended
+    latched: Drive
+    target: TargetField
+    search: Callable[[Drive], Reconstruction]
+
+    def judge(
+        self,
+        seen: FrameVerdict,
+        found: Reconstruction,
+        faults: tuple[str, ...],
+        known: Uncertainty,
+    ) -> FrameVerdict:
+        """Return the verdict.
+
+        Parameters
+        ----------
+        seen : FrameVerdict
+            What is known of the latch.
+        found : Reconstruction
+            What is radiated, by somebody who does not know the target.
+        faults : tuple of str
+            What the codes prove to be wrong.
+        known : Uncertainty
+            How well array and air are known.
+        """
+        target = self.target
+        measures, verdicts, peaks = self._drive_criteria()
+        notes = [seen.note] if seen.note else []
+        if self._is_ambiguous(measures, found):
+            notes.append(_AMBIGUOUS)
+        else:
+            if target.observable.any():
+                verdicts["S2"] = self._is_in_place(found)
+            if isinstance(found, SingleFocus):
+                measures |= _where(target, found)
+            elif isinstance(found, NotSingle):
+                faults += _radiated_otherwise(target.model, found, faults)
+                if not faults:  # the right drive in other air: a focus, but not a sharp one
+                    measures |= _where(target, found)
+                elif measures["coherence"] >= _STILL_A_FOCUS:
+                    measures |= _where_the_peak_is(target, peaks)
+                    measures["pressure_rms_pa"] = found.pressure_rms_pa
+                notes.append(_no_focus(found))
+            elif not faults:
+                faults = (f"the drive is right, but nothing was radiated: {found.reason}",)
+        status = status_of(
+            verdicts,
+            faults,
+            focused=isinstance(found, SingleFocus),
+            tolerance=target.tolerance,
+        )
+        if status is FrameStatus.ON_TARGET and not target.observable.all():
+            status = FrameStatus.NOT_VERIFIED
+            notes.insert(0, _unobservable(target))
+        if is_right(status):
+            notes += warning_of(verdicts, measures.get("phase_error_rad"), target.phase_limit_rad)
+        smallest_m = target.smallest_miss_m
+        return dataclasses.replace(
+            seen,
+            status=status,
+            criteria=dict(sorted(verdicts.items())),
+            faults=faults,
+            bound_mm=_finite_mm(target.bound_m),
+            smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
+            uncertainty_mm=target.place_uncertainty(known),
+            note="; ".join(notes),
+            **measures,
+        )
+
+    def _drive_criteria(
+        self,
+    ) -> tuple[dict[str, Any], dict[str, bool], list[criteria.PeakError]]:
+        """Return measures and verdicts that need the drive alone, S1, S3, S4, S5, and the peaks."""
+        intended, latched, target = self.intended, self.latched, self.target
+        active = (latched.amplitude_codes > 0) & (intended.drive.amplitude_codes > 0)
+        s5 = criteria.amplitudes_ok(intended, latched)
+        intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
+        measures: dict[str, Any] = {"coherence": 0.0, "intended_pressure_rms_pa": intended_pa}
+        if not active.any():
+            return measures, {"S1": False, "S3": False, "S5": s5}, []
+        sounding = latched.weights()
+        error_rad = criteria.phase_error_rad(target, latched, active)
+        coherence = criteria.coherence(target, sounding)
+        verdicts = {
+            "S1": error_rad <= target.phase_limit_rad,
+            "S3": coherence >= criteria.least_coherence(target, intended),
+            "S5": s5,
+        }
+        measures |= {"phase_error_rad": error_rad, "coherence": coherence}
+        peaks = criteria.peak_errors(target, sounding)
+        if peaks:
+            lengths = [peak.error_rad for peak in peaks if peak.error_rad is not None]
+            measures["peak_error"] = max(lengths, default=None)
+            verdicts["S4"] = all(peak.ok for peak in peaks)
+        return measures, verdicts, peaks
+
+    def _is_in_place(self, found: Reconstruction) -> bool:
+        """S2."""
+        if not isinstance(found, SingleFocus):
+            return False
+        return criteria.on_target(self.target, criteria.focus_offset_m(self.target, found))
+
+    def _is_ambiguous(self, measures: dict[str, Any], found: Reconstruction) -> bool:
+        """Tell whether the latched phases, which suit the target, suit what was found as well.
+
+        Few elements with few bits can fit two points, or a search that is not told the target none;
+        S2 then says nothing about the drive.
+        """
+        error_rad = measures.get("phase_error_rad", math.inf)
+        if not criteria.suits_target(self.target, error_rad) or self._is_in_place(found):
+            return False
+        if isinstance(found, SingleFocus):
+            return criteria.explains(self.target, self.intended, self.latched, found.position_m)
+        if not isinstance(found, NotSingle) or found.outliers:
+            return False
+        if found.residual_rms_rad <= self.target.phase_limit_rad:
+            return True  # one point does explain all phases: the search gave up too early
+        return isinstance(self.search(self.latched), NotSingle)
+
+
+def _radiated_otherwise(
+    model: AcousticModel, found: NotSingle, faults: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Name the elements that radiated what was not latched, where the drive shows no fault."""
+    if faults or not found.outliers:
+        return ()
+    return (f"{named_elements(model, found.outliers)} radiated otherwise than latched",)
+
+
+def _no_focus(found: NotSingle) -> str:
+    x, y, z = (_MM * coordinate for coordinate in found.position_m)
+    return (
+        f"no single focus; the most that was found is {found.pressure_rms_pa:.0f} Pa at "
+        f"({x:.1f}, {y:.1f}, {z:.1f}) mm"
+    )
+
+
+def _unobservable(target: TargetField) -> str:
+    """Return which coordinates of the focus no phase of this frame tells."""
+    names = [name for name, seen in zip("xyz", target.observable, strict=True) if not seen]
+    along = " and ".join(names)
+    return (
+        f"the {int(target.active.sum())} elements that sound cannot tell where the focus is along "
+        f"{along}: a miss there would not show"
+    )
+
+
+def _where(target: TargetField, found: SingleFocus | NotSingle) -> dict[str, Any]:
+    across_m, along_m = target.split(criteria.focus_offset_m(target, found))
+    place = (
+        value if seen else None
+        for value, seen in zip(found.position_m, target.observable, strict=True)
+    )
+    return {
+        "measured_m": tuple(place),
+        "lateral_error_mm": None if across_m is None else _MM * across_m,
+        "axial_error_mm": None if along_m is None else _MM * along_m,
+        "pressure_rms_pa": found.pressure_rms_pa,
+        "force_n": found.force_n if isinstance(found, SingleFocus) else None,
+    }
+
+
+def _where_the_peak_is(target: TargetField, peaks: list[criteria.PeakError]) -> dict[str, Any]:
+    """Return how far the pressure peak is from its place, if it was found all around."""
+    offsets = [peak.offset_m for peak in peaks if peak.offset_m is not None]
+    if len(offsets) != _ACROSS_AND_ALONG:
+        return {}
+    across_m, along_m = offsets
+    return {
+        "lateral_error_mm": _MM * float(np.linalg.norm(across_m)),
+        "axial_error_mm": _MM * float(along_m @ target.axis),
+    }
+
+
+def _finite_mm(bound_m: Floats) -> tuple[float | None, float | None, float | None]:
+    x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
+    return x, y, z

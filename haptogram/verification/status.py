@@ -1,0 +1,53 @@
+"""From the criteria of a frame to its status."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from .faults import UNNAMED
+from .tolerance import Tolerance
+from .verdict import FrameStatus
+
+
+def status_of(
+    verdicts: Mapping[str, bool],
+    faults: tuple[str, ...],
+    *,
+    focused: bool,
+    tolerance: Tolerance | None = None,
+) -> FrameStatus:
+    """Return the status of a frame whose drive was seen.
+
+    Parameters
+    ----------
+    verdicts : mapping of str to bool
+        S1 to S5, those that were judged.
+    faults : tuple of str
+        What the codes prove to be wrong.
+    focused : bool
+        Whether the drive has a single focus.
+    tolerance : Tolerance, optional
+        Beyond a strict one, S1 warns and decides nothing.
+    """
+    strict = tolerance is None or tolerance.is_strict
+    if all(ok for name, ok in verdicts.items() if strict or name != "S1"):
+        return FrameStatus.CORRUPT if faults else FrameStatus.ON_TARGET
+    if not faults or (focused and faults == (UNNAMED,)):
+        return FrameStatus.OFF_TARGET  # the drive that was sent, in other air; or for another point
+    return FrameStatus.WRONG_DRIVE
+
+
+def is_right(status: FrameStatus) -> bool:
+    """Tell whether nothing wrong was found."""
+    return status in (FrameStatus.ON_TARGET, FrameStatus.NOT_VERIFIED)
+
+
+def warning_of(
+    verdicts: Mapping[str, bool], error_rad: float | None, limit_rad: float
+) -> Iterator[str]:
+    """Yield what S1 warns of in a frame that the tolerance lets pass."""
+    if error_rad is not None and not verdicts.get("S1", True):
+        yield (
+            f"S1 warns: phases are off by {error_rad:.4f} rad (limit {limit_rad:.4f} rad), within "
+            "the tolerance of the place"
+        )

@@ -1,0 +1,149 @@
+"""What a user tolerates, and how well air and elements are known.
+
+Both are settings of a verification: a :class:`Tolerance` decides which miss passes, an
+:class:`Uncertainty` is told beside every result and decides nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Final, NamedTuple
+
+from haptogram.acoustics import Medium
+from haptogram.acoustics.medium import speed_uncertainty
+from haptogram.errors import ConfigurationError
+
+LARGEST_MM: Final = 10.0
+LARGEST_C: Final = 20.0
+LARGEST_HUMIDITY_PERCENT: Final = 90.0
+LARGEST_POSITION_MM: Final = 5.0
+LARGEST_PHASE_RAD: Final = math.pi
+
+
+def _check(setting: object, limits: dict[str, float]) -> None:
+    """Raise unless every field of *setting* is a number from 0 to its limit."""
+    for name, limit in limits.items():
+        value = getattr(setting, name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ConfigurationError(f"{name} is {value!r}, must be a number")
+        if not 0.0 <= value <= limit:
+            raise ConfigurationError(f"{name} is {value:g}, must be 0 to {limit:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """Which misses pass, on top of what rounding of the phases makes.  The default: none.
+
+    Attributes
+    ----------
+    miss_mm : float
+        Distance of the focus from its target, 0 to 10 mm.
+    temperature_c : float
+        Difference between the air that the host assumed and the air of the board, 0 to 20 degrees.
+    humidity_percent : float
+        The same of the relative humidity, 0 to 90 %.
+
+    Raises
+    ------
+    ConfigurationError
+        A value outside its limits.
+
+    Examples
+    --------
+    >>> Tolerance(miss_mm=0.5).is_strict
+    False
+    """
+
+    miss_mm: float = 0.0
+    temperature_c: float = 0.0
+    humidity_percent: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(
+            self,
+            {
+                "miss_mm": LARGEST_MM,
+                "temperature_c": LARGEST_C,
+                "humidity_percent": LARGEST_HUMIDITY_PERCENT,
+            },
+        )
+
+    @property
+    def is_strict(self) -> bool:
+        """Whether nothing but rounding is tolerated."""
+        return not any(getattr(self, field.name) for field in fields(self))
+
+    def speed_share(self, medium: Medium) -> float:
+        """Return the relative difference of the speed of sound that is tolerated."""
+        return speed_uncertainty(medium, self.temperature_c, self.humidity_percent)
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """How well the judge knows air and elements: standard uncertainties.
+
+    The default is 0: the virtual board radiates in the very air that the judge assumes.
+
+    Attributes
+    ----------
+    temperature_c : float
+        Of the temperature of the air, 0 to 20 degrees.
+    humidity_percent : float
+        Of its relative humidity, 0 to 90 %.
+    position_mm : float
+        Of each coordinate of each element, 0 to 5 mm.
+    phase_rad : float
+        Of the phase that each element adds, 0 to pi.
+
+    Raises
+    ------
+    ConfigurationError
+        A value outside its limits.
+    """
+
+    temperature_c: float = 0.0
+    humidity_percent: float = 0.0
+    position_mm: float = 0.0
+    phase_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(
+            self,
+            {
+                "temperature_c": LARGEST_C,
+                "humidity_percent": LARGEST_HUMIDITY_PERCENT,
+                "position_mm": LARGEST_POSITION_MM,
+                "phase_rad": LARGEST_PHASE_RAD,
+            },
+        )
+
+    def speed_share(self, medium: Medium) -> float:
+        """Return the relative standard uncertainty of the speed of sound."""
+        return speed_uncertainty(medium, self.temperature_c, self.humidity_percent)
+
+
+#: What is assumed of a real board until the user says better: a room without a thermometer beside
+#: the array, a hygrometer of 10 %, a printed circuit board, and transducers as they are delivered.
+REAL_BOARD: Final = Uncertainty(
+    temperature_c=2.0, humidity_percent=10.0, position_mm=0.1, phase_rad=0.2
+)
+
+
+class PlaceUncertainty(NamedTuple):
+    """Standard uncertainty of the place of a focus, in mm, by its source.
+
+    Attributes
+    ----------
+    air, positions, phases : float
+        From the speed of sound, from the positions and from the phases of the elements.
+    """
+
+    air: float
+    positions: float
+    phases: float
+
+    @property
+    def total(self) -> float:
+        """Square root of the sum of the squares."""
+        return math.hypot(*self)
