@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.records import Evidence, Focus, FrameKey, Intended, Observation
+from haptogram.verification import Tolerance
+from haptogram.verification.target import TargetField
 
 SESSION = 0x5EED
 
@@ -33,6 +35,15 @@ def intend(model: AcousticModel, target, bits=8, number=0, **changes) -> Intende
         "phase_bits": bits,
     }
     return Intended(**(fields | changes))
+
+
+def field_of(model: AcousticModel, target, bits=8, amplitudes=1.0, **tolerance) -> TargetField:
+    """What a target asks of the field, of phases that are rounded to *bits* and no more."""
+    levels = np.broadcast_to(np.float64(amplitudes), model.array.count).copy()
+    limit_rad = math.pi / 2**bits + 1e-9
+    return TargetField(
+        model, np.array(target, dtype=float), levels, limit_rad, Tolerance(**tolerance)
+    )
 
 
 def seen(intended, drive=None, **changes) -> Observation:

@@ -104,8 +104,8 @@ def describe(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
     yield from _describe_frames(felt)
     signal = felt.signal
     yield (
-        f"felt at ({text_mm(felt.place_m, 2)}) mm, through transducers of {bandwidth_hz:g} Hz bandwidth "
-        "(at -6 dB):"
+        f"felt at ({text_mm(felt.place_m, 2)}) mm, through transducers of {bandwidth_hz:g} Hz "
+        "bandwidth (at -6 dB):"
     )
     low, high = signal.pressure_pa.min(), signal.pressure_pa.max()
     yield (

@@ -30,8 +30,8 @@ def measured_mm(frame: FrameVerdict) -> Floats:
     target = _MM * np.array(frame.target_m)
     if frame.measured_m is None or frame.bound_mm is None:
         return target
-    seen = np.array([bound is not None for bound in frame.bound_mm])
-    return np.where(seen, _MM * np.array(frame.measured_m), target)
+    found = np.array(frame.measured_m, dtype=np.float64)  # None is NaN
+    return np.where(np.isnan(found), target, _MM * found)
 
 
 def relative_error(frame: FrameVerdict) -> float | None:

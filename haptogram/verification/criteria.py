@@ -20,14 +20,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from haptogram.acoustics import (
     AcousticModel,
     Drive,
     NotSingle,
     SingleFocus,
-    fit_focus,
     phase_step_rad,
 )
 from haptogram.acoustics.drive import FULL_AMPLITUDE
@@ -98,16 +96,13 @@ def within(offset_m: Floats, limit_m: Floats, tolerance_mm: float) -> bool:
     return float(np.linalg.norm(beyond)) <= tolerance_mm / _MM
 
 
-def explains(
-    target: TargetField, intended: Intended, latched: Drive, position_m: ArrayLike
-) -> bool:
-    """Tell whether the latched phases suit a focus at *position_m* within the rounding."""
-    active = latched.amplitude_codes > 0
-    phases = np.angle(latched.weights())
-    fit = fit_focus(target.model, phases, position_m, phase_bits=intended.phase_bits, active=active)
-    # A fit that runs off to the target says nothing about the place where it was started.
-    stayed = bool((np.abs(fit.position_m - np.asarray(position_m)) <= fit.bound_m).all())
-    return stayed and fit.residual_rms_rad <= target.phase_limit_rad + target.tolerated_rad
+def focuses_on_target(target: TargetField, latched: Drive, active: Bools) -> bool:
+    """Tell whether a fit that starts at the target stays there within the bound of S2.
+
+    For phases that suit the target (S1) and another point as well, or none that a search finds.
+    """
+    offset_m = target.nearest_focus_m(np.angle(latched.weights()), active)
+    return on_target(target, offset_m)
 
 
 def coherence(target: TargetField, latched: Complexes) -> float:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -38,6 +38,10 @@ _MM: Final = 1e3
 #: of the foci all but cancel there, and the phase of next to nothing means nothing.
 LEAST_AMPLITUDE_CODE: Final = 4
 _HALF: Final = 0.5 + 1e-6  # of an amplitude step
+#: What a solver makes of foci at the least.  Random phases reach an efficiency of F / N, solvers
+#: 0.5 and more; their weakest focus of many has a third of the mean, a missing one next to none.
+_LEAST_EFFICIENCY: Final = 0.25
+_LEAST_BALANCE: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,6 +240,11 @@ class FociLevels:
             float(shares.min()) / mean if mean > 0.0 else 0.0,
         )
 
+    @property
+    def made(self) -> bool:
+        """Whether every focus that a solver was asked for is there."""
+        return self.efficiency >= _LEAST_EFFICIENCY and self.balance >= _LEAST_BALANCE
+
 
 def judge_several(
     seen: FrameVerdict,
@@ -263,7 +272,7 @@ def judge_several(
     active = meaningful(intended, latched)
     s5 = criteria.amplitudes_ok(intended, latched)
     targets = ideals[0].targets
-    measures = _levels(intended, latched, targets)
+    levels = FociLevels.of(intended, latched.weights(), targets)
     tolerance, limit_rad = targets[0].tolerance, targets[0].phase_limit_rad
     ideal = min(ideals, key=lambda one: one.distance(latched, active))
     error_rad = ideal.phase_error_rad(latched, active)
@@ -277,10 +286,9 @@ def judge_several(
     status = status_of(verdicts, faults, focused=False, tolerance=tolerance)
     notes = [seen.note] if seen.note else []
     notes.append(f"{len(targets)} foci, each against the ideal drive's")
-    lost = [number for number, peak in enumerate(ideal.located, 1) if peak is None]
-    if status is FrameStatus.ON_TARGET and lost:
-        status = FrameStatus.NOT_VERIFIED
-        notes.insert(0, _unlocated(lost))
+    unseen = list(_unseen(ideal, levels, intended))
+    if status is FrameStatus.ON_TARGET and unseen:
+        status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
     if is_right(status):
         notes += warning_of(verdicts, error_rad, limit_rad)
     worst = ideal.worst_limit_m()
@@ -295,21 +303,11 @@ def judge_several(
         bound_mm=None if worst is None else _mm(worst[1]),
         smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
         uncertainty_mm=ideal.place_uncertainty(known),
-        **measures,
+        balance=levels.balance,
+        efficiency=levels.efficiency,
+        pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
         **_farthest(ideal, offsets_m),
     )
-
-
-def _levels(intended: Intended, latched: Drive, targets: Sequence[TargetField]) -> dict[str, Any]:
-    """Return how the foci share the output, and the pressure at the first."""
-    weights = latched.weights()
-    levels = FociLevels.of(intended, weights, targets)
-    first_pa = abs(complex(targets[0].arrivals @ weights)) / math.sqrt(2.0)
-    return {
-        "balance": levels.balance,
-        "efficiency": levels.efficiency,
-        "pressure_rms_pa": first_pa,
-    }
 
 
 def _farthest(ideal: IdealDrive, offsets_m: Sequence[Floats | None]) -> dict[str, Any]:
@@ -325,12 +323,20 @@ def _farthest(ideal: IdealDrive, offsets_m: Sequence[Floats | None]) -> dict[str
     }
 
 
-def _unlocated(lost: Sequence[int]) -> str:
-    which = ", ".join(map(str, lost))
-    return (
-        f"no pressure peak of {'its' if len(lost) == 1 else 'their'} own next to "
-        f"focus {which}: a miss there would not show"
-    )
+def _unseen(ideal: IdealDrive, levels: FociLevels, intended: Intended) -> Iterator[str]:
+    """Yield why a drive that is as it should be does not show where its foci are."""
+    lost = [str(number) for number, peak in enumerate(ideal.located, 1) if peak is None]
+    if lost:
+        yield (
+            f"no pressure peak with a place of its own next to focus {', '.join(lost)}: a miss "
+            "there would not show"
+        )
+    if intended.solver != "naive" and not levels.made:
+        yield (
+            f"the solver {intended.solver} did not make the foci: efficiency "
+            f"{levels.efficiency:.2f} (at least {_LEAST_EFFICIENCY:g}), the weakest has "
+            f"{levels.balance:.2f} of their mean (at least {_LEAST_BALANCE:g})"
+        )
 
 
 def _mm(values: Floats) -> Vector:

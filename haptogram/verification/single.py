@@ -23,7 +23,7 @@ from . import criteria
 from .faults import named_elements
 from .peaks import Floats
 from .status import is_right, status_of, warning_of
-from .target import TargetField
+from .target import Bools, TargetField
 from .tolerance import Uncertainty
 from .verdict import FrameStatus, FrameVerdict
 
@@ -33,6 +33,9 @@ _ACROSS_AND_ALONG: Final = 2
 _AMBIGUOUS: Final = (
     "the phases suit the target, but a search that is not told the target finds another point or "
     "none: S2 is not judged"
+)
+_ELSEWHERE: Final = (
+    "rounding has moved the focus further than in proportion: how far it is off does not show"
 )
 
 
@@ -95,8 +98,11 @@ class SingleFrame:
         target = self.target
         measures, verdicts, peaks = self._drive_criteria()
         notes = [seen.note] if seen.note else []
+        unseen = [] if target.observable.all() else [_unobservable(target)]
         if self._is_ambiguous(measures, found):
             notes.append(_AMBIGUOUS)
+            if not criteria.focuses_on_target(target, self.latched, self._active):
+                unseen.append(_ELSEWHERE)
         else:
             if target.observable.any():
                 verdicts["S2"] = self._is_in_place(found)
@@ -118,9 +124,8 @@ class SingleFrame:
             focused=isinstance(found, SingleFocus),
             tolerance=target.tolerance,
         )
-        if status is FrameStatus.ON_TARGET and not target.observable.all():
-            status = FrameStatus.NOT_VERIFIED
-            notes.insert(0, _unobservable(target))
+        if status is FrameStatus.ON_TARGET and unseen:
+            status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
         if is_right(status):
             notes += warning_of(verdicts, measures.get("phase_error_rad"), target.phase_limit_rad)
         smallest_m = target.smallest_miss_m
@@ -136,12 +141,17 @@ class SingleFrame:
             **measures,
         )
 
+    @property
+    def _active(self) -> Bools:
+        """(N,) the elements that shall sound and do."""
+        sounding: Bools = self.latched.amplitude_codes > 0
+        return sounding & self.target.active
+
     def _drive_criteria(
         self,
     ) -> tuple[dict[str, Any], dict[str, bool], list[criteria.PeakError]]:
         """Return measures and verdicts that need the drive alone, S1, S3, S4, S5, and the peaks."""
-        intended, latched, target = self.intended, self.latched, self.target
-        active = (latched.amplitude_codes > 0) & (intended.drive.amplitude_codes > 0)
+        intended, latched, target, active = self.intended, self.latched, self.target, self._active
         s5 = criteria.amplitudes_ok(intended, latched)
         intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
         measures: dict[str, Any] = {"coherence": 0.0, "intended_pressure_rms_pa": intended_pa}
@@ -170,7 +180,7 @@ class SingleFrame:
         return criteria.on_target(self.target, criteria.focus_offset_m(self.target, found))
 
     def _is_ambiguous(self, measures: dict[str, Any], found: Reconstruction) -> bool:
-        """Tell whether the latched phases, which suit the target, suit what was found as well.
+        """Tell whether phases that suit the target were found to suit another point or none.
 
         Few elements with few bits can fit two points, or a search that is not told the target none;
         S2 then says nothing about the drive.
@@ -178,13 +188,10 @@ class SingleFrame:
         error_rad = measures.get("phase_error_rad", math.inf)
         if not criteria.suits_target(self.target, error_rad) or self._is_in_place(found):
             return False
-        if isinstance(found, SingleFocus):
-            return criteria.explains(self.target, self.intended, self.latched, found.position_m)
-        if not isinstance(found, NotSingle) or found.outliers:
-            return False
-        if found.residual_rms_rad <= self.target.phase_limit_rad:
-            return True  # one point does explain all phases: the search gave up too early
-        return isinstance(self.search(self.latched), NotSingle)
+        # What somebody else found may be of another drive: this one is asked again.
+        return isinstance(found, SingleFocus | NotSingle) and not self._is_in_place(
+            self.search(self.latched)
+        )
 
 
 def _radiated_otherwise(

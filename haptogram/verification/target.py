@@ -22,7 +22,8 @@ Bools = NDArray[np.bool_]
 _MM: Final = 1e3
 _TURNED_RATIO: Final = 1e-6
 _NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proportion
-_OUT_OF_PROPORTION: Final = 1.1  # of the bound of the first order
+_SECOND_ORDER: Final = 1.04  # of the bound of the first order
+_LOST: Final = 0.5  # of the distance
 _SAME_LINE: Final = 1e-6
 
 
@@ -90,28 +91,20 @@ class TargetField:
     def bound_m(self) -> Floats:
         """(3,) S2: the largest error per axis that rounding can make; infinite: not observable.
 
-        sum_n |J+_in| times the phase limit.  Where that is no small part of the distance the
-        worst drives are fitted; a coordinate that they move out of proportion is not observable.
+        sum_n |J+_in| times the phase limit, to first order; 4 % more where that is no small
+        part of the distance.  A coordinate that rounding may move by half the distance is not
+        observable.
         """
         response, observable = self._response
-        first_m = np.abs(response).sum(axis=1) * self.phase_limit_rad
-        bound_m = np.where(observable, first_m, np.inf)
-        near_m = _NEAR * float(np.linalg.norm(self.position_m - self.model.array.centre_m))
-        if observable.any() and bound_m[observable].max() > near_m:
-            worst_m = self._worst_displacement_m(response[observable])
-            straight = worst_m <= _OUT_OF_PROPORTION * first_m
-            bound_m = np.where(straight, np.maximum(bound_m, worst_m), np.inf)
-        return bound_m
+        bound_m = np.abs(response).sum(axis=1) * self.phase_limit_rad
+        distance_m = float(np.linalg.norm(self.position_m - self.model.array.centre_m))
+        bound_m *= np.where(bound_m > _NEAR * distance_m, _SECOND_ORDER, 1.0)
+        return np.where(observable & (bound_m < _LOST * distance_m), bound_m, np.inf)
 
-    def _worst_displacement_m(self, rows: Floats) -> Floats:
-        """Return (3,) the largest displacements of the fitted focus under the worst drives."""
-        worst = np.zeros(3)
-        for row in (*rows, *-rows):
-            phases = self.phases_rad + self.phase_limit_rad * np.sign(row)
-            fit = fit_focus(self.model, phases, self.position_m, phase_bits=8, active=self.active)
-            moved = np.abs(fit.position_m - self.position_m)
-            worst = np.maximum(worst, moved if fit.converged else np.inf)
-        return worst
+    def nearest_focus_m(self, phases_rad: Floats, active: Bools) -> Floats:
+        """Return (3,) the offset of the focus that a fit finds from the target on."""
+        fit = fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
+        return fit.position_m - self.position_m
 
     @cached_property
     def observable(self) -> Bools:

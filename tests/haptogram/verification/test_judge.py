@@ -16,13 +16,11 @@ from haptogram.acoustics import (
     Reconstructor,
     SingleFocus,
     focus_phases,
-    pressure,
     superpose,
 )
 from haptogram.records import Evidence, Focus
-from haptogram.verification import FrameStatus, Judge, criteria
+from haptogram.verification import FrameStatus, Judge
 from haptogram.verification import judge as judge_module
-from haptogram.verification.target import TargetField, peak_offset_m, predicted_shift_m
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
 
 MODEL = AcousticModel.default()
@@ -91,80 +89,16 @@ def test_other_air_over_the_board_moves_the_focus_along_the_beam(sound_speed, lo
     assert found.lateral_error_mm < 0.1
 
 
-@few
-@given(working_volume())
-def test_the_peak_that_is_climbed_to_is_the_one_of_a_fine_grid(target):
-    weights = registers(focus_phases(MODEL, target)).weights()
-    field = TargetField.of(MODEL, Focus.at(target), 8)
-    across, along = field.directions
-    offset = peak_offset_m(MODEL, weights, field.position_m, across)
-    steps = np.linspace(-2e-4, 2e-4, 9)
-    nearby = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) @ across.axes
-    loudness = np.abs(pressure(MODEL, weights, field.position_m + offset + nearby))
-    peak = np.abs(pressure(MODEL, weights, (field.position_m + offset)[None]))[0]
-    assert loudness.max() <= peak * (1.0 + 1e-6)
-    offset = peak_offset_m(MODEL, weights, field.position_m, along)
-    nearby = np.linspace(-2e-3, 2e-3, 21)[:, None] @ along.axes
-    loudness = np.abs(pressure(MODEL, weights, field.position_m + offset + nearby))
-    peak = np.abs(pressure(MODEL, weights, (field.position_m + offset)[None]))[0]
-    assert loudness.max() <= peak * (1.0 + 1e-6)
-
-
-@pytest.mark.parametrize(
-    ("height_m", "shift_mm"), [(0.075, -0.02), (0.1, -0.67), (0.15, -3.15), (0.2, -7.69)]
-)
-def test_the_peak_sits_where_diffraction_puts_it(height_m, shift_mm):
-    # Published figures of the focal shift of this array; the prediction is of the first order.
-    field = TargetField.of(MODEL, Focus.at((0.0, 0.0, height_m)), 8)
-    along = field.directions[1]
-    weights = np.exp(1j * field.phases_rad)
-    found_m = peak_offset_m(MODEL, weights, field.position_m, along)
-    assert 1e3 * found_m[2] == pytest.approx(shift_mm, abs=0.2)
-    predicted_m = predicted_shift_m(MODEL, field, np.ones(256), along)
-    assert 1e3 * predicted_m[2] == pytest.approx(1e3 * found_m[2], abs=0.1 - 0.16 * shift_mm)
-
-
-@few
-@given(working_volume(), st.floats(0.0, 2.0 * math.pi), st.sampled_from([8, 6, 5]))
-def test_s4_sees_a_miss_without_the_phases(target, angle, bits):
-    # The independent route: it looks at the pressure alone.
-    field = TargetField.of(MODEL, Focus.at(target), bits)
-    limit_rad = math.pi / 2**bits
-    where = aside(target, 0.0015, angle)
-    weights = registers(focus_phases(MODEL, where), bits).weights()
-    across, _ = criteria.peak_errors(MODEL, field, weights, np.ones(256), limit_rad)
-    assert across.error_rad > across.limit_rad
-    weights = registers(focus_phases(MODEL, target), bits).weights()
-    errors = criteria.peak_errors(MODEL, field, weights, np.ones(256), limit_rad)
-    assert all(error.ok for error in errors)
-
-
-def test_where_the_prediction_does_not_hold_the_ideal_drive_is_the_measure():
-    model = AcousticModel.default(16, 8)
-    judge = Judge(model, carrier_us=25)
-    target = (0.01, 0.02, 0.09)
-    field = TargetField.of(model, Focus.at(target), 8)
-    assert field.fresnel_number < 3.0
-    ideal = np.exp(1j * field.phases_rad)
-    errors = criteria.peak_errors(model, field, ideal, np.ones(128), 0.0)
-    assert [error.error_rad for error in errors] == pytest.approx([0.0, 0.0], abs=1e-6)
-    assert judge.judge(intend(model, target), seen(intend(model, target))).criteria["S4"]
-
-
-def test_along_the_beam_a_small_array_has_no_peak_to_judge():
-    model = AcousticModel.default(8, 8)
-    field = TargetField.of(model, Focus.at((0.0, 0.0, 0.25)), 8)
-    ideal = np.exp(1j * field.phases_rad)
-    assert len(criteria.peak_errors(model, field, ideal, np.ones(64), 0.0)) == 1  # across only
-
-
 def test_a_line_of_elements_tells_x_only():
     model = AcousticModel.default(128, 1)
     judge = Judge(model, carrier_us=25)
     intended = intend(model, (0.02, 0.0, 0.15))
     found = judge.judge(intended, seen(intended))
-    assert found.status is FrameStatus.ON_TARGET
-    assert (found.axial_error_mm, found.bound_mm[1:]) == (None, (None, None))
+    assert found.status is FrameStatus.NOT_VERIFIED
+    assert "along y and z" in found.note
+    assert (found.lateral_error_mm, found.axial_error_mm) == (None, None)
+    assert (found.bound_mm[1:], found.measured_m[1:]) == ((None, None), (None, None))
+    assert found.smallest_miss_mm is None
     elsewhere = registers(focus_phases(model, (0.021, 0.0, 0.15)))
     assert judge.judge(intended, seen(intended, elsewhere)).status is FrameStatus.OFF_TARGET
 
@@ -252,7 +186,8 @@ def test_two_foci_are_judged_by_the_pressure_at_each(target, phase_rad, bits):
     drive = Drive(registers(np.angle(weights), bits).phase_codes, exact.amplitude_codes)
     intended = intend(MODEL, target, bits, foci=foci, drive=drive)
     found = judge(intended)
-    assert (found.status, found.criteria) == (FrameStatus.ON_TARGET, {"S3": True, "S5": True})
+    assert found.status is FrameStatus.ON_TARGET, found
+    assert found.criteria == {"S1": True, "S2": True, "S3": True, "S5": True}
     one_only = registers(focus_phases(MODEL, points[1]), bits)
     wrong = judge(intended, Drive(one_only.phase_codes, exact.amplitude_codes))
     assert wrong.status is FrameStatus.WRONG_DRIVE
