@@ -51,9 +51,11 @@ from haptogram.acoustics import (
     quality,
     quantise_phase,
     radiated_power_w,
+    reconstruction,
     solve,
     superpose,
     switching_level_db_a,
+    tracking,
     weights_for_foci,
     worst_place,
 )
@@ -363,6 +365,35 @@ def test_what_is_reconstructed_is_what_the_placed_elements_would_make(case, sile
     assert isinstance(expected, SingleFocus)
     assert found.position_m == pytest.approx(case.target, abs=2e-6)
     assert values(found) == pytest.approx(values(expected), rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_compiled_search_scores_places_by_what_is_radiated(name, monkeypatch):
+    """A few of its 48 places are enough, as they are for equal elements."""
+    monkeypatch.setattr(tracking, "_RIVALS", 6)
+    c = Case.of(name, "upright", phase_rad=3.0)
+    for model in (c.real, c.placed):
+        tracker = FocusTracker(model)
+        fix = tracker.acquire(quantise_phase(focus_phases(model, c.target), 8))
+        assert tracker.explains(fix)
+        assert np.array(fix.position_m) == pytest.approx(c.target, abs=2e-3)
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_elements_that_are_always_dead_do_not_slow_the_search_down(pose, monkeypatch):
+    monkeypatch.setattr(reconstruction, "Acquisition", None)
+    c = Case.of("grid", pose, dead=[0, 9])
+    for _ in range(2):
+        found = Reconstructor(c.real).reconstruct_weights(c.drives[0])
+        assert isinstance(found, SingleFocus)
+
+
+def test_a_fit_of_fewer_than_four_elements_that_radiate_is_left_to_the_reference():
+    nominal = AcousticModel.default(5, 1)
+    real = nominal.calibrated(measured(nominal.array, dead=[1, 3], away_m=0.0))
+    Reconstructor(real).reconstruct_weights(np.ones(5))
+    with pytest.raises(ConfigurationError, match="3 elements, a fit needs at least 4"):
+        FocusTracker(real)
 
 
 def test_a_drive_of_dead_elements_alone_makes_no_focus():
