@@ -144,12 +144,13 @@ def board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
         "reconstruct": 1,
         "fault": config.fault,
     }
-    if config.fault_plan is not None:
-        options["fault_plan"] = config.fault_plan
+    for name in ("calibration", "fault_plan"):
+        if (path := getattr(config, name)) is not None:
+            options[name] = path
     url = f"{_SCHEME}?{urlencode(options, doseq=True)}"
     virtual: Any = serial.serial_for_url(url, timeout=0)  # the stubs know no URL handler
     with contextlib.closing(virtual) as port:
-        model = port.simulation.board.settings.model
+        model = port.simulation.board.settings.truth
         transport = PyserialTransport(port, "virtual board")
         yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model)
 

@@ -73,6 +73,8 @@ class VerifyConfig:
     board_temperature_c: float | None = dataclasses.field(
         default=None, metadata=_limits(-20.0, 50.0)
     )
+    calibration: Path | None = None
+    compensate: bool = False
     port: str | None = None
     link_baud: int = dataclasses.field(default=3_000_000, metadata=_limits(1200, 50_000_000))
     lead_ms: float | None = dataclasses.field(default=None, metadata=_limits(1.0, 1000.0))
@@ -104,6 +106,8 @@ class VerifyConfig:
             raise SettingError(
                 "solver", f"is {self.solver!r}; the board solves frames of points, by superposition"
             )
+        if self.compensate:
+            self._check_compensation()
         if self.port is not None:
             self._check_port(self.port)
 
@@ -121,6 +125,19 @@ class VerifyConfig:
                 "modulation",
                 "is 'am', whose frames have amplitudes; the mode phases drives every transducer in "
                 "full, the modes points, drives and sequence do not",
+            )
+
+    def _check_compensation(self) -> None:
+        """Refuse what the host cannot compensate for."""
+        if self.calibration is None:
+            raise SettingError(
+                "compensate", "needs to know how the elements are: name the file of a calibration"
+            )
+        if self.frame_kind == "points":
+            raise SettingError(
+                "compensate",
+                f"is for drives that the host computes; in the mode {self.mode} with these "
+                "settings the board does, and knows no calibration",
             )
 
     def _check_port(self, port: str) -> None:

@@ -11,11 +11,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final, cast
 
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics import AcousticModel, Medium
+from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.acoustics.solvers import Method
 from haptogram.arming import ArmedSession
 from haptogram.budget import frame_bytes, transmission_ns
@@ -64,6 +65,9 @@ class Driver(ArmedSession):
         Array and air that the host assumes; by default the board's own array in *medium*.
     medium : Medium, optional
         Air that the host assumes over the board's own array; by default of 20 C.
+    calibration : Calibration or path, optional
+        How the elements really are, or the CSV file that says so: the drives compensate for their
+        phases and places. The board's array is still compared with the nominal one.
     trace : TraceMode, optional
         What the board shall report of every latch; by default what it is set to.
 
@@ -90,7 +94,8 @@ class Driver(ArmedSession):
     PortNotFoundError, PortBusyError, NoAnswerError, WrongProtocolError, VersionMismatchError
         Every way in which connecting can fail.
     ConfigurationError
-        The model is not that of the board, or the board does not take *phase_bits*.
+        The model is not that of the board, the calibration not that of its array, or the board
+        does not take *phase_bits*.
     """
 
     def __init__(
@@ -104,6 +109,7 @@ class Driver(ArmedSession):
         phase_bits: int = 8,
         model: AcousticModel | None = None,
         medium: Medium | None = None,
+        calibration: Calibration | str | Path | None = None,
         trace: TraceMode | None = None,
     ) -> None:
         super().__init__(
@@ -114,6 +120,7 @@ class Driver(ArmedSession):
             timeout_s=timeout_s,
             model=model,
             medium=medium,
+            calibration=calibration,
             trace=trace,
         )
         self.intended: list[Intended] = []

@@ -172,6 +172,11 @@ class FrameBuilder:
             raise ConfigurationError(f"mode is {mode!r}; known are phases, drives and points")
         if mode in _NEEDS and not self._identity.features & _NEEDS[mode]:
             raise ConfigurationError(f"mode {mode}: the board takes no such frames")
+        if mode == "points" and self._model.calibration is not None:
+            raise ConfigurationError(
+                "mode points: the board computes the drives, without the calibration; phases and "
+                "drives are computed with it"
+            )
 
     def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode, solver: Method) -> None:
         try:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram import tactile
-from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.boards import BoardUnderTest
 from haptogram.config import VerifyConfig
 from haptogram.driver import DEFAULT_PLAY_LEAD_US, Driver
@@ -173,6 +173,7 @@ def measure(
     shown = frames_to_show(config)
     model = host_model(config)
     own_array = config.port is not None and config.array is None
+    elements = None if config.calibration is None else Calibration.from_file(config.calibration)
     driver = Driver(
         board.port,
         baudrate=config.link_baud,
@@ -180,12 +181,15 @@ def measure(
         phase_bits=config.phase_bits,
         model=None if own_array else model,
         medium=model.medium,
+        calibration=elements if config.compensate else None,
     )
-    truth = board.model or driver.model
-    found = Measured(board.label, truth, driver.identity, warnings=driver.warnings)
+    known = board.model or driver.model
+    found = Measured(board.label, known, driver.identity, warnings=driver.warnings)
     found.intended = driver.intended
     total = shown.count * config.repeat
     try:
+        if elements is not None:
+            _calibrate(found, elements, driver)
         with _cut_short(found, driver, board, total):
             before = driver.status().counters
             board.prepare(driver)
@@ -204,6 +208,22 @@ def measure(
     found.silences = board.silences(driver)
     found.unseen, found.fault_counts = board.unseen, board.fault_counts
     return found
+
+
+def _calibrate(found: Measured, elements: Calibration, driver: Driver) -> None:
+    """Let the judge know the elements, and the reader that the host does not.
+
+    Raises
+    ------
+    ConfigurationError
+        The calibration is not of this array.
+    """
+    found.model = found.model.calibrated(elements)
+    if driver.model.calibration is None:
+        found.warnings.append(
+            f"{elements.name}: {elements.describe(driver.model.array)}; the host does not "
+            "compensate for that"
+        )
 
 
 @contextlib.contextmanager

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import random
 import secrets
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
-from haptogram.acoustics import AcousticModel, Medium, TransducerArray
+from haptogram.acoustics import AcousticModel, Calibration, Medium, TransducerArray
 from haptogram.clocksync import ClockEstimate
 from haptogram.errors import ConfigurationError, HaptogramError, LinkError, WrongProtocolError
 from haptogram.handshake import open_session
@@ -59,8 +60,10 @@ class Session:
         timeout_s: float = 2.0,
         model: AcousticModel | None = None,
         medium: Medium | None = None,
+        calibration: Calibration | str | Path | None = None,
         trace: TraceMode | None = None,
     ) -> None:
+        elements = None if calibration is None else Calibration.of(calibration)
         self.session = _nonce(nonce, seed)
         connection = HostConnection(
             nonce=self.session, description_hash=description_hash(), cobs=fastest_cobs()
@@ -72,21 +75,26 @@ class Session:
         self.last_status: Status | None = None
         self._closed = False
         try:
-            self._connect(model, medium)
+            self._connect(model, medium, elements)
             if trace is not None:
                 self.configure(trace_mode=trace)
         except BaseException:
             self._link.close()
             raise
 
-    def _connect(self, model: AcousticModel | None, medium: Medium | None) -> None:
+    def _connect(
+        self,
+        model: AcousticModel | None,
+        medium: Medium | None,
+        elements: Calibration | None,
+    ) -> None:
         link = self._link
         self.identity: HelloReply = open_session(link)
         self.warnings = list(link.connection.warnings)
         if model is None:
             model = model_of(read_array(link, self.identity), self.identity, medium)
-        self.model = model
         self.warnings += check_model(model, self.identity)
+        self.model = model if elements is None else model.calibrated(elements)
         self.clock = ClockEstimate(self.identity.clock_ppm)
         self._pinger = Pinger(link, self.clock)
         self._traces = TraceReader(self.session, self.identity.transducers, self.clock)

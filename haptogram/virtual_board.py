@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import haptogram
 import haptogram_protocol
-from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.backdoor import (
     BackdoorFile,
     fault_counts,
@@ -59,6 +59,9 @@ class VirtualBoard:
         Pitch of a grid.
     temperature_c : float
         Air over the board.
+    calibration : Calibration or path, optional
+        How its elements really are, or the CSV file that says so. Neither its firmware nor its
+        host knows.
     seed : int
         Everything about the board that looks random follows from it.
     baudrate : int or None
@@ -78,7 +81,7 @@ class VirtualBoard:
     url : str
         What a host opens.
     model : AcousticModel
-        What the board radiates with.
+        What the board radiates with, its calibration included.
 
     Raises
     ------
@@ -93,6 +96,7 @@ class VirtualBoard:
         *,
         pitch_mm: float = 10.0,
         temperature_c: float = 20.0,
+        calibration: Calibration | str | Path | None = None,
         seed: int = 0,
         baudrate: int | None = None,
         reconstruct: bool = True,
@@ -104,12 +108,15 @@ class VirtualBoard:
             Medium.air(temperature_c),
             Transducer(),
         )
+        elements = None if calibration is None else Calibration.of(calibration)
+        if elements is not None:
+            self.model = self.model.calibrated(elements)
         self._folder = WorkingFolder("haptogram-board-")
         records = self._folder.path / "backdoor.jsonl"
         self._backdoor = BackdoorFile(records)
         self._log = self._folder.path / "log"
         self.url = str(self._folder.path / "board")
-        options = {
+        options: dict[str, object] = {
             "--link": self.url,
             "--array": array,
             "--pitch-mm": pitch_mm,
@@ -119,6 +126,9 @@ class VirtualBoard:
         }
         if baudrate is not None:
             options["--baud"] = baudrate
+        if elements is not None:
+            options["--calibration"] = copy = self._folder.path / "calibration.csv"
+            elements.to_file(copy)
         if fault_plan is not None:
             options["--fault-plan"] = fault_plan
         arguments = [str(part) for option in options.items() for part in option]

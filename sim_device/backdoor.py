@@ -6,7 +6,7 @@ import base64
 import json
 from typing import Any, Final, TypeAlias
 
-from haptogram.acoustics import Drive, Reconstruction
+from haptogram.acoustics import Calibration, Drive, Reconstruction
 
 from .latch import (
     FaultsCounted,
@@ -46,6 +46,7 @@ def board_record(settings: BoardSettings) -> Record:
         "positions_m": array.positions_m.tolist(),
         "normals": array.normals.tolist(),
         "geometry_hash": array.digest(),
+        "calibration": _calibration_record(settings.calibration),
         "medium": {
             "sound_speed_m_s": model.medium.sound_speed_m_s,
             "density_kg_m3": model.medium.density_kg_m3,
@@ -57,6 +58,13 @@ def board_record(settings: BoardSettings) -> Record:
             "frequency_hz": model.transducer.frequency_hz,
         },
     }
+
+
+def _calibration_record(calibration: Calibration | None) -> Record | None:
+    names = ("gain", "phase_rad", "positions_m")
+    if calibration is None:
+        return None
+    return {name: getattr(calibration, name).tolist() for name in names}
 
 
 def latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:

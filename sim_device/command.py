@@ -79,6 +79,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--temperature-c", type=float, default=20.0, metavar="C", help="of the air [%(default)s]"
     )
+    parser.add_argument(
+        "--calibration",
+        metavar="FILE",
+        help="CSV file: gain, phase and place of each element, as the field has them and neither "
+        "the board nor its host knows [all equal]",
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="of the board [random]")
     parser.add_argument(
         "--backdoor", metavar="PATH|unix:PATH", help="what it really radiated, as JSON lines"
@@ -215,6 +221,7 @@ def _settings(options: argparse.Namespace) -> BoardSettings:
         array=options.array,
         pitch_mm=options.pitch_mm,
         temperature_c=options.temperature_c,
+        calibration=options.calibration,
         seed=secrets.randbits(32) if options.seed is None else options.seed,
         baud=baud,
         **given,

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
 
 from .faults import FaultPlan
@@ -22,6 +22,7 @@ def board_settings(
     array: str = "16x16",
     pitch_mm: float = 10.0,
     temperature_c: float = 20.0,
+    calibration: str | Path | None = None,
     seed: int = 0,
     baud: int | None = None,
     baud_error_ppm: int = 0,
@@ -40,6 +41,8 @@ def board_settings(
         Pitch of a grid, millimetres.
     temperature_c : float
         Temperature of the air that the board radiates into, degrees Celsius.
+    calibration : path, optional
+        CSV file that says how its elements really are (:class:`haptogram.acoustics.Calibration`).
     baud, baud_error_ppm, rx_fifo, rx_poll_us, latency_ms, host_buffer
         The line; see :class:`~sim_device.line_settings.LineSettings`.
 
@@ -57,7 +60,8 @@ def board_settings(
         transducer,
     )
     line = _line(baud_error_ppm, rx_fifo, rx_poll_us, latency_ms, host_buffer)
-    return BoardSettings(model=model, seed=seed, baud=baud, line=line)
+    elements = None if calibration is None else Calibration.from_file(calibration)
+    return BoardSettings(model=model, calibration=elements, seed=seed, baud=baud, line=line)
 
 
 def _line(

@@ -72,6 +72,7 @@ _PARAMETERS: Final[dict[str, Callable[[str, str], Any]]] = {
     "array": _text,
     "pitch_mm": _number(float),
     "temperature_c": _number(float),
+    "calibration": _text,
     "baud": _number(int),
     "baud_error_ppm": _number(int),
     "rx_fifo": _number(int),

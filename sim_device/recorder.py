@@ -65,7 +65,7 @@ class InlineReconstruction:
         reconstruct: bool = True,
     ) -> None:
         self._write = write
-        self._estimator = Estimator(settings.model) if reconstruct else None
+        self._estimator = Estimator(settings.truth) if reconstruct else None
         self._latched = self._reconstructed = 0
         self._faults: FaultsCounted | None = None
         self._line: LineCounted | None = None

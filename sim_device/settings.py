@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass, field
-from typing import Final
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
 
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.messages import Feature, PhaseFormat
 
 from .line_settings import LineSettings
+
+if TYPE_CHECKING:
+    from haptogram.acoustics import Calibration
 
 BOOT_US: Final = 2**32 - 10_000_000  # the 32-bit clock of every run wraps 10 s after power-up
 MAX_BAUD: Final = 50_000_000
@@ -36,7 +40,10 @@ class BoardSettings:
     Attributes
     ----------
     model : AcousticModel
-        Array, air and transducers that the board radiates with.
+        Array, air and transducers as the firmware knows them: what the host is told, and what the
+        drives of focal points are computed with.
+    calibration : Calibration or None
+        How its elements really are; None: as the firmware knows them.
     seed : int
         Everything about this board that looks random follows from it.
     queue_depth : int
@@ -55,11 +62,12 @@ class BoardSettings:
     Raises
     ------
     ConfigurationError
-        If the carrier period is not a whole number of microseconds, or a limit does not fit its
-        field of HELLO_REPLY.
+        If the carrier period is not a whole number of microseconds, a limit does not fit its field
+        of HELLO_REPLY, or the calibration is not of this array.
     """
 
     model: AcousticModel = field(default_factory=AcousticModel.default)
+    calibration: Calibration | None = None
     seed: int = 0
     features: Feature = ALL_FEATURES
     phase_formats: tuple[PhaseFormat, ...] = tuple(PhaseFormat)
@@ -92,6 +100,13 @@ class BoardSettings:
             if value is not None and not 1 <= value <= limit:
                 raise ConfigurationError(f"{name} is {value}, must be 1 to {limit}")
         self.line.check(self.baud)
+        if self.calibration is not None:
+            self.calibration.moved(self.model.array)
+
+    @cached_property
+    def truth(self) -> AcousticModel:
+        """What the board radiates with: its model, with the elements as they really are."""
+        return self.model if self.calibration is None else self.model.calibrated(self.calibration)
 
     @property
     def carrier_hz(self) -> int:

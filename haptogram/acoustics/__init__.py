@@ -39,6 +39,7 @@ from haptogram.acoustics.transducer import CircularPiston, Directivity, PointSou
 if TYPE_CHECKING:
     from haptogram.acoustics.average import mean_square_pressure
     from haptogram.acoustics.batch import FocusCodes
+    from haptogram.acoustics.calibration import Calibration
     from haptogram.acoustics.demodulation import (
         demodulated_level_db_a,
         demodulated_lines,
@@ -79,6 +80,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AcousticModel",
+    "Calibration",
     "CircularPiston",
     "Directivity",
     "Drive",
@@ -153,6 +155,7 @@ __all__ = [
 ]
 
 _LATER: Final = {
+    "Calibration": "calibration",
     "Exposure": "exposure",
     "Fix": "tracking",
     "FocalShift": "shift",

@@ -44,6 +44,9 @@ class Acquisition:
         self.subarray: BoolArray = active & (self._distance <= self._radius_m)
         self._cells = search_cells(model, positions[self.subarray])
         self._phasors = cell_phasors(model, self._cells, positions[self.subarray])
+        if model.calibration is not None:
+            lags_rad = model.calibration.phase_rad[self.subarray]
+            self._phasors *= np.exp(1j * lags_rad).astype(np.complex64)
 
     def _subarray_radius(self, active: BoolArray) -> float:
         nearest = np.sort(self._distance[active])

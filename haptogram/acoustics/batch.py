@@ -26,7 +26,7 @@ class FocusCodes:
 
     With numba, in single precision: one code in about a thousand differs by one step from
     ``quantise_phase(focus_phases(...))``, where the exact phase lies on the edge between two codes.
-    Without numba, or beyond 100 wavelengths, it is that call.
+    Without numba, beyond 100 wavelengths, or with a calibration, it is that call.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class FocusCodes:
         check_phase_bits(phase_bits)
         self._model = model
         self._phase_bits = phase_bits
-        self._kernels = load_kernels()
+        self._kernels = load_kernels() if model.calibration is None else None
         layout = Layout.of(model)
         self._frame = layout.frame
         self._places = single(layout.elements[:, :3].T)

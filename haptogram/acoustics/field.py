@@ -1,7 +1,8 @@
 """The pressure field of a driven array.
 
-p(x) = sum_n w_n sqrt(2) P1 D(theta_n) e^{(j k - alpha) r_n} / r_n, a peak phasor in pascals;
-theta_n is the angle to the element's own normal. Linear acoustics, free field, no scattering.
+p(x) = sum_n w_n h_n sqrt(2) P1 D(theta_n) e^{(j k - alpha) r_n} / r_n, a peak phasor in pascals;
+theta_n is the angle to the element's own normal, h_n its response (1 without a calibration). Linear
+acoustics, free field, no scattering.
 """
 
 from __future__ import annotations
@@ -93,6 +94,8 @@ def _propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
     # Two real functions cost a third of one complex exponential.
     np.multiply(magnitude, np.cos(phase), out=result.real)
     np.multiply(magnitude, np.sin(phase), out=result.imag)
+    if model.response is not None:
+        result *= model.response
     return result
 
 

@@ -1,6 +1,7 @@
 """From a target to phases, and from phases back to the point where they focus.
 
-Both use the same convention: focusing on x needs phi_n = -k r_n(x) + psi, with any common psi.
+Both use the same convention: focusing on x needs phi_n = -k r_n(x) - arg h_n + psi, with any common
+psi; h_n is the response of the element, 1 without a calibration.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class PhaseFit:
     phase_rad : float
         Common phase psi, in (-pi, pi].
     residual_rad : (N,) numpy.ndarray
-        wrap(phi_n + k r_n - psi) of every element, of the inactive ones too.
+        wrap(phi_n + arg h_n + k r_n - psi) of every element, of the inactive ones too.
     residual_rms_rad : float
         Its root mean square over the active elements.
     std_m : (3,) numpy.ndarray
@@ -121,12 +122,14 @@ def focus_phases(model: AcousticModel, target_m: ArrayLike) -> FloatArray:
     Returns
     -------
     (N,) or (T, N) numpy.ndarray
-        phi_n = -k r_n, in radians, not wrapped.
+        phi_n = -k r_n - arg h_n, in radians, not wrapped.
     """
     targets = as_floats("target_m", target_m)
     points = as_points("target_m", np.atleast_2d(targets))
     offsets = points[:, None, :] - model.array.positions_m
     phases: FloatArray = -model.wavenumber * np.linalg.norm(offsets, axis=2)
+    if model.calibration is not None:
+        phases -= model.calibration.phase_rad
     return phases[0] if targets.ndim == 1 else phases
 
 
@@ -145,7 +148,7 @@ def superpose(
     Returns
     -------
     (N,) numpy.ndarray of complex128
-        w_n = sum_i a_i e^{j psi_i} e^{-j k r_n(i)}; magnitudes above 1 are clipped by
+        w_n = sum_i a_i e^{j psi_i} e^{-j (k r_n(i) + arg h_n)}; magnitudes above 1 are clipped by
         :meth:`Drive.from_weights`, not here.
     """
     points = as_points("points_m", points_m)
@@ -163,8 +166,9 @@ def fit_focus(
     phase_bits: int,
     active: ArrayLike | None = None,
 ) -> PhaseFit:
-    """Return the focus x and common phase psi that minimise sum_n wrap(phi_n + k r_n(x) - psi)^2.
+    """Return the point that explains the phases best.
 
+    Its place x and common phase psi minimise sum_n wrap(phi_n + arg h_n + k r_n(x) - psi)^2.
     Gauss-Newton with Levenberg-Marquardt damping. It finds the minimum next to *start_m*: on a
     16 x 16 array of 10 mm pitch, for certain from 4 mm away.
 
@@ -177,7 +181,8 @@ def fit_focus(
     phase_bits : int
         Resolution of the phases, for `std_m` and `bound_m`.
     active : (N,) array_like of bool, optional
-        Elements to use; those with amplitude 0 say nothing about the focus.
+        Elements to use; those with amplitude 0 say nothing about the focus. Those that do not
+        radiate (gain 0) are never used.
 
     Raises
     ------
@@ -186,6 +191,9 @@ def fit_focus(
     """
     phases = as_vector("phases_rad", phases_rad, model.array.count)
     used = _as_mask(active, model.array.count)
+    if model.calibration is not None:
+        phases = phases + model.calibration.phase_rad
+        used = _as_mask(used & model.calibration.heard, model.array.count)
     problem = _PhaseProblem(model, phases, used)
     position, steps, converged = problem.solve(as_place("start_m", start_m))
     residual, phase, slopes = problem.residual_of_all(position)
@@ -216,6 +224,8 @@ def phase_response(
         Whether the active elements tell this coordinate from the others.
     """
     used = _as_mask(active, model.array.count)
+    if model.calibration is not None:
+        used = _as_mask(used & model.calibration.heard, model.array.count)
     problem = _PhaseProblem(model, np.zeros(model.array.count), used)
     response = np.zeros((3, model.array.count))
     response[:, used], observable = problem.response(as_place("position_m", position_m))

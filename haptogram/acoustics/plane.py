@@ -106,7 +106,7 @@ class PlaneField:
         """
         from scipy.fft import fft2  # slow to import, and only planes need it
 
-        drive = as_drive(weights, self._model.array.count)
+        drive = self._model.radiated(as_drive(weights, self._model.array.count))
         along_x, along_y = self._axes
         sources = np.zeros((along_x.period, along_y.period), dtype=np.complex64)
         nodes = np.where(self._lattice.elements >= 0, drive[self._lattice.elements], 0.0)

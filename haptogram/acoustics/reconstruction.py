@@ -64,7 +64,7 @@ class _Radiated:
     phases_rad: FloatArray
     active: BoolArray
     phase_bits: int
-    codes: NDArray[np.uint8] | None  # of 8 bits; None if some elements are silent
+    codes: NDArray[np.uint8] | None  # of 8 bits; None if some that can be heard are silent
     slack_rad: float
 
     @property
@@ -100,6 +100,8 @@ class Reconstructor:
         self._phase_bits = phase_bits
         self._engine = choose_engine(model) if engine is None else engine
         self._disc = ReflectingDisc(self._engine)
+        self._heard = None if model.calibration is None else model.calibration.heard
+        self._heard_count = model.array.count if self._heard is None else int(self._heard.sum())
         self._acquisition: Acquisition | None = None
         self._last_focus: FloatArray | None = None
 
@@ -168,10 +170,13 @@ class Reconstructor:
         if ramping:
             return NoFocus("ramping")
         active = np.abs(weights) > _SILENT
+        if self._heard is not None:
+            active &= self._heard
         if not active.any():
             return NoFocus("zero amplitude")
         phases = np.angle(weights)
-        codes = quantise_phase(phases, MAX_PHASE_BITS) if active.all() else None
+        everything = np.count_nonzero(active) == self._heard_count
+        codes = quantise_phase(phases, MAX_PHASE_BITS) if everything else None
         return self._locate(_Radiated(weights, phases, active, phase_bits, codes, slack_rad))
 
     def _locate(self, radiated: _Radiated) -> Reconstruction:
@@ -186,7 +191,7 @@ class Reconstructor:
     @cached_property
     def _tracker(self) -> FocusTracker | None:
         """The compiled search: needs numba, and four elements for four unknowns."""
-        if load_kernels() is None or self._model.array.count < _MIN_TRACKED:
+        if load_kernels() is None or self._heard_count < _MIN_TRACKED:
             return None
         return FocusTracker(self._model)
 

@@ -122,14 +122,15 @@ class SingleEngine(ABC):
         points = np.ascontiguousarray(as_points("points_m", points_m))
         shape = (*drives.shape[:-1], len(points))
         check_memory("a field", shape, 16)
-        many = _effective_count(drives) >= _MANY
+        radiated = self._model.radiated(drives)
+        many = _effective_count(radiated) >= _MANY
         usable = self._usable(points, self._reach_of_many_m if many else self._reach_of_few_m)
         if usable is None:
-            return self._fast(drives, points, careful=not many)
+            return self._fast(radiated, points, careful=not many)
         check_points(self._model, points)
         result = np.empty(shape, dtype=np.complex128)
         result[..., ~usable] = NumpyEngine(self._model).pressure(drives, points[~usable])
-        result[..., usable] = self._fast(drives, points[usable], careful=not many)
+        result[..., usable] = self._fast(radiated, points[usable], careful=not many)
         return result
 
     def propagators(self, points_m: ArrayLike) -> NDArray[np.complex64]:
@@ -149,15 +150,17 @@ class SingleEngine(ABC):
         if usable is not None:
             check_points(self._model, points)
             result[~fast] = propagators(self._model, points[~fast])
-        rows = np.flatnonzero(fast)
+        rows, response = np.flatnonzero(fast), self._model.response
         for part in chunks(len(rows), self._wave_points):
             real, imaginary = self._waves(points[rows[part]])
             result.real[rows[part]] = real.T
             result.imag[rows[part]] = imaginary.T
+            if response is not None:
+                result[rows[part]] *= response
         return result
 
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
-        """Return the pressure at points that are all served.
+        """Return the pressure of what is radiated at points that are all served.
 
         *careful*: so few elements are active that their rounding errors do not average out.
         """

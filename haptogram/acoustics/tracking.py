@@ -62,19 +62,19 @@ class Fix(NamedTuple):  # a dataclass would take as long to make as a Gauss-Newt
 
 
 class FocusTracker:
-    """Finds the focus of frames of phase codes; every element counts as driven.
+    """Finds the focus of frames of phase codes; every element that radiates counts as driven.
 
     Parameters
     ----------
     model : AcousticModel
-        The array and its medium, at least four elements.
+        The array and its medium, at least four elements that radiate.
     phase_bits : int
         Resolution of the codes, 1 to 8.
 
     Raises
     ------
     ConfigurationError
-        numba is not installed (use :class:`.Reconstructor`), or fewer than four elements.
+        numba is not installed (use :class:`.Reconstructor`), or fewer than four elements radiate.
     """
 
     def __init__(self, model: AcousticModel, phase_bits: int = MAX_PHASE_BITS) -> None:
@@ -82,18 +82,19 @@ class FocusTracker:
         kernels = load_kernels()
         if kernels is None:
             raise ConfigurationError("numba is not installed: pip install 'haptogram[fast]'")
-        if model.array.count < 4:
-            raise ConfigurationError(f"{model.array.count} elements, a fit needs at least 4")
+        distance = np.linalg.norm(model.array.positions_m - model.array.centre_m, axis=1)
+        self._order, lags_rad = _heard(model, np.argsort(distance, kind="stable"))
+        if len(self._order) < 4:
+            raise ConfigurationError(f"{len(self._order)} elements, a fit needs at least 4")
         self._kernels = kernels
         self._model = model
         self._steps = 1 << phase_bits
         self._limit_rad = phase_step_rad(phase_bits) / 2.0
         layout = Layout.of(model)
         self._frame = layout.frame
-        distance = np.linalg.norm(model.array.positions_m - model.array.centre_m, axis=1)
-        self._order = np.argsort(distance, kind="stable")
         self._places = single(layout.elements[self._order, :3].T)
-        self._counts = _widening_counts(model.array.count)
+        self._lags = single(lags_rad / (2.0 * np.pi))
+        self._counts = _widening_counts(len(self._order))
         self._shape = (model.array.count,)
         self._bottom_m = float(model.array.centre_m[2])
         self._cells: FloatArray | None = None
@@ -170,6 +171,8 @@ class FocusTracker:
         positions = self._model.array.positions_m[first]
         cells = search_cells(self._model, positions)
         matrix = cell_phasors(self._model, cells, positions)
+        if self._lags.any():
+            matrix *= np.exp(2j * np.pi * self._lags[: len(first)])
         self._phasors = np.ascontiguousarray(np.stack([matrix.real.T, matrix.imag.T]))
         self._apart = _APART * np.linalg.norm(cells - self._model.array.centre_m, axis=1)
         self._cells = np.ascontiguousarray(cells.T)
@@ -185,7 +188,15 @@ class FocusTracker:
     def _fit(self, codes: NDArray[np.uint8], start: Point, count: int) -> Fix:
         return Fix(
             *self._kernels.fit_phases(
-                codes, self._order, self._places, self._frame, start, self._steps, count, _MAX_STEPS
+                codes,
+                self._order,
+                self._places,
+                self._lags,
+                self._frame,
+                start,
+                self._steps,
+                count,
+                _MAX_STEPS,
             )
         )
 
@@ -212,6 +223,14 @@ class FocusTracker:
                 f"codes are {codes.dtype} of shape {codes.shape}, "
                 f"must be uint8 of shape {self._shape}"
             )
+
+
+def _heard(model: AcousticModel, order: NDArray[np.intp]) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return those elements of *order* that radiate, and how late they do, in radians."""
+    if model.calibration is None:
+        return order, np.zeros(len(order))
+    order = order[model.calibration.heard[order]]
+    return order, model.calibration.phase_rad[order]
 
 
 def _widening_counts(count: int) -> list[int]:

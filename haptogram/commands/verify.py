@@ -143,6 +143,7 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
             config.virtual_array,
             pitch_mm=config.pitch_mm,
             temperature_c=config.air_over_board_c,
+            calibration=config.calibration,
             seed=config.seed,
             baudrate=None,  # the driver paces itself; twice would count every stall twice
             faults=config.fault,

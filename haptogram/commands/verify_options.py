@@ -103,6 +103,19 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         help="air temperature over the virtual board [the host's]",
     )
 
+    array.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="CSV file with gain, phase and position of each element, as they really are: of the "
+        "virtual board that is started here, and for the judge of any board [all equal, in place]",
+    )
+    array.add_argument(
+        "--compensate",
+        action=argparse.BooleanOptionalAction,
+        help="the host computes its drives for the elements of the calibration [it does not]",
+    )
+
     link = verify.add_argument_group("board and link")
     link.add_argument(
         "--port",

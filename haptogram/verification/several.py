@@ -269,7 +269,7 @@ def judge_several(
     known : Uncertainty
         How well array and air are known.
     """
-    active = meaningful(intended, latched)
+    active = meaningful(intended, latched) & ideals[0].targets[0].active
     s5 = criteria.amplitudes_ok(intended, latched)
     targets = ideals[0].targets
     levels = FociLevels.of(intended, latched.weights(), targets)

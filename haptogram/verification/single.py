@@ -96,6 +96,11 @@ class SingleFrame:
             How well array and air are known.
         """
         target = self.target
+        if not target.active.any():
+            note = (
+                "no element that shall sound can be heard: the calibration gives each a gain of 0"
+            )
+            return dataclasses.replace(seen, faults=faults, note=note)
         measures, verdicts, peaks = self._drive_criteria()
         notes = [seen.note] if seen.note else []
         unseen = [] if target.observable.all() else [_unobservable(target)]

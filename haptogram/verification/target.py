@@ -54,8 +54,9 @@ class TargetField:
 
     @cached_property
     def active(self) -> Bools:
-        """(N,) the elements that shall sound."""
-        return self.amplitudes > 0.0
+        """(N,) the elements that shall sound and can be heard."""
+        calibration = self.model.calibration
+        return (self.amplitudes > 0.0) & (True if calibration is None else calibration.heard)
 
     @cached_property
     def phases_rad(self) -> Floats:

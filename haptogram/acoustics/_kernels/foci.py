@@ -57,10 +57,12 @@ def _codes(
 
 @jit
 def fit_phases(
-    codes: NDArray[np.uint8], order: NDArray[np.int64], places: F4, frame: F8,
+    codes: NDArray[np.uint8], order: NDArray[np.int64], places: F4, lags: F4, frame: F8,
     start: tuple[float, float, float], code_steps: int, count: int, max_steps: int,
 ) -> Fitted:  # fmt: skip
-    """Fit a focus to the codes of the first *count* elements of *order*; *places* is (3, N) alike.
+    """Fit a focus to the codes of the first *count* elements of *order*.
+
+    Positions *places* (3, N) and *lags* (N,), in turns, are in that order.
 
     Return position (m), common phase and RMS residual (rad), steps taken, whether converged,
     distance from the nearest of the elements (m): a tuple costs a third of an array filled here and
@@ -69,7 +71,7 @@ def fit_phases(
     phases = np.empty(count, np.float32)
     scale = np.float32(1.0) / np.float32(code_steps)
     for n in range(count):
-        phases[n] = np.float32(codes[order[n]]) * scale
+        phases[n] = np.float32(codes[order[n]]) * scale + lags[n]
     sums, step = np.empty(14), np.empty(3)
     x, y, z = _place(start, frame)
     common = _coherent_phase(phases, places, x, y, z)
