@@ -19,6 +19,18 @@ MODULATIONS: Final = ("am", "lm", "stm")  # those of haptogram.modulation, which
 SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
 MESH_SUFFIXES: Final = (".stl", ".obj", ".ply")
 DEFAULT_ARRAY: Final = "16x16"
+#: The largest tolerance of a miss and of the air, and uncertainty of air and elements.
+MOST_MISS_MM: Final = 10.0
+MOST_OFF_C: Final = 20.0
+MOST_OFF_HUMIDITY_PERCENT: Final = 90.0
+MOST_OFF_POSITION_MM: Final = 5.0
+MOST_OFF_PHASE_RAD: Final = 3.2
+#: How well a real board is known until the user says better: a room without a thermometer beside
+#: the array, a hygrometer of 10 %, a printed circuit board, transducers as they are delivered.
+GUESS_C: Final = 2.0
+GUESS_HUMIDITY_PERCENT: Final = 10.0
+GUESS_POSITION_MM: Final = 0.1
+GUESS_PHASE_RAD: Final = 0.2
 _SECTION: Final = "verify"
 
 
@@ -75,6 +87,21 @@ class VerifyConfig:
     )
     calibration: Path | None = None
     compensate: bool = False
+    tolerance_mm: float = dataclasses.field(default=0.0, metadata=_limits(0.0, MOST_MISS_MM))
+    tolerance_c: float = dataclasses.field(default=0.0, metadata=_limits(0.0, MOST_OFF_C))
+    tolerance_humidity: float = dataclasses.field(
+        default=0.0, metadata=_limits(0.0, MOST_OFF_HUMIDITY_PERCENT)
+    )
+    uncertainty_c: float | None = dataclasses.field(default=None, metadata=_limits(0.0, MOST_OFF_C))
+    uncertainty_humidity: float | None = dataclasses.field(
+        default=None, metadata=_limits(0.0, MOST_OFF_HUMIDITY_PERCENT)
+    )
+    uncertainty_position_mm: float | None = dataclasses.field(
+        default=None, metadata=_limits(0.0, MOST_OFF_POSITION_MM)
+    )
+    uncertainty_phase_rad: float | None = dataclasses.field(
+        default=None, metadata=_limits(0.0, MOST_OFF_PHASE_RAD)
+    )
     port: str | None = None
     link_baud: int = dataclasses.field(default=3_000_000, metadata=_limits(1200, 50_000_000))
     lead_ms: float | None = dataclasses.field(default=None, metadata=_limits(1.0, 1000.0))

@@ -21,7 +21,7 @@ from haptogram.modulation import FocusFrames, Modulation
 from haptogram.playing import PlayReport
 from haptogram.records import STREAM, Focus, Intended, Observation
 from haptogram.streaming import StreamReport
-from haptogram.verification import Cut
+from haptogram.verification import Cut, check_tolerance, tolerance_of
 from haptogram_protocol.messages import Counters, HelloReply, StateChanged, unwrap
 
 if TYPE_CHECKING:
@@ -190,6 +190,7 @@ def measure(
     try:
         if elements is not None:
             _calibrate(found, elements, driver)
+        check_tolerance(found.model, shown.points_m, tolerance_of(config))
         with _cut_short(found, driver, board, total):
             before = driver.status().counters
             board.prepare(driver)

@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     """Run the job, write and print its result, and return the exit status."""
     from haptogram import report
     from haptogram.job import measure
-    from haptogram.verification import verify_run
+    from haptogram.verification import tolerance_of, uncertainty_of, verify_run
 
     names = {field.name for field in dataclasses.fields(VerifyConfig)}
     given = {name: value for name, value in vars(arguments).items() if name in names}
@@ -97,6 +97,8 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
             cut=found.cut,
             unseen=found.unseen,
             silences=found.silences,
+            tolerance=tolerance_of(config),
+            uncertainty=uncertainty_of(config),
             progress=progress,
         )
     result = report.result_dict(

@@ -6,6 +6,10 @@ import argparse
 from pathlib import Path
 
 from haptogram.config import (
+    GUESS_C,
+    GUESS_HUMIDITY_PERCENT,
+    GUESS_PHASE_RAD,
+    GUESS_POSITION_MM,
     MESH_SUFFIXES,
     MODES,
     MODULATIONS,
@@ -116,6 +120,8 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         help="the host computes its drives for the elements of the calibration [it does not]",
     )
 
+    _add_tolerance(verify)
+
     link = verify.add_argument_group("board and link")
     link.add_argument(
         "--port",
@@ -196,3 +202,57 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         help="TOML file with a [verify] table of these options",
     )
     verify.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def _add_tolerance(verify: argparse.ArgumentParser) -> None:
+    """Add what is tolerated, and how well air and elements are known."""
+    group = verify.add_argument_group(
+        "tolerance and uncertainty",
+        "A tolerance decides which miss passes, on top of what rounding of the phases makes; the "
+        "default is none. An uncertainty decides nothing: the result tells what it makes in mm.",
+    )
+    default = VerifyConfig()
+    group.add_argument(
+        "--tolerance-mm",
+        type=float,
+        metavar="MM",
+        help=f"distance of a focus from its target that passes [{default.tolerance_mm:g}]",
+    )
+    group.add_argument(
+        "--tolerance-c",
+        type=float,
+        metavar="C",
+        help="difference between the air that the host assumes and that over the board "
+        f"[{default.tolerance_c:g}]",
+    )
+    group.add_argument(
+        "--tolerance-humidity",
+        type=float,
+        metavar="PERCENT",
+        help=f"the same of the relative humidity [{default.tolerance_humidity:g}]",
+    )
+    real = "virtual board: 0; --port:"
+    group.add_argument(
+        "--uncertainty-c",
+        type=float,
+        metavar="C",
+        help=f"standard uncertainty of the air temperature [{real} {GUESS_C:g}]",
+    )
+    group.add_argument(
+        "--uncertainty-humidity",
+        type=float,
+        metavar="PERCENT",
+        help=f"of the relative humidity [{real} {GUESS_HUMIDITY_PERCENT:g}]",
+    )
+    group.add_argument(
+        "--uncertainty-position-mm",
+        type=float,
+        metavar="MM",
+        help=f"of each coordinate of each element [{real} {GUESS_POSITION_MM:g}]",
+    )
+    group.add_argument(
+        "--uncertainty-phase-rad",
+        type=float,
+        metavar="RAD",
+        help=f"of the phase that each element adds [{real} {GUESS_PHASE_RAD:g}]",
+    )

@@ -10,7 +10,15 @@ from .faults import name_faults
 from .judge import Judge
 from .run import RunVerdict, verify_run
 from .summary import consequence_text, cut_text, pressure_text
-from .tolerance import REAL_BOARD, PlaceUncertainty, Tolerance, Uncertainty
+from .target import check_tolerance
+from .tolerance import (
+    REAL_BOARD,
+    PlaceUncertainty,
+    Tolerance,
+    Uncertainty,
+    tolerance_of,
+    uncertainty_of,
+)
 from .verdict import Consequence, Cut, FrameStatus, FrameVerdict, Verdict
 
 __all__ = [
@@ -26,9 +34,12 @@ __all__ = [
     "Tolerance",
     "Uncertainty",
     "Verdict",
+    "check_tolerance",
     "consequence_text",
     "cut_text",
     "name_faults",
     "pressure_text",
+    "tolerance_of",
+    "uncertainty_of",
     "verify_run",
 ]

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, fit_focus, focus_phases
 from haptogram.acoustics.field import propagators
 from haptogram.acoustics.focus import phase_response
 from haptogram.acoustics.shift import direction_covariance
+from haptogram.errors import ConfigurationError
 
 from .peaks import Complexes, Direction, ExpectedPeak, Floats, expected_peak
 from .tolerance import PlaceUncertainty, Tolerance, Uncertainty
@@ -25,6 +27,7 @@ _NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proport
 _SECOND_ORDER: Final = 1.04  # of the bound of the first order
 _LOST: Final = 0.5  # of the distance
 _SAME_LINE: Final = 1e-6
+_WIDTH_RAD: Final = 2.0 * 0.831  # of a focus at -3 dB, in radians of phase
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,11 +179,40 @@ class TargetField:
         return _moved(self.response, self.air_phases_rad)
 
     @cached_property
+    def _steepness_rad_m(self) -> float:
+        """RMS change of the phases per metre of a miss, across the beam where that is largest."""
+        steepest = float(np.linalg.eigvalsh(self.covariance)[-1])
+        return self.model.wavenumber * math.sqrt(max(steepest, 0.0))
+
+    @property
+    def width_m(self) -> float:
+        """Width of the focus (-3 dB) where it is narrowest, in metres; infinite for one element.
+
+        2 * 0.831 / (k sqrt(C)), C the largest variance of the directions to the elements.
+        """
+        steepness = self._steepness_rad_m
+        return _WIDTH_RAD / steepness if steepness > 0.0 else math.inf
+
+    def check_tolerance(self) -> None:
+        """Raise if a tolerated miss is as large as the focus.
+
+        Raises
+        ------
+        ConfigurationError
+            It names the value, the focus and its width.
+        """
+        width_mm = _MM * self.width_m
+        if self.tolerance.miss_mm > width_mm:
+            x, y, z = _MM * self.position_m
+            raise ConfigurationError(
+                f"tolerance of {self.tolerance.miss_mm:g} mm; the focus at ({x:.1f}, {y:.1f}, "
+                f"{z:.1f}) mm is {width_mm:.1f} mm wide (-3 dB), a tolerance must be smaller"
+            )
+
+    @cached_property
     def tolerated_rad(self) -> float:
         """RMS change of the phases that a tolerated miss in tolerated air makes."""
-        steepest = float(np.linalg.eigvalsh(self.covariance)[-1])
-        miss_m = self.tolerance.miss_mm / _MM
-        slack = self.model.wavenumber * np.sqrt(max(steepest, 0.0)) * miss_m
+        slack = self._steepness_rad_m * self.tolerance.miss_mm / _MM
         return float(slack + np.sqrt(np.mean(self.air_phases_rad[self.active] ** 2)))
 
     @cached_property
@@ -205,6 +237,21 @@ class TargetField:
         if not self.observable.all():
             return None
         return place_uncertainty(self.model, self.position_m, self.response, known)
+
+
+def check_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: Tolerance) -> None:
+    """Raise if a tolerance is as large as the focus at one of (T, 3) points, in metres.
+
+    Raises
+    ------
+    ConfigurationError
+        A miss as large as the focus is wide (-3 dB) leaves nothing to verify.
+    """
+    if not tolerance.miss_mm:
+        return
+    everything = np.ones(model.array.count)
+    for point in np.unique(np.atleast_2d(np.asarray(points_m, dtype=np.float64)), axis=0):
+        TargetField(model, point, everything, 0.0, tolerance).check_tolerance()
 
 
 def place_uncertainty(

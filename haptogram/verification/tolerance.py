@@ -7,18 +7,24 @@ Both are settings of a verification: a :class:`Tolerance` decides which miss pas
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Final, NamedTuple
 
 from haptogram.acoustics import Medium
 from haptogram.acoustics.medium import speed_uncertainty
+from haptogram.config import (
+    GUESS_C,
+    GUESS_HUMIDITY_PERCENT,
+    GUESS_PHASE_RAD,
+    GUESS_POSITION_MM,
+    MOST_MISS_MM,
+    MOST_OFF_C,
+    MOST_OFF_HUMIDITY_PERCENT,
+    MOST_OFF_PHASE_RAD,
+    MOST_OFF_POSITION_MM,
+    VerifyConfig,
+)
 from haptogram.errors import ConfigurationError
-
-LARGEST_MM: Final = 10.0
-LARGEST_C: Final = 20.0
-LARGEST_HUMIDITY_PERCENT: Final = 90.0
-LARGEST_POSITION_MM: Final = 5.0
-LARGEST_PHASE_RAD: Final = math.pi
 
 
 def _check(setting: object, limits: dict[str, float]) -> None:
@@ -63,9 +69,9 @@ class Tolerance:
         _check(
             self,
             {
-                "miss_mm": LARGEST_MM,
-                "temperature_c": LARGEST_C,
-                "humidity_percent": LARGEST_HUMIDITY_PERCENT,
+                "miss_mm": MOST_MISS_MM,
+                "temperature_c": MOST_OFF_C,
+                "humidity_percent": MOST_OFF_HUMIDITY_PERCENT,
             },
         )
 
@@ -94,7 +100,7 @@ class Uncertainty:
     position_mm : float
         Of each coordinate of each element, 0 to 5 mm.
     phase_rad : float
-        Of the phase that each element adds, 0 to pi.
+        Of the phase that each element adds, 0 to 3.2.
 
     Raises
     ------
@@ -111,10 +117,10 @@ class Uncertainty:
         _check(
             self,
             {
-                "temperature_c": LARGEST_C,
-                "humidity_percent": LARGEST_HUMIDITY_PERCENT,
-                "position_mm": LARGEST_POSITION_MM,
-                "phase_rad": LARGEST_PHASE_RAD,
+                "temperature_c": MOST_OFF_C,
+                "humidity_percent": MOST_OFF_HUMIDITY_PERCENT,
+                "position_mm": MOST_OFF_POSITION_MM,
+                "phase_rad": MOST_OFF_PHASE_RAD,
             },
         )
 
@@ -123,11 +129,29 @@ class Uncertainty:
         return speed_uncertainty(medium, self.temperature_c, self.humidity_percent)
 
 
-#: What is assumed of a real board until the user says better: a room without a thermometer beside
-#: the array, a hygrometer of 10 %, a printed circuit board, and transducers as they are delivered.
-REAL_BOARD: Final = Uncertainty(
-    temperature_c=2.0, humidity_percent=10.0, position_mm=0.1, phase_rad=0.2
-)
+#: What is assumed of a real board until the user says better.
+REAL_BOARD: Final = Uncertainty(GUESS_C, GUESS_HUMIDITY_PERCENT, GUESS_POSITION_MM, GUESS_PHASE_RAD)
+
+
+def tolerance_of(config: VerifyConfig) -> Tolerance:
+    """Return what the settings tolerate."""
+    return Tolerance(config.tolerance_mm, config.tolerance_c, config.tolerance_humidity)
+
+
+def uncertainty_of(config: VerifyConfig) -> Uncertainty:
+    """Return how well the settings know air and elements.
+
+    What was not said is 0 for the virtual board that is started here, whose air and elements are
+    those of the settings, and a guess (`REAL_BOARD`) for the board at a port.
+    """
+    guess = Uncertainty() if config.port is None else REAL_BOARD
+    said = {
+        "temperature_c": config.uncertainty_c,
+        "humidity_percent": config.uncertainty_humidity,
+        "position_mm": config.uncertainty_position_mm,
+        "phase_rad": config.uncertainty_phase_rad,
+    }
+    return replace(guess, **{name: value for name, value in said.items() if value is not None})
 
 
 class PlaceUncertainty(NamedTuple):
