@@ -125,7 +125,7 @@ class ProcessBoard:
         self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
     ) -> list[Observation]:
         """End the board, and return everything that came out of its back door."""
-        expected = len(driver.intended)
+        expected = driver.intended.total
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
         self._board.finish(show, hurry=hurry)
@@ -306,8 +306,10 @@ class PortBoard:
             self.unseen = f"the board found no room on the line for {dropped} trace events"
         if damaged and self.unseen is None:
             self.unseen = "frames from the board were damaged or lost on the line"
-        if self._mode is TraceMode.RING and len(driver.intended) > kept:
+        if self._mode is TraceMode.RING and driver.intended.total > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
+        if driver.observations.dropped and self.unseen is None:
+            self.unseen = f"the driver keeps the last {len(driver.observations)} latches it is told"
 
     def outlast(self, driver: Driver) -> None:
         """Nothing to do: it cannot tell any more."""
@@ -320,7 +322,7 @@ class PortBoard:
         hurry: bool = False,  # noqa: ARG002  nor to leave out
     ) -> list[Observation]:
         """Return what the board said that it latched."""
-        return driver.observations + self._read_back
+        return [*driver.observations, *self._read_back]
 
     def silences(self, driver: Driver) -> list[int]:
         """Return when the board said that it left ARMED; the ramp is not counted."""

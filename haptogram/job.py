@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, TypeAlias, cast
 
@@ -71,7 +71,7 @@ class Measured:
     board: str
     model: AcousticModel
     identity: HelloReply
-    intended: list[Intended] = field(default_factory=list)
+    intended: Sequence[Intended] = ()
     observations: list[Observation] = field(default_factory=list)
     report: StreamReport | PlayReport | None = None
     cut: Cut | None = None
@@ -180,6 +180,7 @@ def measure(
         phase_bits=config.phase_bits,
         model=None if own_array else model,
         medium=model.medium,
+        keep=MOST_FRAMES,
     )
     truth = board.model or driver.model
     found = Measured(board.label, truth, driver.identity, warnings=driver.warnings)
@@ -213,7 +214,7 @@ def _interrupted(found: Measured, driver: Driver, total: int) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         found.interrupted = True
-        sent, muted_us = len(driver.intended), driver.device_time_us()
+        sent, muted_us = driver.intended.total, driver.device_time_us()
         found.cut = Cut(f"interrupted after {sent} of {total} frames", muted_us, total - sent)
         driver.mute()
 
@@ -231,7 +232,7 @@ def _cut_short(
             yield
     except LinkError as error:
         if found.cut is None:
-            found.cut = Cut(str(error), not_sent=total - len(driver.intended))
+            found.cut = Cut(str(error), not_sent=total - driver.intended.total)
         board.outlast(driver)
 
 
@@ -259,11 +260,7 @@ def _frames(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Fr
     ]
     targets = foci if config.foci == 1 else _at_once(foci, config.foci)
     solver = cast("Method", config.solver_of_host)
-    return driver.frames(targets, mode=_kind(config), solver=solver)
-
-
-def _kind(config: VerifyConfig) -> Mode:
-    return cast("Mode", config.frame_kind)
+    return driver.frames(targets, mode=cast("Mode", config.frame_kind), solver=solver)
 
 
 def _display(
@@ -275,7 +272,6 @@ def _display(
             frames,
             config.rate_hz,
             loops=config.repeat,
-            kind=_kind(config),
             lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
             progress=progress,
         )
@@ -284,7 +280,6 @@ def _display(
         config.rate_hz,
         loops=config.repeat,
         lead_us=lead_us,
-        mode=_kind(config),
         progress=progress,
     )
 

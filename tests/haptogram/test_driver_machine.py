@@ -101,10 +101,10 @@ class AnyOrder(RuleBasedStateMachine):
         places=few_points,
         rate_hz=rate_hz,
         loops=st.integers(1, 3),
-        kind=st.sampled_from(["phases", "points"]),
+        mode=st.sampled_from(["phases", "points"]),
     )
-    def play(self, places, rate_hz, loops, kind):
-        report = self.driver.play(places, rate_hz, loops=loops, kind=kind)
+    def play(self, places, rate_hz, loops, mode):
+        report = self.driver.play(places, rate_hz, loops=loops, mode=mode)
         assert report.latched == loops * len(places)
 
     # --- what holds after each of them ---------------------------------------------------------
