@@ -174,10 +174,14 @@ class FrameBuilder:
     Raises
     ------
     ConfigurationError
-        If the board has no such phase format.
+        If the board has no such phase format, or another number of transducers.
     """
 
     def __init__(self, model: AcousticModel, identity: HelloReply, phase_bits: int) -> None:
+        if model.array.count != identity.transducers:
+            raise ConfigurationError(
+                f"the model has {model.array.count} transducers, the board {identity.transducers}"
+            )
         self._model = model
         self._identity = identity
         self._bits = _phase_format(identity, phase_bits)

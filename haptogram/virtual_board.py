@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import haptogram
 import haptogram_protocol
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
-from haptogram.arguments import MOST_SEED, check_kind, check_number, check_whole, shown
+from haptogram.arguments import MOST_SEED, check_callable, check_kind, check_number, check_whole, shown
 from haptogram.backdoor import (
     BackdoorFile,
     fault_counts,
@@ -249,6 +249,8 @@ class VirtualBoard:
         hurry : bool
             Whether the last records shall come at once, without their field.
         """
+        check_callable("progress", progress)
+        check_kind("hurry", hurry, bool, "True or False")
         if hurry:
             self._hurry()
         else:
