@@ -389,9 +389,7 @@ def _check_intended(intended: Sequence[Intended]) -> None:
     check_kind("intended", intended, Sequence, "a sequence of Intended, such as Driver.intended")
     for number, entry in enumerate(intended):
         if not isinstance(entry, Intended):
-            check_kind(
-                f"intended[{number}]", entry, Intended, "of the kind that Driver.intended holds"
-            )
+            check_kind(f"intended[{number}]", entry, Intended, "an Intended, as of the driver")
 
 
 def _not_kept(intended: Sequence[Intended], dropped: int) -> str:
