@@ -24,7 +24,14 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import haptogram
 import haptogram_protocol
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
-from haptogram.arguments import MOST_SEED, check_callable, check_kind, check_number, check_whole, shown
+from haptogram.arguments import (
+    MOST_SEED,
+    check_callable,
+    check_kind,
+    check_number,
+    check_whole,
+    shown,
+)
 from haptogram.backdoor import (
     BackdoorFile,
     fault_counts,
