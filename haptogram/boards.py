@@ -12,8 +12,7 @@ from haptogram.backdoor import (
     fault_counts,
     observations_of,
     on_the_clock_of,
-    silences_of,
-    time_on_the_clock_of,
+    silences_on_the_clock_of,
     why_incomplete,
 )
 from haptogram.budget import BITS_PER_BYTE, frame_bytes
@@ -136,7 +135,7 @@ class ProcessBoard:
 
     def silences(self, driver: Driver) -> list[int]:
         """Return what came out of the back door."""
-        return _silences(driver, self._board.records())
+        return silences_on_the_clock_of(driver.intended, self._board.records())
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
@@ -196,7 +195,7 @@ class InProcessBoard:
 
     def silences(self, driver: Driver) -> list[int]:
         """Return what came out of the back door."""
-        return _silences(driver, self._records())
+        return silences_on_the_clock_of(driver.intended, self._records())
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
@@ -209,10 +208,6 @@ def _last_ns(driver: Driver, now_ns: int) -> int:
     due_us = driver.intended[-1].t_apply_us if driver.intended else None
     due_ns = now_ns if due_us is None else driver.clock.to_host_ns(due_us) + _AFTER_LAST_NS
     return min(due_ns, now_ns + _LONGEST_QUEUE_NS)
-
-
-def _silences(driver: Driver, records: Sequence[Mapping[str, Any]]) -> list[int]:
-    return [time_on_the_clock_of(driver.intended, t_us) for t_us in silences_of(records)]
 
 
 class PortBoard:
@@ -327,7 +322,7 @@ class PortBoard:
     def silences(self, driver: Driver) -> list[int]:
         """Return when the board said that it left ARMED; the ramp is not counted."""
         return [
-            time_on_the_clock_of(driver.intended, event.header.time_us)
+            driver.time_of_event_us(event)
             for event in driver.events
             if isinstance(event.message, StateChanged)
             and event.message.state is not OutputState.ARMED

@@ -22,7 +22,7 @@ from haptogram.playing import PlayReport
 from haptogram.records import STREAM, Focus, Intended, Observation
 from haptogram.streaming import StreamReport
 from haptogram.verification import Cut
-from haptogram_protocol.messages import Counters, HelloReply, StateChanged, unwrap
+from haptogram_protocol.messages import Counters, HelloReply, StateChanged
 
 if TYPE_CHECKING:
     from haptogram.acoustics.solvers import Method
@@ -317,7 +317,7 @@ def _state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> 
         f"the board went {event.message.state.name} by itself: {event.message.reason.name}"
         for event in driver.events
         if isinstance(event.message, StateChanged)
-        and (report is None or unwrap(event.header.time_us, report.t0_us, 32) >= report.t0_us)
+        and (report is None or driver.time_of_event_us(event) >= report.t0_us)
     ]
 
 

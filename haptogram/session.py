@@ -47,6 +47,7 @@ from haptogram_protocol.messages import (
     StatusReply,
     TraceMode,
     UploadKind,
+    unwrap,
 )
 from haptogram_protocol.state import OutputState
 
@@ -202,6 +203,10 @@ class Session:
     def device_time_us(self) -> int:
         """Return what the board's clock shows now, unwrapped, as far as the host knows."""
         return self.clock.to_device_us(self._link.now_ns())
+
+    def time_of_event_us(self, event: EventReceived) -> int:
+        """Return the device time of *event*, unwrapped."""
+        return unwrap(event.header.time_us, self.clock.to_device_us(event.t_rx_us * 1000), 32)
 
     def status(self) -> StatusReply:
         """Return the board's counters and arrival margin; the margin then starts anew."""

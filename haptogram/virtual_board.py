@@ -38,8 +38,7 @@ from haptogram.backdoor import (
     is_latch_of,
     observations_of,
     on_the_clock_of,
-    silences_of,
-    time_on_the_clock_of,
+    silences_on_the_clock_of,
     why_incomplete,
     without_dropped,
 )
@@ -330,7 +329,7 @@ class VirtualBoard:
             model=self.model if model is None else model,
             min_verified=min_verified,
             unseen=unseen,
-            silences=[time_on_the_clock_of(intended, t) for t in silences_of(self.records())],
+            silences=silences_on_the_clock_of(intended, self.records()),
             cut=Cut(_not_kept(intended, dropped)) if dropped else None,
         )
         return dataclasses.replace(run, counts=run.counts | {"not_kept": dropped})
