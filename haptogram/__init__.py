@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from .driver import Driver
     from .errors import ConfigurationError, DeviceError, HaptogramError, LinkError
+    from .record_file import RecordFile, read_records
     from .records import Evidence, Focus, Intended, Observation
     from .tactile import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
     from .verification import RunVerdict, verify_run
@@ -33,9 +34,11 @@ _HOME: Final = {
     "MeshSurface": "tactile",
     "Observation": "records",
     "Point": "tactile",
+    "RecordFile": "record_file",
     "RunVerdict": "verification",
     "Sphere": "tactile",
     "VirtualBoard": "virtual_board",
+    "read_records": "record_file",
     "verify_run": "verification",
 }
 
@@ -61,8 +64,10 @@ __all__ = [
     "MeshSurface",
     "Observation",
     "Point",
+    "RecordFile",
     "RunVerdict",
     "Sphere",
     "VirtualBoard",
+    "read_records",
     "verify_run",
 ]

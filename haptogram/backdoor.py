@@ -18,7 +18,7 @@ import numpy as np
 
 from haptogram.acoustics import Drive, NoFocus, NotSingle, Reconstruction, SingleFocus
 from haptogram.errors import ConfigurationError
-from haptogram.records import Evidence, FrameKey, Intended, Observation
+from haptogram.records import STREAM, Evidence, FrameKey, Intended, Observation
 from haptogram_protocol.messages import unwrap
 
 _KINDS: Final[Mapping[str, type[SingleFocus] | type[NoFocus] | type[NotSingle]]] = {
@@ -152,24 +152,49 @@ def is_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
     return record["kind"] == "latch" and key == _key(record)
 
 
-def on_the_clock_of(
+def without_dropped(
     intended: Sequence[Intended], observations: Iterable[Observation]
+) -> list[Observation]:
+    """Return *observations* without those that may be of frames before the first of *intended*."""
+    wanted = {frame.key for frame in intended}
+    streamed = [key.index for key in wanted if key.sequence == STREAM]
+    first = min(streamed, default=None)
+    return [
+        o
+        for o in observations
+        if o.key in wanted
+        or (first is not None and o.key.sequence == STREAM and o.key.index >= first)
+    ]
+
+
+def on_the_clock_of(
+    intended: Sequence[Intended], observations: Sequence[Observation]
 ) -> list[Observation]:
     """Return *observations* with their times counted as those of *intended* are.
 
     The board counts the wraps of its 32-bit clock from its start, the host from when it came: the
-    two may be whole wraps apart.
+    two are whole wraps apart, the same number for as long as the session lasts.
     """
-    return [
-        dataclasses.replace(o, t_latch_us=time_on_the_clock_of(intended, o.t_latch_us))
-        for o in observations
-    ]
+    shift_us = _shift_us(intended, ((o.key, o.t_latch_us) for o in observations))
+    return [dataclasses.replace(o, t_latch_us=o.t_latch_us + shift_us) for o in observations]
 
 
-def time_on_the_clock_of(intended: Sequence[Intended], t_us: int) -> int:
-    """Return a device time of the board, counted as those of *intended* are."""
-    due_us = next((i.t_apply_us for i in intended if i.t_apply_us is not None), None)
-    return t_us if due_us is None else unwrap(t_us, due_us, 32)
+def silences_on_the_clock_of(
+    intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]
+) -> list[int]:
+    """Return :func:`silences_of` *records*, counted as the times of *intended* are."""
+    latches = (record for record in records if record["kind"] == "latch")
+    shift_us = _shift_us(intended, ((_key(latch), latch["t_latch_us"]) for latch in latches))
+    return [t_us + shift_us for t_us in silences_of(records)]
+
+
+def _shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:
+    """Return the whole wraps between two counts, from the first frame that was due and latched."""
+    due_us = {frame.key: frame.t_apply_us for frame in intended if frame.t_apply_us is not None}
+    for key, t_us in latched:
+        if key in due_us:
+            return unwrap(t_us, due_us[key], 32) - t_us
+    return 0
 
 
 def _key(record: Mapping[str, Any]) -> FrameKey:

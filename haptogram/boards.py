@@ -12,8 +12,7 @@ from haptogram.backdoor import (
     fault_counts,
     observations_of,
     on_the_clock_of,
-    silences_of,
-    time_on_the_clock_of,
+    silences_on_the_clock_of,
     why_incomplete,
 )
 from haptogram.budget import BITS_PER_BYTE, frame_bytes
@@ -125,7 +124,7 @@ class ProcessBoard:
         self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
     ) -> list[Observation]:
         """End the board, and return everything that came out of its back door."""
-        expected = len(driver.intended)
+        expected = driver.intended.total
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
         self._board.finish(show, hurry=hurry)
@@ -136,7 +135,7 @@ class ProcessBoard:
 
     def silences(self, driver: Driver) -> list[int]:
         """Return what came out of the back door."""
-        return _silences(driver, self._board.records())
+        return silences_on_the_clock_of(driver.intended, self._board.records())
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
@@ -196,7 +195,7 @@ class InProcessBoard:
 
     def silences(self, driver: Driver) -> list[int]:
         """Return what came out of the back door."""
-        return _silences(driver, self._records())
+        return silences_on_the_clock_of(driver.intended, self._records())
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
@@ -209,10 +208,6 @@ def _last_ns(driver: Driver, now_ns: int) -> int:
     due_us = driver.intended[-1].t_apply_us if driver.intended else None
     due_ns = now_ns if due_us is None else driver.clock.to_host_ns(due_us) + _AFTER_LAST_NS
     return min(due_ns, now_ns + _LONGEST_QUEUE_NS)
-
-
-def _silences(driver: Driver, records: Sequence[Mapping[str, Any]]) -> list[int]:
-    return [time_on_the_clock_of(driver.intended, t_us) for t_us in silences_of(records)]
 
 
 class PortBoard:
@@ -306,8 +301,10 @@ class PortBoard:
             self.unseen = f"the board found no room on the line for {dropped} trace events"
         if damaged and self.unseen is None:
             self.unseen = "frames from the board were damaged or lost on the line"
-        if self._mode is TraceMode.RING and len(driver.intended) > kept:
+        if self._mode is TraceMode.RING and driver.intended.total > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
+        if driver.observations.dropped and self.unseen is None:
+            self.unseen = f"the driver keeps the last {len(driver.observations)} latches it is told"
 
     def outlast(self, driver: Driver) -> None:
         """Nothing to do: it cannot tell any more."""
@@ -320,12 +317,12 @@ class PortBoard:
         hurry: bool = False,  # noqa: ARG002  nor to leave out
     ) -> list[Observation]:
         """Return what the board said that it latched."""
-        return driver.observations + self._read_back
+        return [*driver.observations, *self._read_back]
 
     def silences(self, driver: Driver) -> list[int]:
         """Return when the board said that it left ARMED; the ramp is not counted."""
         return [
-            time_on_the_clock_of(driver.intended, event.header.time_us)
+            driver.time_of_event_us(event)
             for event in driver.events
             if isinstance(event.message, StateChanged)
             and event.message.state is not OutputState.ARMED

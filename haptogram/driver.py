@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final, cast
 
@@ -18,30 +18,38 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.acoustics.solvers import Method
+from haptogram.arguments import check_callable, check_kind, check_number, check_whole
 from haptogram.arming import ArmedSession
 from haptogram.budget import frame_bytes, transmission_ns
 from haptogram.errors import ConfigurationError
 from haptogram.frames import (
+    REGISTER_BITS,
     Frame,
     FrameBuilder,
     Mode,
     Targets,
     are_frames,
     as_foci,
-    sound_speed_mm_s,
+    check_asked,
+    check_frames,
 )
+from haptogram.kept import MOST_KEPT, Kept
 from haptogram.lead import LeadTrim
 from haptogram.link import NS_PER_S, Progress
-from haptogram.playing import Player, PlayReport, Timing, playback_period_us
+from haptogram.playing import MOST_PLAYED, Player, PlayReport, Timing, playback_period_us
 from haptogram.realtime import next_deadline_ns
 from haptogram.records import Focus, Intended
 from haptogram.schedule import Schedule
+from haptogram.session import Sink
 from haptogram.streaming import Pacing, Streamer, StreamReport, preparation_ns
 from haptogram.transport import DEFAULT_BAUDRATE, Transport
 from haptogram.upload import SequenceData
-from haptogram_protocol.messages import TraceMode
+from haptogram_protocol.messages import Feature, TraceMode
 
 DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
+_MOST_STREAMED: Final = 10_000_000  # frames in one call: each leaves 64 bytes in its report
+_LONGEST_SPIN_US: Final = 1_000_000
+_LONGEST_HOLD_S: Final = 1e7
 
 
 class Driver(ArmedSession):
@@ -70,19 +78,28 @@ class Driver(ArmedSession):
         phases and places. The board's array is still compared with the nominal one.
     trace : TraceMode, optional
         What the board shall report of every latch; by default what it is set to.
+    keep : int or None
+        How many entries :attr:`intended`, :attr:`observations` and :attr:`events` keep each: the
+        newest ones; None: all, which is 1 GB an hour at 1 kHz.  A verdict over frames that are not
+        kept any more is no pass.
+    sink : callable, optional
+        Called with every :class:`Intended` and :class:`Observation` as it comes, kept or not: for
+        example a :class:`~haptogram.record_file.RecordFile`.
 
     Attributes
     ----------
     identity : HelloReply
         What the board said of itself.
     model : AcousticModel
+        May be set to another one of the same array, in other air; frames that are ready stay what
+        they are.
     clock : ClockEstimate
         Of the device clock.
-    intended : list of Intended
-        Everything that was sent or should have been, in order.
-    observations : list of Observation
-        Everything that the board said it latched.
-    events : list of EventReceived
+    intended : Kept of Intended
+        What was sent or should have been, in order; ``intended.dropped`` is not kept any more.
+    observations : Kept of Observation
+        What the board said it latched.
+    events : Kept of EventReceived
         What it reported otherwise, but for the periodic status.
     last_status : Status or None
         The newest periodic status.
@@ -94,8 +111,8 @@ class Driver(ArmedSession):
     PortNotFoundError, PortBusyError, NoAnswerError, WrongProtocolError, VersionMismatchError
         Every way in which connecting can fail.
     ConfigurationError
-        The model is not that of the board, the calibration not that of its array, or the board
-        does not take *phase_bits*.
+        An argument that cannot be, before the port is opened; the model is not that of the board,
+        the calibration not that of its array, or the board does not take *phase_bits*.
     """
 
     def __init__(
@@ -111,7 +128,10 @@ class Driver(ArmedSession):
         medium: Medium | None = None,
         calibration: Calibration | str | Path | None = None,
         trace: TraceMode | None = None,
+        keep: int | None = MOST_KEPT,
+        sink: Sink | None = None,
     ) -> None:
+        check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
         super().__init__(
             port,
             baudrate=baudrate,
@@ -122,11 +142,14 @@ class Driver(ArmedSession):
             medium=medium,
             calibration=calibration,
             trace=trace,
+            keep=keep,
+            sink=sink,
         )
-        self.intended: list[Intended] = []
+        self.intended = Kept[Intended](keep, sink)
         self._held: Frame | None = None
+        self._phase_bits = phase_bits
         try:
-            self._builder = FrameBuilder(self.model, self.identity, phase_bits)
+            self._builder()
         except ConfigurationError:
             self._link.close()
             raise
@@ -145,8 +168,8 @@ class Driver(ArmedSession):
     def focus(self, target_m: ArrayLike | Focus, *, mode: Mode = "phases") -> Intended:
         """Focus on one point, as soon as the frame is complete, and return what was sent."""
         focus = target_m if isinstance(target_m, Focus) else Focus.at(target_m)
-        (frame,) = self._builder.build([(focus,)], mode)
-        self._agree_on_air(mode)
+        (frame,) = self._builder().build([(focus,)], mode)
+        self._agree_on_air([frame])
         self._resume(0)
         self._held = frame
         return self._streamer.send_now(frame)
@@ -161,6 +184,7 @@ class Driver(ArmedSession):
         ConfigurationError
             If nothing was focused on yet, or the board is not armed.
         """
+        check_number("seconds", seconds, 0.0, _LONGEST_HOLD_S)
         if self._held is None:
             raise ConfigurationError("there is no focus to hold; call focus first")
         deadline_ns = self._link.now_ns()
@@ -168,6 +192,7 @@ class Driver(ArmedSession):
         while deadline_ns < end_ns:
             self._link.run_until(deadline_ns)
             self._pinger.keep()
+            self._agree_on_air([self._held])
             self._resume(0)  # every time: a timer may have run out whenever the host was held up
             self._streamer.send_now(self._held)
             now_ns = self._link.now_ns()
@@ -182,11 +207,11 @@ class Driver(ArmedSession):
         """Return what :meth:`stream` and :meth:`play` would send for *targets*, ready ahead.
 
         Many foci take a solver longer than a board waits for its host: whoever makes the frames
-        first, and arms then, does not let the lease run out.
+        first, and arms then, does not let the lease run out.  Equal targets share one frame.
 
         Parameters and errors as in :meth:`stream`.
         """
-        return self._builder.build(as_foci(targets), mode, solver)
+        return self._builder().build(as_foci(targets), mode, solver)
 
     def stream(
         self,
@@ -199,8 +224,8 @@ class Driver(ArmedSession):
         miss_share: float = 1e-3,
         spin_us: int = 0,
         realtime: bool = False,
-        mode: Mode = "phases",
-        solver: Method = "naive",
+        mode: Mode | None = None,
+        solver: Method | None = None,
         progress: Progress | None = None,
     ) -> StreamReport:
         """Display *targets* one after the other at *rate_hz*, each at its time.
@@ -208,9 +233,9 @@ class Driver(ArmedSession):
         Parameters
         ----------
         targets : (T, 3) array_like, sequence of Focus, or sequence of sequences of Focus
-            Positions in metres, or foci; or what :meth:`frames` made of them, for the same mode.
+            Positions in metres, or foci; or what :meth:`frames` made of them.
         loops : int
-            How often, 1 or more.
+            How often, 1 or more; 10 million frames in all at most.
         lead_us : int, optional
             How long before its time a frame is sent: a stall of the host that is shorter reaches
             nobody.  By default 100 ms, or what three quarters of the board's queue hold.
@@ -225,10 +250,11 @@ class Driver(ArmedSession):
             Ask for fixed priority, locked memory and a frozen collector; what is not permitted is
             in the report and in :attr:`warnings`.
         mode : str
-            ``phases`` and ``drives``: the host computes the drive; ``points``: the board does.
+            ``phases`` (the default) and ``drives``: the host computes the drive; ``points``: the
+            board does.  Frames that are ready have their mode and their solver.
         solver : str
             How the host makes the drive of a frame with several foci: one of
-            :data:`haptogram.acoustics.solvers.METHODS`.
+            :data:`haptogram.acoustics.solvers.METHODS`, by default ``naive``.
         progress : callable, optional
             Called with the number done and the total, about 20 times a second.
 
@@ -236,7 +262,8 @@ class Driver(ArmedSession):
         ------
         ConfigurationError
             Before the first frame: a rate that the line cannot carry, a lead that the board's queue
-            cannot hold, a target out of reach, a mode that the board does not have; a board that is
+            cannot hold, a target out of reach, a mode that the board does not have, frames that
+            were made for another board, or otherwise than *mode* and *solver* say; a board that is
             not armed.
         LinkError
             The link broke, or the board's clock jumped; :attr:`intended` holds what was sent until
@@ -244,19 +271,26 @@ class Driver(ArmedSession):
         """
         queue_depth = self.identity.queue_depth
         schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=queue_depth)
-        if loops < 1 or loops != int(loops):
-            raise ConfigurationError(f"loops is {loops}, must be a whole number, 1 or more")
-        frames = self._made(targets, mode, solver) * int(loops)
-        schedule.check(frames, self.identity, self._link.line.baudrate)
+        check_whole("loops", loops, 1, _MOST_STREAMED)
+        check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
+        check_number("miss_share", miss_share, 0.0, 1.0)
+        for name, value in (("trim", trim), ("realtime", realtime)):
+            check_kind(name, value, bool, "True or False")
+        check_callable("progress", progress)
+        once = self._made(targets, mode, solver)
+        check_whole("number of frames, all loops of them", loops * len(once), 1, _MOST_STREAMED)
+        schedule.check(once, self.identity, self._link.line.baudrate)
         schedule.check_timers(self._config)
+        frames = once * loops
         lead_trim = self._trim(schedule, frames, miss_share) if trim else None
         pacing = Pacing(spin_us, realtime, lead_trim)
-        self._agree_on_air(mode)
+        self._agree_on_air(once)
         self._resume(schedule.lead_us + preparation_ns(len(frames)) // 1000)
         stalls = self._link.stalls
         done = self._streamer.stream(frames, schedule, pacing, progress)
         self.collect_ring()
-        self.warnings += done.not_permitted
+        for text in done.not_permitted:
+            self._warn(text)
         lateness_us = done.ticks.lateness_us()
         return StreamReport(
             frames=len(frames),
@@ -285,8 +319,6 @@ class Driver(ArmedSession):
             raise ConfigurationError(
                 "trim needs the STATUS of the board, and status_period_ms is 0: configure it"
             )
-        if not 0.0 <= miss_share <= 1.0:
-            raise ConfigurationError(f"miss_share is {miss_share:g}, must be 0 to 1")
         size = frame_bytes(max(frame.payload_bytes for frame in frames))
         shortest_us = -(-transmission_ns(size, self._link.line.baudrate) // 1000) + 1
         return LeadTrim(schedule.lead_us, shortest_us, miss_share)
@@ -297,8 +329,8 @@ class Driver(ArmedSession):
         rate_hz: float,
         *,
         loops: int = 1,
-        kind: Mode = "phases",
-        solver: Method = "naive",
+        mode: Mode | None = None,
+        solver: Method | None = None,
         lead_us: int = DEFAULT_PLAY_LEAD_US,
         unattended_ms: int = 3000,
         progress: Progress | None = None,
@@ -308,23 +340,23 @@ class Driver(ArmedSession):
         Parameters
         ----------
         loops : int
-            How often, 1 or more.
-        kind : str
-            ``phases`` or ``points``.
+            How often, 1 or more; 100 million frames in all at most.
+        mode : str
+            ``phases`` (the default) or ``points``; frames that are ready are all of one of the two.
         unattended_ms : int
             How long the board plays on without hearing from this host.
 
         Others and errors as in :meth:`stream`.
         """
-        if kind == "drives":
-            raise ConfigurationError("sequences hold phases or points, not drives")
+        check_callable("progress", progress)
         period_us = playback_period_us(rate_hz, self.identity)
-        frames = self._made(targets, kind, solver)
         timing = Timing(period_us, loops, lead_us, unattended_ms)
         timing.check(self.identity)
+        frames = self._made(targets, mode, solver)
+        check_whole("number of frames, all loops of them", loops * len(frames), 1, MOST_PLAYED)
         data = SequenceData.of(frames)
         data.check(self.identity)
-        self._agree_on_air(kind)
+        self._agree_on_air(frames)
         self._resume(lead_us)
         self._player.store(data)
         self._resume(lead_us)  # an upload takes longer than a drive is held
@@ -338,13 +370,30 @@ class Driver(ArmedSession):
             status=self.status(),
         )
 
-    def _made(self, targets: Targets | Sequence[Frame], mode: Mode, solver: Method) -> list[Frame]:
-        if are_frames(targets):
-            return list(targets)
-        return self.frames(cast("Targets", targets), mode=mode, solver=solver)
+    def _builder(self) -> FrameBuilder:
+        return FrameBuilder(self.model, self.identity, self._phase_bits)
 
-    def _agree_on_air(self, mode: Mode) -> None:
-        """Tell a board that computes drives which speed of sound the host assumes."""
-        speed_mm_s = sound_speed_mm_s(self.model)
-        if mode == "points" and self._config.sound_speed_mm_s != speed_mm_s:
-            self.configure(sound_speed_mm_s=speed_mm_s)
+    def _made(
+        self, targets: Targets | Sequence[Frame], mode: Mode | None, solver: Method | None
+    ) -> list[Frame]:
+        if not are_frames(targets):
+            mode, solver = "phases" if mode is None else mode, "naive" if solver is None else solver
+            return self.frames(cast("Targets", targets), mode=mode, solver=solver)
+        check_asked(targets, mode, solver)
+        check_frames(targets, self.model, self.identity, self._phase_bits)
+        return list(targets)
+
+    def _agree_on_air(self, frames: Iterable[Frame]) -> None:
+        """Tell a board that computes drives for which speed of sound *frames* were made."""
+        if self._in_doubt:
+            self.config()
+        speeds = (f.sound_speed_mm_s for f in frames if f.sound_speed_mm_s is not None)
+        speed_mm_s = next(speeds, None)
+        if speed_mm_s is None or speed_mm_s == self._config.sound_speed_mm_s:
+            return
+        if not self.identity.features & Feature.CONFIG:
+            raise ConfigurationError(
+                f"the frames are for a speed of sound of {speed_mm_s / 1000:g} m/s; the board "
+                f"assumes {self._config.sound_speed_mm_s / 1000:g} m/s and cannot be told"
+            )
+        self.configure(sound_speed_mm_s=speed_mm_s)

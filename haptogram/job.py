@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, TypeAlias, cast
 
@@ -22,7 +22,7 @@ from haptogram.playing import PlayReport
 from haptogram.records import STREAM, Focus, Intended, Observation
 from haptogram.streaming import StreamReport
 from haptogram.verification import Cut, check_tolerance, tolerance_of
-from haptogram_protocol.messages import Counters, HelloReply, StateChanged, unwrap
+from haptogram_protocol.messages import Counters, HelloReply, StateChanged
 
 if TYPE_CHECKING:
     from haptogram.acoustics.solvers import Method
@@ -71,7 +71,7 @@ class Measured:
     board: str
     model: AcousticModel
     identity: HelloReply
-    intended: list[Intended] = field(default_factory=list)
+    intended: Sequence[Intended] = ()
     observations: list[Observation] = field(default_factory=list)
     report: StreamReport | PlayReport | None = None
     cut: Cut | None = None
@@ -182,6 +182,7 @@ def measure(
         model=None if own_array else model,
         medium=model.medium,
         calibration=elements if config.compensate else None,
+        keep=MOST_FRAMES,
     )
     known = board.model or driver.model
     found = Measured(board.label, known, driver.identity, warnings=driver.warnings)
@@ -234,7 +235,7 @@ def _interrupted(found: Measured, driver: Driver, total: int) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         found.interrupted = True
-        sent, muted_us = len(driver.intended), driver.device_time_us()
+        sent, muted_us = driver.intended.total, driver.device_time_us()
         found.cut = Cut(f"interrupted after {sent} of {total} frames", muted_us, total - sent)
         driver.mute()
 
@@ -252,7 +253,7 @@ def _cut_short(
             yield
     except LinkError as error:
         if found.cut is None:
-            found.cut = Cut(str(error), not_sent=total - len(driver.intended))
+            found.cut = Cut(str(error), not_sent=total - driver.intended.total)
         board.outlast(driver)
 
 
@@ -280,11 +281,7 @@ def _frames(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Fr
     ]
     targets = foci if config.foci == 1 else _at_once(foci, config.foci)
     solver = cast("Method", config.solver_of_host)
-    return driver.frames(targets, mode=_kind(config), solver=solver)
-
-
-def _kind(config: VerifyConfig) -> Mode:
-    return cast("Mode", config.frame_kind)
+    return driver.frames(targets, mode=cast("Mode", config.frame_kind), solver=solver)
 
 
 def _display(
@@ -296,7 +293,6 @@ def _display(
             frames,
             config.rate_hz,
             loops=config.repeat,
-            kind=_kind(config),
             lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
             progress=progress,
         )
@@ -305,7 +301,6 @@ def _display(
         config.rate_hz,
         loops=config.repeat,
         lead_us=lead_us,
-        mode=_kind(config),
         progress=progress,
     )
 
@@ -343,7 +338,7 @@ def _state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> 
         f"the board went {event.message.state.name} by itself: {event.message.reason.name}"
         for event in driver.events
         if isinstance(event.message, StateChanged)
-        and (report is None or unwrap(event.header.time_us, report.t0_us, 32) >= report.t0_us)
+        and (report is None or driver.time_of_event_us(event) >= report.t0_us)
     ]
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from haptogram.arguments import check_number, check_whole
 from haptogram.clocksync import next_boundary_us
 from haptogram.errors import ConfigurationError
 from haptogram.frames import Frame
+from haptogram.kept import Kept
 from haptogram.link import Link, Progress
 from haptogram.pinging import PING_PERIOD_NS, Pinger
 from haptogram.records import FrameKey, Intended
+from haptogram.schedule import LEAST_RATE_HZ
 from haptogram.upload import SequenceData, upload
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.messages import (
@@ -24,6 +27,7 @@ from haptogram_protocol.messages import (
 SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
 US_PER_S: Final = 1_000_000
 _TURN_NS: Final = 100_000_000
+MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz
 _LEAST_UNATTENDED_MS: Final = 2 * PING_PERIOD_NS // 1_000_000
 
 
@@ -35,7 +39,8 @@ def playback_period_us(rate_hz: float, identity: HelloReply) -> int:
     ConfigurationError
         If it is not whole, or the board does not play as fast.
     """
-    if not 0.0 < rate_hz <= identity.max_playback_rate_hz:
+    check_number("rate_hz", rate_hz, LEAST_RATE_HZ, 1e6)
+    if rate_hz > identity.max_playback_rate_hz:
         raise ConfigurationError(
             f"rate is {rate_hz:g} Hz; the board plays up to {identity.max_playback_rate_hz} "
             "frames/s"
@@ -72,17 +77,10 @@ class Timing:
 
     def check(self, identity: HelloReply) -> None:
         """Refuse, before the first byte, what the board does not play."""
-        if self.loops < 1:
-            raise ConfigurationError(f"loops is {self.loops}, must be 1 or more")
-        if not 0 < self.lead_us <= identity.max_horizon_us:
-            raise ConfigurationError(
-                f"lead is {self.lead_us} us, must be above 0, at most {identity.max_horizon_us} us"
-            )
-        if not _LEAST_UNATTENDED_MS <= self.unattended_ms <= identity.max_unattended_ms:
-            raise ConfigurationError(
-                f"unattended_ms is {self.unattended_ms}, must be {_LEAST_UNATTENDED_MS} (two "
-                f"pings of the host) to {identity.max_unattended_ms}"
-            )
+        check_whole("loops", self.loops, 1, MOST_PLAYED)
+        check_whole("lead_us", self.lead_us, 1, identity.max_horizon_us)
+        least_ms = _LEAST_UNATTENDED_MS  # two pings of the host
+        check_whole("unattended_ms", self.unattended_ms, least_ms, identity.max_unattended_ms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +108,36 @@ class PlayReport:
     status: StatusReply
 
 
+@dataclass(slots=True)
+class _Score:
+    """A playback under way: what is due when, and how much of it is noted as intended."""
+
+    frames: list[Frame]
+    timing: Timing
+    t0_us: int
+    session: int
+    intended: Kept[Intended]
+    noted: int = 0
+
+    @property
+    def total(self) -> int:
+        """How many frames will be due."""
+        return self.timing.loops * len(self.frames)
+
+    def due_us(self, place: int) -> int:
+        """Return when frame *place* is due."""
+        return self.t0_us + place * self.timing.period_us
+
+    def note(self, due: int) -> None:
+        """Note the first *due* frames, but for those that are."""
+        while self.noted < due:
+            loop, index = divmod(self.noted, len(self.frames))
+            key = FrameKey(self.session, SEQUENCE_ID, loop, index)
+            due_us, number = self.due_us(self.noted), self.intended.total
+            self.noted += 1
+            self.intended.append(self.frames[index].intended(number, key, due_us))
+
+
 class Player:
     """Uploads and plays over a link.
 
@@ -120,12 +148,12 @@ class Player:
         Its clock has an estimate.
     identity : HelloReply
         The board's limits, carrier and session.
-    events : list of EventReceived
+    events : Kept of EventReceived
         What the board reports while the link is served: among it the end of playback.
     """
 
     def __init__(
-        self, link: Link, pinger: Pinger, identity: HelloReply, *, events: list[EventReceived]
+        self, link: Link, pinger: Pinger, identity: HelloReply, *, events: Kept[EventReceived]
     ) -> None:
         self._link = link
         self._pinger = pinger
@@ -142,22 +170,23 @@ class Player:
         self,
         frames: list[Frame],
         timing: Timing,
-        intended: list[Intended],
+        intended: Kept[Intended],
         progress: Progress | None,
     ) -> tuple[int, PlaybackEnded | None]:
         """Play what was stored and wait for the end; return t0 and the board's own account.
 
-        *intended* grows by what is to be latched; if the wait is cut short, by what was due then.
+        *intended* grows by what falls due; at the end by what is left, unless the wait is cut
+        short.
         """
-        self._news = len(self._events)
-        t0_us = self._start(timing)
-        first = len(intended)
-        intended += self._intended(frames, timing, t0_us, first)
+        self._news = self._events.total
+        score = _Score(frames, timing, self._start(timing), self._identity.nonce, intended)
         try:
-            return t0_us, self._follow(timing, t0_us, len(intended) - first, progress)
+            end = self._follow(score, progress)
         except BaseException:
-            del intended[first + self._due(timing, t0_us) :]
+            score.note(self._due(score))
             raise
+        score.note(score.total)
+        return score.t0_us, end
 
     def _start(self, timing: Timing) -> int:
         """Start playback and return when: unwrapped device time."""
@@ -167,15 +196,15 @@ class Player:
         self._link.request(play, PlayReply, t_apply_us=t0_us)
         return t0_us
 
-    def _follow(
-        self, timing: Timing, t0_us: int, total: int, progress: Progress | None
-    ) -> PlaybackEnded | None:
+    def _follow(self, score: _Score, progress: Progress | None) -> PlaybackEnded | None:
         """Wait for the end of playback, and keep the lease meanwhile."""
-        end_us = t0_us + total * timing.period_us
+        total, end_us = score.total, score.due_us(score.total)
         last_ns = self._pinger.clock.to_host_ns(end_us) + self._link.timeout_ns
         while (end := self._ended()) is None and (now_ns := self._link.now_ns()) < last_ns:
+            due = self._due(score)
+            score.note(due)
             if progress is not None:
-                progress(min(self._due(timing, t0_us), total), total)
+                progress(due, total)
             self._pinger.keep()
             self._link.turn(min(now_ns + _TURN_NS, last_ns))
         if progress is not None:
@@ -184,28 +213,10 @@ class Player:
 
     def _ended(self) -> PlaybackEnded | None:
         """Return what the board said of the end, among its events since the start."""
-        news = (event.message for event in self._events[self._news :])
+        news = (event.message for event in self._events.since(self._news))
         return next((m for m in news if isinstance(m, PlaybackEnded)), None)
 
-    def _due(self, timing: Timing, t0_us: int) -> int:
+    def _due(self, score: _Score) -> int:
         """Return how many frames were due by now."""
-        since_us = self._pinger.clock.to_device_us(self._link.now_ns()) - t0_us
-        return max(0, since_us // timing.period_us + 1)
-
-    def _intended(
-        self, frames: list[Frame], timing: Timing, t0_us: int, first: int
-    ) -> list[Intended]:
-        count = len(frames)
-        return [
-            Intended(
-                number=first + place,
-                key=FrameKey(self._identity.nonce, SEQUENCE_ID, place // count, place % count),
-                t_apply_us=t0_us + place * timing.period_us,
-                foci=frames[place % count].foci,
-                drive=frames[place % count].drive,
-                phase_bits=frames[place % count].phase_bits,
-                board_computed=frames[place % count].board_computed,
-                solver=frames[place % count].solver,
-            )
-            for place in range(timing.loops * count)
-        ]
+        since_us = self._pinger.clock.to_device_us(self._link.now_ns()) - score.t0_us
+        return min(max(0, since_us // score.timing.period_us + 1), score.total)

@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.drive import Drive
+from haptogram.arguments import check_number, shown
 from haptogram.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from haptogram.acoustics.estimates import Reconstruction
     from haptogram.acoustics.solvers import Method
 
+MAX_PHASE_RAD: Final = 1e6  # of a focus
 STREAM: Final = 0  # sequence id of what came frame by frame
 
 
@@ -70,36 +72,49 @@ class Focus:
         Share of the drive, 0 to 1.
     phase_rad : float
         Phase of the pressure at the point, lag positive, in radians.
+
+    Raises
+    ------
+    ConfigurationError
+        If *position_m* is not three finite numbers, *amplitude* not within 0 to 1, or *phase_rad*
+        not within a million radians.
     """
 
     position_m: tuple[float, float, float]
     amplitude: float = 1.0
     phase_rad: float = 0.0
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position_m", _as_position(self.position_m))
+        for name, low, high in (
+            ("amplitude", 0.0, 1.0),
+            ("phase_rad", -MAX_PHASE_RAD, MAX_PHASE_RAD),
+        ):
+            value = check_number(f"{name} of a focus", getattr(self, name), low, high)
+            object.__setattr__(self, name, value)
+
     @classmethod
     def at(cls, position_m: ArrayLike, amplitude: float = 1.0, phase_rad: float = 0.0) -> Self:
-        """Return the focus at *position_m* (3,), in metres.
+        """Return the focus at *position_m* (3,), in metres."""
+        return cls(cast("tuple[float, float, float]", position_m), amplitude, phase_rad)
 
-        Raises
-        ------
-        ConfigurationError
-            If *position_m* is not three finite numbers, or *amplitude* not within 0 to 1, or
-            *phase_rad* not finite.
-        """
-        try:
-            position = np.asarray(position_m, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ConfigurationError(f"target {position_m!r} is not x, y, z in metres") from error
-        if position.shape != (3,) or not np.isfinite(position).all():
-            raise ConfigurationError(
-                f"target {position_m!r} is not three finite numbers, in metres"
-            )
-        if not 0.0 <= amplitude <= 1.0:
-            raise ConfigurationError(f"amplitude of a focus is {amplitude:g}, must be 0 to 1")
-        if not np.isfinite(phase_rad):
-            raise ConfigurationError(f"phase of a focus is {phase_rad:g} rad, must be finite")
-        x, y, z = (float(value) for value in position)
-        return cls((x, y, z), float(amplitude), float(phase_rad))
+
+def _as_position(position_m: ArrayLike) -> tuple[float, float, float]:
+    """Return *position_m* (3,) as three floats, or raise."""
+    try:
+        position = np.asarray(position_m)
+    except ValueError as error:  # rows of different lengths
+        raise ConfigurationError(f"target {shown(position_m)} is not x, y, z in metres") from error
+    if (
+        position.shape != (3,)
+        or position.dtype.kind not in "iuf"
+        or not np.isfinite(position).all()
+    ):
+        raise ConfigurationError(
+            f"target {shown(position_m)} is not three finite numbers, in metres"
+        )
+    x, y, z = position.tolist()
+    return float(x), float(y), float(z)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
+from haptogram.arguments import check_number, check_whole
 from haptogram.budget import check_rate, frame_bytes
 from haptogram.errors import ConfigurationError
 from haptogram.frames import Frame
@@ -16,6 +17,7 @@ from haptogram.lead import default_lead_us
 from haptogram_protocol.messages import Config, HelloReply
 
 US_PER_S: Final = 1_000_000
+LEAST_RATE_HZ: Final = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +41,11 @@ class Schedule:
 
         Without a lead it gets :func:`~haptogram.lead.default_lead_us`.
         """
-        if not 0.0 < rate_hz <= US_PER_S:
-            raise ConfigurationError(f"rate is {rate_hz:g} Hz, must be above 0, at most 1000000")
-        period_us = US_PER_S / Fraction(rate_hz).limit_denominator(1_000_000)
+        exact_hz = Fraction(check_number("rate_hz", rate_hz, LEAST_RATE_HZ, US_PER_S))
+        period_us = US_PER_S / exact_hz.limit_denominator(1_000_000)
         if lead_us is None:
             lead_us = default_lead_us(period_us, queue_depth)
-        if lead_us < 1:
-            raise ConfigurationError(f"lead is {lead_us} us, must be 1 or more")
-        return cls(period_us, lead_us)
+        return cls(period_us, check_whole("lead_us", lead_us, 1, 2**31 - 1))
 
     @property
     def rate_hz(self) -> float:

@@ -5,21 +5,31 @@ from __future__ import annotations
 import dataclasses
 import random
 import secrets
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Self, TypeAlias
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, TransducerArray
+from haptogram.arguments import (
+    MOST_SEED,
+    check_callable,
+    check_kind,
+    check_number,
+    check_whole,
+    shown,
+)
 from haptogram.clocksync import ClockEstimate
 from haptogram.errors import ConfigurationError, HaptogramError, LinkError, WrongProtocolError
 from haptogram.handshake import open_session
 from haptogram.identity import check_model, model_of, read_array, read_geometry
+from haptogram.kept import MOST_KEPT, Kept
 from haptogram.link import NS_PER_S, Link
 from haptogram.pinging import Pinger
-from haptogram.records import Observation
+from haptogram.records import Intended, Observation
 from haptogram.stuffing import fastest_cobs
 from haptogram.tracing import TraceReader
-from haptogram.transport import DEFAULT_BAUDRATE, Transport, open_transport
+from haptogram.transport import DEFAULT_BAUDRATE, MOST_BAUDRATE, Transport, open_transport
 from haptogram.upload import check_upload, upload
 from haptogram_protocol import HostConnection, LocalProtocolError
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
@@ -38,9 +48,15 @@ from haptogram_protocol.messages import (
     StatusReply,
     TraceMode,
     UploadKind,
+    unwrap,
 )
 from haptogram_protocol.state import OutputState
 
+#: Is given every frame that is sent, and every latch that the board tells.
+Sink: TypeAlias = Callable[[Intended | Observation], object]
+
+_MOST_EVER: Final = 10**9  # entries that anybody can ask to be kept
+_MOST_WARNINGS: Final = 100
 _MUTE_TIMEOUT_NS: Final = NS_PER_S  # to say goodbye: the board's own timers mute it soon after
 
 
@@ -62,7 +78,16 @@ class Session:
         medium: Medium | None = None,
         calibration: Calibration | str | Path | None = None,
         trace: TraceMode | None = None,
+        keep: int | None = MOST_KEPT,
+        sink: Sink | None = None,
     ) -> None:
+        _check_port(port, baudrate, timeout_s)
+        _check_model(model, medium)
+        if trace is not None:
+            check_kind("trace", trace, TraceMode, "a TraceMode, or None")
+        if keep is not None:
+            check_whole("keep", keep, 1, _MOST_EVER)
+        check_callable("sink", sink)
         elements = None if calibration is None else Calibration.of(calibration)
         self.session = _nonce(nonce, seed)
         connection = HostConnection(
@@ -70,10 +95,10 @@ class Session:
         )
         transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
         self._link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s)
-        self.observations: list[Observation] = []
-        self.events: list[EventReceived] = []
+        self.observations = Kept[Observation](keep, sink)
+        self.events = Kept[EventReceived](keep)
         self.last_status: Status | None = None
-        self._closed = False
+        self._closed = self._in_doubt = False
         try:
             self._connect(model, medium, elements)
             if trace is not None:
@@ -116,12 +141,17 @@ class Session:
         try:
             observation = self._traces.take(event)
         except WrongProtocolError as error:
-            self.warnings.append(str(error))
+            self._warn(str(error))
             return
         if observation is not None:
             self.observations.append(observation)
             return
         self.events.append(event)
+
+    def _warn(self, text: str) -> None:
+        """Say *text* among the warnings, once, and not without end."""
+        if text not in self.warnings and len(self.warnings) < _MOST_WARNINGS:
+            self.warnings.append(text)
 
     # --- life ----------------------------------------------------------------------------------
 
@@ -182,6 +212,10 @@ class Session:
         """Return what the board's clock shows now, unwrapped, as far as the host knows."""
         return self.clock.to_device_us(self._link.now_ns())
 
+    def time_of_event_us(self, event: EventReceived) -> int:
+        """Return the device time of *event*, unwrapped."""
+        return unwrap(event.header.time_us, self.clock.to_device_us(event.t_rx_us * 1000), 32)
+
     def status(self) -> StatusReply:
         """Return the board's counters and arrival margin; the margin then starts anew."""
         return self._link.request(GetStatus(), StatusReply)
@@ -194,6 +228,7 @@ class Session:
     def config(self) -> Config:
         """Return the board's configuration."""
         self._config = self._link.request(GetConfig(), ConfigReply).config
+        self._in_doubt = False
         return self._config
 
     def configure(self, **changes: Any) -> Config:
@@ -216,15 +251,23 @@ class Session:
             raise ConfigurationError(
                 f"configuration has no {unknown[0]!r}; it has {', '.join(sorted(known))}"
             )
+        for name, value in changes.items():
+            check_whole(name, value, 0, 2**32 - 1)
+        if self._in_doubt:
+            self.config()
         wanted = SetConfig(dataclasses.replace(self._config, **changes))
+        self._in_doubt = True  # the board may take it, and its answer be lost
         try:
             self._config = self._link.request(wanted, SetConfigReply).config
         except LocalProtocolError as error:
+            self._in_doubt = False
             raise ConfigurationError(f"configuration {changes} does not fit: {error}") from error
+        self._in_doubt = False
         return self._config
 
     def correct_phases(self, codes: bytes) -> None:
         """Set the phase correction of every transducer, in 1/256 turns."""
+        check_kind("codes", codes, bytes, "bytes")
         if len(codes) != self.identity.transducers:
             raise ConfigurationError(
                 f"{len(codes)} phase corrections; the board has {self.identity.transducers} "
@@ -239,19 +282,41 @@ class Session:
 
     def read_drive(self, kind: DriveKind = DriveKind.LATCHED) -> Observation:
         """Return the drive at the transducers now; see :class:`TraceReader`."""
+        check_kind("kind", kind, DriveKind, "a DriveKind")
         return self._traces.read_drive(self._link, kind)
 
     def collect_ring(self) -> None:
         """Take what the board kept in its trace ring, if that is where it keeps it."""
         if self._config.trace_mode is TraceMode.RING:
-            self.observations += self._traces.read_ring(self._link)
+            self.observations.extend(self._traces.read_ring(self._link))
+
+
+def _check_port(port: str | Transport, baudrate: int, timeout_s: float) -> None:
+    """Refuse what is no port, before anything is opened."""
+    methods = ("url", "now_ns", "read_available", "write_some", "close")
+    if not (port and isinstance(port, str)) and not all(hasattr(port, name) for name in methods):
+        raise ConfigurationError(
+            f"port is {shown(port)}, must be a URL such as '/dev/ttyUSB0', or an open Transport"
+        )
+    check_whole("baudrate", baudrate, 1, MOST_BAUDRATE)
+    check_number("timeout_s", timeout_s, 0.001, 3600.0)
+
+
+def _check_model(model: AcousticModel | None, medium: Medium | None) -> None:
+    if model is not None:
+        check_kind("model", model, AcousticModel, "an AcousticModel, or None")
+    if medium is not None:
+        check_kind("medium", medium, Medium, "a Medium, or None")
+    if model is not None and medium is not None and model.medium != medium:
+        raise ConfigurationError(
+            f"medium has a speed of sound of {medium.sound_speed_m_s:g} m/s, that of the model "
+            f"{model.medium.sound_speed_m_s:g} m/s; the model has its own: leave medium out"
+        )
 
 
 def _nonce(nonce: int | None, seed: int | None) -> int:
-    if nonce is not None and not 1 <= nonce <= 0xFFFF:
-        raise ConfigurationError(f"nonce is {nonce}, must be 1 to 65535")
     if nonce is not None:
-        return nonce
+        return check_whole("nonce", nonce, 1, 0xFFFF)
     if seed is not None:
-        return random.Random(seed).randint(1, 0xFFFF)
+        return random.Random(check_whole("seed", seed, 0, MOST_SEED)).randint(1, 0xFFFF)
     return secrets.randbelow(0xFFFF) + 1

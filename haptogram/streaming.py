@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from haptogram.clocksync import next_boundary_us
 from haptogram.errors import LinkError
 from haptogram.frames import Frame
+from haptogram.kept import Kept
 from haptogram.lead import LeadTrim, Reserve
 from haptogram.link import Link, Progress
 from haptogram.pinging import Pinger
@@ -134,7 +135,7 @@ class Streamer:
         Its clock has an estimate.
     identity : HelloReply
         Session and carrier of the board.
-    intended : list of Intended
+    intended : Kept of Intended
         Grows by every frame that was sent or skipped, at that moment.
     status : callable
         Returns the newest STATUS of the board, None before the first.
@@ -146,7 +147,7 @@ class Streamer:
         pinger: Pinger,
         identity: HelloReply,
         *,
-        intended: list[Intended],
+        intended: Kept[Intended],
         status: Callable[[], Status | None],
     ) -> None:
         self._link = link
@@ -190,9 +191,9 @@ class Streamer:
                 frame, index, due_us, wire = ready.popleft()
                 run.wait(due_us)
                 sent = run.send(wire, due_us)
-                self._note(frame, index, due_us)
+                noted = self._note(frame, index, due_us)
                 if not sent:
-                    run.skipped.append(len(self._intended) - 1)
+                    run.skipped.append(noted.number)
                 ready.extend(islice(coming, 1))
                 if progress is not None and number % stride == 0:
                     progress(number, len(frames))
@@ -214,16 +215,8 @@ class Streamer:
             yield frame, index, due_us, wire
 
     def _note(self, frame: Frame, index: int, due_us: int | None) -> Intended:
-        intended = Intended(
-            number=len(self._intended),
-            key=FrameKey.of_stream(self._identity.nonce, index),
-            t_apply_us=due_us,
-            foci=frame.foci,
-            drive=frame.drive,
-            phase_bits=frame.phase_bits,
-            board_computed=frame.board_computed,
-            solver=frame.solver,
-        )
+        key = FrameKey.of_stream(self._identity.nonce, index)
+        intended = frame.intended(self._intended.total, key, due_us)
         self._intended.append(intended)
         return intended
 

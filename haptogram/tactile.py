@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from haptogram.acoustics.geometry import MAX_COORDINATE_M
+from haptogram.arguments import check_kind, check_number, shown
 from haptogram.errors import ConfigurationError
 from haptogram.surface import even_points, read_mesh, round_trip
 
@@ -133,6 +135,7 @@ class Hemisphere:
     def __post_init__(self) -> None:
         _check_radius(self.radius_m)
         _check_finite("center_m", self.center_m)
+        check_kind("lower", self.lower, bool, "True or False")
 
     def sample(self, resolution_m: float) -> Points:
         """Return the (T, 3) points, in metres."""
@@ -170,12 +173,13 @@ class MeshSurface:
         ConfigurationError
             If the file cannot be read, holds no surface, or the extra ``mesh`` is not installed.
         """
-        if not (math.isfinite(unit_m) and unit_m > 0.0):
-            raise ConfigurationError(f"unit_m is {unit_m:g} m, must be finite and above 0")
+        check_kind("path", path, (str, Path), "the name of a file")
+        check_number("unit_m", unit_m, 1e-9, 1e3)
+        if center_m is not None:
+            _check_finite("center_m", center_m)
         mesh: Any = read_mesh(Path(path))  # its type hints are not complete
         mesh.apply_scale(unit_m)
         if center_m is not None:
-            _check_finite("center_m", center_m)
             mesh.apply_translation(np.array(center_m) - mesh.bounds.mean(axis=0))
         return cls(mesh)
 
@@ -239,11 +243,7 @@ def _count(wanted: float) -> int:
 
 
 def _check_resolution(resolution_m: float, extent_m: float) -> None:
-    if not (math.isfinite(resolution_m) and resolution_m >= _LOWEST_RESOLUTION_M):
-        raise ConfigurationError(
-            f"resolution is {resolution_m * 1e3:g} mm, must be {_LOWEST_RESOLUTION_M * 1e3:g} mm "
-            "or more"
-        )
+    check_number("resolution_m", resolution_m, _LOWEST_RESOLUTION_M, MAX_COORDINATE_M)
     if resolution_m > extent_m * (1.0 + 1e-9):  # a share of 1 may come out a hair above
         raise ConfigurationError(
             f"resolution is {resolution_m * 1e3:g} mm, must not be more than the object's "
@@ -252,11 +252,17 @@ def _check_resolution(resolution_m: float, extent_m: float) -> None:
 
 
 def _check_radius(radius_m: float) -> None:
-    if not (math.isfinite(radius_m) and radius_m > 0.0):
-        raise ConfigurationError(f"radius is {radius_m * 1e3:g} mm, must be above 0")
+    check_number("radius_m", radius_m, _LOWEST_RESOLUTION_M, MAX_COORDINATE_M)
 
 
 def _check_finite(name: str, point: Point3) -> None:
-    values = np.asarray(point, dtype=np.float64)
-    if values.shape != (3,) or not np.isfinite(values).all():
-        raise ConfigurationError(f"{name} is {point!r}, must be three finite numbers, in metres")
+    try:
+        values = np.asarray(point)
+    except ValueError:  # rows of different lengths
+        values = np.empty(0)
+    if values.shape != (3,) or values.dtype.kind not in "iuf":
+        raise ConfigurationError(f"{name} is {shown(point)}, must be three numbers, in metres")
+    if not (np.abs(values) <= MAX_COORDINATE_M).all():  # NaN is not, either
+        raise ConfigurationError(
+            f"{name} is {shown(point)}, must be within {MAX_COORDINATE_M:g} m of the origin"
+        )

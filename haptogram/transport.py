@@ -17,6 +17,7 @@ from typing import Any, Final, Protocol
 
 import serial
 
+from haptogram.arguments import check_whole
 from haptogram.errors import (
     ConfigurationError,
     LinkError,
@@ -26,6 +27,7 @@ from haptogram.errors import (
 )
 
 DEFAULT_BAUDRATE: Final = 3_000_000
+MOST_BAUDRATE: Final = 1_000_000_000  # a line without a rate, such as a pty, can be taken as fast
 _CHUNK: Final = 65_536
 _GONE: Final = (OSError, ValueError, TypeError)  # the last two: closed under our feet
 _BUSY: Final = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
@@ -196,8 +198,7 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
     ConfigurationError
         *url* or *baudrate* make no sense.
     """
-    if baudrate < 1:
-        raise ConfigurationError(f"baudrate is {baudrate}; it is 1 or more")
+    check_whole("baudrate", baudrate, 1, MOST_BAUDRATE)
     port = _open_port(url, baudrate)
     try:
         port.fileno()

@@ -59,8 +59,14 @@ class SequenceData:
         Raises
         ------
         ConfigurationError
-            If they do not all hold as many focal points.
+            If they are not all phases, or all points, or do not hold as many focal points.
         """
+        modes = sorted({frame.mode for frame in frames})
+        if modes not in (["phases"], ["points"]):
+            raise ConfigurationError(
+                f"frames of the mode {', '.join(modes)}; sequences hold phases or points, not "
+                "drives and not both"
+            )
         counts = {len(f.message.points) for f in frames if isinstance(f.message, Points)}
         if not counts:
             data = b"".join(frame.drive.phase_codes.tobytes() for frame in frames)

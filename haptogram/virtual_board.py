@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import subprocess
@@ -23,18 +24,28 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import haptogram
 import haptogram_protocol
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
+from haptogram.arguments import (
+    MOST_SEED,
+    check_callable,
+    check_kind,
+    check_number,
+    check_whole,
+    shown,
+)
 from haptogram.backdoor import (
     BackdoorFile,
     fault_counts,
     is_latch_of,
     observations_of,
     on_the_clock_of,
-    silences_of,
-    time_on_the_clock_of,
+    silences_on_the_clock_of,
     why_incomplete,
+    without_dropped,
 )
 from haptogram.errors import ConfigurationError, LinkLostError
+from haptogram.kept import Kept
 from haptogram.records import Intended, Observation
+from haptogram.transport import MOST_BAUDRATE
 from haptogram.working_folder import WorkingFolder
 
 if TYPE_CHECKING:
@@ -44,6 +55,8 @@ _READY: Final = "listening on "
 _START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy machine
 _STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
 _POLL_S: Final = 0.01
+_MOST_LATCHES: Final = 10**9
+_LONGEST_WAIT_S: Final = 1e7
 _QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
 _LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
 
@@ -86,8 +99,8 @@ class VirtualBoard:
     Raises
     ------
     ConfigurationError
-        If the board does not come up, because of a fault that is not known for example; the text
-        holds what it said.
+        An argument that cannot be, before a process is started; or the board does not come up,
+        because of a fault that is not known for example: the text holds what it said.
     """
 
     def __init__(
@@ -103,6 +116,14 @@ class VirtualBoard:
         faults: Sequence[str] = (),
         fault_plan: Path | None = None,
     ) -> None:
+        check_kind("array", array, str, "NXxNY or the name of a file")
+        check_number("pitch_mm", pitch_mm, 1.0, 100.0)
+        check_number("temperature_c", temperature_c, -20.0, 50.0)
+        check_whole("seed", seed, 0, MOST_SEED)
+        if baudrate is not None:
+            check_whole("baudrate", baudrate, 1, MOST_BAUDRATE)
+        check_kind("reconstruct", reconstruct, bool, "True or False")
+        _check_faults(faults, fault_plan)
         self.model = AcousticModel(
             TransducerArray.parse(array, pitch_m=pitch_mm / 1000),
             Medium.air(temperature_c),
@@ -187,6 +208,8 @@ class VirtualBoard:
 
     def wait_for(self, latches: int, timeout_s: float = 60.0) -> bool:
         """Wait until the back door has shown so many latches; return whether it has."""
+        check_whole("latches", latches, 0, _MOST_LATCHES)
+        check_number("timeout_s", timeout_s, 0.0, _LONGEST_WAIT_S)
         end_s = time.monotonic() + timeout_s
         while sum(record["kind"] == "latch" for record in self.records()) < latches:
             if time.monotonic() > end_s or self._closed_its_door:
@@ -196,6 +219,8 @@ class VirtualBoard:
 
     def observations(self, session: int | None = None) -> list[Observation]:
         """Return what was latched, in one session or in all of them."""
+        if session is not None:
+            check_whole("session", session, 0, 0xFFFF)
         return observations_of(self.records(), session)
 
     @property
@@ -215,6 +240,7 @@ class VirtualBoard:
         str or None
             Why a frame may have been latched that it does not show; None: it shows all.
         """
+        _check_intended(intended)
         if not intended:
             return None
         last, looked_at = intended[-1].key, 0
@@ -239,6 +265,8 @@ class VirtualBoard:
         hurry : bool
             Whether the last records shall come at once, without their field.
         """
+        check_callable("progress", progress)
+        check_kind("hurry", hurry, bool, "True or False")
         if hurry:
             self._hurry()
         else:
@@ -282,21 +310,39 @@ class VirtualBoard:
             What the host assumes; by default what the board radiates with.
         min_verified : float
             Share of the frames that must be verified for the run to pass.
+
+        Returns
+        -------
+        RunVerdict
+            Of the frames in *intended*.  Where it is a :class:`~haptogram.kept.Kept` that had to
+            drop some, it can fail, but not pass, and ``counts["not_kept"]`` says how many.
+
+        Raises
+        ------
+        ConfigurationError
+            An argument that cannot be.
         """
+        _check_intended(intended)
+        check_number("min_verified", min_verified, 0.0, 1.0)
+        if model is not None:
+            check_kind("model", model, AcousticModel, "an AcousticModel, or None")
         # Late, because it is much: whoever only wants a board does not pay for it.
-        from haptogram.verification import verify_run
+        from haptogram.verification import Cut, verify_run
 
         unseen = self.settle(intended)
         session = intended[0].key.session if intended else None
         observations = on_the_clock_of(intended, self.observations(session))
-        return verify_run(
+        dropped = intended.dropped if isinstance(intended, Kept) else 0
+        run = verify_run(
             intended,
-            observations,
+            without_dropped(intended, observations) if dropped else observations,
             model=self.model if model is None else model,
             min_verified=min_verified,
             unseen=unseen,
-            silences=[time_on_the_clock_of(intended, t) for t in silences_of(self.records())],
+            silences=silences_on_the_clock_of(intended, self.records()),
+            cut=Cut(_not_kept(intended, dropped)) if dropped else None,
         )
+        return dataclasses.replace(run, counts=run.counts | {"not_kept": dropped})
 
     @property
     def _closed_its_door(self) -> bool:
@@ -342,6 +388,31 @@ class VirtualBoard:
         if kind is not None:
             self._hurry()  # nobody will ask for fields
         self.close()
+
+
+def _check_faults(faults: Sequence[str], fault_plan: Path | None) -> None:
+    told = 'a sequence of texts, such as ["line.flip ber=1e-5"]'
+    if isinstance(faults, str):
+        raise ConfigurationError(f"faults is the text {shown(faults)}, must be {told}")
+    check_kind("faults", faults, Sequence, told)
+    for number, fault in enumerate(faults):
+        check_kind(f"faults[{number}]", fault, str, "a text")
+    if fault_plan is not None:
+        check_kind("fault_plan", fault_plan, (str, Path), "the path of a file, or None")
+
+
+def _check_intended(intended: Sequence[Intended]) -> None:
+    check_kind("intended", intended, Sequence, "a sequence of Intended, such as Driver.intended")
+    for number, entry in enumerate(intended):
+        if not isinstance(entry, Intended):
+            check_kind(f"intended[{number}]", entry, Intended, "an Intended, as of the driver")
+
+
+def _not_kept(intended: Sequence[Intended], dropped: int) -> str:
+    return (
+        f"{dropped} of {dropped + len(intended)} frames are not judged: the driver keeps the last "
+        f"{len(intended)}; give it a larger keep, or a sink"
+    )
 
 
 def _environment() -> dict[str, str]:

@@ -21,6 +21,7 @@ from haptogram.errors import NoAnswerError
 from haptogram.frames import FrameBuilder, as_foci
 from haptogram.handshake import open_session
 from haptogram.identity import model_of, read_array
+from haptogram.kept import Kept
 from haptogram.link import Link
 from haptogram.pinging import Pinger
 from haptogram.process import real_time
@@ -108,7 +109,7 @@ class Exchanger:
         self._frames = FrameBuilder(model, identity, 8).build(
             as_foci(circle(frames, 1000.0)), "phases"
         )
-        self._intended: list[Intended] = []
+        self._intended = Kept[Intended](None)
         self._streamer = Streamer(
             link, self._pinger, identity, intended=self._intended, status=lambda: None
         )

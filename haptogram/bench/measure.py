@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
@@ -126,7 +126,9 @@ def run_bench(config: BenchConfig) -> BenchRun:
     """
     targets_m = circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
     with _board(config) as (label, url, prepare, collect):
-        with Driver(url, baudrate=config.baudrate, phase_bits=config.phase_bits) as driver:
+        with Driver(
+            url, baudrate=config.baudrate, phase_bits=config.phase_bits, keep=len(targets_m)
+        ) as driver:
             prepare(driver)
             driver.arm()
             control = ControlLoop(round(1e9 / config.rate_hz), config.seconds + _SETTLING_S)
@@ -247,7 +249,7 @@ def _misses(parts: Parts, stalled: NDArray[np.bool_]) -> dict[str, list[Misses]]
 
 
 def _device_times(
-    intended: list[Intended], latches: Latches
+    intended: Sequence[Intended], latches: Latches
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (n,) device times of arrival and latch on the clock of *intended*, nan: not seen."""
     received, latched = np.full((2, len(intended)), np.nan)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, superpose
 from haptogram.frames import Frame, FrameBuilder, Mode, as_foci
-from haptogram.records import Evidence, FrameKey, Intended, Observation
+from haptogram.records import Evidence, FrameKey, Observation
 from haptogram.verification import FrameStatus, Judge
 from haptogram_protocol.messages import FocalPoint, HelloReply
 
@@ -44,14 +44,11 @@ def judge_of(model: AcousticModel) -> Judge:
 def check_focus(judge: Judge, frame: Frame, shown: Shown) -> None:
     """FAILED, with the fault by its name, unless the focus of what is shown lies on its target."""
     key = FrameKey(session=0, sequence=0, loop=0, index=0)
-    intended = Intended(
-        0, key, None, frame.foci, frame.drive, frame.phase_bits, frame.board_computed
-    )
     latched = Drive(
         np.frombuffer(shown.phases, np.uint8), np.frombuffer(shown.amplitudes, np.uint8)
     )
     observation = Observation(key, _LATCHED_US, False, Evidence.SELF_REPORTED, latched)
-    verdict = judge.judge(intended, observation)
+    verdict = judge.judge(frame.intended(0, key, None), observation)
     if verdict.status in (FrameStatus.ON_TARGET, FrameStatus.NOT_VERIFIED) and not verdict.faults:
         return
     where = ", ".join(f"{1e3 * value:.1f}" for value in frame.foci[0].position_m)

@@ -5,10 +5,17 @@ import math
 import pytest
 
 from haptogram.acoustics import AcousticModel, NoFocus, NotSingle, SingleFocus
-from haptogram.backdoor import BackdoorFile, is_latch_of, observations_of, on_the_clock_of
+from haptogram.backdoor import (
+    BackdoorFile,
+    is_latch_of,
+    observations_of,
+    on_the_clock_of,
+    silences_on_the_clock_of,
+)
 from haptogram.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.records import Evidence, FrameKey
+from latched_drives import intend, seen
 from sim_device.backdoor import to_line
 from sim_device.recorder import InlineReconstruction
 from virtual_ports import BoardPort
@@ -111,3 +118,26 @@ def test_a_host_that_came_after_the_wrap_counts_from_its_own_start(tmp_path):
     shifted = on_the_clock_of(late, observations)
     assert [o.t_latch_us for o in shifted] == [i.t_apply_us for i in late]
     assert on_the_clock_of([], observations) == observations
+
+
+@pytest.mark.parametrize("wraps", [-1, 0, 3])
+def test_a_run_may_take_longer_than_the_clock_takes_to_wrap(wraps):
+    """Half a wrap is 36 minutes: what comes later is not taken for what came before."""
+    intended = [
+        intend(AcousticModel.default(), (0.0, 0.0, 0.1), number=number, t_apply_us=t_us)
+        for number, t_us in enumerate([None, *range(2**31, 2**35, 2**29)])
+    ]
+    early = [
+        dataclasses.replace(seen(i), t_latch_us=(i.t_apply_us or 0) + wraps * 2**32)
+        for i in intended
+    ]
+    assert [o.t_latch_us for o in on_the_clock_of(intended, early)][1:] == [
+        i.t_apply_us for i in intended[1:]
+    ]
+    records = [
+        {"kind": "latch", **dataclasses.asdict(o.key), "t_latch_us": o.t_latch_us} for o in early
+    ] + [
+        {"kind": "output", "event": "ramp_ended", "restored": False, "t_us": o.t_latch_us + 5}
+        for o in early[1:]
+    ]
+    assert silences_on_the_clock_of(intended, records) == [i.t_apply_us + 5 for i in intended[1:]]

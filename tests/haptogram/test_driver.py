@@ -271,9 +271,9 @@ def test_a_mute_waits_for_no_more_than_two_frames(writes):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ({"rate_hz": 0}, "rate is 0 Hz"),
-        ({"rate_hz": float("nan")}, "rate is nan Hz"),
-        ({"lead_us": 0}, "lead is 0 us"),
+        ({"rate_hz": 0}, "rate_hz is 0, must be 0.001 to 1000000"),
+        ({"rate_hz": float("nan")}, "rate_hz is nan"),
+        ({"lead_us": 0}, "lead_us is 0, must be 1"),
         ({"lead_us": 150_000}, "keeps 150 frames waiting; the board's queue holds 128"),
         ({"rate_hz": 1, "lead_us": 11_000_000}, "10000000 us ahead"),
         ({"lead_us": 100}, "lead is 100 us"),
@@ -440,9 +440,9 @@ def test_read_back_of_a_large_array_comes_in_parts():
 # --- sequences, configuration --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["phases", "points"])
-def test_a_sequence_plays_on_the_boards_clock(driver, port, kind):
-    report = driver.play(CIRCLE, 2000, loops=3, kind=kind)
+@pytest.mark.parametrize("mode", ["phases", "points"])
+def test_a_sequence_plays_on_the_boards_clock(driver, port, mode):
+    report = driver.play(CIRCLE, 2000, loops=3, mode=mode)
     assert report.frames == report.latched == 600
     assert [latch.drive for latch in port.latches] == [i.drive for i in driver.intended]
     assert delays_us(port, driver) == {0}
@@ -511,9 +511,6 @@ def test_a_stream_goes_round_as_often_as_is_said(driver, port):
     assert report.frames == 15
     drives = [latch.drive for latch in port.latches]
     assert drives == drives[:5] * 3
-    for loops in (0, 1.5):
-        with pytest.raises(ConfigurationError, match=f"loops is {loops}, must be a whole number"):
-            driver.stream(CIRCLE[:5], 1000, loops=loops)
 
 
 def test_frames_made_ahead_are_sent_as_they_are(driver, port):
@@ -566,12 +563,12 @@ def test_streams_that_follow_each_other_at_once_leave_no_silence(driver, port):
         ({"loops": 0}, "loops is 0"),
         ({"rate_hz": 300}, "3333 us are 300.03"),
         ({"rate_hz": 20_000}, "the board plays up to 10000"),
-        ({"rate_hz": -1}, "rate is -1"),
-        ({"kind": "drives"}, "phases or points"),
+        ({"rate_hz": -1}, "rate_hz is -1"),
+        ({"mode": "drives"}, "hold phases or points, not drives"),
         ({"unattended_ms": 100}, "unattended_ms is 100"),
-        ({"lead_us": 20_000_000}, "at most 10000000 us"),
+        ({"lead_us": 20_000_000}, "lead_us is 20000000, must be 1 to 10000000"),
         (
-            {"targets": [[Focus((0, 0, 0.1))], [Focus((0, 0, 0.1))] * 2], "kind": "points"},
+            {"targets": [[Focus((0, 0, 0.1))], [Focus((0, 0, 0.1))] * 2], "mode": "points"},
             "as many",
         ),
     ],

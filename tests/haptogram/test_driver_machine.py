@@ -1,10 +1,12 @@
 """Whatever a user asks of a driver, in whatever order and after whatever pause, is latched."""
 
+import dataclasses
+
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, Medium
 from haptogram.driver import Driver
 from haptogram.records import Focus
 from haptogram_protocol.messages import DriveKind
@@ -33,8 +35,9 @@ class AnyOrder(RuleBasedStateMachine):
     def __init__(self):
         super().__init__()
         self.port = BoardPort(model=MODEL)
-        self.driver = Driver(self.port, seed=1)
+        self.driver = Driver(self.port, seed=1, medium=Medium.air(35.0))
         self.armed = False
+        self.ready = self.driver.frames([(0.0, 0.0, 0.1)], mode="points")
 
     def teardown(self):
         self.driver.close()
@@ -65,6 +68,23 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(hold_ms=st.integers(30, 400), host_timeout_ms=st.integers(120, 600))
     def configure(self, hold_ms, host_timeout_ms):
         self.driver.configure(hold_ms=hold_ms, host_timeout_ms=host_timeout_ms)
+
+    @rule(speed_mm_s=st.integers(300_000, 380_000))
+    def configure_the_air(self, speed_mm_s):
+        self.driver.configure(sound_speed_mm_s=speed_mm_s)
+
+    @rule(temperature_c=st.floats(-10.0, 50.0))
+    def assume_another_air(self, temperature_c):
+        self.driver.model = dataclasses.replace(self.driver.model, medium=Medium.air(temperature_c))
+
+    @rule(places=few_points, mode=mode)
+    def make_frames(self, places, mode):
+        self.ready = self.driver.frames(places, mode=mode)
+
+    @precondition(lambda self: self.armed)
+    @rule()
+    def stream_what_is_ready(self):
+        self.driver.stream(self.ready, 1000)
 
     @rule()
     def ask(self):
@@ -101,10 +121,10 @@ class AnyOrder(RuleBasedStateMachine):
         places=few_points,
         rate_hz=rate_hz,
         loops=st.integers(1, 3),
-        kind=st.sampled_from(["phases", "points"]),
+        mode=st.sampled_from(["phases", "points"]),
     )
-    def play(self, places, rate_hz, loops, kind):
-        report = self.driver.play(places, rate_hz, loops=loops, kind=kind)
+    def play(self, places, rate_hz, loops, mode):
+        report = self.driver.play(places, rate_hz, loops=loops, mode=mode)
         assert report.latched == loops * len(places)
 
     # --- what holds after each of them ---------------------------------------------------------

@@ -19,10 +19,11 @@ def test_focus_takes_any_three_numbers():
     [
         (((0, 0),), "three finite"),
         (((0, 0, math.nan),), "three finite"),
-        (("abc",), "x, y, z"),
+        (("abc",), "three finite"),
+        (([(0, 0), (0, 0, 0.1)],), "x, y, z"),
         (((0, 0, 0.1), 1.5), "1.5, must be 0 to 1"),
         (((0, 0, 0.1), math.nan), "must be 0 to 1"),
-        (((0, 0, 0.1), 1.0, math.inf), "must be finite"),
+        (((0, 0, 0.1), 1.0, math.inf), "phase_rad of a focus is inf, must be -1000000 to 1000000"),
     ],
 )
 def test_focus_refuses_what_is_no_focus(arguments, text):

@@ -227,8 +227,8 @@ def test_a_centre_that_is_none_is_refused():
 @pytest.mark.parametrize(
     ("resolution_m", "message"),
     [
-        (0.0, "0.01 mm or more"),
-        (math.nan, "0.01 mm or more"),
+        (0.0, "must be 1e-05 to 100"),
+        (math.nan, "must be 1e-05 to 100"),
         (0.061, "not be more than the object's 60 mm"),
         (2e-5, "or fewer"),
     ],

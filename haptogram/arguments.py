@@ -1,0 +1,64 @@
+"""Checks of what a caller gives: every refusal is one line with argument, value and limit."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Collection
+from typing import Any, Final, TypeVar
+
+from haptogram.errors import ConfigurationError
+
+MOST_SEED: Final = 2**32 - 1
+_SHOWN: Final = 40  # characters of a value that are printed
+_T = TypeVar("_T")
+
+
+def check_number(name: str, value: Any, low: float, high: float) -> float:
+    """Return *value* as a float, or raise unless it is a real number within [low, high]."""
+    if isinstance(value, numbers.Real) and not isinstance(value, bool):
+        number = _as_float(value)
+        if low <= number <= high:  # NaN is not
+            return number
+        raise ConfigurationError(f"{name} is {shown(value)}, must be {low:.10g} to {high:.10g}")
+    raise ConfigurationError(f"{name} is {shown(value)}, must be a number")
+
+
+def _as_float(value: numbers.Real) -> float:
+    try:
+        return float(value)
+    except OverflowError:  # a whole number beyond every float
+        return math.inf
+
+
+def check_whole(name: str, value: Any, low: int, high: int) -> int:
+    """Return *value* as an int, or raise unless it is a whole number within [low, high]."""
+    if isinstance(value, numbers.Integral) and not isinstance(value, bool):
+        if low <= int(value) <= high:
+            return int(value)
+        raise ConfigurationError(f"{name} is {shown(value)}, must be {low} to {high}")
+    raise ConfigurationError(f"{name} is {shown(value)}, must be a whole number")
+
+
+def check_choice(name: str, value: Any, known: Collection[str]) -> None:
+    """Raise unless *value* is one of the texts *known*."""
+    if not isinstance(value, str) or value not in known:
+        raise ConfigurationError(f"{name} is {shown(value)}; known are {', '.join(known)}")
+
+
+def check_kind(name: str, value: Any, kind: type[_T] | tuple[type[_T], ...], told: str) -> None:
+    """Raise unless *value* is of *kind*, which is called *told* in the message."""
+    if not isinstance(value, kind):
+        raise ConfigurationError(f"{name} is {shown(value)}, must be {told}")
+
+
+def check_callable(name: str, value: Any) -> None:
+    """Raise unless *value* can be called, or is None."""
+    if value is not None and not callable(value):
+        raise ConfigurationError(f"{name} is {shown(value)}, must be callable, or None")
+
+
+def shown(value: Any) -> str:
+    """Return *value* as a message shows it: on one line, not too long."""
+    text = f"{value:g}" if isinstance(value, float) else " ".join(repr(value).split())
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
