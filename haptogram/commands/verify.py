@@ -236,9 +236,7 @@ def _board_dict(found: Measured) -> dict[str, object]:
     }
 
 
-def _faults_dict(
-    planned: PlannedFaults, fired: dict[str, int] | None
-) -> dict[str, object] | None:
+def _faults_dict(planned: PlannedFaults, fired: dict[str, int] | None) -> dict[str, object] | None:
     """Return the faults on purpose, and how often each fired (None: the board did not tell)."""
     if not planned.plan:
         return None

@@ -95,8 +95,10 @@ def test_an_unknown_mutant_is_refused_with_the_names_of_the_others(capsys, tmp_p
 
 @pytest.mark.parametrize(
     "clock",
-    [DeviceClock(7), DeviceClock(7, ppm=500), DeviceClock(7, ppm=-999)]
-    + [
+    [
+        DeviceClock(7),
+        DeviceClock(7, ppm=500),
+        DeviceClock(7, ppm=-999),
         DeviceClock(7, changes=(ClockChange(300_000, step_us=50), ClockChange(300_500, ppm=9_000))),
         DeviceClock(7, -300, (ClockChange(0, step_us=5), ClockChange(900_001, -900_000, 70))),
         parts_of("clock-steps").clock(7),
