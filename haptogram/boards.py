@@ -68,6 +68,10 @@ class BoardUnderTest(Protocol):
         """Let what it was sent come to its time, after the link to it broke."""
         ...
 
+    def give_up(self) -> bool:
+        """End it, if it is this program's own, without a session; return whether it still ran."""
+        ...
+
     def observations(
         self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
     ) -> list[Observation]:
@@ -119,6 +123,12 @@ class ProcessBoard:
         """Wait, if the board is still there."""
         if self._board.how_it_ended() is None:
             time.sleep(max(0, _last_ns(driver, time.monotonic_ns()) - time.monotonic_ns()) / 1e9)
+
+    def give_up(self) -> bool:
+        """End the board, so that it tells what it counted."""
+        ran = self._board.how_it_ended() is None
+        self._board.finish(hurry=True)
+        return ran
 
     def observations(
         self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
@@ -181,6 +191,11 @@ class InProcessBoard:
     def outlast(self, driver: Driver) -> None:
         """Let virtual time pass."""
         self._wait_until_ns(_last_ns(driver, self.port.now_ns()))
+
+    def give_up(self) -> bool:
+        """Close its port: that ends it."""
+        self.port.close()
+        return True
 
     def observations(
         self,
@@ -308,6 +323,10 @@ class PortBoard:
 
     def outlast(self, driver: Driver) -> None:
         """Nothing to do: it cannot tell any more."""
+
+    def give_up(self) -> bool:
+        """Leave it alone: it is not ours."""
+        return True
 
     def observations(
         self,

@@ -111,9 +111,7 @@ def _prepare_simulator(config: VerifyConfig) -> verify.PlannedFaults:
         For a fault that is not known, or a parameter of it; for a plan that cannot be read.
     """
     if config.port is not None and config.port.startswith(_SCHEME):
-        import sim_device
-
-        sim_device.register_url_handler()
+        return _faults_of_url(config.port)
     if not config.fault and config.fault_plan is None:
         return verify.PlannedFaults((), config.seed)
     from sim_device.options import fault_plan
@@ -121,6 +119,17 @@ def _prepare_simulator(config: VerifyConfig) -> verify.PlannedFaults:
     plan = fault_plan(config.fault, config.fault_plan, config.seed)
     in_file = plan.faults[: len(plan.faults) - len(config.fault)]
     return verify.PlannedFaults((*map(str, in_file), *config.fault), plan.seed)
+
+
+def _faults_of_url(url: str) -> verify.PlannedFaults:
+    import sim_device
+    from sim_device.options import fault_plan
+    from sim_device.protocol_haptogram import parse_url
+
+    sim_device.register_url_handler()
+    said = parse_url(url)
+    plan = fault_plan(said.get("fault", ()), said.get("fault_plan"), said.get("seed", 0))
+    return verify.PlannedFaults(tuple(map(str, plan.faults)), plan.seed)
 
 
 @contextlib.contextmanager

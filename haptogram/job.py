@@ -15,7 +15,7 @@ from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, 
 from haptogram.boards import BoardUnderTest
 from haptogram.config import VerifyConfig
 from haptogram.driver import DEFAULT_PLAY_LEAD_US, Driver
-from haptogram.errors import ConfigurationError, LinkError
+from haptogram.errors import ConfigurationError, DeviceError, LinkError
 from haptogram.frames import Frame, Mode
 from haptogram.modulation import FocusFrames, Modulation
 from haptogram.playing import PlayReport
@@ -158,6 +158,8 @@ def measure(
     board: BoardUnderTest,
     progress: Progress | None,
     settling: Progress | None = None,
+    *,
+    faulty: bool = False,
 ) -> Measured:
     """Display the object on *board* and collect what it latched.
 
@@ -169,6 +171,8 @@ def measure(
     progress, settling : callable, optional
         Called with what has been done and what there is to do: of the frames, and of what the board
         has still to tell when they are over.
+    faulty : bool
+        Whether faults are planned: then a refusal of the board ends the run as a broken link does.
     """
     shown = frames_to_show(config)
     model = host_model(config)
@@ -192,7 +196,7 @@ def measure(
         if elements is not None:
             _calibrate(found, elements, driver)
         check_tolerance(found.model, shown.points_m, tolerance_of(config))
-        with _cut_short(found, driver, board, total):
+        with _cut_short(found, driver, board, total, faulty=faulty):
             before = driver.status().counters
             board.prepare(driver)
             with _interrupted(found, driver, total):
@@ -242,7 +246,7 @@ def _interrupted(found: Measured, driver: Driver, total: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _cut_short(
-    found: Measured, driver: Driver, board: BoardUnderTest, total: int
+    found: Measured, driver: Driver, board: BoardUnderTest, total: int, *, faulty: bool
 ) -> Iterator[None]:
     """Let a broken link, or an interrupt at any time, end what is done here.
 
@@ -251,7 +255,9 @@ def _cut_short(
     try:
         with _interrupted(found, driver, total):
             yield
-    except LinkError as error:
+    except (LinkError, DeviceError) as error:
+        if isinstance(error, DeviceError) and not faulty:
+            raise
         if found.cut is None:
             found.cut = Cut(str(error), not_sent=total - driver.intended.total)
         board.outlast(driver)

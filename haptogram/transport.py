@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import select
 import socket
 import time
 from collections.abc import Iterator
@@ -25,6 +24,7 @@ from haptogram.errors import (
     PortBusyError,
     PortNotFoundError,
 )
+from haptogram.waiting import Waiter
 
 DEFAULT_BAUDRATE: Final = 3_000_000
 MOST_BAUDRATE: Final = 1_000_000_000  # a line without a rate, such as a pty, can be taken as fast
@@ -89,6 +89,7 @@ class FdTransport:
     def __init__(self, port: serial.SerialBase, url: str) -> None:
         self._port = port
         self._fd = int(port.fileno())
+        self._waiter = Waiter()
         self.url = url
 
     def now_ns(self) -> int:
@@ -97,10 +98,9 @@ class FdTransport:
 
     def read_available(self, deadline_ns: int) -> bytes:
         """Return what has come in; see :class:`Transport`."""
-        # select, not poll: its timeout has microseconds where that of poll has milliseconds.
         wait_s = max(0, deadline_ns - time.monotonic_ns()) / 1e9
         try:
-            if not select.select([self._fd], [], [], wait_s)[0]:
+            if not self._waiter.wait([self._fd], timeout_s=wait_s):
                 return b""
             data = os.read(self._fd, _CHUNK)
         except _GONE as error:

@@ -49,7 +49,7 @@ from haptogram.transport import MOST_BAUDRATE
 from haptogram.working_folder import WorkingFolder
 
 if TYPE_CHECKING:
-    from haptogram.verification import RunVerdict
+    from haptogram.verification import RunVerdict, Tolerance, Uncertainty
 
 _READY: Final = "listening on "
 _START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy machine
@@ -301,8 +301,12 @@ class VirtualBoard:
         *,
         model: AcousticModel | None = None,
         min_verified: float = 0.9,
+        tolerance: Tolerance | None = None,
+        uncertainty: Uncertainty | None = None,
     ) -> RunVerdict:
         """Join what was intended with what was latched, and judge every frame.
+
+        The verdict is true for a pass only: ``assert board.verify(driver.intended)``.
 
         Parameters
         ----------
@@ -310,6 +314,10 @@ class VirtualBoard:
             What the host assumes; by default what the board radiates with.
         min_verified : float
             Share of the frames that must be verified for the run to pass.
+        tolerance : Tolerance, optional
+            Which misses pass on top of what rounding of the phases makes; by default none.
+        uncertainty : Uncertainty, optional
+            How well the model is known, which the result tells in mm; by default exactly.
 
         Returns
         -------
@@ -327,8 +335,12 @@ class VirtualBoard:
         if model is not None:
             check_kind("model", model, AcousticModel, "an AcousticModel, or None")
         # Late, because it is much: whoever only wants a board does not pay for it.
-        from haptogram.verification import Cut, verify_run
+        from haptogram.verification import Cut, Tolerance, Uncertainty, verify_run
 
+        if tolerance is not None:
+            check_kind("tolerance", tolerance, Tolerance, "a Tolerance, or None")
+        if uncertainty is not None:
+            check_kind("uncertainty", uncertainty, Uncertainty, "an Uncertainty, or None")
         unseen = self.settle(intended)
         session = intended[0].key.session if intended else None
         observations = on_the_clock_of(intended, self.observations(session))
@@ -338,6 +350,8 @@ class VirtualBoard:
             without_dropped(intended, observations) if dropped else observations,
             model=self.model if model is None else model,
             min_verified=min_verified,
+            tolerance=tolerance,
+            uncertainty=uncertainty,
             unseen=unseen,
             silences=silences_on_the_clock_of(intended, self.records()),
             cut=Cut(_not_kept(intended, dropped)) if dropped else None,

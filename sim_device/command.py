@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import gc
 import logging
 import secrets
@@ -181,26 +182,31 @@ def _run(options: argparse.Namespace) -> None:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
     port = _open_port(options)
     worker = None
-    try:
-        worker = _start_worker(options, settings)
-        recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
-        paced = options.serial is None
-        simulation = Simulation(settings, *recorders, paced=paced, parts=parts, faults=plan)
-        counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
-        heartbeat = Heartbeat(simulation, port, worker, counts)
-        if options.until_eof:
-            heartbeat.stop_at_eof(sys.stdin.fileno())
-        _serve(heartbeat, port)
-    finally:
-        port.close()
-        if worker is not None:
-            worker.close()
-            if worker.dropped:
-                _LOG.warning("the back door lacks %d latches", worker.dropped)
+    with contextlib.ExitStack() as signals:  # heard until everything is closed
+        try:
+            worker = _start_worker(options, settings)
+            recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
+            paced = options.serial is None
+            simulation = Simulation(settings, *recorders, paced=paced, parts=parts, faults=plan)
+            counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
+            heartbeat = Heartbeat(simulation, port, worker, counts)
+            if options.until_eof:
+                heartbeat.stop_at_eof(sys.stdin.fileno())
+            signals.enter_context(heartbeat.stopped_by_signals())
+            _serve(heartbeat, port)
+        finally:
+            port.close()
+            if worker is not None:
+                _end(worker)
+
+
+def _end(worker: ReconstructionWorker) -> None:
+    worker.close()
+    if worker.dropped:
+        _LOG.warning("the back door lacks %d latches", worker.dropped)
 
 
 def _serve(heartbeat: Heartbeat, port: Port) -> None:
-    heartbeat.stop_on_signals()
     gc.collect()
     gc.freeze()  # what is there now stays: no later collection need look at it
     sys.stdout.write(f"listening on {port.description}\n")

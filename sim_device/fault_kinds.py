@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -61,7 +62,7 @@ FAULT_KINDS: Final[Mapping[str, Parameters]] = MappingProxyType(
         "line.break": {"p": _chance(1e-3)},
         "line.baud": {"ppm": _signed(60_000, 200_000)},
         "line.half_open": {},
-        "line.disconnect": {"ms": Parameter(100)},
+        "line.disconnect": {"ms": Parameter(100, 1e-6)},
         "line.delay": {"us": Parameter(1000), "jitter_us": Parameter(0)},
         "line.slice": {"bytes": _count(16, 1, 65_536), "gap_us": Parameter(1000)},
         "line.coalesce": {"us": Parameter(1000)},
@@ -77,7 +78,7 @@ FAULT_KINDS: Final[Mapping[str, Parameters]] = MappingProxyType(
         "clock.offset": {"us": _signed(1000)},
         "clock.wrap": {"us": Parameter(1e6, 0, 2**32 - 1)},
         "clock.ppm": {"ppm": _signed(100, 999_999)},
-        "clock.step": {"us": _signed(1000)},
+        "clock.step": {"us": Parameter(1000)},
         "device.ok": _PLACE,
         "device.off": _PLACE,
         "device.dead": _PLACE,
@@ -107,7 +108,25 @@ def described() -> Iterator[str]:
 
 def shown(value: float) -> str:
     """Return *value* as one writes it: 9, not 9.0; 1e-05."""
-    return f"{value:.0f}" if value == round(value) else repr(value)
+    return f"{value:.0f}" if math.isfinite(value) and value == round(value) else repr(value)
 
 
 REPORTS: Final = ("device.clock", "device.status")  # what a board says, not what it radiates
+_TIMES: Final = ("from", "until")
+_TIMES_OF: Final = {"clock.offset": (), "clock.wrap": (), "clock.step": ("from",)}
+
+
+def is_of_transducers(name: str) -> bool:
+    """Return whether a fault changes what is radiated."""
+    return name.startswith("device.") and name not in REPORTS
+
+
+def has_direction(name: str) -> bool:
+    """Return whether it may be said on which way of the line a fault acts."""
+    return name.startswith("line.") and name != "line.disconnect"
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Return every word that may be said of the fault *name*."""
+    direction = ("direction",) if has_direction(name) else ()
+    return (*FAULT_KINDS[name], *_TIMES_OF.get(name, _TIMES), *direction)

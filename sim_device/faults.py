@@ -16,18 +16,29 @@ from typing import Any, Final, Self
 
 from haptogram.errors import ConfigurationError
 
-from .clock import DeviceClock
-from .fault_kinds import FAULT_KINDS, PLACES, REPORTS, Parameter, shown
+from .clock import ClockChange, DeviceClock
+from .fault_checks import (
+    FOR_EVER_NS,
+    check_direction,
+    check_name,
+    check_values,
+    check_window,
+    number_of,
+    time_ns,
+    time_text,
+    usual_direction,
+)
+from .fault_kinds import FAULT_KINDS, is_of_transducers, shown, words_of
 from .frame_faults import FRAME_FAULTS
 from .line_faults import LINE_FAULTS, Chunk
 from .report_faults import REPORT_FAULTS
 
-_UNITS_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _NS_PER_MS: Final = 1_000_000
-_FOR_EVER_NS: Final = 1 << 62
-_TIMES: Final = ("from", "until")
+_MILLION: Final = 1_000_000
 _WRAP_US: Final = 1 << 32
 _BOTH: Final = "both"
+_DISCONNECT: Final = "line.disconnect"
+_SUCH_AS: Final = "line.flip ber=1e-5"
 _ON_CHUNKS: Final = {**LINE_FAULTS, **FRAME_FAULTS, **REPORT_FAULTS}
 
 
@@ -50,8 +61,17 @@ class Fault:
     name: str
     values: Mapping[str, float]
     from_ns: int = 0
-    until_ns: int = _FOR_EVER_NS
+    until_ns: int = FOR_EVER_NS
     direction: str = _BOTH
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense, however the fault was made."""
+        check_values(self.name, self.values)
+        check_direction(self.name, self.direction)
+        check_window(self.name, self.from_ns, self.until_ns)
+        end_ns = _end_ns(self.name, self.values, self.from_ns)
+        if self.name == _DISCONNECT and self.until_ns != end_ns and "ms" in self.said:
+            raise ConfigurationError(_twice(self.values["ms"], time_text(self.until_ns)))
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -60,32 +80,38 @@ class Fault:
         Raises
         ------
         ConfigurationError
-            For a fault or a parameter that is not known, or a value that makes no sense.
+            For what is no text, for a fault or a parameter that is not known or said twice, and
+            for a value that makes no sense, by itself or beside another one.
         """
+        if not isinstance(text, str):
+            raise ConfigurationError(f"fault {text!r}: must be a text such as {_SUCH_AS!r}")
         name, *words = text.split() or [""]
-        return cls.of(name, dict(word.partition("=")[::2] for word in words))
+        pairs = [word.partition("=")[::2] for word in words]
+        for number, (key, value) in enumerate(pairs):
+            if key in (earlier for earlier, _ in pairs[:number]):
+                raise ConfigurationError(f"{name} {key}={value}: {key} is said twice; say it once")
+        return cls.of(name, dict(pairs))
 
     @classmethod
     def of(cls, name: str, texts: Mapping[str, str]) -> Self:
         """Return the fault *name* with the parameters in *texts*; see :meth:`parse`."""
-        if name not in FAULT_KINDS:
-            raise ConfigurationError(f"no fault {name!r}; known: {', '.join(FAULT_KINDS)}")
-        known = (*FAULT_KINDS[name], *_TIMES, *(["direction"] if _has_direction(name) else []))
+        check_name(name)
+        known = words_of(name)
         for key in texts:
             if key not in known:
                 raise ConfigurationError(
                     f"{name} has no parameter {key!r}; known: {', '.join(known)}"
                 )
         values = {
-            key: _number(name, key, texts[key], limits) if key in texts else limits.default
+            key: number_of(name, key, texts[key]) if key in texts else limits.default
             for key, limits in FAULT_KINDS[name].items()
         }
-        _check_place(name, values)
-        from_ns, until_ns = (_time_ns(key, texts[key]) if key in texts else None for key in _TIMES)
-        from_ns = from_ns or 0
-        end_ns = _end_ns(name, values, from_ns)
-        until_ns = end_ns if until_ns is None else min(until_ns, end_ns)
-        return cls(name, values, from_ns, until_ns, _direction(name, texts.get("direction")))
+        if name == _DISCONNECT and {"ms", "until"} <= texts.keys():
+            raise ConfigurationError(_twice(values["ms"], texts["until"]))
+        times = {key: time_ns(name, key, texts[key]) for key in ("from", "until") if key in texts}
+        from_ns = times.get("from", 0)
+        until_ns = times.get("until", _end_ns(name, values, from_ns))
+        return cls(name, values, from_ns, until_ns, texts.get("direction", usual_direction(name)))
 
     @property
     def said(self) -> dict[str, float | str]:
@@ -95,12 +121,12 @@ class Fault:
             for key, value in self.values.items()
             if value != FAULT_KINDS[self.name][key].default
         }
-        if _has_direction(self.name) and self.direction != _BOTH:
+        if self.direction != usual_direction(self.name):
             said["direction"] = self.direction
         if self.from_ns:
-            said["from"] = _time_text(self.from_ns)
+            said["from"] = time_text(self.from_ns)
         if self.until_ns != _end_ns(self.name, self.values, self.from_ns):
-            said["until"] = _time_text(self.until_ns)
+            said["until"] = time_text(self.until_ns)
         return said
 
     def __str__(self) -> str:
@@ -127,9 +153,24 @@ class FaultPlan:
     faults: tuple[Fault, ...] = ()
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        """Refuse what is no plan, and faults that cannot both be."""
+        if not all(isinstance(fault, Fault) for fault in self.faults):
+            raise ConfigurationError("the faults of a plan must be Fault; see FaultPlan.parse")
+        if len(wraps := [str(fault) for fault in self.named("clock.wrap")]) > 1:
+            raise ConfigurationError(f"{' and '.join(wraps)}: the clock wraps once; say it once")
+
     @classmethod
     def parse(cls, texts: Iterable[str], seed: int = 0) -> Self:
-        """Return the plan of *texts*; see :meth:`Fault.parse`."""
+        """Return the plan of *texts*; see :meth:`Fault.parse`.
+
+        Raises
+        ------
+        ConfigurationError
+            Also for one text where a list of them is wanted.
+        """
+        if isinstance(texts, str | bytes) or not isinstance(texts, Iterable):
+            raise ConfigurationError(f"faults {texts!r}: must be a list such as [{_SUCH_AS!r}]")
         return cls(tuple(Fault.parse(text) for text in texts), seed)
 
     @classmethod
@@ -175,7 +216,7 @@ class FaultPlan:
         direction : str
             ``down`` to the board or ``up`` from it.
         """
-        chunks, fired = [Chunk(t_ns, chunk)], dict[str, int]()
+        chunks, fired = [Chunk(t_ns, chunk)] if chunk else [], dict[str, int]()
         for number, fault in enumerate(self.faults):
             act = _ON_CHUNKS.get(fault.name)
             if act is None or fault.direction not in (_BOTH, direction):
@@ -183,6 +224,7 @@ class FaultPlan:
             if fault.is_there(t_ns):
                 source = self._random(number, direction, t_ns, chunk)
                 chunks, count = act(chunks, fault.values, source)
+                chunks = [chunk for chunk in chunks if chunk.data]  # nothing meets no other fault
                 fired[fault.name] = fired.get(fault.name, 0) + count
         return chunks, fired
 
@@ -192,23 +234,41 @@ class FaultPlan:
         Raises
         ------
         ConfigurationError
-            If it would run backwards.
+            If it would run backwards, or start before 0.
         """
-        clock = healthy
+        boot_us = healthy.boot_us
+        for fault in self.named("clock.wrap"):
+            boot_us = _WRAP_US - _amount_of(fault)
+        boot_us += sum(map(_amount_of, self.named("clock.offset")))
+        if boot_us < 0:
+            raise ConfigurationError(
+                f"{_told(self.named('clock.offset'))}: the device's clock would start at "
+                f"{boot_us} us, must be 0 or more"
+            )
+        steps = [ClockChange(f.from_ns, step_us=_amount_of(f)) for f in self.named("clock.step")]
+        rates = [change for f in self.named("clock.ppm") for change in _rates(f)]
+        self._check_rates(healthy.ppm, rates)
+        changes = sorted([*healthy.changes, *steps, *rates], key=lambda change: change.at_ns)
+        return dataclasses.replace(healthy, boot_us=boot_us, changes=tuple(changes))
+
+    def on_clock(self, clock: DeviceClock) -> Iterator[tuple[str, int]]:
+        """Yield the faults that change *clock*, which has them, and when each begins to."""
         for fault in self.faults:
-            amount = round(fault.values.get("us", fault.values.get("ppm", 0)))
-            if fault.name == "clock.offset":
-                clock = dataclasses.replace(clock, boot_us=clock.boot_us + amount)
-            elif fault.name == "clock.wrap":
-                clock = dataclasses.replace(clock, boot_us=_WRAP_US - amount)
-            elif fault.name == "clock.ppm":
-                clock = dataclasses.replace(clock, ppm=clock.ppm + amount)
-            elif fault.name == "clock.step":
-                at_us = max(1, fault.from_ns // 1000)
-                clock = dataclasses.replace(clock, step_us=amount, step_at_us=at_us)
-        if clock.ppm <= -1_000_000 or clock.step_us < 0 or clock.boot_us < 0:
-            raise ConfigurationError("the device's clock must not run backwards")
-        return clock
+            if fault.name == "clock.wrap":
+                yield fault.name, max(0, clock.reached_ns(_WRAP_US))
+            elif fault.name.startswith("clock.") and _amount_of(fault):
+                yield fault.name, fault.from_ns
+
+    def _check_rates(self, ppm: int, rates: list[ClockChange]) -> None:
+        slowest = min(
+            (ppm + sum(c.ppm for c in rates if c.at_ns <= rate.at_ns) for rate in rates),
+            default=ppm,
+        )
+        if slowest <= -_MILLION:
+            raise ConfigurationError(
+                f"{_told(self.named('clock.ppm'))}: the device's clock would be fast by {slowest} "
+                f"ppm, must be above -{_MILLION}: it must not run backwards"
+            )
 
     def of_device(self, t_ns: int) -> Iterator[tuple[int, Fault, random.Random]]:
         """Yield the faults of transducers that are there at *t_ns*, with what is random there."""
@@ -224,74 +284,35 @@ class FaultPlan:
         return random.Random(f"{self.seed}/{number}/{where}/{t_ns}/{zlib.crc32(chunk)}")
 
 
-def is_of_transducers(name: str) -> bool:
-    """Return whether a fault changes what is radiated."""
-    return name.startswith("device.") and name not in REPORTS
+def _amount_of(fault: Fault) -> int:
+    """Return by how much a fault of the clock is, in the whole numbers in which it counts."""
+    return round(fault.values["ppm" if fault.name == "clock.ppm" else "us"])
 
 
-def _has_direction(name: str) -> bool:
-    return name.startswith("line.") and name != "line.disconnect"
+def _rates(fault: Fault) -> Iterator[ClockChange]:
+    yield ClockChange(fault.from_ns, ppm=_amount_of(fault))
+    if fault.until_ns != FOR_EVER_NS:
+        yield ClockChange(fault.until_ns, ppm=-_amount_of(fault))
 
 
-def _direction(name: str, text: str | None) -> str:
-    if name in REPORTS:
-        return "up"
-    if name.startswith("frame."):
-        return "down"
-    if text is not None and text not in ("down", "up", _BOTH):
-        raise ConfigurationError(f"{name} direction={text}, must be down, up or both")
-    return text or _BOTH
+def _told(faults: Iterable[Fault]) -> str:
+    return " and ".join(map(str, faults))
 
 
 def _end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
     """Return when a fault is over by itself."""
-    if name != "line.disconnect":
-        return _FOR_EVER_NS
-    return from_ns + round(values["ms"] * _NS_PER_MS)
+    return from_ns + round(values["ms"] * _NS_PER_MS) if name == _DISCONNECT else FOR_EVER_NS
 
 
-def _number(name: str, key: str, text: str, limits: Parameter) -> float:
-    try:
-        value = float(text)
-    except ValueError as error:
-        raise ConfigurationError(f"{name} {key}={text} is not a number") from error
-    if not limits.least <= value <= limits.most:
-        raise ConfigurationError(
-            f"{name} {key}={text}, must be {shown(limits.least)} to {shown(limits.most)}"
-        )
-    if limits.whole and value != round(value):
-        raise ConfigurationError(f"{name} {key}={text}, must be a whole number")
-    return value
-
-
-def _time_ns(word: str, text: str) -> int:
-    number = text.rstrip("nums")
-    unit = text[len(number) :]
-    try:
-        t_ns = round(float(number) * _UNITS_NS[unit])
-    except (KeyError, ValueError, OverflowError) as error:
-        raise ConfigurationError(f"{word}: must be a time such as 2s, 500ms, 10us") from error
-    if not 0 <= t_ns <= _FOR_EVER_NS:
-        raise ConfigurationError(f"{word}={text}: must not be before power-up, nor in 146 years")
-    return t_ns
-
-
-def _time_text(t_ns: int) -> str:
-    unit = next(unit for unit, size_ns in _UNITS_NS.items() if t_ns % size_ns == 0)
-    return f"{t_ns // _UNITS_NS[unit]}{unit}"
-
-
-def _check_place(name: str, values: Mapping[str, float]) -> None:
-    places = sum(values[place] >= 0 for place in PLACES if place in values)
-    if is_of_transducers(name) and places != 1:
-        words = [f"{place}=N" for place in PLACES]
-        text = f"{', '.join(words[:-1])} or {words[-1]}"
-        raise ConfigurationError(f"{name}: must have either {text}")
+def _twice(ms: float, until: str) -> str:
+    return f"{_DISCONNECT} ms={shown(ms)} until={until}: say either how long, or until when"
 
 
 def _from_table(table: dict[str, Any]) -> Fault:
     name = str(table.get("name", ""))
-    return Fault.of(name, {key: str(value) for key, value in table.items() if key != "name"})
+    # In one line, whatever a string of the document holds: so are the errors.
+    words = {key: " ".join(str(value).split()) for key, value in table.items() if key != "name"}
+    return Fault.of(name, words)
 
 
 def _text(value: float | str) -> str:

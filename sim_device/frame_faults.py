@@ -76,7 +76,7 @@ def _length(body: bytes, values: Values, source: random.Random) -> bytes | None:
     if more < 0:
         cut = body[: max(HEADER_BYTES, len(body) + more)]
         return sealed(cut) if cut != body else None
-    return sealed(body + source.randbytes(more))
+    return sealed(body + source.randbytes(more)) if more else None
 
 
 def _header(change: _Change) -> Rewrite:

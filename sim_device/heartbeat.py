@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import select
 import signal
 import time
+from collections.abc import Iterator
 from typing import Final
+
+from haptogram.waiting import Waiter
 
 from .clock import earliest, whole_us
 from .log import CountLog
@@ -17,6 +20,7 @@ from .simulation import Simulation
 _SHORT_NS: Final = 60_000  # what a sleep takes at least; the next carrier boundary is nearer
 _HAND_OVER_NS: Final = 20_000_000  # from one batch of records for the worker to the next
 _CHUNK: Final = 4_096
+_ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Heartbeat:
@@ -48,19 +52,27 @@ class Heartbeat:
         self._parents: list[int] = []  # whose end is that of the board
         self._due_ns: int | None = None  # when it meant to wake
         self._hand_over_ns = 0
+        self._waiter = Waiter()
         self._wake_read, self._wake_write = os.pipe()
         self._start_ns = time.monotonic_ns()
 
     def stop(self) -> None:
-        """Make :meth:`run` return; may be called from a signal handler."""
-        if not self._stopping:  # a second signal finds the pipe closed
+        """Make :meth:`run` return; may be called from a signal handler, and after its end."""
+        if not self._stopping:
             self._stopping = True
             os.write(self._wake_write, b"!")
 
-    def stop_on_signals(self) -> None:
-        """Let SIGINT, SIGTERM and SIGHUP stop the board in good order."""
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, lambda *_: self.stop())
+    @contextlib.contextmanager
+    def stopped_by_signals(self) -> Iterator[None]:
+        """Let SIGINT, SIGTERM and SIGHUP stop the board in good order, as long as this lasts."""
+        before = {number: signal.getsignal(number) for number in _ENDINGS}
+        try:
+            for number in _ENDINGS:
+                signal.signal(number, lambda *_: self.stop())
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
     def stop_at_eof(self, descriptor: int) -> None:
         """Let the end of a pipe stop the board: whoever held it open has ended, however it did.
@@ -82,6 +94,7 @@ class Heartbeat:
                 self._turn()
                 self._wait()
         finally:
+            self._stopping = True  # from here on a signal finds the pipe closed
             self._simulation.power_down()
             os.close(self._wake_read)
             os.close(self._wake_write)
@@ -128,17 +141,20 @@ class Heartbeat:
         elif self._worker is not None and self._worker.pending:
             hand_over_ns = self._hand_over_ns
         self._due_ns = self._simulation.next_event_ns()
-        next_ns = earliest(self._due_ns, hand_over_ns)
+        next_ns = earliest(self._due_ns, hand_over_ns, self._port_due_ns())
         wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
         if wait_ns is not None and wait_ns <= 0:
             return  # it is due already: the next turn looks at the port all the same
-        # select, because it alone waits for fractions of a millisecond everywhere.
         waiting = [self._wake_read, *self._parents, *reading]
-        ready, _, _ = select.select(waiting, writing, [], _timeout_s(wait_ns))
+        ready = self._waiter.wait(waiting, writing, _timeout_s(wait_ns))
         if any(parent in ready and not os.read(parent, _CHUNK) for parent in self._parents):
             self.stop()
             if self._worker is not None:
                 self._worker.hurry()
+
+    def _port_due_ns(self) -> int | None:
+        due_ns = self._port.due_ns
+        return None if due_ns is None else due_ns - self._start_ns
 
     def _elapsed_ns(self) -> int:
         """Return the time since power-up, in the whole microseconds on which bytes are taken."""

@@ -7,9 +7,12 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from .clock import earliest
+from haptogram.acoustics import Drive
+
+from .clock import DeviceClock, earliest
 from .device_faults import Situation, faulty, place_of
-from .faults import Fault, FaultPlan, is_of_transducers
+from .fault_kinds import is_of_transducers
+from .faults import Fault, FaultPlan
 from .latch import FaultsCounted, Latch
 from .line_faults import Chunk
 from .settings import BoardSettings
@@ -18,15 +21,25 @@ from .settings import BoardSettings
 class Injection:
     """Applies a plan, and counts.
 
+    Parameters
+    ----------
+    plan : FaultPlan
+        What goes wrong.
+    settings : BoardSettings
+        The board.
+    clock : DeviceClock
+        Its clock, with the faults of *plan*.
+
     Raises
     ------
     ConfigurationError
         If a fault is to be in a place that the array does not have.
     """
 
-    def __init__(self, plan: FaultPlan, settings: BoardSettings) -> None:
+    def __init__(self, plan: FaultPlan, settings: BoardSettings, clock: DeviceClock) -> None:
         self.plan = plan
-        self.counts = {fault.name: 0 for fault in plan.faults}
+        self._counts = {fault.name: 0 for fault in plan.faults}
+        self._on_clock = list(plan.on_clock(clock))
         self._places = [
             place_of(fault, settings) if is_of_transducers(fault.name) else slice(0, 0)
             for fault in plan.faults
@@ -40,7 +53,7 @@ class Injection:
         """Return what becomes of *data* on the line."""
         chunks, fired = self.plan.line(direction, t_ns, data)
         for name, count in fired.items():
-            self.counts[name] += count
+            self._counts[name] += count
         return chunks
 
     # --- the port ------------------------------------------------------------------------------
@@ -53,11 +66,11 @@ class Injection:
     def has_left(self, t_ns: int) -> bool:
         """Return whether the port has gone since the last call; see ``line.disconnect``."""
         before = self._away
-        self._away = next((fault for fault in self._disconnects if fault.is_there(t_ns)), None)
-        left = self._away is not None and before is None
-        if left:
-            self.counts["line.disconnect"] += 1
-        return left
+        if before is None or not before.is_there(t_ns):
+            self._away = next((fault for fault in self._disconnects if fault.is_there(t_ns)), None)
+        if self._away is not None and self._away is not before:
+            self._counts["line.disconnect"] += 1
+        return self._away is not None and before is None
 
     def next_change_ns(self, t_ns: int) -> int | None:
         """Return when the port next goes or comes back after *t_ns*."""
@@ -81,14 +94,26 @@ class Injection:
             changed = faulty(fault, now, source)
             if now.reached is not None:
                 self._reached[number] = now.reached
-            if changed != radiated:
-                self.counts[fault.name] += 1
+            if not _is_heard_as(changed, radiated):
+                self._counts[fault.name] += 1
                 radiated = changed
         self._before = latch
         return (
             latch if radiated is latch.radiated else dataclasses.replace(latch, radiated=radiated)
         )
 
-    def counted(self, t_us: int) -> FaultsCounted:
-        """Return how often each fault has done something."""
-        return FaultsCounted(t_us, dict(self.counts), self.plan.as_toml())
+    def counts(self, t_ns: int) -> dict[str, int]:
+        """Return how often each fault has done something up to *t_ns*."""
+        counts = dict(self._counts)
+        for name, at_ns in self._on_clock:
+            counts[name] += at_ns <= t_ns
+        return counts
+
+    def counted(self, t_us: int, t_ns: int) -> FaultsCounted:
+        """Return the counts up to *t_ns*, at which the board's time is *t_us*."""
+        return FaultsCounted(t_us, self.counts(t_ns), self.plan.as_toml())
+
+
+def _is_heard_as(one: Drive, other: Drive) -> bool:
+    """Return whether two drives radiate the same: the phase of what is silent is no difference."""
+    return one == other or np.array_equal(one.weights(), other.weights())

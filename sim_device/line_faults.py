@@ -85,14 +85,14 @@ def _burst(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _truncate(data: bytearray, values: Values, source: random.Random) -> int:
-    fires = bool(data) and source.random() < values["p"]
+    fires = source.random() < values["p"]
     if fires:
         del data[source.randrange(len(data)) :]
     return int(fires)
 
 
 def _overrun(data: bytearray, values: Values, source: random.Random) -> int:
-    fires = bool(data) and source.random() < values["p"]
+    fires = source.random() < values["p"]
     if fires:
         first = source.randrange(len(data))
         del data[first : first + round(values["bytes"])]
@@ -100,7 +100,7 @@ def _overrun(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _break(data: bytearray, values: Values, source: random.Random) -> int:
-    fires = bool(data) and source.random() < values["p"]
+    fires = data != b"\x00" and source.random() < values["p"]
     if fires:
         data[:] = b"\x00"  # what a receiver makes of a line held low
     return int(fires)
@@ -133,7 +133,8 @@ def _duplicate(
 def _delay(chunks: list[Chunk], values: Values, source: random.Random) -> tuple[list[Chunk], int]:
     late_us = values["us"] + values["jitter_us"] * source.random()
     late_ns = round(late_us * _NS_PER_US)
-    return [Chunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks], len(chunks)
+    late = [Chunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks]
+    return late, len(late) if late_ns else 0
 
 
 def _slice(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:

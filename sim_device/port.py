@@ -13,9 +13,10 @@ import os
 import pty
 import socket
 import termios
+import time
 import tty
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import serial
 
@@ -25,11 +26,80 @@ from .link_name import LinkName
 
 _LOG: Final = logging.getLogger(__name__)
 _CLOSED: Final = -1
+# accept(2): nobody waits, or who waited has gone, or his network has
+_NO_CLIENT: Final = (
+    *(errno.EAGAIN, errno.EWOULDBLOCK, errno.ECONNABORTED, errno.EINTR, errno.EPROTO),
+    *(errno.ENETDOWN, errno.ENETUNREACH, errno.EHOSTDOWN, errno.EHOSTUNREACH),
+)
+_SHORTAGE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+_PATIENCE_NS: Final = 200_000_000  # until descriptors may be there again
 _GONE: Final = (errno.EIO, errno.EPIPE, errno.ECONNRESET, errno.ENXIO, errno.ENODEV)
 
 
 class PortLostError(HaptogramError):
     """The port went away and will not come back: a cable was pulled."""
+
+
+class Doorman:
+    """Takes clients in at a listening socket, and waits where descriptors have run out.
+
+    Parameters
+    ----------
+    server : socket.socket
+        Listens, non-blocking.
+    name : str
+        What it listens on, for messages.
+
+    Attributes
+    ----------
+    refused : int
+        How often no descriptor was left for a client.
+    """
+
+    def __init__(self, server: socket.socket, name: str) -> None:
+        self._server, self._name = server, name
+        self._is_short = False
+        self.refused = 0
+        self.due_ns: int | None = None
+
+    @property
+    def is_looking(self) -> bool:
+        """Whether a client that waits would be seen now; else at :attr:`due_ns`."""
+        return self.due_ns is None or time.monotonic_ns() >= self.due_ns
+
+    def admit(self) -> tuple[socket.socket, Any] | None:
+        """Return a non-blocking client that waits, with its address, or None.
+
+        Raises
+        ------
+        PortLostError
+            If nobody can be taken in any more.
+        """
+        if not self.is_looking:
+            return None
+        self.due_ns = None
+        try:
+            client, address = self._server.accept()
+        except OSError as error:
+            self._excuse(error)
+            return None
+        if self._is_short:
+            _LOG.warning("%s: clients are taken in again", self._name)
+        self._is_short = False
+        client.setblocking(False)
+        return client, address
+
+    def _excuse(self, error: OSError) -> None:
+        if error.errno in _NO_CLIENT:
+            return
+        if error.errno not in _SHORTAGE:
+            why = f"no client can be taken in: {error.strerror}"
+            raise PortLostError(f"{self._name}: {why}") from error
+        self.refused += 1
+        self.due_ns = time.monotonic_ns() + _PATIENCE_NS
+        if not self._is_short:  # told once, until somebody gets in
+            _LOG.warning("%s: no client can be taken in: %s", self._name, error.strerror)
+        self._is_short = True
 
 
 class Port:
@@ -45,6 +115,11 @@ class Port:
         self._fd = fd
         self._unsent = b""
         self.description = description
+
+    @property
+    def due_ns(self) -> int | None:
+        """When it has to be looked at, on the monotonic clock, though nothing comes; or None."""
+        return None
 
     @property
     def pending(self) -> int:
@@ -204,10 +279,17 @@ class TcpPort(Port):
         self._is_there = True
         name = self._server.getsockname()
         super().__init__(-1, f"socket://{name[0]}:{name[1]}")
+        self._doorman = Doorman(self._server, self.description)
+
+    @property
+    def due_ns(self) -> int | None:
+        """When a client may be taken in again, if descriptors had run out."""
+        return self._doorman.due_ns
 
     def reading(self) -> list[int]:
-        """Return the server, and the client where there is one."""
-        return [self._server.fileno(), *([self._fd] if self._client else [])]
+        """Return the server, unless nobody can be taken in, and the client where there is one."""
+        server = [self._server.fileno()] if self._doorman.is_looking else []
+        return [*server, *([self._fd] if self._client else [])]
 
     def read(self, limit: int) -> bytes:
         """Take a client in where one waits, and return what the present one sent."""
@@ -247,16 +329,14 @@ class TcpPort(Port):
         self._server.close()
 
     def _accept(self) -> None:
-        try:
-            client, address = self._server.accept()
-        except OSError:  # nobody waits, or who waited has gone
+        if (admitted := self._doorman.admit()) is None:
             return
+        client, address = admitted
         if self._client is not None or not self._is_there:
             why = "there is one already" if self._client is not None else "the port is gone"
             _LOG.info("client %s:%d turned away: %s", *address[:2], why)
             client.close()
             return
-        client.setblocking(False)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client, self._fd = client, client.fileno()
         _LOG.info("client %s:%d connected", *address[:2])
@@ -330,15 +410,12 @@ class UnixListener:
         except OSError as error:
             self._socket.close()
             raise ConfigurationError(f"cannot listen on unix:{path}: {error}") from error
+        self._doorman = Doorman(self._socket, f"unix:{path}")
 
     def accept(self) -> int | None:
         """Return a non-blocking descriptor of a client that waits, or None."""
-        try:
-            client, _ = self._socket.accept()
-        except OSError:
-            return None
-        client.setblocking(False)
-        return client.detach()
+        admitted = self._doorman.admit()
+        return None if admitted is None else admitted[0].detach()
 
     def close(self) -> None:
         """Stop listening and remove the name."""

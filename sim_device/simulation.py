@@ -73,9 +73,9 @@ class Simulation:
         self._clock = parts.clock(settings.boot_us)
         self._injection: Injection | None = None
         if faults is not None and faults.faults:
-            self._injection = Injection(faults, settings)
-            self._injection.has_left(0)
             self._clock = faults.clock(self._clock)
+            self._injection = Injection(faults, settings, self._clock)
+            self._injection.has_left(0)
             settings = dataclasses.replace(settings, boot_us=self._clock.boot_us)
         self.dialect = parts.assemble(settings, description_hash())
         self.board: Board = self.dialect.board
@@ -153,7 +153,7 @@ class Simulation:
     @property
     def fault_counts(self) -> dict[str, int]:
         """How often each fault has fired."""
-        return {} if self._injection is None else dict(self._injection.counts)
+        return {} if self._injection is None else self._injection.counts(self._now_ns)
 
     @property
     def line_counts(self) -> dict[str, int]:
@@ -175,7 +175,7 @@ class Simulation:
         if self._line != LineSettings():
             notices.append(LineCounted(self.board.now_us, self.line_counts))
         if self._injection is not None:
-            notices.append(self._injection.counted(self.board.now_us))
+            notices.append(self._injection.counted(self.board.now_us, self._now_ns))
         for recorder in self._recorders:
             for notice in notices:
                 recorder.notice(notice)

@@ -13,7 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 from haptogram.config import VerifyConfig, load_config
-from haptogram.errors import ConfigurationError, LinkError
+from haptogram.errors import (
+    ConfigurationError,
+    DeviceError,
+    HaptogramError,
+    LinkError,
+    VersionMismatchError,
+    WrongProtocolError,
+)
 
 from .exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
 from .verify_options import add_options
@@ -29,6 +36,10 @@ class PlannedFaults(NamedTuple):
 
     plan: tuple[str, ...]
     seed: int
+
+
+class _BrokenByPlanError(HaptogramError):
+    """The planned faults let no session come up: nothing could be judged."""
 
 
 #: Looks at what concerns the virtual board, before anything starts.
@@ -82,12 +93,17 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     config = load_config(arguments.config, given)
     planned = prepare(config)
     quiet = arguments.quiet
-    with (
-        _board(config, in_process) as board,
-        _bar("displaying", quiet=quiet) as progress,
-        _bar("waiting for what the board saw", quiet=quiet) as settling,
-    ):
-        found = measure(config, board, progress, settling)
+    try:
+        with (
+            _board(config, in_process) as board,
+            _bar("displaying", quiet=quiet) as progress,
+            _bar("waiting for what the board saw", quiet=quiet) as settling,
+            _blaming(planned, board),
+        ):
+            found = measure(config, board, progress, settling, faulty=bool(planned.plan))
+    except _BrokenByPlanError as error:
+        print(f"haptogram: {error}", file=sys.stderr)
+        return INCONCLUSIVE
     with _bar("verifying", quiet=quiet) as progress:
         verdict = verify_run(
             found.intended,
@@ -108,7 +124,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         board=_board_dict(found),
         warnings=found.warnings,
         cut_short=None if found.cut is None else found.cut.reason,
-        faults=_faults_dict(planned, found),
+        faults=_faults_dict(planned, found.fault_counts),
         troubles=found.troubles,
         host=None if config.virtual_time else _host_dict(found),
         environment=None if config.virtual_time else report.environment(),
@@ -160,6 +176,33 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
 
 
 @contextlib.contextmanager
+def _blaming(planned: PlannedFaults, board: BoardUnderTest) -> Iterator[None]:
+    """Say of a session that did not come up, or broke, that the planned faults did it.
+
+    Not of a board that has died, nor if no fault has fired: then something else did it.
+    """
+    try:
+        yield
+    except (LinkError, DeviceError) as error:
+        if not planned.plan or not board.give_up():
+            raise
+        fired = board.fault_counts
+        if fired is not None and not any(fired.values()):
+            raise
+        raise _BrokenByPlanError(_plan_text(error, _faults_dict(planned, fired))) from error
+
+
+def _plan_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
+    from haptogram import report
+
+    told = next(report.faults_and_troubles({"faults": faults, "troubles": {}}))
+    # What is at the other end is known: no guess at another device or version.
+    is_guess = isinstance(error, WrongProtocolError | VersionMismatchError)
+    seen = "no frame came whole" if is_guess else error
+    return f"inconclusive: the fault plan broke the session ({seen}); {told}"
+
+
+@contextlib.contextmanager
 def _bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
     """Show a progress bar on standard error, from the thread that works, 20 times a second."""
     if quiet:
@@ -196,11 +239,11 @@ def _board_dict(found: Measured) -> dict[str, object]:
     }
 
 
-def _faults_dict(planned: PlannedFaults, found: Measured) -> dict[str, object] | None:
+def _faults_dict(planned: PlannedFaults, fired: dict[str, int] | None) -> dict[str, object] | None:
     """Return the faults on purpose, and how often each fired (None: the board did not tell)."""
     if not planned.plan:
         return None
-    return {"plan": list(planned.plan), "seed": planned.seed, "fired": found.fault_counts}
+    return {"plan": list(planned.plan), "seed": planned.seed, "fired": fired}
 
 
 def _host_dict(found: Measured) -> dict[str, object] | None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import random
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Self, TypeAlias
 
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
@@ -63,6 +65,7 @@ class _Outcome:
     detail: str = ""
     recovery: Recovery | None = None
     transcript: tuple[str, ...] = ()
+    traceback: str = ""
 
 
 class Runner:
@@ -131,8 +134,12 @@ class Runner:
     def __exit__(self, *_: object) -> None:
         """Leave the board silent, and close the port."""
         if self._bench is not None and self._transport is not None and not self._dead:
-            with contextlib.suppress(HaptogramError):
+            try:
                 farewell(self._bench)
+            except HaptogramError:
+                pass
+            except Exception as error:  # it must not cost the results
+                self._dead = f"the board was not muted at the end: {type(error).__name__}: {error}"
         self._drop()
         self._access.close()
 
@@ -198,11 +205,13 @@ class Runner:
     def result(self, case: Case) -> Result:
         """Run one case, as often as it is to be repeated, and return its result."""
         outcomes = [self._attempt(case) for _ in range(self._options.repeat if case.body else 1)]
-        last = next((o for o in outcomes if o.behaviour is Behaviour.FAILED), outcomes[-1])
-        behaviours = {outcome.behaviour for outcome in outcomes}
+        judged = [outcome for outcome in outcomes if not outcome.traceback]
+        broken = next((outcome for outcome in outcomes if outcome.traceback), None)
+        failed = next((o for o in judged if o.behaviour is Behaviour.FAILED), None)
+        last = failed or broken or outcomes[-1]
         unclean = [o.recovery for o in outcomes if o.recovery is not None and not o.recovery.clean]
         behaviour, detail = last.behaviour, last.detail
-        if len(behaviours) > 1:
+        if len({outcome.behaviour for outcome in judged}) > 1:
             behaviour = Behaviour.FLAKY
             detail = " then ".join(f"{o.behaviour.value}" for o in outcomes) + f": {detail}"
         expected = self._options.expected
@@ -218,6 +227,7 @@ class Runner:
             transcript=last.transcript,
             expected=expected.get(case.id, expected.get(case.clause)),
             seen=tuple(outcome.behaviour for outcome in outcomes) if len(outcomes) > 1 else (),
+            traceback=broken.traceback if broken is not None else "",
         )
 
     def _attempt(self, case: Case) -> _Outcome:
@@ -248,25 +258,28 @@ class Runner:
             if case.needs_session and not case.needs_reset:
                 bench.settle()
         except CaseEndedError as error:
-            return self._afterwards(case, bench, Behaviour.INCONCLUSIVE, f"at its start: {error}")
+            why = f"at its start: {error}"
+            return self._afterwards(case, bench, _Outcome(Behaviour.INCONCLUSIVE, why))
         except LinkLostError as error:
-            return self._lost(Behaviour.INCONCLUSIVE, str(error), bench)
+            return self._lost(_Outcome(Behaviour.INCONCLUSIVE, str(error)), bench)
+        except Exception as error:
+            return self._afterwards(case, bench, _broke_off(error))
         bench.wire.begin_case()
         try:
-            behaviour, detail = self._judge(case, bench)
-        except HaptogramError as error:
-            return self._lost(Behaviour.FAILED, str(error), bench)
-        return self._afterwards(case, bench, behaviour, detail)
+            outcome = self._judge(case, bench)
+        except LinkError as error:
+            return self._lost(_Outcome(Behaviour.FAILED, str(error)), bench)
+        return self._afterwards(case, bench, outcome)
 
     def _without_board(self, case: Case, bench: Bench) -> _Outcome:
         """Run a case that may tell why nothing answers; what was never there cannot recover."""
         try:
-            behaviour, detail = self._judge(case, bench)
-        except HaptogramError as error:
-            behaviour, detail = Behaviour.INCONCLUSIVE, str(error)
-        return _Outcome(behaviour, detail, None, bench.wire.recording.transcript())
+            outcome = self._judge(case, bench)
+        except LinkError as error:
+            outcome = _Outcome(Behaviour.INCONCLUSIVE, str(error))
+        return dataclasses.replace(outcome, transcript=bench.wire.recording.transcript())
 
-    def _judge(self, case: Case, bench: Bench) -> tuple[Behaviour, str]:
+    def _judge(self, case: Case, bench: Bench) -> _Outcome:
         """Run the body of a case and return its verdict."""
         assert case.body is not None  # _attempt has seen to it
         try:
@@ -274,42 +287,53 @@ class Runner:
                 bench.need(case.needs)
             case.body(bench)
         except CaseEndedError as ended:
-            clause = self._clauses[case.clause]
-            away_s = bench.wire.held_up_us / 1e6
-            if ended.behaviour is Behaviour.FAILED and away_s > _HELD_UP_S:
-                text = f"the host was held up for {away_s:.1f} s, and then: {ended}"
-                return Behaviour.INCONCLUSIVE, text
-            lenient = clause.level is Level.SHOULD and not self._options.strict
-            if ended.behaviour is Behaviour.FAILED and lenient:
-                return Behaviour.NON_STRICT, str(ended)
-            return ended.behaviour, str(ended)
-        except HaptogramError:
+            return self._verdict(case, bench, ended)
+        except LinkError:
             raise
         except Exception as error:  # what no case foresaw is no verdict on the board
-            return Behaviour.INCONCLUSIVE, f"the case broke off: {type(error).__name__}: {error}"
-        return Behaviour.OK, ""
+            return _broke_off(error)
+        return _Outcome(Behaviour.OK)
 
-    def _afterwards(self, case: Case, bench: Bench, behaviour: Behaviour, detail: str) -> _Outcome:
-        transcript = bench.wire.recording.transcript() if _is_shown(behaviour) else ()
-        if behaviour is Behaviour.UNIMPLEMENTED:
-            return _Outcome(behaviour, detail)
+    def _verdict(self, case: Case, bench: Bench, ended: CaseEndedError) -> _Outcome:
+        clause = self._clauses[case.clause]
+        away_s = bench.wire.held_up_us / 1e6
+        if ended.behaviour is Behaviour.FAILED and away_s > _HELD_UP_S:
+            text = f"the host was held up for {away_s:.1f} s, and then: {ended}"
+            return _Outcome(Behaviour.INCONCLUSIVE, text)
+        lenient = clause.level is Level.SHOULD and not self._options.strict
+        if ended.behaviour is Behaviour.FAILED and lenient:
+            return _Outcome(Behaviour.NON_STRICT, str(ended))
+        return _Outcome(ended.behaviour, str(ended))
+
+    def _afterwards(self, case: Case, bench: Bench, outcome: _Outcome) -> _Outcome:
+        if _is_shown(outcome.behaviour):
+            transcript = bench.wire.recording.transcript()
+            outcome = dataclasses.replace(outcome, transcript=transcript)
+        if outcome.behaviour is Behaviour.UNIMPLEMENTED:
+            return outcome
         try:
             recovery = recover(bench)
         except LinkLostError as error:
-            return self._lost(behaviour, detail or str(error), bench)
+            detail = outcome.detail or str(error)
+            return self._lost(dataclasses.replace(outcome, detail=detail), bench)
+        except Exception as error:
+            if _is_shown(outcome.behaviour):  # it has a verdict of its own, or an error
+                return outcome
+            transcript = bench.wire.recording.transcript()
+            return dataclasses.replace(_broke_off(error), transcript=transcript)
         if recovery.frames is None and not self._dead:
             self._dead = "the board does not answer any more"
             self._revive(self._reset if self._access.can_reset else self._reopen)
         elif recovery.clean and case.needs_reset:
             self._dead = ""
-        return _Outcome(behaviour, detail, recovery, transcript)
+        return dataclasses.replace(outcome, recovery=recovery)
 
-    def _lost(self, behaviour: Behaviour, text: str, bench: Bench) -> _Outcome:
-        """Keep the verdict of a case after which the port was gone."""
-        transcript = bench.wire.recording.transcript()
+    def _lost(self, outcome: _Outcome, bench: Bench) -> _Outcome:
+        """Keep the outcome of a case after which the port was gone."""
+        transcript, text = bench.wire.recording.transcript(), outcome.detail
         self._dead = f"the board is gone: {text}"
         self._revive(self._reset if self._access.can_reset else self._reopen)
-        return _Outcome(behaviour, text, Recovery(None, text), transcript)
+        return dataclasses.replace(outcome, recovery=Recovery(None, text), transcript=transcript)
 
     def _revive(self, connect: Callable[[], Bench]) -> None:
         """Try once to bring a board back that does not answer; if it does it is not dead."""
@@ -321,6 +345,16 @@ class Runner:
             return
         if self._greet() is None:
             self._dead = why
+
+
+def _broke_off(error: Exception) -> _Outcome:
+    """Return what an error of the case itself comes to: nothing is said of the board."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(place.filename).name}:{place.lineno}, in {place.name}"
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    told = "".join(traceback.format_exception(error))
+    detail = f"error in the case itself, no verdict on the board: {text} ({where})"
+    return _Outcome(Behaviour.INCONCLUSIVE, detail, traceback=told)
 
 
 def _is_shown(behaviour: Behaviour) -> bool:

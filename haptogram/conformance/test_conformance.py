@@ -25,5 +25,11 @@ def test_clause(case: Case, haptogram_board: Runner) -> None:
         pytest.skip(told)
     if junit is not None or not result.recovers:
         recovery = "" if result.recovers else f"recovery: {result.recovery}"
-        lines = [told, f"requirement: {result.requirement}", recovery, *result.transcript]
+        lines = [
+            told,
+            f"requirement: {result.requirement}",
+            recovery,
+            result.traceback,
+            *result.transcript,
+        ]
         pytest.fail("\n".join(filter(None, lines)), pytrace=False)

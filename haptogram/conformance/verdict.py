@@ -53,7 +53,9 @@ MEANINGS: Final[dict[Behaviour, Meaning]] = {
         "nothing on this line can show it; never counted as passed", "skipped", PASS
     ),
     Behaviour.INCONCLUSIVE: Meaning(
-        "could not be judged: no board, or the host was held up", "error", INCONCLUSIVE_STATUS
+        "could not be judged: no board, a host held up, or an error in the case itself",
+        "error",
+        INCONCLUSIVE_STATUS,
     ),
     Behaviour.FLAKY: Meaning("different verdicts when repeated", "failure", FAIL),
     Behaviour.FAILED: Meaning("not as the clause demands", "failure", FAIL),
@@ -114,6 +116,8 @@ class Result:
         What the baseline expects here.
     seen : tuple of Behaviour
         Verdicts of the repetitions.
+    traceback : str
+        Where the case broke off, if an error in the case itself did it and not the board.
     """
 
     case: str
@@ -127,6 +131,7 @@ class Result:
     transcript: tuple[str, ...] = ()
     expected: str | None = None
     seen: tuple[Behaviour, ...] = ()
+    traceback: str = ""
 
     @property
     def recovers(self) -> bool:

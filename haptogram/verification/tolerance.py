@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 
 from haptogram.acoustics import Medium
 from haptogram.acoustics.medium import speed_uncertainty
+from haptogram.arguments import check_number
 from haptogram.config import (
     GUESS_C,
     GUESS_HUMIDITY_PERCENT,
@@ -24,17 +25,11 @@ from haptogram.config import (
     MOST_OFF_POSITION_MM,
     VerifyConfig,
 )
-from haptogram.errors import ConfigurationError
 
 
-def _check(setting: object, limits: dict[str, float]) -> None:
-    """Raise unless every field of *setting* is a number from 0 to its limit."""
-    for name, limit in limits.items():
-        value = getattr(setting, name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ConfigurationError(f"{name} is {value!r}, must be a number")
-        if not 0.0 <= value <= limit:
-            raise ConfigurationError(f"{name} is {value:g}, must be 0 to {limit:g}")
+def _check_air(temperature_c: float, humidity_percent: float) -> None:
+    check_number("temperature_c", temperature_c, 0.0, MOST_OFF_C)
+    check_number("humidity_percent", humidity_percent, 0.0, MOST_OFF_HUMIDITY_PERCENT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,14 +61,8 @@ class Tolerance:
     humidity_percent: float = 0.0
 
     def __post_init__(self) -> None:
-        _check(
-            self,
-            {
-                "miss_mm": MOST_MISS_MM,
-                "temperature_c": MOST_OFF_C,
-                "humidity_percent": MOST_OFF_HUMIDITY_PERCENT,
-            },
-        )
+        check_number("miss_mm", self.miss_mm, 0.0, MOST_MISS_MM)
+        _check_air(self.temperature_c, self.humidity_percent)
 
     @property
     def is_strict(self) -> bool:
@@ -114,15 +103,9 @@ class Uncertainty:
     phase_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        _check(
-            self,
-            {
-                "temperature_c": MOST_OFF_C,
-                "humidity_percent": MOST_OFF_HUMIDITY_PERCENT,
-                "position_mm": MOST_OFF_POSITION_MM,
-                "phase_rad": MOST_OFF_PHASE_RAD,
-            },
-        )
+        _check_air(self.temperature_c, self.humidity_percent)
+        check_number("position_mm", self.position_mm, 0.0, MOST_OFF_POSITION_MM)
+        check_number("phase_rad", self.phase_rad, 0.0, MOST_OFF_PHASE_RAD)
 
     def speed_share(self, medium: Medium) -> float:
         """Return the relative standard uncertainty of the speed of sound."""

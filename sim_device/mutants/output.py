@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 from dataclasses import dataclass
 from typing import Any, Final
@@ -24,6 +25,8 @@ from .mutant import Evidence, Mutant
 
 _WRAP: Final = 2**32
 _NEVER_US: Final = 1 << 60
+_JUMP_EVERY_US: Final = 500_000
+_JUMP_US: Final = 2_000
 
 
 class ArmedAtBoot(Board):
@@ -215,13 +218,22 @@ class ClockFast(DeviceClock):
     ppm: int = 500
 
 
-@dataclass(frozen=True, slots=True)
 class ClockSteps(DeviceClock):
     """Its clock jumps ahead by 2 ms every 500 ms."""
 
-    step_us: int = 2_000
-    step_at_us: int = 500_000
-    step_every: bool = True
+    def device_us(self, t_ns: int) -> int:
+        """Return what it shows at *t_ns*."""
+        return self._with_jumps(super().device_us(t_ns))
+
+    def reached_ns(self, device_us: int) -> int:
+        """Return the first time at which it shows *device_us* or more."""
+        shown_us = range(self.boot_us, device_us)  # without a jump, and so too late
+        place = bisect.bisect_left(shown_us, device_us, key=self._with_jumps)
+        return super().reached_ns(min(device_us, self.boot_us + place))
+
+    def _with_jumps(self, steady_us: int) -> int:
+        jumps = max(0, steady_us - self.boot_us) // _JUMP_EVERY_US
+        return steady_us + jumps * _JUMP_US
 
 
 class DeadElement(Board):

@@ -92,6 +92,7 @@ DRIVER = {
     "phase_bits": (None, *WHOLE, 0, 9),
     "model": OTHER,
     "medium": OTHER,
+    "calibration": OTHER,
     "trace": (*OTHER, 1, -1),
     "keep": (*WHOLE, 0),
     "sink": CALLABLE,
@@ -149,12 +150,15 @@ BOARD = {
     "reconstruct": FLAG,
     "faults": (None, 5, NAN, "line.flip", "", {"line.flip"}, object(), [5], ["line.flip", None]),
     "fault_plan": (5, NAN, [], object()),
+    "calibration": OTHER,
 }
 INTENDED = (None, 5, NAN, "x", [1], [None], {}, object(), [PLACE])
 VERIFY = {
     "intended": INTENDED,
     "model": OTHER,
     "min_verified": (None, *NUMBER, "all", 1.1),
+    "tolerance": (*OTHER, 0.5),
+    "uncertainty": (*OTHER, 0.5),
 }
 BOARD_METHODS = {
     "verify": VERIFY,

@@ -9,13 +9,14 @@ import serial
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptogram.cli import main as verify
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import GetStatus, Ping, build_body, parse_body
 from haptogram_protocol.state import OutputState
 from sim_device.clock import DeviceClock
 from sim_device.command import main
-from sim_device.fault_kinds import FAULT_KINDS, PLACES, described
+from sim_device.fault_kinds import FAULT_KINDS, PLACES, described, words_of
 from sim_device.faults import Fault, FaultPlan
 from sim_device.line_faults import Chunk
 from sim_device.options import fault_plan
@@ -44,9 +45,13 @@ def fault_texts(draw):
         words += draw(st.lists(number.map(lambda n, key=key: f"{key}={n!r}"), max_size=1))
     if places:
         words.append(f"{draw(st.sampled_from(places))}={draw(st.integers(0, 9))}")
-    words += draw(st.lists(st.integers(1, 10**12).map("from={}ns".format), max_size=1))
-    words += draw(st.lists(st.integers(1, 10**6).map("until={}ms".format), max_size=1))
-    return " ".join([name, *words])
+    from_ns, length_ns = draw(st.integers(1, 10**12)), draw(st.integers(1, 10**12))
+    times = {"from": f"from={from_ns}ns", "until": f"until={from_ns + length_ns}ns"}
+    may = [key for key in words_of(name) if key in times]
+    if name == "line.disconnect" and words:
+        may.remove("until")
+    said = draw(st.sets(st.sampled_from(may))) if may else set()
+    return " ".join([name, *words, *(times[key] for key in sorted(said))])
 
 
 # --- text and TOML -----------------------------------------------------------------------------
@@ -181,7 +186,7 @@ def test_a_wrong_frame_is_found_by_the_board_under_its_name(open_host, fault, co
 
 
 @settings(max_examples=30)
-@given(st.binary(max_size=200), st.sampled_from(sorted(COUNTED_AS)))
+@given(st.binary(min_size=1, max_size=200), st.sampled_from(sorted(COUNTED_AS)))
 def test_what_is_no_frame_is_left_alone(noise, fault):
     plan = FaultPlan.parse([fault])
     noise = noise.replace(b"\x00", b"\x01")
@@ -330,3 +335,137 @@ def test_garbage_is_other_codes_at_each_latch_and_replays(open_host):
 def test_a_bank_that_is_not_there_is_refused(open_host):
     with pytest.raises(ConfigurationError, match="no such place; the array has 16 transducers"):
         open_host(url_of("device.off bank=1"))
+
+
+# --- what cannot be, however a fault is given -----------------------------------------------------
+
+SPAN = "must not be before power-up (0s), nor after 4611686018s"
+NEVER = {
+    "line.flip from=5s until=1s": "line.flip from=5s until=1s: until must be after 5s",
+    "line.flip from=2s until=2s": "line.flip from=2s until=2s: until must be after 2s",
+    "line.flip until=0s": "line.flip from=0s until=0s: until must be after 0s",
+    "line.flip until=-1s": f"line.flip until=-1s: {SPAN}",
+    "line.flip from=-1ns": f"line.flip from=-1ns: {SPAN}",
+    "line.flip from=1e10s": f"line.flip from=1e10s: {SPAN}",
+    "line.flip until=1e10s": "line.flip until=1e10s: must not be before power-up",
+    "line.flip from=nans": "line.flip from=nans: must be a time such as 2s",
+    "line.flip from=infs": "line.flip from=infs: must be a time such as 2s",
+    "line.flip from=1e999s": "line.flip from=1e999s: must be a time such as 2s",
+    "line.flip from=2": "line.flip from=2: must be a time such as 2s",
+    "line.flip from=": "line.flip from=: must be a time such as 2s",
+    "line.flip from=s": "line.flip from=s: must be a time such as 2s",
+    "line.flip ber": "line.flip ber= is not a number",
+    "line.flip ber=nan": "line.flip ber=nan, must be 0 to 1",
+    "line.flip ber=inf": "line.flip ber=inf, must be 0 to 1",
+    "line.flip ber=-1": "line.flip ber=-1, must be 0 to 1",
+    "line.slice bytes=1e300": "line.slice bytes=",
+    "line.delay us=1e10": "line.delay us=10000000000, must be 0 to 1000000000",
+    "line.disconnect ms=0": "line.disconnect ms=0, must be 1e-06 to 1000000000",
+    "line.disconnect ms=5 until=9s": "line.disconnect ms=5 until=9s: say either how long, or until",
+    "line.disconnect from=2s until=1s": "line.disconnect from=2s until=1s: until must be after 2s",
+    "clock.step us=-1": "clock.step us=-1, must be 0 to 1000000000",
+    "clock.step until=2s": "clock.step has no parameter 'until'; known: us, from",
+    "clock.offset from=2s": "clock.offset has no parameter 'from'; known: us",
+    "clock.wrap until=2s": "clock.wrap has no parameter 'until'; known: us",
+    "device.off transducer=-1": "device.off transducer=-1, must be 0 to 65535",
+    "device.off": "device.off: must have either transducer=N, column=N or bank=N",
+    "device.off bank=0 column=1": "device.off column=1 bank=0: must have either",
+}
+NEVER |= {  # every kind that takes times
+    f"{name} {place}from=5s until=1s": f"{name} from=5s until=1s: until must be after 5s"
+    for name in FAULT_KINDS
+    if "until" in words_of(name)
+    for place in ["bank=0 " if "bank" in FAULT_KINDS[name] else ""]
+}
+
+
+def toml_of(text):
+    name, *words = text.split()
+    lines = [f'{key} = "{value}"' for key, _, value in (word.partition("=") for word in words)]
+    return "\n".join(["[[fault]]", f'name = "{name}"', *lines])
+
+
+def refused(act):
+    with pytest.raises(ConfigurationError) as caught:
+        act()
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "problem"), NEVER.items())
+def test_what_cannot_be_is_refused_with_fault_parameter_value_and_limit(text, problem):
+    assert problem in refused(lambda: FaultPlan.parse([text]))
+    assert problem in refused(lambda: FaultPlan.from_toml(toml_of(text)))
+
+
+@pytest.mark.parametrize("text", ["line.flip from=5s until=1s", "line.flip ber=nan"])
+def test_it_is_one_line_wherever_a_fault_is_given(text, tmp_path, open_host, capsys):
+    problem, plan = NEVER[text], tmp_path / "plan.toml"
+    plan.write_text(toml_of(text))
+    assert problem in refused(lambda: open_host(url_of(text)))
+    assert problem in refused(lambda: open_host(f"{VIRTUAL}&fault_plan={plan}"))
+    for option in (f"--fault={text}", f"--fault-plan={plan}"):
+        assert main(["--link", str(tmp_path / "board"), option]) == 2
+        assert verify(["verify", "--virtual-time", option]) == 2
+        said = capsys.readouterr().err
+        assert said.count(problem) == said.count("\n") == 2
+    assert verify(["verify", "--port", url_of(text)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("fault", "problem"),
+    [
+        (
+            ("line.flip", {"ber": 0.1}, 5, 1),
+            "line.flip from=5ns until=1ns: until must be after 5ns",
+        ),
+        (("line.flip", {"ber": 0.1}, -5), "line.flip from=-5ns: must not be before power-up"),
+        (("line.flip", {"ber": 0.1}, 1 << 62), "nor after"),
+        (("line.flip", {"ber": float("nan")}), "line.flip ber=nan, must be 0 to 1"),
+        (("line.flip", {"ber": "1"}), "line.flip ber='1' is not a number"),
+        (("line.flip", {}), "line.flip: its parameters are ber"),
+        (("line.flip", {"ber": 0.1}, 0, 9, "left"), "must be down, up or both"),
+        (("frame.crc", {"p": 0.1}, 0, 9, "both"), "frame.crc direction=both, must be down"),
+        (("line.disconnect", {"ms": 5.0}, 0, 9), "line.disconnect ms=5 until=9ns: say either"),
+        (("line.slice", {"bytes": 1.5, "gap_us": 0}), "bytes=1.5, must be a whole number"),
+        (("line.flop", {}), "no fault 'line.flop'; known: "),
+    ],
+)
+def test_a_fault_that_is_made_by_hand_is_refused_too(fault, problem):
+    assert problem in refused(lambda: Fault(*fault))
+
+
+@pytest.mark.parametrize(
+    ("texts", "problem"),
+    [
+        ("line.flip", "faults 'line.flip': must be a list such as ['line.flip ber=1e-5']"),
+        (b"line.flip", "faults b'line.flip': must be a list"),
+        (None, "faults None: must be a list"),
+        (5, "faults 5: must be a list"),
+        ([5], "fault 5: must be a text such as 'line.flip ber=1e-5'"),
+        ([None], "fault None: must be a text"),
+        ([b"line.flip"], "fault b'line.flip': must be a text"),
+        ([["line.flip"]], "fault ['line.flip']: must be a text"),
+        (["line.flip ber=1 ber=0.5"], "line.flip ber=0.5: ber is said twice"),
+        (["line.flip from=1s from=2s"], "line.flip from=2s: from is said twice"),
+    ],
+)
+def test_what_is_no_list_of_texts_is_refused(texts, problem):
+    assert problem in refused(lambda: FaultPlan.parse(texts))
+
+
+def test_a_plan_is_made_of_faults():
+    assert "FaultPlan.parse" in refused(lambda: FaultPlan(("line.flip",)))
+
+
+def test_a_string_of_a_file_does_not_break_the_line():
+    text = '[[fault]]\nname = "line.flip"\nber = "a\\nb"\n'
+    assert "ber=a b is not a number" in refused(lambda: FaultPlan.from_toml(text))
+
+
+def test_a_port_may_be_gone_until_a_time():
+    fault = Fault.parse("line.disconnect from=1s until=3s")
+    assert (fault.from_ns, fault.until_ns) == (1_000 * MS, 3_000 * MS)
+    assert str(fault) == "line.disconnect from=1s until=3s"
+    assert Fault.parse(str(fault)) == fault

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.messages import GetStatus, Ping
 from haptogram_protocol.state import OutputState
-from sim_device.clock import DeviceClock
+from sim_device.clock import ClockChange, DeviceClock
 from sim_device.command import main
 from sim_device.faults import Fault, FaultPlan
 
@@ -67,7 +67,7 @@ def test_the_command_line_and_the_url_refuse_them_too(capsys, open_host, tmp_pat
     assert "known: line.flip" in capsys.readouterr().err
     with pytest.raises(ConfigurationError, match="no such place; the array has 16"):
         open_host(f"{VIRTUAL}&fault=device.dead+column=4")
-    with pytest.raises(ConfigurationError, match="must not run backwards"):
+    with pytest.raises(ConfigurationError, match=r"clock.step us=-5, must be 0 to 1000000000"):
         open_host(f"{VIRTUAL}&fault=clock.step+us=-5")
 
 
@@ -145,7 +145,8 @@ def test_a_session_survives_a_bad_line_and_every_flip_is_counted(open_host):
 
 def test_a_plan_changes_the_clock_of_the_board(open_host):
     plan = FaultPlan.parse(["clock.ppm ppm=200", "clock.offset us=-7", "clock.step us=9 from=1s"])
-    assert plan.clock(DeviceClock(100)) == DeviceClock(93, 200, 9, 1_000_000)
+    changes = (ClockChange(0, ppm=200), ClockChange(1_000_000_000, step_us=9))
+    assert plan.clock(DeviceClock(100)) == DeviceClock(93, 0, changes)
     host = open_host(f"{VIRTUAL}&fault=clock.ppm+ppm=1000&fault=clock.offset+us=-500")
     start_us = host.greet().t_device_us
     host.port.wait_until_ns(host.now_ns() + 1_000_000_000)

@@ -14,7 +14,7 @@ from haptogram.conformance.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError
 from haptogram.transport import open_transport
-from sim_device.clock import DeviceClock
+from sim_device.clock import ClockChange, DeviceClock
 from sim_device.command import main
 from sim_device.mutants import MUTANTS, Evidence, parts_of
 
@@ -95,8 +95,14 @@ def test_an_unknown_mutant_is_refused_with_the_names_of_the_others(capsys, tmp_p
 
 @pytest.mark.parametrize(
     "clock",
-    [DeviceClock(7), DeviceClock(7, ppm=500), DeviceClock(7, ppm=-999)]
-    + [DeviceClock(7, step_us=50, step_at_us=300, step_every=every) for every in (False, True)],
+    [
+        DeviceClock(7),
+        DeviceClock(7, ppm=500),
+        DeviceClock(7, ppm=-999),
+        DeviceClock(7, changes=(ClockChange(300_000, step_us=50), ClockChange(300_500, ppm=9_000))),
+        DeviceClock(7, -300, (ClockChange(0, step_us=5), ClockChange(900_001, -900_000, 70))),
+        parts_of("clock-steps").clock(7),
+    ],
 )
 def test_a_clock_and_its_inverse_agree(clock):
     for device_us in range(7, 3000, 13):

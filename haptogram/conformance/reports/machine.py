@@ -52,6 +52,7 @@ def _result_dict(result: Result) -> dict[str, Any]:
         "expected": result.expected,
         "seen": [behaviour.value for behaviour in result.seen],
         "transcript": list(result.transcript),
+        "traceback": result.traceback,
     }
 
 
@@ -93,6 +94,7 @@ def _result_from(item: Mapping[str, Any]) -> Result:
         transcript=tuple(item["transcript"]),
         expected=item["expected"],
         seen=tuple(Behaviour(name) for name in item["seen"]),
+        traceback=item.get("traceback", ""),  # results before it lack it
     )
 
 
@@ -149,6 +151,8 @@ def _add_case(node: ElementTree.Element, result: Result) -> None:
     if kind != "skipped":
         element.set("type", result.behaviour.value)
         element.text = _legal(text)
+    if result.traceback:
+        ElementTree.SubElement(item, "system-out").text = _legal(result.traceback)
 
 
 def _legal(text: str) -> str:

@@ -71,15 +71,19 @@ def _run(suite: SuiteResult) -> Iterator[str]:
 def _row(result: Result) -> str:
     recovery = "" if result.recovery is None else str(result.recovery)
     found = f"<br>{escape(result.detail)}" if result.detail else ""
-    bytes_ = ""
-    if result.transcript:
-        text = escape("\n".join(result.transcript))
-        bytes_ = f"<details><summary>bytes exchanged</summary><pre>{text}</pre></details>"
+    more = _details("traceback of the case", result.traceback)
+    more += _details("bytes exchanged", "\n".join(result.transcript))
     return (
         f'<tr id="{escape(result.case)}"><td>{escape(result.case)}{_verdict(result)}'
         f"<td>{result.evidence}<td>{escape(recovery)}"
-        f"<td>{escape(result.requirement)}<br><small>{escape(result.what)}</small>{found}{bytes_}"
+        f"<td>{escape(result.requirement)}<br><small>{escape(result.what)}</small>{found}{more}"
     )
+
+
+def _details(summary: str, text: str) -> str:
+    if not text:
+        return ""
+    return f"<details><summary>{summary}</summary><pre>{escape(text)}</pre></details>"
 
 
 def _verdict(result: Result | None) -> str:

@@ -89,6 +89,9 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
     known = sum(result.is_failure and not result.is_new_failure for result in suite.results)
     if known:
         yield f"baseline     {known} failures were expected"
+    if broken := [result.case for result in suite.results if result.traceback]:
+        named = ", ".join(broken) if len(broken) <= _NAMED else f"{len(broken)} cases"
+        yield f"case errors  {named}: not the board; tracebacks are in --json, --junit and --html"
     if suite.cut_short:
         yield f"cut short    {suite.cut_short}"
     verdict = {0: "PASS", 1: "FAIL", 3: "INCONCLUSIVE"}[suite.exit_status]

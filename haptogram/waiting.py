@@ -1,0 +1,71 @@
+"""Waiting for file descriptors of any number, with timeouts that are kept to the microsecond."""
+
+from __future__ import annotations
+
+import selectors
+import time
+from collections.abc import Sequence
+from typing import Final, TypeAlias
+
+_Ready: TypeAlias = list[tuple[selectors.SelectorKey, int]]
+
+_SELECT_LIMIT: Final = 1024  # FD_SETSIZE: what select(2) can wait for lies below
+_POLL_STEP_S: Final = 1e-3  # in which poll(2) counts, rounded up
+_NAP_S: Final = 1e-4
+
+
+class Waiter:
+    """Waits again and again, mostly for the same descriptors: what it prepared, it keeps."""
+
+    def __init__(self) -> None:
+        self._events: dict[int, int] = {}
+        self._selector: selectors.BaseSelector = selectors.SelectSelector()
+
+    def wait(
+        self, reading: Sequence[int], writing: Sequence[int] = (), timeout_s: float | None = None
+    ) -> set[int]:
+        """Return which descriptors can be read or written, as soon as one can or time is up.
+
+        Parameters
+        ----------
+        reading, writing : sequence of int
+            File descriptors.
+        timeout_s : float or None
+            How long to wait at most; None: for ever.
+
+        Raises
+        ------
+        OSError, ValueError
+            For a descriptor that is closed.
+        """
+        events = dict.fromkeys(reading, selectors.EVENT_READ)
+        for fd in writing:
+            events[fd] = events.get(fd, 0) | selectors.EVENT_WRITE
+        if events != self._events:
+            self._prepare(events)
+        selector = self._selector
+        is_fine = isinstance(selector, selectors.SelectSelector)
+        ready = selector.select(timeout_s) if is_fine else _polled(selector, timeout_s)
+        return {key.fd for key, _ in ready}
+
+    def _prepare(self, events: dict[int, int]) -> None:
+        # select, where it can: its timeout has microseconds where that of poll has milliseconds.
+        # Neither knows descriptors but by their numbers, so one may be closed and come again.
+        is_fine = max(events, default=0) < _SELECT_LIMIT
+        self._events = {}
+        self._selector = selectors.SelectSelector() if is_fine else selectors.PollSelector()
+        for fd, mask in events.items():
+            self._selector.register(fd, mask)
+        self._events = events
+
+
+def _polled(selector: selectors.BaseSelector, timeout_s: float | None) -> _Ready:
+    """Poll for the whole milliseconds of *timeout_s*, and nap through the rest."""
+    if timeout_s is None:
+        return selector.select()
+    left_s, end_s = timeout_s, time.monotonic() + timeout_s
+    while not (ready := selector.select(max(0.0, left_s // _POLL_STEP_S * _POLL_STEP_S))):
+        if (left_s := end_s - time.monotonic()) <= 0:
+            break
+        time.sleep(min(left_s, _NAP_S))
+    return ready
