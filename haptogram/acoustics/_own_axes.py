@@ -14,6 +14,7 @@ _MAX_EMPTY: Final = 0.3  # of the nodes; beyond it the empty ones cost more than
 _FLAT_M2: Final = 1e-12  # sum of squared distances of elements that lie in one plane
 _STEEP: Final = 0.5  # cosine: elements that look along the plane they lie in have another face
 _UPRIGHT: Final = 1e-12
+_UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
 
 
 def mean_direction(normals: FloatArray) -> FloatArray | None:
@@ -29,6 +30,8 @@ def own_axes(
     """Return the (3, 3) axes of an array, see :attr:`.geometry.TransducerArray.axes`."""
     offsets = positions - positions.mean(axis=0)
     face = _face(offsets, normals)
+    if np.abs(face - _UP).max() < _UPRIGHT:  # rounding does not tilt an array
+        face = _UP
     if grid_shape is not None:
         axes = plane_axes(face, _along_rows(positions, face, grid_shape))
         if axes is not None:
@@ -77,7 +80,7 @@ def _face(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the normal of the plane or line that the elements lie in; else where they look."""
     facing = mean_direction(normals)
     if facing is None:
-        facing = np.array([0.0, 0.0, 1.0])
+        facing = _UP
     squares, directions = np.linalg.eigh(offsets.T @ offsets)
     across = directions[:, squares < _FLAT_M2]
     if np.abs(offsets @ facing).max() ** 2 < _FLAT_M2:
@@ -99,8 +102,6 @@ def _along_rows(positions: FloatArray, face: FloatArray, grid_shape: tuple[int, 
 def _turned_least(face: FloatArray) -> FloatArray:
     """Return the axes of the world, turned by the least angle that brings z to *face*."""
     x, y, z = face.tolist()
-    if z > 1.0 - _UPRIGHT:
-        return np.eye(3)
     share = 1.0 / (1.0 + z) if z > -1.0 + _UPRIGHT else 0.0
     axes = plane_axes(face, np.array([1.0 - x * x * share, -x * y * share, -x]))
     return np.eye(3) if axes is None else axes + 0.0
