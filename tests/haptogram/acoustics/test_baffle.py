@@ -197,8 +197,8 @@ def test_an_array_that_faces_down_has_its_targets_below():
 
 
 def test_elements_that_look_away_from_each_other_have_no_targets_between_them():
-    positions = [[5.0, 0.0, 0.0], [5.0, 0.1, 0.0], [-5.0, 0.0, 0.0], [-5.0, 0.1, 0.1]]
-    normals = [[1.0, 0.0, 0.1], [1.0, 0.0, 0.1], [-1.0, 0.0, 0.1], [-1.0, 0.0, 0.1]]
+    positions = [[x, y, z] for z, x, y in ((3, 0, 0), (3, 0.1, 0), (3, 0, 0.1), (-9, 0, 0))]
+    normals = [[0.0, 0.0, z] for z in (1.0, 1.0, 1.0, -1.0)]
     array = TransducerArray.from_positions(positions, normals)
     model = AcousticModel(array, FLAT.medium, FLAT.transducer)
     with pytest.raises(ConfigurationError, match=r"face \[0.0, 0.0, 1.0\] on the whole: nothing"):
