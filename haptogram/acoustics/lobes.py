@@ -148,13 +148,17 @@ def _lobe(
 
 
 def _local_maxima(level: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Return where a value is above all eight neighbours; never on the border."""
+    """Return where a value is above all eight neighbours; never on the border.
+
+    Of equal neighbours, as a symmetric field has them, the last is above the others.
+    """
     result = np.zeros(level.shape, dtype=np.bool_)
     core = level[1:-1, 1:-1]
     inner = np.ones(core.shape, dtype=np.bool_)
     rows, columns = level.shape
     for i, j in itertools.product((0, 1, 2), (0, 1, 2)):
+        neighbour = level[i : rows - 2 + i, j : columns - 2 + j]
         if (i, j) != (1, 1):
-            inner &= core > level[i : rows - 2 + i, j : columns - 2 + j]
+            inner &= core >= neighbour if (i, j) < (1, 1) else core > neighbour
     result[1:-1, 1:-1] = inner
     return result
