@@ -29,7 +29,7 @@ from haptogram.errors import ConfigurationError
 REFERENCE_PRESSURE_PA: Final = 20e-6
 TOTAL_REFLECTION: Final = 2.0
 DISC_RADIUS_M: Final = 0.010
-_STENCIL_RAD: Final = 0.1  # half the span of a difference, as a phase: 0.1 % of cos^2 at most
+_STENCIL_RAD: Final = 0.05  # half the span of a difference, as a phase: cos^2 is off by 0.05 %
 _COARSE: Final = 3.0  # the mean direction of the flow needs this much less than the force
 _NO_FLOW: Final = 1e-3  # of that of a plane wave: standing waves have no direction
 _NO_LENGTH: Final = 1e-9
