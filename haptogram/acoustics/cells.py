@@ -43,20 +43,22 @@ def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
     ConfigurationError
         All of it is behind the array.
     """
+    axes = model.array.axes
     centres, halves = _coarse_cells(model)
-    finished: list[FloatArray] = []
+    places, finished = positions @ axes.T, []
     while len(centres):
-        spread = model.wavenumber * _ray_spread(centres, positions) * halves
+        spread = model.wavenumber * _ray_spread(centres, places) * halves
         split = np.linalg.norm(spread, axis=1) > _CELL_SPREAD_RAD
         finished.append(centres[~split])
         centres, halves = _halve(centres[split], halves[split], spread[split].argmax(axis=1))
-    cells = np.concatenate(finished)
+    cells: FloatArray = np.concatenate(finished) @ axes
     usable = _clearance_m(cells, positions) >= 0.75 * MIN_TARGET_DISTANCE_M
     usable &= in_front(model, cells)
     if not usable.any():
         raise ConfigurationError(
-            f"the array faces {np.round(model.array.facing, 3).tolist()}: nothing that is "
-            f"{MIN_TARGET_DISTANCE_M * 1e3:g} mm or more above its centre is in front of it"
+            f"the elements face {np.round(model.array.facing, 3).tolist()} on the whole: nothing "
+            f"that is {MIN_TARGET_DISTANCE_M * 1e3:g} mm or more above their centre, along "
+            f"{np.round(axes[2], 3).tolist()}, is in front of them"
         )
     return cells[usable]
 
@@ -76,7 +78,10 @@ def cell_phasors(
 
 
 def _coarse_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
-    """Return centres and half-sizes of a regular division of the steering volume."""
+    """Return centres and half-sizes of a division of the steering volume, along the own axes.
+
+    The origin is that of the world.
+    """
     reach = steering_reach_m(model)
     thin = model.array.half_extent_m < 1e-6
     # A line of elements cannot tell y from z (or x from z): look only straight above the line.
@@ -85,7 +90,8 @@ def _coarse_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
     spans.append((MIN_TARGET_DISTANCE_M, MAX_TARGET_DISTANCE_M))
     axes, halves = zip(*(_intervals(low, high) for low, high in spans), strict=True)
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return centres + model.array.centre_m, np.tile(np.array(halves), (len(centres), 1))
+    middle = model.array.centre_m @ model.array.axes.T
+    return centres + middle, np.tile(np.array(halves), (len(centres), 1))
 
 
 def _intervals(low: float, high: float) -> tuple[FloatArray, float]:

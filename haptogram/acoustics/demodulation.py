@@ -201,7 +201,7 @@ def _sphere(engine: FieldEngine, directions: int) -> tuple[FloatArray, float]:
     radius_m = max(_APERTURES * aperture_m, 10.0 * model.wavelength_m)
     area_m2 = 2.0 * np.pi * radius_m**2 / directions
     undone = math.exp(2.0 * model.medium.absorption_np_m * radius_m)
-    places = array.centre_m + radius_m * half_sphere(array.facing, directions)
+    places = array.centre_m + radius_m * half_sphere(array.facing, directions, array.axes[0])
     return places, undone * area_m2 / (2.0 * model.medium.impedance)
 
 

@@ -16,7 +16,7 @@ class SingleFocus:
     Attributes
     ----------
     position_m, std_m, bound_m, observable : tuple
-        Per axis, as in :class:`PhaseFit`.
+        Per axis of the world, as in :class:`PhaseFit`.
     residual_rms_rad : float
         What the focus leaves unexplained of the phases.
     coherence : float
@@ -24,7 +24,8 @@ class SingleFocus:
     pressure_rms_pa, level_db_spl : float
         Pressure at the focus.
     force_n : float
-        Force on a reflecting disc of 10 mm radius around the focus, normal to z.
+        Force on a reflecting disc of 10 mm radius around the focus, parallel to the array's face:
+        as of :func:`.radiation.force_on_disc_n`.
     acquired : str
         "warm": found from the focus before; "global": searched for.
     """

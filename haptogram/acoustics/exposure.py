@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._climb import climb
+from haptogram.acoustics._climb import STEPS, climb
 from haptogram.acoustics._memory import check_memory
 from haptogram.acoustics._validation import (
     ComplexArray,
@@ -33,7 +33,7 @@ from haptogram.acoustics._validation import (
 from haptogram.acoustics.average import mean_square_pressure
 from haptogram.acoustics.drive import as_sequence
 from haptogram.acoustics.dynamics import Resonator
-from haptogram.acoustics.field import FieldEngine
+from haptogram.acoustics.field import FieldEngine, has_field
 from haptogram.acoustics.model import AcousticModel
 from haptogram.acoustics.radiation import level_db_spl
 from haptogram.errors import ConfigurationError
@@ -124,7 +124,8 @@ def worst_place(
 ) -> Exposure:
     """Return the loudest place (Leq) on the half sphere that the array faces, around its centre.
 
-    The best of *directions* points of a Fibonacci spiral, and the loudest places next to them. As
+    Places behind the baffle and within 1 mm of an element, which have no field, are left out. The
+    best of *directions* points of a Fibonacci spiral, and the loudest places next to them. As
     many as needed if not given: two to the width of the narrowest lobe.
 
     Raises
@@ -142,11 +143,15 @@ def worst_place(
         return array.centre_m + distance_m * _ahead(directions, array.facing)
 
     def level(directions: FloatArray) -> FloatArray:
-        return mean_square_pressure(engine, weights, places_m(directions), frame_s)
+        places = places_m(directions)
+        square = np.zeros(len(places))
+        known = has_field(engine.model, places)
+        square[known] = mean_square_pressure(engine, weights, places[known], frame_s)
+        return square
 
-    spiral = half_sphere(array.facing, directions)
+    spiral = half_sphere(array.facing, directions, array.axes[0])
     best = spiral[np.argsort(level(spiral))[-_CLIMBED:]]
-    loudest, _ = climb(level, best, math.sqrt(2.0 * math.pi / directions))
+    loudest, _ = climb(level, best, math.sqrt(2.0 * math.pi / directions), STEPS @ array.axes)
     return exposure_at(engine, weights, places_m(loudest[None]), frame_s)[0]
 
 
@@ -268,14 +273,18 @@ def _step_series(values: ComplexArray, orders: NDArray[np.int64]) -> ComplexArra
     return series
 
 
-def half_sphere(axis: FloatArray, count: int) -> FloatArray:
-    """Return unit vectors, of nearly equal spacing, at less than 90 degrees to a unit vector."""
+def half_sphere(axis: FloatArray, count: int, side: FloatArray | None = None) -> FloatArray:
+    """Return unit vectors, of nearly equal spacing, at less than 90 degrees to a unit vector.
+
+    The spiral starts towards *side*, by default the axis of the world that is furthest off *axis*.
+    """
     index = np.arange(count) + 0.5
     height = 1.0 - index / count
     angle = np.pi * (1.0 + math.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
     local = np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
-    side = np.eye(3)[int(np.abs(axis).argmin())]
+    if side is None:
+        side = np.eye(3)[int(np.abs(axis).argmin())]
     side = side - (side @ axis) * axis
     side /= np.linalg.norm(side)
     directions: FloatArray = local @ np.array([side, np.cross(axis, side), axis])

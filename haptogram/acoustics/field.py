@@ -170,13 +170,20 @@ def in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
     return front
 
 
+def has_field(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
+    """Return which of (M, 3) points have a field, (M,): in front, and 1 mm off every element."""
+    points = as_points("points_m", points_m)
+    result: BoolArray = in_front(model, points) & is_clear(model, points, MIN_DISTANCE_M)
+    return result
+
+
 def level_in_front(engine: FieldEngine, weights: ArrayLike, points_m: ArrayLike) -> FloatArray:
-    """Return |p| of one drive, (M,), and 0 behind the baffle: for a search that reaches there."""
+    """Return |p| of one drive, (M,), and 0 where no field is defined: for a search there."""
     drive = as_drive(weights, engine.model.array.count)
     points = as_points("points_m", points_m)
     level = np.zeros(len(points))
-    front = in_front(engine.model, points)
-    level[front] = np.abs(engine.pressure(drive, points[front]))
+    known = has_field(engine.model, points)
+    level[known] = np.abs(engine.pressure(drive, points[known]))
     return level
 
 

@@ -92,21 +92,32 @@ def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
     ConfigurationError
         Not three finite numbers; less than 20 mm above the array's centre or from any element; more
         than 1 m from the centre; |x|, |y| beyond the array's half-width plus 150 mm; behind it.
+        Height, x and y are along the array's own axes.
     """
     target = as_place("target_m", target_m)
-    offset = target - model.array.centre_m
-    _check_limit("height z", offset[2], low_m=MIN_TARGET_DISTANCE_M)
+    offset = model.array.local_m(target)
+    names = _names_along(model)
+    _check_limit(names[2], offset[2], low_m=MIN_TARGET_DISTANCE_M)
     nearest = float(np.linalg.norm(model.array.positions_m - target, axis=1).min())
     _check_limit("distance from an element", nearest, low_m=MIN_TARGET_DISTANCE_M)
     _check_limit("distance", float(np.linalg.norm(offset)), high_m=MAX_TARGET_DISTANCE_M)
     reach = steering_reach_m(model)
-    _check_limit("offset |x|", abs(offset[0]), high_m=reach[0])
-    _check_limit("offset |y|", abs(offset[1]), high_m=reach[1])
+    _check_limit(names[0], abs(offset[0]), high_m=reach[0])
+    _check_limit(names[1], abs(offset[1]), high_m=reach[1])
     check_points(model, target[None])
 
 
+def _names_along(model: AcousticModel) -> list[str]:
+    """Return what the limits along x, y and z are of; with the axes, if the array is turned."""
+    names = ["offset |x|", "offset |y|", "height z"]
+    if model.array.is_upright:
+        return names
+    axes = (", ".join(f"{value + 0.0:g}" for value in row) for row in model.array.axes.round(3))
+    return [f"{name} along the array's ({axis})" for name, axis in zip(names, axes, strict=True)]
+
+
 def steering_reach_m(model: AcousticModel) -> tuple[float, float]:
-    """Return the largest |x| and |y| of a target from the array's centre, in metres."""
+    """Return the largest |x| and |y| of a target along the array's own axes, in metres."""
     half = model.array.half_extent_m + (model.array.pitch_m or 0.0) / 2
     return float(half[0]) + TARGET_MARGIN_M, float(half[1]) + TARGET_MARGIN_M
 

@@ -1,6 +1,7 @@
 """Where the transducers are and which way they face.
 
-Element n = ix * ny + iy; the origin is the array's centre and +z the emission side.
+Element n = ix * ny + iy; the origin of a grid is its centre and +z the emission side. Wherever an
+array is moved and however it is turned, limits and searches follow its own axes.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from haptogram.acoustics._own_axes import mean_direction, own_axes
 from haptogram.acoustics._validation import (
     MAX_TRANSDUCERS,
     FloatArray,
     as_floats,
+    as_place,
     as_points,
     check_count,
+    check_magnitudes,
     check_positive,
     read_only,
 )
@@ -31,6 +35,7 @@ MIN_SPACING_M: Final = 0.1e-3
 MAX_COORDINATE_M: Final = 100.0  # keeps micrometres far inside an int32
 DEFAULT_PITCH_M: Final = 0.010
 _ROUNDING_M: Final = 1e-9  # a point of the plane of a turned array is not behind it
+_NO_ROTATION: Final = 1e-9  # of R R^T from 1: rounding of a rotation that was computed
 
 _GRID = re.compile(r"(\d{1,5})\s*[xX]\s*(\d{1,5})")
 _HEADERS = (["x", "y", "z"], ["x", "y", "z", "nx", "ny", "nz"])
@@ -56,6 +61,13 @@ class TransducerArray:
         The half-spaces that the elements face, one for each direction, the middle one first: a row
         (n, d) holds the points where n x + d >= 0, in metres and with a nanometre to spare;
         read-only.
+    axes : (3, 3) numpy.ndarray
+        The array's own x, y and z, a right-handed frame of unit vectors in the world; read-only.
+        z is the normal of the plane or line that the elements lie in, on the side they look to;
+        where they lie in none, or look along it, the mean of the normals. x runs along the rows, by
+        the numbers of a grid's elements; without rows, x and y are those of the world, turned by
+        the least angle that brings the world's z to this one. So an array that faces +z with its
+        rows along the world's axes has exactly those.
 
     Raises
     ------
@@ -70,6 +82,7 @@ class TransducerArray:
     pitch_m: float | None = None
     bounds_m: FloatArray = field(init=False, repr=False)
     fronts: FloatArray = field(init=False, repr=False)
+    axes: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         positions = as_points("positions_m", self.positions_m).copy()
@@ -90,6 +103,7 @@ class TransducerArray:
             ("normals", normals),
             ("bounds_m", np.array([positions.min(axis=0), positions.max(axis=0)])),
             ("fronts", _fronts(positions, normals)),
+            ("axes", own_axes(positions, normals, self.grid_shape)),
         ):
             read_only(array)
             object.__setattr__(self, name, array)
@@ -143,6 +157,48 @@ class TransducerArray:
             return cls.grid(int(match[1]), int(match[2]), pitch_m=pitch_m)
         return cls.from_file(text)
 
+    def moved(self, rotation: ArrayLike, shift_m: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
+        """Return this array turned around the origin, then shifted; its own axes turn with it.
+
+        What has directions in the world beside the array, such as the width of a
+        :class:`.directivities.RectangularPiston`, has to be turned as well.
+
+        Parameters
+        ----------
+        rotation : (3, 3) array_like
+            R: a point x goes to R x + shift.
+        shift_m : (3,) array_like
+            In metres.
+
+        Raises
+        ------
+        ConfigurationError
+            A matrix that is no rotation, to 1e-9; a value that is not finite; an element beyond
+            100 m.
+        """
+        turn, shift = _as_rotation(rotation), as_place("shift_m", shift_m)
+        positions, normals = self.positions_m @ turn.T + shift, self.normals @ turn.T
+        array = type(self)(positions, normals, self.grid_shape, self.pitch_m)
+        axes = self.axes @ turn.T
+        read_only(axes)
+        object.__setattr__(array, "axes", axes)
+        return array
+
+    def local_m(self, points_m: FloatArray) -> FloatArray:
+        """Return (..., 3) points of the world along the array's own axes, from its centre."""
+        local: FloatArray = (points_m - self.centre_m) @ self.axes.T
+        return local
+
+    def world_m(self, local_m: FloatArray) -> FloatArray:
+        """Return the places in the world of (..., 3) points along the array's own axes."""
+        points: FloatArray = local_m @ self.axes + self.centre_m
+        return points
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether the array's own axes are those of the world."""
+        return bool((self.axes == np.eye(3)).all())
+
     @property
     def count(self) -> int:
         """Number of transducers."""
@@ -156,16 +212,14 @@ class TransducerArray:
 
     @property
     def facing(self) -> FloatArray:
-        """(3,) unit vector along the mean of the normals; +z if they cancel out."""
-        mean = self.normals.mean(axis=0)
-        length = float(np.linalg.norm(mean))
-        direction: FloatArray = mean / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
-        return direction
+        """(3,) unit vector along the mean of the normals; the array's own z if they cancel out."""
+        direction = mean_direction(self.normals)
+        return self.axes[2] if direction is None else direction
 
     @property
     def half_extent_m(self) -> FloatArray:
-        """(3,) half of the span of the element centres along x, y and z, in metres."""
-        half: FloatArray = (self.bounds_m[1] - self.bounds_m[0]) / 2
+        """(3,) half of the span of the element centres along the array's own axes, in metres."""
+        half: FloatArray = np.ptp(self.positions_m @ self.axes.T, axis=0) / 2
         return half
 
     @property
@@ -201,6 +255,25 @@ class TransducerArray:
         records["position"] = self.positions_um()
         records["normal"] = np.rint(self.normals * 32767)
         return zlib.crc32(records.tobytes())
+
+
+def _as_rotation(rotation: ArrayLike) -> FloatArray:
+    """Return *rotation* as a (3, 3) matrix, or raise unless it is a proper rotation."""
+    turn = as_floats("rotation", rotation)
+    if turn.shape != (3, 3):
+        raise ConfigurationError(f"rotation has shape {turn.shape}, must be (3, 3)")
+    check_magnitudes("rotation", turn, 2.0)
+    error = float(np.abs(turn @ turn.T - np.eye(3)).max())
+    if error > _NO_ROTATION:
+        raise ConfigurationError(
+            f"rotation R is none: R R^T is off 1 by {error:.3g}, must be {_NO_ROTATION:g} at most; "
+            "its rows must be unit vectors at right angles"
+        )
+    if np.linalg.det(turn) < 0.0:
+        raise ConfigurationError(
+            "rotation mirrors: its determinant is -1, must be 1; turn the sign of a row"
+        )
+    return turn
 
 
 def _facing_up(count: int) -> FloatArray:

@@ -7,16 +7,13 @@ that most of the geometry is computed once per row. Nodes may be empty.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptogram.acoustics._own_axes import TOLERANCE_M, plane_axes, rows_and_columns
 from haptogram.acoustics._validation import FloatArray, read_only
 from haptogram.acoustics.geometry import TransducerArray
-
-_TOLERANCE_M: Final = 1e-9
-_MAX_EMPTY: Final = 0.3  # of the nodes; beyond it the empty ones cost more than the lattice saves
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -50,23 +47,13 @@ def find_lattice(array: TransducerArray) -> Lattice | None:
     if np.abs(array.normals - normal).max() > 1e-9:
         return None
     offsets = array.positions_m - array.centre_m
-    if np.abs(offsets @ normal).max() > _TOLERANCE_M:
+    if np.abs(offsets @ normal).max() > TOLERANCE_M:
         return None
     for direction in _candidate_directions(offsets):
         lattice = _lattice_along(direction, normal, offsets)
         if lattice is not None:
             return lattice
     return None
-
-
-def plane_axes(normal: FloatArray, direction: FloatArray) -> FloatArray | None:
-    """Return the right-handed frame of *normal*, its first axis along *direction* if it can be."""
-    first = direction - (direction @ normal) * normal
-    length = float(np.linalg.norm(first))
-    if length < 1e-6 * float(np.linalg.norm(direction)) or length == 0.0:
-        return None
-    first = first / length
-    return np.stack([first, np.cross(normal, first), normal])
 
 
 def _candidate_directions(offsets: FloatArray) -> list[FloatArray]:
@@ -82,24 +69,12 @@ def _lattice_along(
     direction: FloatArray, normal: FloatArray, offsets: FloatArray
 ) -> Lattice | None:
     axes = plane_axes(normal, direction)
-    if axes is None:
+    found = None if axes is None else rows_and_columns(axes, offsets)
+    if axes is None or found is None:
         return None
-    x_m, rows = _levels(offsets @ axes[0])
-    y_m, columns = _levels(offsets @ axes[1])
-    if len(x_m) * len(y_m) * (1.0 - _MAX_EMPTY) > len(offsets):
-        return None
+    (x_m, rows), (y_m, columns) = found
     elements = np.full((len(x_m), len(y_m)), -1, dtype=np.int64)
     elements[rows, columns] = np.arange(len(offsets))
     for values in (axes, x_m, y_m, elements):
         read_only(values)
     return Lattice(axes, x_m, y_m, elements)
-
-
-def _levels(values: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the distinct values, increasing, and which of them each value is."""
-    order = np.argsort(values)
-    steps = np.diff(values[order]) > _TOLERANCE_M
-    rank = np.zeros(len(values), dtype=np.intp)
-    rank[order] = np.concatenate([[0], np.cumsum(steps)])
-    levels: FloatArray = np.bincount(rank, weights=values) / np.bincount(rank)
-    return levels, rank

@@ -30,11 +30,11 @@ class GratingLobe:
     Attributes
     ----------
     order : (int, int)
-        Orders along x and y; (0, 0) is the main lobe and not listed.
+        Orders along the array's own x and y; (0, 0) is the main lobe and not listed.
     direction : (float, float, float)
-        Unit vector from the array's centre.
+        Unit vector from the array's centre, in the world.
     angle_deg : float
-        Angle to the array's normal.
+        Angle to the array's own z.
     level_db : float
         Directivity there over the directivity in the steered direction.
     """
@@ -47,7 +47,7 @@ class GratingLobe:
 
 @dataclass(frozen=True, slots=True)
 class SecondaryLobe:
-    """The largest maximum besides the focus, in the plane of the target.
+    """The largest maximum besides the focus, in the target's plane parallel to the array's face.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class SecondaryLobe:
 
 
 def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe]:
-    """Return the grating lobes of a planar grid facing +z, the loudest first.
+    """Return the grating lobes of a planar grid, wherever it lies and faces, the loudest first.
 
     Far-field directions sin = sin0 + m lambda / pitch along each axis, as far as they radiate.
     A focus at a finite distance blurs them, and they leave a grid of few elements early.
@@ -70,12 +70,13 @@ def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe
     Raises
     ------
     ConfigurationError
-        If the array is not a regular grid, whose pitch is known; a target that is not above it.
+        If the array is not a regular grid, whose pitch is known; a target that is not above it,
+        along its own z.
     """
     pitch = model.array.pitch_m
     if pitch is None or model.array.grid_shape is None:
         raise ConfigurationError("the array is not a regular grid: it has no grating lobes")
-    steered = as_place("target_m", target_m) - model.array.centre_m
+    steered = model.array.local_m(as_place("target_m", target_m))
     check_range("height of the target", steered[2], _MIN_HEIGHT_M, MAX_POINT_M)
     steered = steered / np.linalg.norm(steered)
     step = model.wavelength_m / pitch
@@ -91,11 +92,12 @@ def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe
 def largest_secondary_lobe(
     engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike, half_width_m: float = 0.150
 ) -> SecondaryLobe | None:
-    """Return the largest maximum of |p| besides the focus in the target's plane z = constant.
+    """Return the largest maximum of |p| besides the focus, parallel to the array's face.
 
-    Looked for on a grid of three points per wavelength, |x| and |y| up to *half_width_m*, and from
-    there between its points; the maximum next to the target is the focus.  Steered off axis, a
-    10 mm pitch leaves lobes of only -8 dB.
+    Looked for in the plane through the target, on a grid of three points per wavelength, up to
+    *half_width_m* from above the array's centre along its own x and y, and from there between its
+    points; the maximum next to the target is the focus.  Steered off axis, a 10 mm pitch leaves
+    lobes of only -8 dB.
 
     Raises
     ------
@@ -107,7 +109,9 @@ def largest_secondary_lobe(
     count = math.ceil(2.0 * half_width_m * _POINTS_PER_WAVELENGTH / engine.model.wavelength_m)
     side = np.linspace(-half_width_m, half_width_m, count + 1)
     x, y = np.meshgrid(side, side, indexing="ij")
-    points = np.stack([x.ravel(), y.ravel(), np.full(x.size, target[2])], axis=1)
+    array = engine.model.array
+    height_m = array.local_m(target)[2]
+    points = array.world_m(np.stack([x.ravel(), y.ravel(), np.full(x.size, height_m)], axis=1))
     drive = as_drive(weights, engine.model.array.count)
     check_points(engine.model, target[None])
     level = level_in_front(engine, drive, points).reshape(x.shape)
@@ -121,7 +125,7 @@ def largest_secondary_lobe(
         lambda places: level_in_front(engine, drive, places),
         points[loudest],
         float(side[1] - side[0]),
-        STEPS[STEPS[:, 2] == 0.0],
+        STEPS[STEPS[:, 2] == 0.0] @ array.axes,
     )
     focus = abs(complex(engine.pressure(drive, target[None])[0]))
     x_m, y_m, z_m = top_m.tolist()
@@ -134,22 +138,27 @@ def _lobe(
     cosine = math.sqrt(1.0 - float(sines @ sines))
     gain = model.transducer.directivity.gain(np.array([cosine, steered[2]]), model.wavenumber)
     ratio = abs(float(gain[0])) / max(abs(float(gain[1])), 1e-300)
+    x, y, z = (np.append(sines, cosine) @ model.array.axes).tolist()
     return GratingLobe(
         order,
-        (float(sines[0]), float(sines[1]), cosine),
+        (x, y, z),
         math.degrees(math.acos(cosine)),
         20.0 * math.log10(max(ratio, 1e-15)),
     )
 
 
 def _local_maxima(level: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Return where a value is above all eight neighbours; never on the border."""
+    """Return where a value is above all eight neighbours; never on the border.
+
+    Of equal neighbours, as a symmetric field has them, the last is above the others.
+    """
     result = np.zeros(level.shape, dtype=np.bool_)
     core = level[1:-1, 1:-1]
     inner = np.ones(core.shape, dtype=np.bool_)
     rows, columns = level.shape
     for i, j in itertools.product((0, 1, 2), (0, 1, 2)):
+        neighbour = level[i : rows - 2 + i, j : columns - 2 + j]
         if (i, j) != (1, 1):
-            inner &= core > level[i : rows - 2 + i, j : columns - 2 + j]
+            inner &= core >= neighbour if (i, j) < (1, 1) else core > neighbour
     result[1:-1, 1:-1] = inner
     return result

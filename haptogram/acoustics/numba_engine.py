@@ -41,7 +41,7 @@ class NumbaEngine(SingleEngine):
             raise ConfigurationError("numba is not installed: pip install 'haptogram[fast]'")
         self._kernels: ModuleType = kernels
         self._layout = Layout.of(model)
-        half = model.array.half_extent_m
+        half = np.ptp(model.array.bounds_m, axis=0) / 2
         shift = np.abs(model.array.bounds_m.mean(axis=0) - model.array.centre_m)
         self._bounds = np.concatenate([model.array.centre_m, half + shift + self._clearance_m])
         self._fronts = fronts(model).copy()  # writeable, as all that the loops take

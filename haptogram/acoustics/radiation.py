@@ -1,7 +1,7 @@
 """Levels, and the force that the sound exerts.
 
 Radiation pressure is quadratic in the pressure; it is stated for a plane wave that falls on the
-surface along its normal, so steep angles of incidence are over-estimated.
+surface along its normal. The force on a disc follows the angle at which the energy arrives.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics._validation import (
+    ComplexArray,
     FloatArray,
     as_complex,
     as_place,
@@ -20,6 +21,7 @@ from haptogram.acoustics._validation import (
     check_range,
 )
 from haptogram.acoustics.field import FieldEngine, NumpyEngine
+from haptogram.acoustics.geometry import TransducerArray
 from haptogram.acoustics.medium import Medium
 from haptogram.acoustics.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -27,6 +29,10 @@ from haptogram.errors import ConfigurationError
 REFERENCE_PRESSURE_PA: Final = 20e-6
 TOTAL_REFLECTION: Final = 2.0
 DISC_RADIUS_M: Final = 0.010
+_STENCIL_RAD: Final = 0.05  # half the span of a difference, as a phase: cos^2 is off by 0.05 %
+_COARSE: Final = 3.0  # the mean direction of the flow needs this much less than the force
+_NO_FLOW: Final = 1e-3  # of that of a plane wave: standing waves have no direction
+_NO_LENGTH: Final = 1e-9
 
 
 def level_db_spl(pressure_rms_pa: float) -> float:
@@ -63,8 +69,15 @@ def force_on_disc_n(
     weights: ArrayLike,
     centre_m: ArrayLike,
     radius_m: float = DISC_RADIUS_M,
+    normal: ArrayLike | None = None,
 ) -> float:
-    """Return the force on a totally reflecting disc whose normal is z, in newtons.
+    """Return the force on a totally reflecting disc, along its normal, in newtons.
+
+    2 cos^2(theta) times the integral of p_rms^2 / (rho c^2) over the disc, of the sound without it;
+    theta is the angle between the normal and the mean flow of energy through the disc. That is the
+    momentum that a plane wave leaves, at any angle. In a focus, which is a bundle of plane waves,
+    it over-states the force from ahead: 1.25 times for 16 x 16 elements of 10 mm pitch at 100 mm,
+    1.05 at 200 mm. Where hardly any energy flows (standing waves) cos^2 is 1.
 
     Parameters
     ----------
@@ -76,18 +89,21 @@ def force_on_disc_n(
         Centre of the disc, in metres.
     radius_m : float
         Radius of the disc; at most 100 mm, which keeps the number of nodes bounded.
+    normal : (3,) array_like, optional
+        Which way the disc faces, of any length; that of the array's face (its own z) if not given.
 
     Raises
     ------
     ConfigurationError
-        A radius out of range, weights of several drives, or a disc that touches an element.
+        A radius out of range, a normal without direction, weights of several drives, or a disc that
+        touches an element or reaches behind the array.
     """
     engine = NumpyEngine(source) if isinstance(source, AcousticModel) else source
-    return ReflectingDisc(engine, radius_m).force_n(weights, centre_m)
+    return ReflectingDisc(engine, radius_m, normal).force_n(weights, centre_m)
 
 
 class ReflectingDisc:
-    """A totally reflecting disc whose normal is z: the force of drive after drive on it.
+    """A totally reflecting disc: the force of drive after drive on it, :func:`force_on_disc_n`.
 
     Parameters
     ----------
@@ -95,17 +111,30 @@ class ReflectingDisc:
         What computes the field.
     radius_m : float
         Radius of the disc; at most 100 mm, which keeps the number of nodes bounded.
+    normal : (3,) array_like, optional
+        Which way the disc faces, of any length; that of the array's face (its own z) if not given.
 
     Raises
     ------
     ConfigurationError
-        A radius out of range.
+        A radius out of range, or a normal without direction.
     """
 
-    def __init__(self, engine: FieldEngine, radius_m: float = DISC_RADIUS_M) -> None:
+    def __init__(
+        self,
+        engine: FieldEngine,
+        radius_m: float = DISC_RADIUS_M,
+        normal: ArrayLike | None = None,
+    ) -> None:
         check_range("radius_m", radius_m, 1e-6, 0.1)
         self._engine = engine
-        self._offsets_m, self._areas_m2 = disc_nodes(radius_m, engine.model.wavenumber)
+        wavenumber, axes = engine.model.wavenumber, _disc_axes(engine.model.array, normal)
+        fine_m, self._areas_m2 = disc_nodes(radius_m, wavenumber)
+        coarse_m, self._coarse_m2 = disc_nodes(radius_m, wavenumber / _COARSE)
+        step_m = _STENCIL_RAD / wavenumber
+        stencil_m = step_m * np.concatenate([np.eye(3), -np.eye(3)])
+        around_m = (stencil_m[:, None] + coarse_m).reshape(-1, 3)
+        self._nodes_m = np.concatenate([fine_m, around_m]) @ axes
 
     def force_n(self, weights: ArrayLike, centre_m: ArrayLike) -> float:
         """Return the force, in newtons, of (N,) *weights* on the disc around (3,) *centre_m*.
@@ -113,17 +142,47 @@ class ReflectingDisc:
         Raises
         ------
         ConfigurationError
-            Weights of several drives, or a disc that touches an element.
+            Weights of several drives, or a disc that touches an element or reaches behind the
+            array.
         """
-        nodes_m = as_place("centre_m", centre_m) + self._offsets_m
+        nodes_m = as_place("centre_m", centre_m) + self._nodes_m
         pressure = self._engine.pressure(weights, nodes_m)
         if pressure.ndim != 1:
             raise ConfigurationError(f"{len(pressure)} drives, the force is that of one")
-        return float(radiation_pressure_pa(pressure, self._engine.model.medium) @ self._areas_m2)
+        fine = len(self._areas_m2)
+        stress = radiation_pressure_pa(pressure[:fine], self._engine.model.medium)
+        return float(stress @ self._areas_m2) * self._incidence(pressure[fine:])
+
+    def _incidence(self, around: ComplexArray) -> float:
+        """Return cos^2 of the angle between the mean flow of energy and the normal.
+
+        *around* are the pressures ahead of the coarse nodes along x, y and z, then behind them.
+        """
+        ahead, behind = around.reshape(2, 3, -1)
+        # Im(conj(p) dp/d(kx)), twice the impedance times the flow: |p|^2 in a plane wave along x.
+        flow = (behind.conj() * ahead).imag @ self._coarse_m2 / (2.0 * _STENCIL_RAD)
+        square = float(flow @ flow)
+        plane = float((np.abs(ahead[2]) ** 2) @ self._coarse_m2)
+        return float(flow[2]) ** 2 / square if square > (_NO_FLOW * plane) ** 2 else 1.0
+
+
+def _disc_axes(array: TransducerArray, normal: ArrayLike | None) -> FloatArray:
+    """Return the (3, 3) axes of a disc, its normal last; without one, those of *array*."""
+    if normal is None:
+        return array.axes
+    given = as_place("normal", normal)
+    length = float(np.linalg.norm(given))
+    if length < _NO_LENGTH:
+        raise ConfigurationError(f"normal is {given.tolist()}, must have a direction")
+    unit = given / length
+    side = array.axes[int(np.abs(array.axes @ unit).argmin())]
+    side = side - (side @ unit) * unit
+    side = side / np.linalg.norm(side)
+    return np.stack([side, np.cross(unit, side), unit])
 
 
 def disc_nodes(radius_m: float, wavenumber: float) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights that integrate an intensity over a disc around the origin.
+    """Return nodes and weights that integrate an intensity over a disc around the origin, in z = 0.
 
     Gauss-Legendre in the squared radius, equal steps in the angle: both orders follow from the
     shortest period that |p|^2 can have, half a wavelength (6 x 18 nodes for 10 mm at 40 kHz).

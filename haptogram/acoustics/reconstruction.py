@@ -112,8 +112,8 @@ class Reconstructor:
             self._acquisition_for(np.ones(self._model.array.count, dtype=np.bool_))
         else:
             tracker.warm_up()
-        centre = self._model.array.centre_m
-        self._disc.force_n(np.ones(self._model.array.count), centre + np.array([0.0, 0.0, 0.1]))
+        ahead = self._model.array.world_m(np.array([0.0, 0.0, 0.1]))
+        self._disc.force_n(np.ones(self._model.array.count), ahead)
 
     def reset(self) -> None:
         """Forget the last focus: the next drive is searched for."""
@@ -292,7 +292,8 @@ class Reconstructor:
         array = self._model.array
         offsets = array.positions_m - position
         nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
-        above = position[2] > array.centre_m[2] and _CLEARANCE_M <= nearest <= _REACH_M
+        height_m = float(array.axes[2] @ (position - array.centre_m))
+        above = height_m > 0.0 and _CLEARANCE_M <= nearest <= _REACH_M
         return bool(above and in_front(self._model, position[None])[0])
 
     def _single(

@@ -19,6 +19,7 @@ from haptogram.acoustics.drive import as_drive
 from haptogram.acoustics.field import (
     MIN_DISTANCE_M,
     FieldEngine,
+    check_points,
     in_front,
     is_clear,
     propagators,
@@ -29,6 +30,8 @@ from haptogram.errors import ConfigurationError
 _GRADIENT_STEP_M: Final = 1e-5
 _MAX_STEPS: Final = 400  # a steered focus of a small aperture creeps along its ridge
 _STEP_TOLERANCE_M: Final = 1e-7
+LONGEST_SHIFT_RAD: Final = 0.4  # beyond it the second order says nothing of the maximum
+_NO_SPREAD: Final = 1e-12  # of the directions from the elements: there is one only
 _UNOBSERVABLE: Final = 1e-6  # of the largest eigenvalue: a line of elements has two such directions
 
 # Central differences over the edges and faces of a cube: value, gradient and Hessian.
@@ -42,14 +45,23 @@ class FocalShift:
     Attributes
     ----------
     offset_m : (3,) numpy.ndarray
-        Maximum minus target, in metres.
+        Maximum minus target, in metres; NaN if the prediction does not hold.
     gain : float
-        |p| at the maximum over |p| at the target; the measured one is never above it by more than
-        0.1 % for the targets that `predict_focal_shift` is meant for.
+        |p| at the maximum over |p| at the target, NaN if the prediction does not hold; the measured
+        one is never above it by more than 0.1 % for a 16 x 16 array up to 250 mm.
+    size_rad : float
+        Length of the offset in radians of phase, sqrt(d^T k^2 C d); it decides whether the
+        prediction holds.
     """
 
     offset_m: FloatArray
     gain: float
+    size_rad: float
+
+    @property
+    def valid(self) -> bool:
+        """Whether the prediction holds: `size_rad` is 0.4 at most."""
+        return self.size_rad <= LONGEST_SHIFT_RAD
 
 
 def predict_focal_shift(
@@ -61,6 +73,13 @@ def predict_focal_shift(
     of the unit vectors from the elements to the target, weighted by |a_n g_n|.  Its maximum is at
     d = (k^2 C)^-1 grad ln S, the gain 1 + grad ln S . d / 2.  It over-states the shift of a 16 x 16
     array by up to 5 % at 50 to 100 mm, 7 % to 150 mm and 16 % to 250 mm.
+
+    It holds while d is short, 0.4 rad at most in the metric k^2 C: of 1921 such shifts of random
+    grids (1 to 20 elements a side, some tapered or driven by half, targets at 30 to 600 mm)
+    :func:`find_peak` found 97 of 100 off by less than a quarter of the shift and 99 by less than
+    0.3; the others have narrow apertures with two maxima close together.  Beyond it the maximum is
+    elsewhere, or there is none: a 6 x 6 array at 400 mm would get -4066 mm, and has -285 mm.
+    Around a line of elements, where no phase tells directions apart, it holds if S is level there.
 
     Parameters
     ----------
@@ -83,9 +102,15 @@ def predict_focal_shift(
     if not sums.min() > 0.0:
         raise ConfigurationError("no element is heard at the target")
     slope = (np.log(sums[1:4]) - np.log(sums[4:7])) / (2.0 * _GRADIENT_STEP_M)
-    curvature = model.wavenumber**2 * direction_covariance(model, target, shares[0])
-    offset = np.linalg.pinv(curvature, rcond=_UNOBSERVABLE, hermitian=True) @ slope
-    return FocalShift(offset, 1.0 + float(slope @ offset) / 2.0)
+    spread, ways = np.linalg.eigh(direction_covariance(model, target, shares[0]))
+    seen = spread > max(_UNOBSERVABLE * spread[-1], _NO_SPREAD)
+    floor = np.where(seen, spread, max(_UNOBSERVABLE * spread[-1], _NO_SPREAD))
+    steps = (ways.T @ slope) / (model.wavenumber**2 * floor)
+    size = model.wavenumber * math.sqrt(float(floor @ steps**2))
+    offset = ways[:, seen] @ steps[seen]
+    if size > LONGEST_SHIFT_RAD:
+        offset = np.full(3, math.nan)
+    return FocalShift(offset, 1.0 + float(slope @ offset) / 2.0, size)
 
 
 def direction_covariance(
@@ -128,23 +153,25 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
     Raises
     ------
     ConfigurationError
-        If there is no sound at the start, or no maximum within 400 steps, each of at most a quarter
-        of a wavelength, or before the field rises up to the array itself.
+        A start that has no field (:func:`~haptogram.acoustics.field.pressure`) or no sound; no
+        maximum within 400 steps, each of at most a quarter of a wavelength, or before the field
+        rises up to the array itself: the search keeps 1 mm away from every element.
     """
     drive = as_drive(weights, engine.model.array.count)
     position = as_place("start_m", start_m).copy()
+    check_points(engine.model, position[None])
     longest = engine.model.wavelength_m / 4.0
     # A wide stencil while far away, a narrow one for the last digits.
     for width in (engine.model.wavelength_m / 50.0, engine.model.wavelength_m / 250.0):
         for _ in range(_MAX_STEPS):
-            step = _ascent_step(engine, drive, position, width)
-            step *= min(1.0, longest / max(float(np.linalg.norm(step)), longest))
-            position = position + step
             if not _is_clear(engine.model, position):
                 raise ConfigurationError(
                     f"no maximum of |p| next to {np.asarray(start_m, dtype=float).tolist()} m: the "
                     "field rises up to the array"
                 )
+            step = _ascent_step(engine, drive, position, width)
+            step *= min(1.0, longest / max(float(np.linalg.norm(step)), longest))
+            position = position + step
             if np.linalg.norm(step) < _STEP_TOLERANCE_M:
                 break
         else:

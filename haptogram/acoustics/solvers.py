@@ -334,13 +334,13 @@ def compare(
     counts : iterable of int
         Numbers of foci.
     sets : int
-        Sets of foci for each number: uniform in |x|, |y| <= 60 mm, z = 150 mm, at least 12 mm apart
-        from each other.
+        Sets of foci for each number: uniform in |x|, |y| <= 60 mm, z = 150 mm along the array's own
+        axes, at least 12 mm apart from each other.
     """
     rng = np.random.default_rng(seed)
     rows = []
     for count in counts:
-        foci = [spread_foci(rng, count) for _ in range(sets)]
+        foci = [model.array.world_m(spread_foci(rng, count)) for _ in range(sets)]
         rows += [_row(model, now_ns, method, foci, rounds) for method in methods]
     return rows
 

@@ -33,7 +33,7 @@ class FocalSpot:
     Attributes
     ----------
     width_3db_m, width_6db_m, null_to_null_m : (float, float)
-        Along x and y through the target, in its plane; relative to |p| at the target.
+        Along the array's own x and y through the target; relative to |p| at the target.
     depth_3db_m : (float, float)
         From the axial maximum toward the array and away from it, along the line from the array's
         centre through the target.
@@ -62,21 +62,23 @@ def measure_spot(engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike) -
     target = as_place("target_m", target_m)
     if not abs(engine.pressure(drive, target[None])[0]) > 0.0:
         raise ConfigurationError(f"no sound at {target.tolist()} m: it is no focus")
-    sides = [_lateral(engine, drive, target, axis) for axis in np.eye(3)[:2]]
+    sides = [_lateral(engine, drive, target, axis) for axis in engine.model.array.axes[:2]]
     depth, peak = _axial(engine, drive, target)
     (three_x, six_x, null_x), (three_y, six_y, null_y) = sides
     return FocalSpot((three_x, three_y), (six_x, six_y), (null_x, null_y), depth, peak)
 
 
 def predict_width_m(model: AcousticModel, target_m: ArrayLike) -> tuple[float, float]:
-    """Return the -3 dB widths along x and y from the spread of the directions of arrival.
+    """Return the -3 dB widths along the own x and y from the spread of directions of arrival.
 
     2 x 0.831 / (k sqrt(C_xx)): the curvature of the main lobe, continued as a Gaussian.  Good to
     4 % at 50 to 200 mm from a 16 x 16 array; infinite along an axis without elements.
     """
     target = as_place("target_m", target_m)
     shares = np.abs(propagators(model, target[None]))[0]
-    spread = np.sqrt(np.maximum(np.diag(direction_covariance(model, target, shares)), 0.0))
+    axes = model.array.axes
+    covariance = axes @ direction_covariance(model, target, shares) @ axes.T
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     widths = [
         2.0 * _GAUSSIAN_HALF_WIDTH / (model.wavenumber * s) if s > 0.0 else math.inf for s in spread
     ]

@@ -96,7 +96,8 @@ class FocusTracker:
         self._lags = single(lags_rad / (2.0 * np.pi))
         self._counts = _widening_counts(len(self._order))
         self._shape = (model.array.count,)
-        self._bottom_m = float(model.array.centre_m[2])
+        self._ahead: Point = tuple(model.array.axes[2].tolist())
+        self._bottom_m = float(model.array.centre_m @ model.array.axes[2])
         self._cells: FloatArray | None = None
 
     def fit(self, codes: NDArray[np.uint8], start_m: Point) -> Fix:
@@ -210,7 +211,8 @@ class FocusTracker:
         """
         if fix.residual_rms_rad > (self._limit_rad if limit_rad is None else limit_rad):
             return False
-        above = fix.position_m[2] > self._bottom_m
+        (x, y, z), (ahead_x, ahead_y, ahead_z) = fix.position_m, self._ahead
+        above = x * ahead_x + y * ahead_y + z * ahead_z > self._bottom_m
         return above and _CLEARANCE_M <= fix.clearance_m <= _REACH_M
 
     def _check_codes(self, codes: NDArray[np.uint8]) -> None:

@@ -19,7 +19,7 @@ from .system import add_system
 VIEWS: Final = ("plane", "cuts", "isosurface")
 PLANES: Final = ("xy", "xz", "yz")
 QUANTITIES: Final = ("pressure", "phase", "force")
-EAR_MM: Final[Place] = (0.0, -300.0, 400.0)  # someone who sits before the array, bent over it
+EAR_MM: Final[Place] = (0.0, -300.0, 400.0)  # someone who sits before an array that looks up
 
 _EPILOG: Final = """\
 examples:

@@ -17,7 +17,7 @@ from haptogram.acoustics import (
     check_target,
     focus_phases,
 )
-from haptogram.acoustics._climb import climb
+from haptogram.acoustics._climb import STEPS, climb
 from haptogram.acoustics.csv_rows import read_rows
 from haptogram.acoustics.field import level_in_front
 from haptogram.config import VerifyConfig
@@ -156,16 +156,17 @@ def _frame_s(rate_hz: float) -> float:
 
 
 def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
-    """Return where a drive is loudest, on a coarse grid over the array."""
+    """Return where a drive is loudest, on a coarse grid over the array, along its own axes."""
     reach = float(model.array.half_extent_m[:2].max())
     side = np.linspace(-reach, reach, 25)
     heights = np.linspace(0.03, 0.30, 46)
     points = np.stack(np.meshgrid(side, side, heights, indexing="ij"), axis=-1).reshape(-1, 3)
-    points += model.array.centre_m
+    points = model.array.world_m(points)
     engine = NumpyEngine(model)
     level = level_in_front(engine, weights, points)
     best = points[[int(np.argmax(level))]]
     spacing = max(side[1] - side[0], heights[1] - heights[0])
-    top, _ = climb(lambda places: level_in_front(engine, weights, places), best, spacing)
+    steps = STEPS @ model.array.axes
+    top, _ = climb(lambda places: level_in_front(engine, weights, places), best, spacing, steps)
     x, y, z = (np.round(top, 5) + 0.0).tolist()  # a hundredth of a millimetre, and no minus zero
     return x, y, z

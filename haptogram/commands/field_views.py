@@ -104,11 +104,17 @@ def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress 
 
 
 def _plane(arguments: argparse.Namespace, scene: Scene) -> Plane:
-    """Return the plane around the place to look at; upward it starts 5 mm above the array."""
+    """Return the plane around the place to look at, along the axes of the world.
+
+    Over a place above all elements it starts 5 mm above them.
+    """
     half = arguments.half_width_mm / 1e3
-    around = [(value - half, value + half) for value in scene.look_m]
-    floor = float(scene.model.array.positions_m[:, 2].max()) + 0.005
-    ranges = {"x": around[0], "y": around[1], "z": (floor, max(around[2][1], floor + 0.01))}
+    ranges = {
+        name: (value - half, value + half) for name, value in zip("xyz", scene.look_m, strict=True)
+    }
+    floor = float(scene.model.array.bounds_m[1, 2]) + 0.005
+    if floor < scene.look_m[2]:
+        ranges["z"] = (floor, max(ranges["z"][1], floor + 0.01))
     first, second = arguments.plane
     return Plane(
         arguments.plane, scene.look_m, ranges[first], ranges[second], arguments.step_mm / 1e3
@@ -164,11 +170,14 @@ def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
     across = " x ".join(_size(width_m) for width_m in spot.width_6db_m)
     yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_size(sum(spot.depth_3db_m))} mm"
     force = force_on_disc_n(engine, weights, target)
-    yield f"force on a reflecting disc of 20 mm diameter: {force * 1e3:.2f} mN"
+    yield (
+        "force on a reflecting disc of 20 mm diameter, parallel to the array's face: "
+        f"{force * 1e3:.2f} mN"
+    )
     lobe = largest_secondary_lobe(engine, weights, target)
     if lobe is not None:
         yield (
-            f"largest secondary lobe in its plane: {lobe.level_db:.1f} dB at "
+            f"largest secondary lobe in the plane of that disc: {lobe.level_db:.1f} dB at "
             f"({text_mm(lobe.position_m)}) mm"
         )
 
@@ -179,11 +188,14 @@ def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) 
     except ConfigurationError as error:
         return f"no focus: {error}"
     shift_m = float(np.linalg.norm(peak - target))
-    expected_m = float(np.linalg.norm(predict_focal_shift(engine.model, target).offset_m))
+    expected = predict_focal_shift(engine.model, target, np.abs(weights))
     if shift_m > _NO_FOCUS * np.linalg.norm(target - engine.model.array.centre_m):
         why = "the aperture is too small to focus there"
-    else:
+    elif expected.valid:
+        expected_m = float(np.linalg.norm(expected.offset_m))
         why = f"expected {expected_m * 1e3:.2f} mm at most, by diffraction"
+    else:
+        why = "by diffraction; too far for a prediction, as the aperture is small for this distance"
     return f"maximum ({text_mm(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
 
 

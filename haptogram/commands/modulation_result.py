@@ -46,7 +46,8 @@ class Felt:
     signal : FocusSignal
         The radiation pressure there.
     force_n : float
-        Force of a steady focus at the first point, on a disc of 20 mm diameter.
+        Force of a steady focus at the first point, on a disc of 20 mm diameter, parallel to the
+        array's face.
     spot_m : float
         Width of that focus at -6 dB, where it is narrowest.
     """
@@ -112,7 +113,10 @@ def describe(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
         f"  radiation pressure {low:.1f} to {high:.1f} Pa, mean {signal.mean_pa:.1f} Pa: "
         f"swing {signal.swing:.0%}, vibration {signal.vibration_rms_pa:.1f} Pa RMS"
     )
-    yield f"  a steady focus: {felt.force_n * 1e3:.2f} mN on a reflecting disc of 20 mm diameter"
+    yield (
+        f"  a steady focus: {felt.force_n * 1e3:.2f} mN on a reflecting disc of 20 mm diameter, "
+        "parallel to the array's face"
+    )
     yield from _describe_spectrum(felt)
     for warning in warnings(felt):
         yield from textwrap.wrap(warning, 98, initial_indent="warning: ", subsequent_indent="  ")

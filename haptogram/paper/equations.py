@@ -111,7 +111,10 @@ EQUATIONS: Final = (
         "(5)",
         "E(z0) = E0 e^{-2 beta z0}",
         "E(r) = E0 e^{-2 beta r}",
-        ("the path is r, not z0; over the hemisphere the difference is below 0.4 %",),
+        (
+            "the path is r, not z0: from 16 x 16 elements to the hemisphere E is 0.70 % less on "
+            "average, and up to 2.1 % for one element",
+        ),
         "J/m^3",
         "J/m^3",
     ),

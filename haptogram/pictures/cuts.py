@@ -1,4 +1,4 @@
-"""Cuts: the field along the three axes through a target."""
+"""Cuts: the field along the array's own three axes through a target."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine
 from haptogram.errors import ConfigurationError
+from haptogram.pictures.planes import pressure_or_nan
 from haptogram.pictures.quantities import shown_as
 from haptogram.pictures.style import BLACK, BLUE, GREEN, VERMILION, new_figure, styled, two_lines
 
@@ -33,6 +34,8 @@ def draw_cuts(
 ) -> Figure:
     """Return a quantity along x and y through a target, and along z, in two panels.
 
+    The axes are the array's own; gaps are behind it and within 1 mm of an element.
+
     Parameters
     ----------
     half_width_m : float
@@ -51,8 +54,10 @@ def draw_cuts(
         raise ConfigurationError(f"half_width_m is {half_width_m:g}, must be 0.001 to 1")
     target = np.asarray(target_m, dtype=np.float64)
     offsets = [_offsets(engine, target, half_width_m, axis) for axis in range(3)]
-    lines = [target + offsets[axis][:, None] * np.eye(3)[axis] for axis in range(3)]
-    pressure = engine.pressure(weights, np.concatenate(lines))
+    array = engine.model.array
+    own, whose = array.axes @ target, "" if array.is_upright else "the array's "
+    lines = [target + offsets[axis][:, None] * array.axes[axis] for axis in range(3)]
+    pressure = pressure_or_nan(engine, weights, np.concatenate(lines))
     shown, label = shown_as(engine, pressure, quantity)
     levels = np.split(shown, 3)
     figure = new_figure(7.2, 3.3)
@@ -60,25 +65,25 @@ def draw_cuts(
         lateral, axial = figure.subplots(1, 2, sharey=True)
         for axis, axes in ((0, lateral), (1, lateral), (2, axial)):
             colour, style = _LINES[axis]
-            from_m = target[axis] if axis == 2 else 0.0
+            from_m = own[axis] if axis == 2 else 0.0
             axes.plot(
                 (from_m + offsets[axis]) * 1e3,
                 levels[axis],
                 style,
                 color=colour,
                 linewidth=1.5,
-                label=f"along {_NAMES[axis]}",
+                label=f"along {whose}{_NAMES[axis]}",
             )
         if quantity != "phase":
-            top = int(np.argmax(levels[2]))
-            top_mm = (target[2] + offsets[2][top]) * 1e3
+            top = int(np.nanargmax(levels[2]))
+            top_mm = (own[2] + offsets[2][top]) * 1e3
             axial.plot(top_mm, levels[2][top], "o", fillstyle="none", color=BLACK, label="peak")
             lateral.set_ylim(bottom=0.0)
         lateral.set_xlabel(f"distance from the {place} (mm)")
-        axial.set_xlabel("z (mm)")
+        axial.set_xlabel(f"{whose}z (mm)")
         lateral.set_ylabel(label)
         lateral.axvline(0.0, color=BLACK, linewidth=0.8, linestyle=":", label=place)
-        axial.axvline(target[2] * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label=place)
+        axial.axvline(own[2] * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label=place)
         for axes in (lateral, axial):
             axes.grid(visible=True, linewidth=0.4, alpha=0.6)
             axes.legend(loc="upper right")
@@ -88,8 +93,8 @@ def draw_cuts(
 
 
 def _offsets(engine: FieldEngine, target: FloatArray, half_width_m: float, axis: int) -> FloatArray:
-    """Return where the samples along an axis lie, from the target, in metres."""
+    """Return where the samples along an own axis lie, from the target, in metres."""
     low = -half_width_m
     if axis == 2:
-        low = max(low, float(engine.model.array.centre_m[2]) + 0.020 - float(target[2]))
+        low = max(low, 0.020 - float(engine.model.array.local_m(target)[2]))
     return np.linspace(low, half_width_m, _SAMPLES)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine
 from haptogram.errors import ConfigurationError
+from haptogram.pictures.planes import pressure_or_nan
 from haptogram.pictures.quantities import shown_as
 from haptogram.pictures.style import BLUE, ORANGE, VERMILION, new_figure, styled, two_lines
 
@@ -121,8 +122,8 @@ def draw_isosurfaces(
 ) -> Figure:
     """Return the surfaces of -3, -6 and -12 dB below the largest |p| of a box around a target.
 
-    Those of the radiation pressure, which is a square, are the same. The box is twice as deep as
-    it is wide, and stays 20 mm off the array's centre.
+    Those of the radiation pressure, which is a square, are the same. The box lies along the array's
+    own axes, is twice as deep as it is wide, and stays 20 mm off the array's centre.
 
     Raises
     ------
@@ -136,8 +137,9 @@ def draw_isosurfaces(
         raise ConfigurationError(
             f"step_m is {step_m:g} and half_width_m {half_width_m:g}, must be above 0 and larger"
         )
-    target = np.asarray(target_m, dtype=np.float64)
-    floor = engine.model.array.centre_m[2] + 0.020
+    array = engine.model.array
+    target = array.axes @ np.asarray(target_m, dtype=np.float64)
+    floor = float(array.axes[2] @ array.centre_m) + 0.020
     low = target - half_width_m * np.array([1.0, 1.0, 2.0])
     low[2] = max(low[2], floor)
     high = target + half_width_m * np.array([1.0, 1.0, 2.0])
@@ -147,13 +149,14 @@ def draw_isosurfaces(
             f"{math.prod(counts)} samples, must be at most {MAX_VOXELS}; take a larger step"
         )
     sides = [np.linspace(low[i], high[i], counts[i]) for i in range(3)]
-    points = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
-    pressure = engine.pressure(weights, points)
+    points = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3) @ array.axes
+    pressure = np.nan_to_num(pressure_or_nan(engine, weights, points))
     level = np.abs(pressure).reshape(counts)
     spacing = (high - low) / (np.array(counts) - 1)
     figure = new_figure(5.4, 5.6)
     with styled():
-        _plot(figure, level, low * 1e3, spacing * 1e3, target * 1e3)
+        names = [f"{'' if array.is_upright else 'own '}{name}" for name in "xyz"]
+        _plot(figure, level, low * 1e3, spacing * 1e3, target * 1e3, names)
         what = f"|p|, relative to {level.max() / math.sqrt(2.0) * 1e-3:.3g} kPa RMS"
         if quantity == "force":
             largest = shown_as(engine, pressure, quantity)[0].max()
@@ -168,6 +171,7 @@ def _plot(
     low_mm: FloatArray,
     step_mm: FloatArray,
     target_mm: FloatArray,
+    names: list[str],
 ) -> None:
     from matplotlib.colors import LightSource
     from matplotlib.patches import Patch
@@ -213,9 +217,9 @@ def _plot(
         zorder=1.0,
     )
     high_mm = low_mm + step_mm * (np.array(level.shape) - 1)
-    for name, low, high in zip("xyz", low_mm, high_mm, strict=True):
+    for name, shown, low, high in zip("xyz", names, low_mm, high_mm, strict=True):
         getattr(axes, f"set_{name}lim")(low, high)
-        getattr(axes, f"set_{name}label")(f"{name} (mm)", labelpad=10.0 if name == "z" else 6.0)
+        getattr(axes, f"set_{name}label")(f"{shown} (mm)", labelpad=10.0 if name == "z" else 6.0)
         ticks = MaxNLocator(7 if name == "z" else 4, prune="upper" if name == "x" else None)
         getattr(axes, f"{name}axis").set_major_locator(ticks)  # that of x would meet that of y
     axes.set_box_aspect(tuple((high_mm - low_mm) / (high_mm - low_mm).max()))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics import FieldEngine, in_front
 from haptogram.acoustics.average import mean_square_pressure
 from haptogram.acoustics.dynamics import Resonator
-from haptogram.acoustics.field import check_points, is_clear
+from haptogram.acoustics.field import check_points, has_field, is_clear
 from haptogram.errors import ConfigurationError
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -28,7 +28,7 @@ _CLEARANCE_M: Final = 2e-3  # closer to an element the far-field model says noth
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """A rectangle parallel to two of the axes.
+    """A rectangle parallel to two of the axes of the world, whichever way an array faces.
 
     Attributes
     ----------
@@ -147,6 +147,14 @@ def sample_mean(
         return root
 
     return PlaneField(plane, _sample(engine, plane, rms, progress))
+
+
+def pressure_or_nan(engine: FieldEngine, weights: ArrayLike, points: FloatArray) -> ComplexArray:
+    """Return the pressure of one drive at (M, 3) points, NaN where the model has no field."""
+    pressure = np.full(len(points), np.nan, dtype=np.complex128)
+    known = has_field(engine.model, points)
+    pressure[known] = engine.pressure(weights, points[known])
+    return pressure
 
 
 def _sample(

@@ -188,9 +188,18 @@ def test_the_loudest_place_is_looked_for_where_the_array_faces():
     assert tilted.equivalent_db_spl == pytest.approx(upright.equivalent_db_spl, abs=1.0)
 
 
-def test_an_array_that_faces_down_has_no_targets():
+def test_an_array_that_faces_down_has_its_targets_below():
     model = Pose.about(0, math.radians(180.0)).model(AcousticModel.default(4, 4))
-    with pytest.raises(ConfigurationError, match="100 mm behind the baffle"):
+    message = r"height z along the array's \(0, 0, -1\) is -100 mm, must be at least 20 mm"
+    with pytest.raises(ConfigurationError, match=message):
         check_target(model, [0.0, 0.0, 0.1])
-    with pytest.raises(ConfigurationError, match="the array faces"):
-        Reconstructor(model).reconstruct_weights(np.exp(1j * np.arange(16.0)))
+    check_target(model, [0.0, 0.0, -0.1])
+
+
+def test_elements_that_look_away_from_each_other_have_no_targets_between_them():
+    positions = [[x, y, z] for z, x, y in ((3, 0, 0), (3, 0.1, 0), (3, 0, 0.1), (-9, 0, 0))]
+    normals = [[0.0, 0.0, z] for z in (1.0, 1.0, 1.0, -1.0)]
+    array = TransducerArray.from_positions(positions, normals)
+    model = AcousticModel(array, FLAT.medium, FLAT.transducer)
+    with pytest.raises(ConfigurationError, match=r"face \[0.0, 0.0, 1.0\] on the whole: nothing"):
+        Reconstructor(model).reconstruct_weights(np.ones(4))

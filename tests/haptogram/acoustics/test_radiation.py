@@ -16,6 +16,7 @@ from haptogram.acoustics import (
     force_on_disc_n,
     level_db_spl,
     pressure,
+    propagators,
     radiation_pressure_pa,
     superpose,
 )
@@ -31,16 +32,30 @@ def strong(array):
     return AcousticModel(array, Medium.air(), Transducer(source_strength_pa_m=6.0))
 
 
-def midpoint_force(model, weights, centre, radius, rings=80, spokes=120):
-    """Force by a plain midpoint rule, the independent way to the same integral."""
+def midpoint_force(model, weights, centre, radius, normal=(0.0, 0.0, 1.0), rings=80, spokes=120):
+    """Force by a plain midpoint rule, the independent way to the same integrals.
+
+    The flow of energy is that of the gradient of the sum over the elements, in closed form but for
+    the slope of the directivity.
+    """
+    normal = np.asarray(normal) / np.linalg.norm(normal)
+    side = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.9 else [0.0, 1.0, 0.0])
+    side = side / np.linalg.norm(side)
     r = (np.arange(rings) + 0.5) / rings * radius
     angle = (np.arange(spokes) + 0.5) / spokes * 2 * np.pi
     x, y = np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel()
-    points = np.stack([x, y, 0 * x], axis=1) + centre
+    points = np.outer(x, side) + np.outer(y, np.cross(normal, side)) + centre
     area = np.repeat(r, spokes) * (radius / rings) * (2 * np.pi / spokes)
     mean_square = np.abs(pressure(model, weights, points)) ** 2 / 2
     stiffness = model.medium.density_kg_m3 * model.medium.sound_speed_m_s**2
-    return 2 * float(mean_square @ area) / stiffness
+    rays = points[::7, None, :] - model.array.positions_m
+    distance = np.linalg.norm(rays, axis=2)
+    arrivals = propagators(model, points[::7]) * weights
+    slopes = arrivals * (1j * model.wavenumber - 1.0 / distance) / distance
+    gradient = np.einsum("mn,mni->mi", slopes, rays)
+    flow = area[::7] @ np.imag(np.conj(arrivals.sum(axis=1))[:, None] * gradient)
+    cosine = flow @ normal / np.linalg.norm(flow)
+    return 2 * float(mean_square @ area) * cosine**2 / stiffness
 
 
 def test_levels():
@@ -77,7 +92,7 @@ def test_the_18_by_18_prototype_at_200_mm():
 @given(targets(low=0.03), seeds)
 @settings(max_examples=9)
 def test_the_quadrature_agrees_with_a_midpoint_rule(target, seed):
-    """To 0.5 % for one focus or two, on the disc's centre or beside it, for any radius."""
+    """To 1 % for one focus or two, on the disc's centre or beside it, for any radius."""
     rng = np.random.default_rng(seed)
     model = AcousticModel.default(*[(16, 16), (8, 8), (32, 4)][seed % 3])
     points = [target, target + rng.normal(0, 0.006, 3) + [0, 0, 0.01]]
@@ -85,7 +100,83 @@ def test_the_quadrature_agrees_with_a_midpoint_rule(target, seed):
     centre = target + rng.normal(0, 0.002, 3)
     radius = [0.003, 0.010, 0.025][seed % 3]
     expected = midpoint_force(model, weights, centre, radius)
-    assert force_on_disc_n(model, weights, centre, radius) == pytest.approx(expected, rel=5e-3)
+    assert force_on_disc_n(model, weights, centre, radius) == pytest.approx(expected, rel=1e-2)
+
+
+@settings(max_examples=12)
+@given(targets(low=0.06), seeds)
+def test_the_force_follows_the_angle_at_which_the_energy_arrives(target, seed):
+    """Any array, disc beside the focus, any normal: within 1 % of the force from ahead."""
+    rng = np.random.default_rng(seed)
+    model = AcousticModel.default(*[(16, 16), (8, 8), (5, 12)][seed % 3])
+    weights = np.exp(1j * focus_phases(model, target))
+    centre, normal = target + rng.normal(0, 0.003, 3), rng.normal(size=3)
+    ahead = midpoint_force(model, weights, centre, 0.010, centre, 20, 42)
+    expected = midpoint_force(model, weights, centre, 0.010, normal, 20, 42)
+    found = force_on_disc_n(model, weights, centre, normal=normal)
+    assert found == pytest.approx(expected, abs=0.012 * max(ahead, expected), rel=0.01)
+
+
+@pytest.mark.parametrize("degrees", [0, 20, 45, 60, 80, 90])
+def test_a_plane_wave_leaves_the_momentum_of_its_angle(degrees):
+    """2 (p^2 / (rho c^2) - rho v^2) with the velocity along a rigid wall: 2 p^2 cos^2 / (rho c^2).
+
+    From 5 m the waves of four elements are plane over 20 mm.
+    """
+    model, centre = AcousticModel.default(2, 2), np.array([0.0, 0.0, 5.0])
+    weights = np.exp(1j * focus_phases(model, centre))
+    angle = math.radians(degrees)
+    normal = [0.0, -math.sin(angle), math.cos(angle)]
+    density, speed = model.medium.density_kg_m3, model.medium.sound_speed_m_s
+    square = abs(complex(pressure(model, weights, [centre])[0])) ** 2 / 2.0
+    along = math.sqrt(square) * math.sin(angle) / (density * speed)
+    stress = 2.0 * (square / (density * speed**2) - density * along**2)
+    found = force_on_disc_n(model, weights, centre, normal=normal)
+    assert found == pytest.approx(stress * math.pi * 1e-4, rel=5e-3, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("nx", "z_m", "excess"), [(16, 0.1, 1.25), (16, 0.2, 1.05), (8, 0.1, 1.05)]
+)
+def test_a_focus_is_overstated_as_said_next_to_the_stress_on_a_rigid_wall(nx, z_m, excess):
+    """The docstring's figures: the full stress counts the velocity along the wall everywhere."""
+    model, focus = AcousticModel.default(nx, nx), np.array([0.0, 0.0, z_m])
+    weights = np.exp(1j * focus_phases(model, focus))
+    step = 1e-5
+    offsets, areas = disc_nodes(0.010, model.wavenumber)
+    shifts = step * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    here, *around = pressure(
+        model, weights, (shifts[:, None] + offsets + focus).reshape(-1, 3)
+    ).reshape(5, -1)
+    slopes = np.array([around[0] - around[1], around[2] - around[3]]) / (
+        2.0 * step * model.wavenumber
+    )
+    square = np.abs(here) ** 2 - (np.abs(slopes) ** 2).sum(axis=0)
+    wall = float(square @ areas) / (model.medium.impedance * model.medium.sound_speed_m_s)
+    assert force_on_disc_n(model, weights, focus) / wall == pytest.approx(excess, abs=0.02)
+
+
+def test_the_same_focus_pushes_less_at_a_slant_and_not_at_all_edgewise():
+    model, focus = AcousticModel.default(), np.array([0.0, 0.0, 0.1])
+    weights = np.exp(1j * focus_phases(model, focus))
+    forces = [
+        force_on_disc_n(model, weights, focus, normal=[0.0, math.sin(a), math.cos(a)])
+        for a in np.radians([0.0, 20.0, 60.0, 90.0])
+    ]
+    assert forces == sorted(forces, reverse=True)
+    assert forces[0] == pytest.approx(midpoint_force(model, weights, focus, 0.010), rel=0.01)
+    assert forces[3] < 1e-6 * forces[0]
+    back = force_on_disc_n(model, weights, focus, normal=[0.0, 0.0, -2.0])
+    assert back == pytest.approx(forces[0], rel=1e-9)
+
+
+def test_a_standing_wave_counts_as_from_ahead():
+    """Two elements that face each other: no energy flows through a disc half way."""
+    array = TransducerArray.from_positions([[0, 0, 0], [0, 0, 0.2]], [[0, 0, 1], [0, 0, -1]])
+    model = AcousticModel(array, Medium.air(), Transducer())
+    lying = force_on_disc_n(model, np.ones(2), [0.0, 0.0, 0.1], 0.001, [0.0, 0.0, 1.0])
+    standing = force_on_disc_n(model, np.ones(2), [0.0, 0.0, 0.1], 0.0001, [1.0, 0.0, 0.0])
+    assert lying == pytest.approx(100.0 * standing, rel=0.02)
 
 
 def test_the_nodes_cover_the_disc_exactly_once():
@@ -105,6 +196,10 @@ def test_an_engine_gives_the_force_of_its_model():
     )
 
 
+def disc_that_faces(model, normal):
+    return force_on_disc_n(model, np.ones(4), [0, 0, 0.1], normal=normal)
+
+
 @pytest.mark.parametrize(
     ("call", "complaint"),
     [
@@ -112,6 +207,9 @@ def test_an_engine_gives_the_force_of_its_model():
         (lambda m: force_on_disc_n(m, np.ones(4), [0, 0, 0.1], 0.2), "radius_m is 0.2.* 0.1"),
         (lambda m: force_on_disc_n(m, np.ones(4), [0, 0]), r"centre_m has shape \(2,\)"),
         (lambda m: force_on_disc_n(m, np.ones((2, 4)), [0, 0, 0.1]), "2 drives"),
+        (lambda m: disc_that_faces(m, [0, 0, 0]), r"normal is \[0.0, 0.0, 0.0\], must have a dir"),
+        (lambda m: disc_that_faces(m, [0, 0, math.nan]), r"normal\[2\] is nan, must be finite"),
+        (lambda m: disc_that_faces(m, [0, 1]), r"normal has shape \(2,\), must be \(3,\)"),
         (lambda m: radiation_pressure_pa(1.0, m.medium, 2.5), "reflection is 2.5, must be 1 to 2"),
         (lambda _: level_db_spl(-1.0), "pressure_rms_pa is -1"),
         (lambda _: level_db_spl(math.nan), "pressure_rms_pa is nan"),

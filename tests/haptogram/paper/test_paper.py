@@ -1,6 +1,7 @@
 """The paper's equations, its hemisphere, and Table 1."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -94,6 +95,20 @@ def test_equation_9_has_the_wrong_power_of_length():
         assert law(0.2, 256, doubled) == pytest.approx(2**power * once)
     assert eq.spot_eq9_printed(0.1, 256, CONSTANTS) == pytest.approx(1.075e-3, rel=1e-3)
     assert eq.spot_eq9_corrected(0.1, 256, CONSTANTS) == pytest.approx(10.75e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize("resolution_m", [0.020, 0.010, 0.005])
+def test_what_the_path_of_equation_5_costs_is_stated_for_the_energy(resolution_m):
+    """The mean of 1 - e^{-2 beta (r - z0)} over elements and foci, and its largest value."""
+    side = (np.arange(16) - 7.5) * 0.010
+    x, y = np.meshgrid(side, side)
+    focus = hemisphere(resolution_m)[:, None, None, :]
+    path = np.sqrt((focus[..., 0] - x) ** 2 + (focus[..., 1] - y) ** 2 + focus[..., 2] ** 2)
+    loss = 1.0 - np.exp(-2.0 * 0.115 * (path - focus[..., 2]))
+    (fault,) = next(equation.faults for equation in EQUATIONS if equation.number == "(5)")
+    mean, largest = (float(text) for text in re.findall(r"([\d.]+) %", fault))
+    assert 100.0 * loss.mean() == pytest.approx(mean, abs=0.01)
+    assert 100.0 * loss.max() == pytest.approx(largest, abs=0.03)
 
 
 def test_energy_and_force_agree():

@@ -1,0 +1,120 @@
+"""The axes of an array: across its face, along its rows and columns, and away from it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics._validation import FloatArray
+
+TOLERANCE_M: Final = 1e-9
+_MAX_EMPTY: Final = 0.3  # of the nodes; beyond it the empty ones cost more than a lattice saves
+_FLAT_M2: Final = 1e-12  # sum of squared distances of elements that lie in one plane
+_STEEP: Final = 0.5  # cosine: elements that look along the plane they lie in have another face
+_UPRIGHT: Final = 1e-12
+_UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
+
+
+def mean_direction(normals: FloatArray) -> FloatArray | None:
+    """Return the unit vector along the mean of the normals, None if they cancel out."""
+    mean: FloatArray = normals.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    return mean / length if length > 1e-6 else None
+
+
+def own_axes(
+    positions: FloatArray, normals: FloatArray, grid_shape: tuple[int, int] | None
+) -> FloatArray:
+    """Return the (3, 3) axes of an array, see :attr:`.geometry.TransducerArray.axes`."""
+    offsets = positions - positions.mean(axis=0)
+    face = _face(offsets, normals)
+    if np.abs(face - _UP).max() < _UPRIGHT:  # rounding does not tilt an array
+        face = _UP
+    if grid_shape is not None:
+        axes = plane_axes(face, _along_rows(positions, face, grid_shape))
+        if axes is not None:
+            return axes + 0.0
+    upright = _turned_least(face)
+    for direction in (upright[0], *_first_steps(offsets)):
+        axes = plane_axes(face, direction)
+        if axes is not None and rows_and_columns(axes, offsets) is not None:
+            return _nearest_turn(axes, upright)
+    return upright
+
+
+def plane_axes(normal: FloatArray, direction: FloatArray) -> FloatArray | None:
+    """Return the right-handed frame of *normal*, its first axis along *direction* if it can be."""
+    first = direction - (direction @ normal) * normal
+    length = float(np.linalg.norm(first))
+    if length < 1e-6 * float(np.linalg.norm(direction)) or length == 0.0:
+        return None
+    first = first / length
+    return np.stack([first, np.cross(normal, first), normal])
+
+
+def rows_and_columns(
+    axes: FloatArray, offsets: FloatArray
+) -> tuple[tuple[FloatArray, NDArray[np.intp]], tuple[FloatArray, NDArray[np.intp]]] | None:
+    """Return, along the first two axes, the levels that *offsets* lie on, and the level of each.
+
+    None if they would leave too many nodes of a lattice empty.
+    """
+    along_x, along_y = _levels(offsets @ axes[0]), _levels(offsets @ axes[1])
+    nodes = len(along_x[0]) * len(along_y[0])
+    return None if nodes * (1.0 - _MAX_EMPTY) > len(offsets) else (along_x, along_y)
+
+
+def _levels(values: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return the distinct values, increasing, and which of them each value is."""
+    order = np.argsort(values)
+    steps = np.diff(values[order]) > TOLERANCE_M
+    rank = np.zeros(len(values), dtype=np.intp)
+    rank[order] = np.concatenate([[0], np.cumsum(steps)])
+    levels: FloatArray = np.bincount(rank, weights=values) / np.bincount(rank)
+    return levels, rank
+
+
+def _face(offsets: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return the normal of the plane or line that the elements lie in; else where they look."""
+    facing = mean_direction(normals)
+    if facing is None:
+        facing = _UP
+    squares, directions = np.linalg.eigh(offsets.T @ offsets)
+    across = directions[:, squares < _FLAT_M2]
+    if np.abs(offsets @ facing).max() ** 2 < _FLAT_M2:
+        return facing
+    normal: FloatArray = across @ (across.T @ facing)
+    length = float(np.linalg.norm(normal))
+    return normal / length if length > _STEEP else facing
+
+
+def _along_rows(positions: FloatArray, face: FloatArray, grid_shape: tuple[int, int]) -> FloatArray:
+    """Return the way from the first element to the next along x; 0 for a single element."""
+    nx, ny = grid_shape
+    if nx > 1:
+        along: FloatArray = positions[ny] - positions[0]
+        return along
+    return np.cross(positions[min(1, ny - 1)] - positions[0], face)
+
+
+def _turned_least(face: FloatArray) -> FloatArray:
+    """Return the axes of the world, turned by the least angle that brings z to *face*."""
+    x, y, z = face.tolist()
+    share = 1.0 / (1.0 + z) if z > -1.0 + _UPRIGHT else 0.0
+    axes = plane_axes(face, np.array([1.0 - x * x * share, -x * y * share, -x]))
+    return np.eye(3) if axes is None else axes + 0.0
+
+
+def _first_steps(offsets: FloatArray) -> list[FloatArray]:
+    """Return the way from the first element to its nearest neighbour, if there is one."""
+    steps = offsets[1:] - offsets[0]
+    return [steps[np.linalg.norm(steps, axis=1).argmin()]] if len(steps) else []
+
+
+def _nearest_turn(axes: FloatArray, upright: FloatArray) -> FloatArray:
+    """Return *axes*, turned by quarters around the last one so that the first is near *upright*."""
+    ways = np.array([axes[0], axes[1], -axes[0], -axes[1]])
+    first = ways[int((ways @ upright[0]).argmax())]
+    return np.stack([first, np.cross(axes[2], first), axes[2]]) + 0.0
