@@ -136,7 +136,10 @@ class Program:
             model = dataclasses.replace(model, array=array)
         levels = [focus.amplitude for focus in wanted.foci]
         lags = [focus.lag_rad for focus in wanted.foci]
-        return weights_for_foci(model, wanted.targets_m, levels, lags, method=wanted.solver)
+        made = weights_for_foci(model, wanted.targets_m, levels, lags, method=wanted.solver)
+        if not np.isfinite(made).all():
+            raise ConfigurationError(f"{wanted.solver} found no drive for {wanted.foci}")
+        return made
 
 
 def run_session(session: Session) -> tuple[Ran, Program]:

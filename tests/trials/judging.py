@@ -35,6 +35,7 @@ _PLACE_MM: Final = 2e-3  # of the search itself, and of the digits that are kept
 _FRESNEL: Final = 3.0
 _ELEMENTS: Final = 8
 _RADIANS: Final = 0.35  # of a peak next to one of several targets, where nothing else is printed
+_NO_PEAK_RAD: Final = 1.0
 _NUMERICS: Final = 1e-6
 _SEEN_FROM_MM: Final = 1.0
 
@@ -84,6 +85,9 @@ class Effect:
         What rounding can make of that.
     scattered : float
         What single elements do to the pressure, added up; one focus only.
+    rounding_mm, rounding_rad : float
+        What rounding makes of the miss: in the directions that can be observed; of several foci,
+        what it makes of the ideal drive.
     place_m : array or None
         Of one focus: where the waves arrive in phase.
     coherence : float
@@ -94,6 +98,8 @@ class Effect:
     miss_rad: float
     share: float
     allowed: float
+    rounding_mm: float = 0.0
+    rounding_rad: float = 0.0
     scattered: float = 0.0
     place_m: truth.Floats | None = None
     coherence: float = 1.0
@@ -104,11 +110,13 @@ class Effect:
             return f"pressure off by {self.share:.3g}, rounding makes {self.allowed:.3g}"
         if self.scattered > self.allowed + _NUMERICS:
             return f"elements off by {self.scattered:.3g}, rounding makes {self.allowed:.3g}"
-        if smallest_mm is None:
-            if self.miss_rad > _RADIANS:
+        if smallest_mm is None and self.place_m is None:
+            if self.miss_rad > max(_RADIANS, 2.0 * self.rounding_rad):
                 return f"peak off by {self.miss_rad:.3g} rad, no smallest miss printed"
-        elif self.miss_mm > smallest_mm + _PLACE_MM:
-            return f"miss of {self.miss_mm:.4g} mm, smallest that shows {smallest_mm:.4g} mm"
+            return None
+        least_mm = max(smallest_mm or 0.0, self.rounding_mm)
+        if self.miss_mm > least_mm + _PLACE_MM:
+            return f"miss of {self.miss_mm:.4g} mm, smallest that shows {least_mm:.4g} mm"
         return None
 
 
@@ -212,15 +220,19 @@ def _of_one(
     phases = seen.radiated[0][0] * (2.0 * math.pi / 256.0)
     found = truth.arrival(scene, phases, np.abs(ideal), target, lie)
     share = truth.shares(scene, actual, ideal, target[None])
-    return Effect(
+    effect = Effect(
         float(np.linalg.norm(found.miss_m) * 1e3),
         float(np.linalg.norm(lie.axes @ found.miss_m / lie.units_m)),
         float(abs(share[0] - 1.0)),
         truth.rounding_share(bits, ideal),
-        truth.scattered(scene, actual, ideal, target),
-        found.place_m,
-        found.coherence,
+        scattered=truth.scattered(scene, actual, ideal, target),
+        place_m=found.place_m,
+        coherence=found.coherence,
     )
+    if lie.flat.any():  # what is printed may be of fewer directions than those that were searched
+        axes = lie.axes[~lie.flat]
+        effect.rounding_mm = truth.rounding_mm(scene, np.abs(ideal), target, bits, axes)
+    return effect
 
 
 def _of_several(
@@ -234,12 +246,20 @@ def _of_several(
     for target in targets:
         lie = truth.lie_of(scene, np.abs(ideal), target, bits)
         right = truth.loudest(scene, ideal, target, lie)
-        found = truth.loudest(scene, actual, right, lie)
-        miss = found - right
+        if _radians(lie, right - target) > _NO_PEAK_RAD:
+            continue  # foci that merge: there is no peak of its own here, only a pressure
+        miss = truth.loudest(scene, actual, right, lie) - right
         effect.miss_mm = max(effect.miss_mm, float(np.linalg.norm(miss) * 1e3))
-        radians = float(np.linalg.norm(lie.axes @ miss / lie.units_m))
-        effect.miss_rad = max(effect.miss_rad, radians)
+        effect.miss_rad = max(effect.miss_rad, _radians(lie, miss))
+        if _radians(lie, miss) > _RADIANS:
+            again = truth.loudest(scene, truth.rounded(ideal, bits), right, lie) - right
+            effect.rounding_mm = max(effect.rounding_mm, float(np.linalg.norm(again) * 1e3))
+            effect.rounding_rad = max(effect.rounding_rad, _radians(lie, again))
     return effect
+
+
+def _radians(lie: Lie, way: truth.Floats) -> float:
+    return float(np.linalg.norm(lie.axes @ way / lie.units_m))
 
 
 def _outcome(

@@ -27,6 +27,8 @@ PISTON_M: Final = 4.70e-3
 _CLEARANCE_M: Final = 2e-3
 #: Half the side of the first grid, in radians of phase: the main lobe of an aperture reaches 1.8.
 _WINDOW_RAD: Final = 2.0
+#: The same where another maximum may be near.
+_NEXT_RAD: Final = 0.4
 _FINEST_RAD: Final = 1e-4
 _MOST_ROUNDS: Final = 400
 #: The furthest that one unit of the search goes, as a share of the distance from the array.
@@ -180,10 +182,13 @@ def lie_of(scene: Scene, amplitudes: Floats, target: Floats, bits: int) -> Lie:
     return Lie(vectors.T.copy(), units, distance, (target - centre) / distance, flat)
 
 
-def rounding_mm(scene: Scene, amplitudes: Floats, target: Floats, bits: int) -> float:
+def rounding_mm(
+    scene: Scene, amplitudes: Floats, target: Floats, bits: int, axes: Floats | None = None
+) -> float:
     """The largest miss that rounding of the phases makes: |sum_n |J+_in| pi/2^b|, in millimetres.
 
     The larger one of all driven elements alike and of elements that count as they are driven.
+    *axes*: (K, 3) unit vectors that alone are looked at.
     """
     used = amplitudes > 0
     rays = target - scene.positions_m[used]
@@ -192,7 +197,8 @@ def rounding_mm(scene: Scene, amplitudes: Floats, target: Floats, bits: int) -> 
     for share in (np.ones(used.sum()), amplitudes[used]):
         root = np.sqrt(share / share.sum())
         centred = slopes - (share / share.sum()) @ slopes
-        inverse = np.linalg.pinv(centred * root[:, None], rcond=1e-7) * root
+        seen = centred if axes is None else centred @ axes.T
+        inverse = np.linalg.pinv(seen * root[:, None], rcond=1e-7) * root
         found.append(np.linalg.norm(np.abs(inverse).sum(axis=1)))
     return float(max(found) * math.pi / 2**bits * 1e3)
 
@@ -304,13 +310,13 @@ def arrival(
 
 
 def loudest(scene: Scene, weights: Complexes, start: Floats, lie: Lie) -> Floats:
-    """The place of the largest |p| next to *start*."""
+    """The place of the largest |p| next to *start*: the one that it belongs to."""
     return highest(
         lambda points: np.abs(scene.pressure(weights, points)),
         start,
         lie,
         _in_front(scene, lie, start),
-        window_rad=1.0,
+        window_rad=_NEXT_RAD,
     )
 
 

@@ -1,0 +1,407 @@
+"""Thousands of trials: in parallel, to be gone on with, and what they came to.
+
+::
+
+    ci/trials --honest 10000 --wrong 10000 --resume out/trials.jsonl --table docs/trials.md
+    ci/trials --case wrong:17:3
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import re
+import signal
+import sys
+import traceback
+import warnings
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final
+
+from tqdm import tqdm
+
+from . import cases, chain, judging
+from .cases import Group
+from .judging import BAD, Trial
+
+GROUPS: Final[tuple[Group, ...]] = ("honest", "wrong")
+#: Of the frames that show everything: how many may stay unverified, as a share.
+MOST_SILENT: Final = 0.02
+_VERSION: Final = 1
+_AHEAD: Final = 3  # sessions that wait for each process
+_SEEDS: Final = 1_000_000  # of sessions, for each seed of a campaign
+_CASE: Final = re.compile(r"(honest|wrong):(\d+):(\d+)")
+_NUMBER: Final = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
+INTERRUPTED: Final = 130
+
+Line = dict[str, Any]  # one session: group, seed, trials
+
+
+# --- one session -----------------------------------------------------------------------------
+
+
+def trials_of(group: Group, seed: int) -> list[Trial]:
+    """Run one session and judge its frames; an error of these trials is a crash as well."""
+    warnings.simplefilter("error")
+    session = cases.session_of(group, seed)
+    try:
+        return judging.judged(*chain.run_session(session))
+    except Exception:
+        last = traceback.format_exc().strip().splitlines()
+        why = f"{last[-1]} [{' '.join(last[-3].split())}]"
+        return [
+            Trial(f"{group}:{seed}:{place}", "the trials themselves", "crash", "-", [why])
+            for place in range(len(session.frames))
+        ]
+
+
+def line_of(job: tuple[Group, int]) -> Line:
+    group, seed = job
+    return {
+        "group": group,
+        "seed": seed,
+        "trials": [dataclasses.asdict(trial) for trial in trials_of(group, seed)],
+    }
+
+
+# --- the file --------------------------------------------------------------------------------
+
+
+class Book:
+    """The sessions that were run, in memory and in a file that can be gone on with.
+
+    Raises
+    ------
+    SystemExit
+        If the file is of other trials.
+    """
+
+    def __init__(self, path: Path | None, seed: int) -> None:
+        self._path = path
+        self._done: dict[tuple[Group, int], Line] = {}
+        self._file = None
+        if path is None:
+            return
+        head = {"trials": _VERSION, "seed": seed, "frames": cases.FRAMES}
+        kept = _whole_lines(path)
+        if kept and kept[0] != head:
+            raise SystemExit(f"ci/trials: {path} is of other trials: {kept[0]}, not {head}")
+        for line in kept[1:]:
+            self._done[line["group"], line["seed"]] = line
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Written anew: the last line of an interrupted run may be half of one.
+        temporary = path.with_suffix(".part")
+        temporary.write_text("".join(json.dumps(line) + "\n" for line in kept or [head]))
+        temporary.replace(path)
+        self._file = path.open("a", encoding="utf-8")
+
+    def add(self, line: Line) -> None:
+        self._done[line["group"], line["seed"]] = line
+        if self._file is not None:
+            self._file.write(json.dumps(line) + "\n")
+            self._file.flush()
+
+    def get(self, group: Group, seed: int) -> Line | None:
+        return self._done.get((group, seed))
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+
+def _whole_lines(path: Path) -> list[Line]:
+    if not path.exists():
+        return []
+    found = []
+    for text in path.read_text(encoding="utf-8").splitlines():
+        try:
+            found.append(json.loads(text))
+        except ValueError:
+            break
+    return found
+
+
+# --- many ------------------------------------------------------------------------------------
+
+
+def counted(trial: Line) -> bool:
+    """Whether it is one of those that were asked for: a frame that a fault left alone is not."""
+    return trial["case"].startswith("honest") or trial["outcome"] not in ("passed", "stopped")
+
+
+def first_seed(seed: int) -> int:
+    return seed * _SEEDS
+
+
+def sessions(book: Book, group: Group, seed: int, wanted: int) -> tuple[list[Line], int, int]:
+    """What is there for a group, in order: the sessions, their trials, and the next to be run.
+
+    Sessions count from the first one on without a gap, up to the number that is wanted: which ones
+    they are does not depend on which process was faster.
+    """
+    lines, trials, at = [], 0, first_seed(seed)
+    while trials < wanted and (line := book.get(group, at)) is not None:
+        lines.append(line)
+        trials += sum(counted(trial) for trial in line["trials"])
+        at += 1
+    return lines, trials, at
+
+
+def run(book: Book, seed: int, wanted: dict[Group, int], jobs: int, bar: tqdm[Any]) -> None:
+    """Run what is missing."""
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _leave_interrupts_alone)
+    running: dict[Future[Line], tuple[Group, int]] = {}
+    try:
+        while True:
+            for job in _missing(book, seed, wanted, jobs * _AHEAD, set(running.values())):
+                running[pool.submit(line_of, job)] = job
+            if not running:
+                return
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                del running[future]
+                line = future.result()
+                book.add(line)
+                _tell(bar, line)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _leave_interrupts_alone() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _missing(
+    book: Book, seed: int, wanted: dict[Group, int], ahead: int, running: set[tuple[Group, int]]
+) -> Iterator[tuple[Group, int]]:
+    """The next sessions to run, as long as a group has not what is wanted of it."""
+    room = ahead - len(running)
+    for group in GROUPS:
+        _, trials, at = sessions(book, group, seed, wanted[group])
+        while trials < wanted[group] and room > 0 and at < first_seed(seed + 1):
+            if book.get(group, at) is None and (group, at) not in running:
+                room -= 1
+                yield group, at
+            trials += cases.FRAMES  # about so many will come of those that run
+            at += 1
+
+
+def _tell(bar: tqdm[Any], line: Line) -> None:
+    bar.update(sum(counted(trial) for trial in line["trials"]))
+    for trial in line["trials"]:
+        if trial["outcome"] in BAD:
+            bar.write(told(trial))
+
+
+def told(trial: Line) -> str:
+    why = "; ".join(trial["findings"])
+    return f"{trial['outcome']}: {trial['kind']}: {why}    ci/trials --case {trial['case']}"
+
+
+# --- what came of them -----------------------------------------------------------------------
+
+_COLUMNS: Final = {
+    "passed": ("passed",),
+    "caught": ("caught",),
+    "below: passed": ("below, passed",),
+    "below: failed": ("below, failed",),
+    "not verified": ("not verified",),
+    "lost": ("lost", "stopped"),
+    "false pass": ("false pass",),
+    "false fail": ("false fail",),
+    "crash": ("crash",),
+}
+
+
+def table(trials: Iterable[Line]) -> str:
+    """A row per kind of case, in Markdown."""
+    rows: dict[str, Counter[str]] = defaultdict(Counter)
+    for trial in trials:
+        rows[trial["kind"]][trial["outcome"]] += 1
+    head = ["case", "trials", *_COLUMNS]
+    body = [_row(kind, rows[kind]) for kind in sorted(rows)]
+    body.append(_row("**all**", sum(rows.values(), Counter())))
+    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *body]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def _row(kind: str, counts: Counter[str]) -> list[str]:
+    cells = [sum(counts[name] for name in names) for names in _COLUMNS.values()]
+    return [kind, str(sum(counts.values())), *(str(cell) if cell else "" for cell in cells)]
+
+
+def summary(group: Group, trials: list[Line]) -> list[str]:
+    """What a group came to, and what that means."""
+    count = Counter(trial["outcome"] for trial in trials)
+    n = sum(counted(trial) for trial in trials)
+    bad = {name: count[name] for name in BAD}
+    lines = [f"{group}: {n} trials: " + ", ".join(f"{many} x {name}" for name, many in bad.items())]
+    if n and not any(bad.values()):
+        lines.append(f"0 of {n}: with 95 % confidence below {100 * 3 / n:.2g} % of such cases")
+    if group == "honest" and n:
+        lines += _silence(trials)
+    return lines
+
+
+def silent(trials: list[Line]) -> list[Line]:
+    """Honest frames that were not verified although the array can show everything."""
+    return [t for t in trials if t["outcome"] == "not verified" and t["numbers"].get("observable")]
+
+
+def _silence(trials: list[Line]) -> list[str]:
+    unverified = [trial for trial in trials if trial["outcome"] == "not verified"]
+    share = len(silent(trials)) / len(trials)
+    lines = [
+        f"not verified: {len(unverified)}, of them {len(silent(trials))} ({100 * share:.2g} %) "
+        "although every direction can be observed"
+    ]
+    reasons = Counter(_NUMBER.sub("#", str(t["numbers"].get("note"))) for t in unverified)
+    return lines + [f"  {many} x {reason}" for reason, many in reasons.most_common()]
+
+
+def findings(trials: Iterable[Line], shown: int) -> list[str]:
+    """Every kind of finding, how often, and the first of them with what replays it."""
+    found: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    for trial in trials:
+        for text in trial["findings"]:
+            kind = f"[{trial['outcome']}] " + _NUMBER.sub("#", text)
+            found[kind].append((text, trial["case"]))
+    lines = []
+    for kind, them in sorted(found.items(), key=lambda item: -len(item[1])):
+        lines.append(f"{len(them)} x {kind}")
+        lines += [f"    {text}    ci/trials --case {case}" for text, case in them[:shown]]
+    return lines
+
+
+def is_good(trials: dict[Group, list[Line]]) -> bool:
+    """Whether nothing was wrong, and nothing was silent that should have spoken."""
+    everything = [trial for group in GROUPS for trial in trials[group]]
+    if any(trial["outcome"] in BAD for trial in everything):
+        return False
+    if any(text.startswith("silent") for trial in everything for text in trial["findings"]):
+        return False
+    honest = trials["honest"]
+    return len(silent(honest)) <= MOST_SILENT * len(honest)
+
+
+def document(seed: int, trials: dict[Group, list[Line]]) -> str:
+    """The page of the documentation."""
+    parts = [_PAGE_HEAD.format(seed=seed)]
+    for group in GROUPS:
+        parts += [f"## {_TITLES[group]}", "", table(trials[group]), ""]
+        parts += [f"- {line}" for line in summary(group, trials[group]) if line[0] != " "]
+        parts.append("")
+    return "\n".join(parts)
+
+
+_TITLES: Final = {"honest": "Correct drives", "wrong": "Wrong drives and faults"}
+_PAGE_HEAD: Final = """\
+# Is the verdict ever wrong?
+
+Written by `ci/trials --seed {seed}`. Every trial is one frame that goes from the driver over bytes to the virtual board, is latched, and
+is judged. Beside it stands a truth that shares no code with the program: a field of its own, and a dense search for the place where the waves arrive
+in phase, for the peaks next to several foci, and for the pressure at every target.
+
+A *false pass* is a frame that is on target although its effect exceeds what the verdict says that it would have shown: a miss beyond the
+smallest miss that was printed, or a pressure that is further off than rounding of phases and amplitudes can make it. A *false fail* is a
+correct frame that fails. *Below* are wrong drives whose effect is smaller than that, passed or failed. *Lost* are frames that a fault kept from
+being latched, or that were never sent because the fault ended the run. *Passed* among the wrong ones are frames that the fault left alone.
+"""
+
+
+# --- the command -----------------------------------------------------------------------------
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run; 0 only if no verdict was wrong, no program crashed and nothing was silent."""
+    options = _parser().parse_args(arguments)
+    if options.case is not None:
+        return replay(options.case)
+    wanted: dict[Group, int] = {"honest": options.honest, "wrong": options.wrong}
+    book = Book(options.resume, options.seed)
+    there = sum(min(sessions(book, g, options.seed, wanted[g])[1], wanted[g]) for g in GROUPS)
+    try:
+        with tqdm(total=sum(wanted.values()), initial=there, unit="trial", smoothing=0.05) as bar:
+            run(book, options.seed, wanted, options.jobs, bar)
+    except KeyboardInterrupt:
+        where = "" if options.resume is None else f"; go on with --resume {options.resume}"
+        print(f"ci/trials: interrupted{where}", file=sys.stderr)
+        return INTERRUPTED
+    finally:
+        book.close()
+    trials = {g: _trials(sessions(book, g, options.seed, wanted[g])[0]) for g in GROUPS}
+    _report(trials, options.show)
+    if options.table is not None:
+        options.table.write_text(document(options.seed, trials), encoding="utf-8")
+    return 0 if is_good(trials) else 1
+
+
+def _trials(lines: list[Line]) -> list[Line]:
+    return [trial for line in lines for trial in line["trials"]]
+
+
+def _report(trials: dict[Group, list[Line]], shown: int) -> None:
+    for group in GROUPS:
+        print(f"\n{table(trials[group])}\n")
+        print("\n".join(summary(group, trials[group])))
+    everything = [trial for group in GROUPS for trial in trials[group]]
+    if lines := findings(everything, shown):
+        print("\nfindings:")
+        print("\n".join(lines))
+
+
+def replay(case: str) -> int:
+    """Run the session of one case again and tell everything about that case."""
+    match = _CASE.fullmatch(case)
+    if match is None or int(match[3]) >= cases.FRAMES:
+        raise SystemExit(f"ci/trials: --case is {case!r}, must be honest:SEED:FRAME or wrong:...")
+    group: Group = "honest" if match[1] == "honest" else "wrong"
+    session = cases.session_of(group, int(match[2]))
+    ran, program = chain.run_session(session)
+    place = int(match[3])
+    trial = judging.judged(ran, program)[place]
+    layout = session.layout
+    print(f"array      {layout.name}, {layout.count} elements, pitch {layout.pitch_m * 1e3:g} mm")
+    print(f"session    {session.mode}, {session.bits} bits, {session.temperature_c:.3f} C, {ran.tags}")
+    print(f"wanted     {session.frames[place]}")
+    if place < len(ran.frames):
+        seen = ran.frames[place]
+        print(f"wrong      {None if seen.wrong is None else dataclasses.replace(seen.wrong, registers=())}")
+        print(f"verdict    {seen.verdict}")
+    print(f"truth      {trial.numbers}")
+    print(f"outcome    {trial.outcome}: {'; '.join(trial.findings) or 'nothing to say'}")
+    return 1 if trial.outcome in BAD else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="ci/trials",
+        description="Random trials of the verdict against a truth of its own, in virtual time.",
+        epilog="Exit status: 0 no verdict was wrong, 1 one was, 130 interrupted.",
+    )
+    add = parser.add_argument
+    add("--honest", type=_count, default=10_000, metavar="N", help="correct frames (%(default)s)")
+    add("--wrong", type=_count, default=10_000, metavar="N", help="wrong frames (%(default)s)")
+    add("--seed", type=_count, default=1, help="of everything (%(default)s)")
+    add("--jobs", type=_count, default=2, metavar="N", help="processes (%(default)s)")
+    add("--resume", type=Path, metavar="FILE", help="JSON lines: what was run, to be gone on with")
+    add("--table", type=Path, metavar="FILE", help="write the result as Markdown")
+    add("--show", type=_count, default=3, metavar="N", help="of each finding (%(default)s)")
+    add("--case", metavar="GROUP:SEED:FRAME", help="run this one case again and tell all about it")
+    return parser
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text} is below 0")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())
