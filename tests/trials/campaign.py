@@ -48,7 +48,7 @@ Line = dict[str, Any]  # one session: group, seed, trials
 def trials_of(group: Group, seed: int) -> list[Trial]:
     """Run one session and judge its frames; an error of these trials is a crash as well."""
     warnings.simplefilter("error")
-    session = cases.session_of(group, seed)
+    session = chain.session_of(group, seed)
     try:
         return judging.judged(*chain.run_session(session))
     except Exception:
@@ -361,7 +361,7 @@ def replay(case: str) -> int:
     if match is None or int(match[3]) >= cases.FRAMES:
         raise SystemExit(f"ci/trials: --case is {case!r}, must be honest:SEED:FRAME or wrong:...")
     group: Group = "honest" if match[1] == "honest" else "wrong"
-    session = cases.session_of(group, int(match[2]))
+    session = chain.session_of(group, int(match[2]))
     ran, program = chain.run_session(session)
     place = int(match[3])
     trial = judging.judged(ran, program)[place]

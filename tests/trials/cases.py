@@ -21,6 +21,7 @@ SOLVERS: Final = ("naive", "ibp", "gs", "wgs", "gspat")
 MODES: Final = ("phases", "drives", "points", "sequence")
 APERTURES: Final = ("full", "half", "centre", "ring", "random", "gaussian", "cosine")
 _FULL: Final = 255
+_MOST: Final = 400  # elements
 _NEAREST_M: Final = 0.0215  # from an element; the program asks for 20 mm
 _MARGIN_M: Final = 0.149  # beside the array; the program allows 150 mm
 _STEEPEST_RAD: Final = math.radians(40.0)
@@ -75,6 +76,32 @@ class Layout:
 
 
 @dataclass(frozen=True)
+class Elements:
+    """How the elements really are: what a calibration file says, and the truth knows."""
+
+    gain: Floats
+    phase_rad: Floats
+    positions_m: Floats
+
+    def write(self, path: Path) -> str:
+        """Write the calibration file and return its name."""
+        lines = ["element,gain,phase_rad,x_mm,y_mm,z_mm"]
+        for n, place in enumerate(self.positions_m * 1e3):
+            values = (self.gain[n], self.phase_rad[n], *place)
+            lines.append(",".join([str(n), *(repr(float(value)) for value in values)]))
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return str(path)
+
+
+@dataclass(frozen=True)
+class Allowance:
+    """What a user tolerates: a miss, and air that is not quite what it is taken for."""
+
+    miss_mm: float = 0.0
+    temperature_c: float = 0.0
+
+
+@dataclass(frozen=True)
 class Focus:
     """One focus that is wanted."""
 
@@ -125,6 +152,12 @@ class Session:
     bits : int
         Of a phase on the wire.
     frames : list of Wanted
+    elements : Elements or None
+        How they really are; None: as the layout says, and alike.
+    allowance : Allowance or None
+        What the judge is told to tolerate; None: nothing.
+    host_warmer_c : float
+        How much warmer a correct host takes the air to be: within the allowance.
     tags : dict
         What is special about it.
     """
@@ -137,6 +170,9 @@ class Session:
     mode: str
     bits: int
     frames: list[Wanted]
+    elements: Elements | None = None
+    allowance: Allowance | None = None
+    host_warmer_c: float = 0.0
     tags: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -146,13 +182,13 @@ class Session:
 
     def scene_in(self, temperature_c: float, humidity_percent: float = 50.0) -> Scene:
         """The same elements in other air."""
-        speed = truth.sound_speed_m_s(temperature_c)
-        return Scene(
-            self.layout.positions_m,
-            self.layout.normals,
-            2.0 * math.pi * truth.CARRIER_HZ / speed,
-            truth.absorption_np_m(temperature_c, humidity_percent),
-        )
+        wavenumber = 2.0 * math.pi * truth.CARRIER_HZ / truth.sound_speed_m_s(temperature_c)
+        lost = truth.absorption_np_m(temperature_c, humidity_percent)
+        layout, own = self.layout, self.elements
+        if own is None:
+            return Scene(layout.positions_m, layout.normals, wavenumber, lost)
+        response = own.gain * truth.turned(own.phase_rad)
+        return Scene(own.positions_m, layout.normals, wavenumber, lost, response)
 
     @property
     def wire_bits(self) -> int:
@@ -160,8 +196,14 @@ class Session:
         return self.bits if self.mode in ("phases", "sequence") else 8
 
 
-def session_of(group: Group, seed: int) -> Session:
-    """Everything about a session but what is wrong with it."""
+def session_of(
+    group: Group, seed: int, *, calibrated: bool = False, tolerant: bool = False
+) -> Session:
+    """Everything about a session but what is wrong with it.
+
+    *calibrated*, *tolerant*: whether the program can be told how its elements are, and what to
+    tolerate.
+    """
     random = np.random.default_rng([{"honest": 1, "wrong": 2}[group], seed])
     layout = _layout(random, seed)
     mode = str(random.choice(MODES, p=[0.4, 0.3, 0.15, 0.15]))
@@ -170,7 +212,34 @@ def session_of(group: Group, seed: int) -> Session:
     solver = str(random.choice(SOLVERS)) if mode != "points" else "naive"
     one = random.random() < 0.6 or layout.count < 8
     frames = [_wanted(random, layout, mode, solver, one=one) for _ in range(FRAMES)]
-    return Session(seed, group, layout, temperature, 50.0, mode, bits, frames)
+    session = Session(seed, group, layout, temperature, 50.0, mode, bits, frames)
+    how = random.random()
+    if calibrated and mode != "points" and how < 0.2:
+        session = replace(session, elements=_elements(random, layout))
+    elif tolerant and how > 0.85:
+        session = _tolerant(random, session)
+    return session
+
+
+def _elements(random: Random, layout: Layout) -> Elements:
+    """Elements that differ, by a little or a lot, in gain, phase and place."""
+    size = math.exp(random.uniform(math.log(0.02), 0.0))
+    count = layout.count
+    gain = np.clip(1.0 + 0.25 * size * random.normal(size=count), 0.3, 2.0)
+    phase = np.clip(0.8 * size * random.normal(size=count), -3.0, 3.0)
+    away = np.clip(0.3e-3 * size * random.normal(size=(count, 3)), -0.5e-3, 0.5e-3)
+    return Elements(gain, phase, layout.positions_m + away)
+
+
+def _tolerant(random: Random, session: Session) -> Session:
+    """A judge that is told to tolerate, and, if all is well, a host within that."""
+    allowance = Allowance(temperature_c=float(random.uniform(0.1, 3.0)))
+    if random.random() < 0.3:
+        allowance = Allowance(miss_mm=float(random.uniform(0.1, 1.5)))
+    warmer = allowance.temperature_c * float(random.uniform(-0.95, 0.95))
+    if session.group == "wrong" or not -20.0 <= session.temperature_c + warmer <= 50.0:
+        warmer = 0.0
+    return replace(session, allowance=allowance, host_warmer_c=warmer)
 
 
 # --- arrays ----------------------------------------------------------------------------------
@@ -226,10 +295,11 @@ def _bowl(random: Random, pitch_m: float, seed: int) -> Layout:
     directions = [(0.0, 0.0)] if random.random() < 0.5 else []
     for ring in range(1, rings + 1):
         polar = opening * ring / rings
-        around = max(1, int(2.0 * math.pi * math.sin(polar) * radius / pitch_m))
+        around = max(2, int(2.0 * math.pi * math.sin(polar) * radius / pitch_m))
         start = random.uniform(0.0, 2.0 * math.pi)
+        if len(directions) + around > _MOST:
+            break  # whole rings: it shall face along its axis
         directions += [(polar, start + 2.0 * math.pi * n / around) for n in range(around)]
-    directions = directions[:400]
     polar, turn = np.array(directions).T
     outward = np.stack(
         [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), -np.cos(polar)], axis=1
@@ -335,10 +405,13 @@ def _in_reach(layout: Layout, point: Floats) -> bool:
     elements = (layout.positions_m - layout.centre_m) @ layout.frame.T
     half = np.ptp(elements, axis=0) / 2.0
     ahead = ((point - layout.positions_m) * layout.normals).sum(axis=1)
+    # Of an array that is turned, any two axes across may be its own: what is near suits them all.
+    across = np.full(2, np.linalg.norm(local[:2])) if layout.posed else np.abs(local[:2])
+    limit = np.full(2, half[:2].min()) if layout.posed else half[:2]
     return bool(
         local[2] > _NEAREST_M
         and np.linalg.norm(local) < 0.99
-        and (np.abs(local[:2]) < half[:2] + _MARGIN_M).all()
+        and (across < limit + _MARGIN_M).all()
         and np.linalg.norm(layout.positions_m - point, axis=1).min() > _NEAREST_M
         and (ahead > 1e-4).all()
     )
@@ -406,7 +479,9 @@ def superposed(scene: Scene, foci: tuple[Focus, ...]) -> Complexes:
     distances = scene.distances(np.array([focus.place_m for focus in foci]))
     levels = np.array([focus.amplitude for focus in foci])
     lags = np.array([focus.lag_rad for focus in foci])
-    total = (levels[:, None] * truth.turned(lags[:, None] - scene.wavenumber * distances)).sum(axis=0)
+    own = np.angle(np.broadcast_to(scene.sensitivity, distances.shape[1:]))
+    phases = lags[:, None] - scene.wavenumber * distances - own
+    total: Complexes = (levels[:, None] * truth.turned(phases)).sum(axis=0)
     return total / np.maximum(np.abs(total), 1.0)
 
 

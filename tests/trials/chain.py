@@ -33,10 +33,19 @@ from haptogram.verification import Cut, RunVerdict, verify_run
 from haptogram.verification.verdict import FrameVerdict
 from haptogram_protocol.messages import Drives, PhaseFormat, Phases, pack_phases
 
-from . import truth, wrongs
-from .cases import Random, Session, Wanted, superposed
-from .truth import Complexes, Scene
+from . import cases, truth, wrongs
+from .cases import Group, Random, Session, Wanted, superposed
+from .truth import Complexes
 from .wrongs import Registers, Slip, Wrong
+
+try:
+    from haptogram.acoustics import Calibration
+except ImportError:
+    Calibration = None  # type: ignore[assignment,misc]
+try:
+    from haptogram.verification import Tolerance
+except ImportError:
+    Tolerance = None  # type: ignore[assignment,misc]
 
 BAUD: Final = 3_000_000
 _RATE_HZ: Final = 200.0
@@ -96,6 +105,14 @@ class Program:
         self.session = session
         self.array_text = session.layout.write(folder)
         self.array = TransducerArray.parse(self.array_text, pitch_m=session.layout.pitch_m)
+        self.calibration: str | None = None
+        if session.elements is not None:
+            self.calibration = session.elements.write(folder / "calibration.csv")
+            self._elements = Calibration.from_file(self.calibration)
+
+    def known(self, model: AcousticModel) -> AcousticModel:
+        """*model* with the elements as they really are: what a judge is told."""
+        return model if self.calibration is None else model.calibrated(self._elements)
 
     def model(self, speed_ratio: float = 1.0, temperature_c: float | None = None) -> AcousticModel:
         air = Medium.air(
@@ -115,8 +132,10 @@ class Program:
         """
         session, layout = self.session, self.session.layout
         true = session.scene
-        places = layout.centre_m + (layout.positions_m - layout.centre_m) * pitch
-        scene = Scene(places, layout.normals, true.wavenumber / speed_ratio, true.absorption)
+        places = layout.centre_m + (true.positions_m - layout.centre_m) * pitch
+        scene = dataclasses.replace(
+            true, positions_m=places, wavenumber=true.wavenumber / speed_ratio
+        )
         if len(wanted.foci) == 1 or wanted.solver == "naive":
             weights = superposed(scene, wanted.foci)
         else:
@@ -130,7 +149,7 @@ class Program:
     def _solved(
         self, wanted: Wanted, speed_ratio: float, pitch: float, places: truth.Floats
     ) -> Complexes:
-        model = self.model(speed_ratio)
+        model = self.known(self.model(speed_ratio))
         if pitch != 1.0:
             array = TransducerArray.from_positions(places, self.session.layout.normals)
             model = dataclasses.replace(model, array=array)
@@ -140,6 +159,13 @@ class Program:
         if not np.isfinite(made).all():
             raise ConfigurationError(f"{wanted.solver} found no drive for {wanted.foci}")
         return made
+
+
+def session_of(group: Group, seed: int) -> Session:
+    """A session of what this program can be told."""
+    return cases.session_of(
+        group, seed, calibrated=Calibration is not None, tolerant=Tolerance is not None
+    )
 
 
 def run_session(session: Session) -> tuple[Ran, Program]:
@@ -179,6 +205,7 @@ def _run(ran: Ran, program: Program, random: Random) -> None:
             seed=session.seed,
             phase_bits=session.bits,
             model=host,
+            **_compensating(ran, program),
         )
         sent: list[tuple[Frame, Wrong | None]] = []
         cut = None
@@ -199,9 +226,10 @@ def _run(ran: Ran, program: Program, random: Random) -> None:
         ran.run = verify_run(
             driver.intended,
             seen,
-            model=program.model(),
+            model=program.known(program.model()),
             silences=board.silences(driver),
             cut=cut,
+            **_tolerating(session),
         )
         latched = _latched(board.port_records)
         ran.intended = driver.intended
@@ -210,6 +238,19 @@ def _run(ran: Ran, program: Program, random: Random) -> None:
         wanted = _as_sent(session.frames[place], intended)
         came = latched.get((key.session, key.sequence, key.loop, key.index), [])
         ran.frames.append(Seen(wanted, verdict, came, sent[place][1]))
+
+
+def _compensating(ran: Ran, program: Program) -> dict[str, Any]:
+    """What the host is told of its elements: nothing, if that is what is wrong."""
+    told = program.calibration is not None and "uncompensated" not in ran.tags
+    return {"calibration": program.calibration} if told else {}
+
+
+def _tolerating(session: Session) -> dict[str, Any]:
+    if session.allowance is None:
+        return {}
+    allowed = {k: v for k, v in dataclasses.asdict(session.allowance).items() if v}
+    return {"tolerance": Tolerance(**allowed)}
 
 
 # --- board and host --------------------------------------------------------------------------
@@ -221,8 +262,11 @@ def _broken(
     """Return the faults of the board and the host's model: what is wrong for a whole session."""
     session = ran.session
     if session.group == "honest":
-        return [], program.model()
+        return [], program.model(temperature_c=session.temperature_c + session.host_warmer_c)
     how = str(random.choice(["frames", "air", "pitch", "fault"], p=[0.62, 0.1, 0.03, 0.25]))
+    if session.elements is not None and random.random() < 0.3:
+        how = "uncompensated"
+        ran.tags[how] = True
     ran.tags["how"] = how
     if how == "fault":
         ran.tags["fault"] = wrongs.fault_of(session.layout, random)
@@ -261,6 +305,8 @@ def _board(session: Session, program: Program, faults: list[str]) -> Iterator[_B
         "reconstruct": 1,
         "fault": faults,
     }
+    if program.calibration is not None:
+        options["calibration"] = program.calibration
     url = f"haptogram://?{urlencode(options, doseq=True)}"
     virtual: Any = serial.serial_for_url(url, timeout=0)
     with contextlib.closing(virtual) as port:

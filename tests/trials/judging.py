@@ -11,9 +11,10 @@ import numpy as np
 from haptogram.verification.verdict import WRONG, FrameStatus, FrameVerdict
 
 from . import truth
-from .cases import Session, Wanted, fresnel_number
+from .cases import Allowance, Session, Wanted, fresnel_number
 from .chain import Program, Ran, Seen
 from .truth import Complexes, Lie, Scene
+from .wrongs import Registers, moved
 
 #: Outcomes that must never be.
 BAD: Final = ("false pass", "false fail", "crash")
@@ -88,6 +89,8 @@ class Effect:
     rounding_mm, rounding_rad : float
         What rounding makes of the miss: in the directions that can be observed; of several foci,
         what it makes of the ideal drive.
+    tolerated_mm, tolerated : float
+        What a tolerance that was stated adds to that, and to the pressure.
     place_m : array or None
         Of one focus: where the waves arrive in phase.
     coherence : float
@@ -100,21 +103,24 @@ class Effect:
     allowed: float
     rounding_mm: float = 0.0
     rounding_rad: float = 0.0
+    tolerated_mm: float = 0.0
+    tolerated: float = 0.0
     scattered: float = 0.0
     place_m: truth.Floats | None = None
     coherence: float = 1.0
 
     def why_beyond(self, smallest_mm: float | None) -> str | None:
         """What exceeds what could be shown; None: nothing."""
-        if self.share > self.allowed + _NUMERICS:
-            return f"pressure off by {self.share:.3g}, rounding makes {self.allowed:.3g}"
-        if self.scattered > self.allowed + _NUMERICS:
-            return f"elements off by {self.scattered:.3g}, rounding makes {self.allowed:.3g}"
+        most = self.allowed + self.tolerated
+        if self.share > most + _NUMERICS:
+            return f"pressure off by {self.share:.3g}, rounding makes {most:.3g}"
+        if self.scattered > most + _NUMERICS:
+            return f"elements off by {self.scattered:.3g}, rounding makes {most:.3g}"
         if smallest_mm is None and self.place_m is None:
-            if self.miss_rad > max(_RADIANS, 2.0 * self.rounding_rad):
+            if self.miss_rad > max(_RADIANS, 2.0 * self.rounding_rad) and not self.tolerated_mm:
                 return f"peak off by {self.miss_rad:.3g} rad, no smallest miss printed"
             return None
-        least_mm = max(smallest_mm or 0.0, self.rounding_mm)
+        least_mm = max(smallest_mm or 0.0, self.rounding_mm) + self.tolerated_mm
         if self.miss_mm > least_mm + _PLACE_MM:
             return f"miss of {self.miss_mm:.4g} mm, smallest that shows {least_mm:.4g} mm"
         return None
@@ -143,7 +149,7 @@ def _kind(ran: Ran, seen: Seen | None) -> str:
         return seen.wrong.kind + (" (host)" if seen.wrong.of_host else " (line)")
     if "fault" in ran.tags:
         return str(ran.tags["fault"].split()[0])
-    for name in ("host air", "host pitch"):
+    for name in ("host air", "host pitch", "uncompensated"):
         if name in ran.tags:
             return name
     layout = ran.session.layout
@@ -151,6 +157,10 @@ def _kind(ran: Ran, seen: Seen | None) -> str:
     what = "several foci" if seen is not None and len(seen.wanted.foci) > 1 else "one focus"
     if seen is not None and seen.wanted.aperture != "full":
         what = f"aperture {seen.wanted.aperture}"
+    if ran.session.elements is not None:
+        what += ", calibrated"
+    if ran.session.allowance is not None:
+        what += ", tolerance"
     return f"{layout.kind}{size}{', posed' if layout.posed else ''}, {what}"
 
 
@@ -173,13 +183,11 @@ def _frame(ran: Ran, program: Program, place: int, seen: Seen) -> Trial:
         return _unseen(trial, verdict, session)
     scene = session.scene
     ideal = program.weights(seen.wanted)
-    actual = truth.weights_of(*seen.radiated[0])
     bits = session.wire_bits
-    lie = truth.lie_of(scene, np.abs(ideal), seen.wanted.targets_m[0], bits)
-    if len(seen.wanted.foci) == 1:
-        effect = _of_one(scene, seen, actual, ideal, lie, bits)
-    else:
-        effect = _of_several(scene, seen.wanted, actual, ideal, bits)
+    lie = truth.lie_of(scene, _heard(scene, ideal), seen.wanted.targets_m[0], bits)
+    effect = _effect(scene, seen.wanted, seen.radiated[0], ideal, lie, bits)
+    if session.allowance is not None:
+        _tolerate(effect, program, seen.wanted, ideal, lie, bits)
     untouched = np.array_equal(seen.radiated[0], _intended(seen, ran))
     _note(trial, verdict, effect, lie)
     trial.outcome = _outcome(trial, ran, seen, effect, lie, untouched=untouched)
@@ -205,7 +213,7 @@ def _unseen(trial: Trial, verdict: FrameVerdict, session: Session) -> Trial:
 
 def _intended(seen: Seen, ran: Ran) -> tuple[Any, Any] | None:
     """The registers of the frame, if nothing was made wrong in it or in the whole session."""
-    if seen.wrong is not None or {"host air", "host pitch"} & set(ran.tags):
+    if seen.wrong is not None or {"host air", "host pitch", "uncompensated"} & set(ran.tags):
         return None
     intended = next((i for i in ran.intended if i.key == seen.verdict.key), None)
     return None if intended is None else (
@@ -213,11 +221,53 @@ def _intended(seen: Seen, ran: Ran) -> tuple[Any, Any] | None:
     )  # fmt: skip
 
 
-def _of_one(
-    scene: Scene, seen: Seen, actual: Complexes, ideal: Complexes, lie: Lie, bits: int
+def _heard(scene: Scene, drive: Complexes) -> truth.Floats:
+    """How loud each element is."""
+    return np.abs(drive * scene.sensitivity)
+
+
+def _effect(
+    scene: Scene, wanted: Wanted, radiated: Registers, ideal: Complexes, lie: Lie, bits: int
 ) -> Effect:
-    target = seen.wanted.targets_m[0]
-    phases = seen.radiated[0][0] * (2.0 * math.pi / 256.0)
+    actual = truth.weights_of(*radiated)
+    if len(wanted.foci) > 1:
+        return _of_several(scene, wanted, actual, ideal, bits)
+    phases = radiated[0] * (2.0 * math.pi / 256.0)
+    return _of_one(scene, wanted, (phases, actual), ideal, lie, bits)
+
+
+def _tolerate(
+    effect: Effect, program: Program, wanted: Wanted, ideal: Complexes, lie: Lie, bits: int
+) -> None:
+    """Add to what is allowed what the tolerance itself does: other air, and a miss."""
+    session = program.session
+    allowance = session.allowance or Allowance()
+    kelvin = session.temperature_c + 273.15
+    degrees, miss_m = allowance.temperature_c, allowance.miss_mm * 1e-3
+    others = [program.weights(wanted, math.sqrt(1.0 + d / kelvin)) for d in (degrees, -degrees)]
+    if miss_m:
+        ways = [sign * miss_m * axis for axis in lie.axes for sign in (1.0, -1.0)]
+        others = [program.weights(moved(wanted, way)) for way in ways]
+    scene = session.scene
+    for other in others:
+        if len(wanted.foci) > 1:
+            its = _of_several(scene, wanted, other, ideal, bits)
+        else:
+            its = _of_one(scene, wanted, (np.angle(other), other), ideal, lie, bits)
+        effect.tolerated = max(effect.tolerated, its.share, its.scattered)
+        effect.tolerated_mm = max(effect.tolerated_mm, its.miss_mm, allowance.miss_mm)
+
+
+def _of_one(
+    scene: Scene,
+    wanted: Wanted,
+    drive: tuple[truth.Floats, Complexes],
+    ideal: Complexes,
+    lie: Lie,
+    bits: int,
+) -> Effect:
+    """The effect of a drive: its phases, those of silent elements too, and its weights."""
+    target, (phases, actual) = wanted.targets_m[0], drive
     found = truth.arrival(scene, phases, np.abs(ideal), target, lie)
     share = truth.shares(scene, actual, ideal, target[None])
     effect = Effect(
@@ -231,7 +281,7 @@ def _of_one(
     )
     if lie.flat.any():  # what is printed may be of fewer directions than those that were searched
         axes = lie.axes[~lie.flat]
-        effect.rounding_mm = truth.rounding_mm(scene, np.abs(ideal), target, bits, axes)
+        effect.rounding_mm = truth.rounding_mm(scene, _heard(scene, ideal), target, bits, axes)
     return effect
 
 
@@ -244,7 +294,7 @@ def _of_several(
     worst = int((change - allowed).argmax())
     effect = Effect(0.0, 0.0, float(change[worst]), float(allowed[worst]))
     for target in targets:
-        lie = truth.lie_of(scene, np.abs(ideal), target, bits)
+        lie = truth.lie_of(scene, _heard(scene, ideal), target, bits)
         right = truth.loudest(scene, ideal, target, lie)
         if _radians(lie, right - target) > _NO_PEAK_RAD:
             continue  # foci that merge: there is no peak of its own here, only a pressure
@@ -330,7 +380,7 @@ def _check_printed(
         return
     if effect.place_m is None:
         return
-    worst = truth.rounding_mm(scene, np.abs(ideal), seen.wanted.targets_m[0], bits)
+    worst = truth.rounding_mm(scene, _heard(scene, ideal), seen.wanted.targets_m[0], bits)
     trial.numbers["over_rounding"] = smallest / worst
     whole = verdict.bound_mm is not None and None not in verdict.bound_mm
     if whole and smallest > _SMALLEST_OVER_ROUNDING * worst:
@@ -366,7 +416,7 @@ def _check_silence(
     if trial.outcome != "not verified" or len(seen.wanted.foci) > 1:
         return
     fresnel, half = fresnel_number(
-        session.layout, np.abs(ideal), seen.wanted.targets_m[0], session.scene.wavenumber
+        session.layout, _heard(session.scene, ideal), seen.wanted.targets_m[0], session.scene.wavenumber
     )
     sides = session.layout.grid or (session.layout.count**0.5,) * 2
     if min(sides) >= _ELEMENTS and half >= 0.9 * _ELEMENTS / 2 and fresnel >= _FRESNEL:

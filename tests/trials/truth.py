@@ -297,8 +297,8 @@ def arrival(
     """Where |sum_n A_n e^{j(phi_n + k r_n(x))}| is largest around *target*."""
     used = amplitudes > 0
     near = Scene(scene.positions_m[used], scene.normals[used], scene.wavenumber)
-    share = amplitudes[used] / amplitudes[used].sum()
-    weights = share * np.exp(1j * phases_rad[used])
+    heard = amplitudes * scene.sensitivity
+    weights = (heard * turned(phases_rad))[used] / np.abs(heard[used]).sum()
 
     def score(points: Floats) -> Floats:
         arriving = turned(scene.wavenumber * near.distances(points))
@@ -348,7 +348,8 @@ def scattered(scene: Scene, drive: Complexes, ideal: Complexes, target: Floats) 
 
 def rounding_share(bits: int, ideal: Complexes) -> float:
     """What rounding can do to a pressure: of the phases, and half a step of the amplitudes."""
-    level = float(np.abs(ideal).mean())
+    driven = np.abs(ideal[ideal != 0.0])
+    level = float(driven.mean())
     return 1.0 - math.cos(math.pi / 2**bits) + 0.5 / 255.0 / max(level, 1e-6)
 
 

@@ -107,7 +107,8 @@ def _pitch(slip: Slip, random: Random) -> Wrong:
     return Wrong("pitch", slip.for_other(slip.wanted, pitch=1.0 + size), size, True)
 
 
-def _moved(wanted: Wanted, shift: Floats, which: int | None = None) -> Wanted:
+def moved(wanted: Wanted, shift: Floats, which: int | None = None) -> Wanted:
+    """*wanted* with its foci, or one of them, elsewhere; *shift* in metres."""
     return replace(
         wanted,
         foci=tuple(
@@ -122,7 +123,7 @@ def _moved(wanted: Wanted, shift: Floats, which: int | None = None) -> Wanted:
 def _shift(slip: Slip, random: Random) -> Wrong:
     """The host aims elsewhere."""
     size = _log_uniform(random, 1e-5, 0.1)
-    made = slip.for_other(_moved(slip.wanted, _direction(random) * size))
+    made = slip.for_other(moved(slip.wanted, _direction(random) * size))
     return Wrong("shifted target", made, size * 1e3, True, size)
 
 
@@ -160,7 +161,7 @@ def _one_moved(slip: Slip, random: Random) -> Wrong | None:
         return None
     size = _log_uniform(random, 1e-4, 0.05)
     which = int(random.integers(len(foci)))
-    other = _moved(slip.wanted, _direction(random) * size, which)
+    other = moved(slip.wanted, _direction(random) * size, which)
     return Wrong("focus moved", slip.for_other(other), size * 1e3, True)
 
 
@@ -385,7 +386,7 @@ def fault_of(layout: Layout, random: Random) -> str:
     """A fault of docs/faults.md that something may come of; mostly not before the first frame."""
     family = (_DEVICE, _DEVICE, _LINE, _CHUNK, _TIMING)[int(random.integers(5))]
     text = str(random.choice(np.array(family)))
-    chance = _log_uniform(random, 1e-4, 3e-3) if family is _LINE else random.uniform(0.1, 1.0)
+    chance = _log_uniform(random, 3e-4, 1e-2) if family is _LINE else random.uniform(0.1, 1.0)
     words = text.format(
         chance,
         int(random.choice([-2, -1, 1, 3])),
@@ -419,9 +420,9 @@ def other_foci(session: Session, wanted: Wanted, random: Random) -> tuple[str, W
     size = _log_uniform(random, 2e-6, 0.02)
     match kind:
         case "shifted target":
-            return kind, _moved(wanted, _direction(random) * size), size * 1e3
+            return kind, moved(wanted, _direction(random) * size), size * 1e3
         case "focus moved":
-            return kind, _moved(wanted, _direction(random) * size, which), size * 1e3
+            return kind, moved(wanted, _direction(random) * size, which), size * 1e3
         case "focus missing":
             rest = tuple(focus for place, focus in enumerate(wanted.foci) if place != which)
             return kind, replace(wanted, foci=rest), 1.0
