@@ -59,7 +59,8 @@ class Seen:
     ----------
     wanted : Wanted
         With its foci as the wire has them, where the board makes the drive.
-    verdict : FrameVerdict
+    verdict : FrameVerdict or str
+        The error that the judge raised, in place of its verdict.
     radiated : list of Registers
         Of every latch, in the order in which they were.
     wrong : Wrong or None
@@ -67,7 +68,7 @@ class Seen:
     """
 
     wanted: Wanted
-    verdict: FrameVerdict
+    verdict: FrameVerdict | str
     radiated: list[Registers]
     wrong: Wrong | None = None
 
@@ -223,21 +224,39 @@ def _run(ran: Ran, program: Program, random: Random) -> None:
             with contextlib.suppress(LinkError):
                 driver.close()
         seen = board.observations(driver)
-        ran.run = verify_run(
-            driver.intended,
-            seen,
-            model=program.known(program.model()),
-            silences=board.silences(driver),
-            cut=cut,
+        told = {
+            "model": program.known(program.model()),
+            "silences": board.silences(driver),
+            "cut": cut,
             **_tolerating(session),
-        )
+        }
+        verdicts = _verdicts(ran, list(driver.intended), seen, told)
         latched = _latched(board.port_records)
-        ran.intended = driver.intended
-    for place, (intended, verdict) in enumerate(zip(driver.intended, ran.run.frames, strict=True)):
+        ran.intended = list(driver.intended)
+    for place, (intended, verdict) in enumerate(zip(ran.intended, verdicts, strict=True)):
         key = intended.key
         wanted = _as_sent(session.frames[place], intended)
         came = latched.get((key.session, key.sequence, key.loop, key.index), [])
         ran.frames.append(Seen(wanted, verdict, came, sent[place][1]))
+
+
+def _verdicts(
+    ran: Ran,
+    intended: list[records.Intended],
+    seen: list[records.Observation],
+    told: dict[str, Any],
+) -> list[FrameVerdict | str]:
+    """The verdict of every frame; if the judge fails over them, of each one by itself."""
+    with contextlib.suppress(Exception):
+        ran.run = verify_run(intended, seen, **told)
+        return list(ran.run.frames)
+    verdicts: list[FrameVerdict | str] = []
+    for frame in intended:
+        try:
+            verdicts += verify_run([frame], seen, **told).frames
+        except Exception as error:
+            verdicts.append(f"{type(error).__name__}: {error} [{_where(error)}]")
+    return verdicts
 
 
 def _compensating(ran: Ran, program: Program) -> dict[str, Any]:

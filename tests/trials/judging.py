@@ -168,7 +168,7 @@ def _judge_run(ran: Ran, trials: list[Trial]) -> None:
     """The verdict of the whole run must follow from those of its frames."""
     if ran.run is None:
         return
-    failed = any(seen.verdict.status in WRONG for seen in ran.frames)
+    failed = any(frame.status in WRONG for frame in ran.run.frames)
     if failed != (str(ran.run.verdict) == "fail") and not ran.run.unexpected:
         trials[0].findings.append(f"run is {ran.run.verdict}, though frames say otherwise")
 
@@ -178,6 +178,8 @@ def _judge_run(ran: Ran, trials: list[Trial]) -> None:
 
 def _frame(ran: Ran, program: Program, place: int, seen: Seen) -> Trial:
     session, verdict = ran.session, seen.verdict
+    if isinstance(verdict, str):
+        return Trial(_case(session, place), _kind(ran, seen), "crash", "-", [verdict])
     trial = Trial(_case(session, place), _kind(ran, seen), "", str(verdict.status))
     if not seen.radiated:
         return _unseen(trial, verdict, session)
