@@ -16,8 +16,7 @@ import signal
 import sys
 import traceback
 import warnings
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 from pathlib import Path
@@ -28,18 +27,13 @@ from tqdm import tqdm
 from . import cases, chain, judging
 from .cases import Group
 from .judging import BAD, Trial
+from .results import GROUPS, Line, counted, document, findings, is_good, summary, table, told
 
-GROUPS: Final[tuple[Group, ...]] = ("honest", "wrong")
-#: Of the frames that show everything: how many may stay unverified, as a share.
-MOST_SILENT: Final = 0.02
 _VERSION: Final = 1
 _AHEAD: Final = 3  # sessions that wait for each process
 _SEEDS: Final = 1_000_000  # of sessions, for each seed of a campaign
 _CASE: Final = re.compile(r"(honest|wrong):(\d+):(\d+)")
-_NUMBER: Final = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 INTERRUPTED: Final = 130
-
-Line = dict[str, Any]  # one session: group, seed, trials
 
 
 # --- one session -----------------------------------------------------------------------------
@@ -47,10 +41,11 @@ Line = dict[str, Any]  # one session: group, seed, trials
 
 def trials_of(group: Group, seed: int) -> list[Trial]:
     """Run one session and judge its frames; an error of these trials is a crash as well."""
-    warnings.simplefilter("error")
     session = chain.session_of(group, seed)
     try:
-        return judging.judged(*chain.run_session(session))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            return judging.judged(*chain.run_session(session))
     except Exception:
         last = traceback.format_exc().strip().splitlines()
         why = f"{last[-1]} [{' '.join(last[-3].split())}]"
@@ -129,11 +124,6 @@ def _whole_lines(path: Path) -> list[Line]:
 # --- many ------------------------------------------------------------------------------------
 
 
-def counted(trial: Line) -> bool:
-    """Whether it is one of those that were asked for: a frame that a fault left alone is not."""
-    return trial["case"].startswith("honest") or trial["outcome"] not in ("passed", "stopped")
-
-
 def first_seed(seed: int) -> int:
     return seed * _SEEDS
 
@@ -198,122 +188,6 @@ def _tell(bar: tqdm[Any], line: Line) -> None:
             bar.write(told(trial))
 
 
-def told(trial: Line) -> str:
-    why = "; ".join(trial["findings"])
-    return f"{trial['outcome']}: {trial['kind']}: {why}    ci/trials --case {trial['case']}"
-
-
-# --- what came of them -----------------------------------------------------------------------
-
-_COLUMNS: Final = {
-    "passed": ("passed",),
-    "caught": ("caught",),
-    "below: passed": ("below, passed",),
-    "below: failed": ("below, failed",),
-    "not verified": ("not verified",),
-    "lost": ("lost", "stopped"),
-    "false pass": ("false pass",),
-    "false fail": ("false fail",),
-    "crash": ("crash",),
-}
-
-
-def table(trials: Iterable[Line]) -> str:
-    """A row per kind of case, in Markdown."""
-    rows: dict[str, Counter[str]] = defaultdict(Counter)
-    for trial in trials:
-        rows[trial["kind"]][trial["outcome"]] += 1
-    head = ["case", "trials", *_COLUMNS]
-    body = [_row(kind, rows[kind]) for kind in sorted(rows)]
-    body.append(_row("**all**", sum(rows.values(), Counter())))
-    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *body]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
-
-
-def _row(kind: str, counts: Counter[str]) -> list[str]:
-    cells = [sum(counts[name] for name in names) for names in _COLUMNS.values()]
-    return [kind, str(sum(counts.values())), *(str(cell) if cell else "" for cell in cells)]
-
-
-def summary(group: Group, trials: list[Line]) -> list[str]:
-    """What a group came to, and what that means."""
-    count = Counter(trial["outcome"] for trial in trials)
-    n = sum(counted(trial) for trial in trials)
-    bad = {name: count[name] for name in BAD}
-    lines = [f"{group}: {n} trials: " + ", ".join(f"{many} x {name}" for name, many in bad.items())]
-    if n and not any(bad.values()):
-        lines.append(f"0 of {n}: with 95 % confidence below {100 * 3 / n:.2g} % of such cases")
-    if group == "honest" and n:
-        lines += _silence(trials)
-    return lines
-
-
-def silent(trials: list[Line]) -> list[Line]:
-    """Honest frames that were not verified although the array can show everything."""
-    return [t for t in trials if t["outcome"] == "not verified" and t["numbers"].get("observable")]
-
-
-def _silence(trials: list[Line]) -> list[str]:
-    unverified = [trial for trial in trials if trial["outcome"] == "not verified"]
-    share = len(silent(trials)) / len(trials)
-    lines = [
-        f"not verified: {len(unverified)}, of them {len(silent(trials))} ({100 * share:.2g} %) "
-        "although every direction can be observed"
-    ]
-    reasons = Counter(_NUMBER.sub("#", str(t["numbers"].get("note"))) for t in unverified)
-    return lines + [f"  {many} x {reason}" for reason, many in reasons.most_common()]
-
-
-def findings(trials: Iterable[Line], shown: int) -> list[str]:
-    """Every kind of finding, how often, and the first of them with what replays it."""
-    found: dict[str, list[tuple[str, str]]] = defaultdict(list)
-    for trial in trials:
-        for text in trial["findings"]:
-            kind = f"[{trial['outcome']}] " + _NUMBER.sub("#", text)
-            found[kind].append((text, trial["case"]))
-    lines = []
-    for kind, them in sorted(found.items(), key=lambda item: -len(item[1])):
-        lines.append(f"{len(them)} x {kind}")
-        lines += [f"    {text}    ci/trials --case {case}" for text, case in them[:shown]]
-    return lines
-
-
-def is_good(trials: dict[Group, list[Line]]) -> bool:
-    """Whether nothing was wrong, and nothing was silent that should have spoken."""
-    everything = [trial for group in GROUPS for trial in trials[group]]
-    if any(trial["outcome"] in BAD for trial in everything):
-        return False
-    if any(text.startswith("silent") for trial in everything for text in trial["findings"]):
-        return False
-    honest = trials["honest"]
-    return len(silent(honest)) <= MOST_SILENT * len(honest)
-
-
-def document(seed: int, trials: dict[Group, list[Line]]) -> str:
-    """The page of the documentation."""
-    parts = [_PAGE_HEAD.format(seed=seed)]
-    for group in GROUPS:
-        parts += [f"## {_TITLES[group]}", "", table(trials[group]), ""]
-        parts += [f"- {line}" for line in summary(group, trials[group]) if line[0] != " "]
-        parts.append("")
-    return "\n".join(parts)
-
-
-_TITLES: Final = {"honest": "Correct drives", "wrong": "Wrong drives and faults"}
-_PAGE_HEAD: Final = """\
-# Is the verdict ever wrong?
-
-Written by `ci/trials --seed {seed}`. Every trial is one frame that goes from the driver over bytes to the virtual board, is latched, and
-is judged. Beside it stands a truth that shares no code with the program: a field of its own, and a dense search for the place where the waves arrive
-in phase, for the peaks next to several foci, and for the pressure at every target.
-
-A *false pass* is a frame that is on target although its effect exceeds what the verdict says that it would have shown: a miss beyond the
-smallest miss that was printed, or a pressure that is further off than rounding of phases and amplitudes can make it. A *false fail* is a
-correct frame that fails. *Below* are wrong drives whose effect is smaller than that, passed or failed. *Lost* are frames that a fault kept from
-being latched, or that were never sent because the fault ended the run. *Passed* among the wrong ones are frames that the fault left alone.
-"""
-
-
 # --- the command -----------------------------------------------------------------------------
 
 
@@ -330,29 +204,29 @@ def main(arguments: list[str] | None = None) -> int:
             run(book, options.seed, wanted, options.jobs, bar)
     except KeyboardInterrupt:
         where = "" if options.resume is None else f"; go on with --resume {options.resume}"
-        print(f"ci/trials: interrupted{where}", file=sys.stderr)
+        sys.stderr.write(f"ci/trials: interrupted{where}\n")
         return INTERRUPTED
     finally:
         book.close()
-    trials = {g: _trials(sessions(book, g, options.seed, wanted[g])[0]) for g in GROUPS}
+    trials = {g: trials_in(sessions(book, g, options.seed, wanted[g])[0]) for g in GROUPS}
     _report(trials, options.show)
     if options.table is not None:
         options.table.write_text(document(options.seed, trials), encoding="utf-8")
     return 0 if is_good(trials) else 1
 
 
-def _trials(lines: list[Line]) -> list[Line]:
+def trials_in(lines: list[Line]) -> list[Line]:
     return [trial for line in lines for trial in line["trials"]]
 
 
 def _report(trials: dict[Group, list[Line]], shown: int) -> None:
     for group in GROUPS:
-        print(f"\n{table(trials[group])}\n")
-        print("\n".join(summary(group, trials[group])))
+        _say(f"\n{table(trials[group])}\n")
+        _say("\n".join(summary(group, trials[group])))
     everything = [trial for group in GROUPS for trial in trials[group]]
     if lines := findings(everything, shown):
-        print("\nfindings:")
-        print("\n".join(lines))
+        _say("\nfindings:")
+        _say("\n".join(lines))
 
 
 def replay(case: str) -> int:
@@ -366,16 +240,22 @@ def replay(case: str) -> int:
     place = int(match[3])
     trial = judging.judged(ran, program)[place]
     layout = session.layout
-    print(f"array      {layout.name}, {layout.count} elements, pitch {layout.pitch_m * 1e3:g} mm")
-    print(f"session    {session.mode}, {session.bits} bits, {session.temperature_c:.3f} C, {ran.tags}")
-    print(f"wanted     {session.frames[place]}")
+    _say(f"array      {layout.name}, {layout.count} elements, pitch {layout.pitch_m * 1e3:g} mm")
+    _say(f"session    {session.mode}, {session.bits} bits, {session.temperature_c:.3f} C")
+    _say(f"           {ran.tags}, {session.allowance}, warmer by {session.host_warmer_c:.3g} C")
+    _say(f"wanted     {session.frames[place]}")
     if place < len(ran.frames):
         seen = ran.frames[place]
-        print(f"wrong      {None if seen.wrong is None else dataclasses.replace(seen.wrong, registers=())}")
-        print(f"verdict    {seen.verdict}")
-    print(f"truth      {trial.numbers}")
-    print(f"outcome    {trial.outcome}: {'; '.join(trial.findings) or 'nothing to say'}")
+        if seen.wrong is not None:
+            _say(f"wrong      {seen.wrong.kind}, {seen.wrong.size:.6g}")
+        _say(f"verdict    {seen.verdict}")
+    _say(f"truth      {trial.numbers}")
+    _say(f"outcome    {trial.outcome}: {'; '.join(trial.findings) or 'nothing to say'}")
     return 1 if trial.outcome in BAD else 0
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -325,8 +325,8 @@ def _posed(random: Random, layout: Layout, seed: int) -> Layout:
     if how == "not":
         return layout
     angle = random.uniform(0.0, 0.35) if how == "tilted" else random.uniform(0.0, math.pi)
-    turn = _rotation(_direction(random), angle)
-    shift = _direction(random) * random.uniform(0.0, 0.3)
+    turn = rotation(direction(random), angle)
+    shift = direction(random) * random.uniform(0.0, 0.3)
     if random.random() < 0.2:
         turn = np.eye(3)  # moved only
 
@@ -346,13 +346,13 @@ def _posed(random: Random, layout: Layout, seed: int) -> Layout:
     )
 
 
-def _direction(random: Random) -> Floats:
+def direction(random: Random) -> Floats:
     vector = random.normal(size=3)
     unit: Floats = vector / np.linalg.norm(vector)
     return unit
 
 
-def _rotation(axis: Floats, angle_rad: float) -> Floats:
+def rotation(axis: Floats, angle_rad: float) -> Floats:
     """Rodrigues: the matrix that turns by an angle around a unit vector."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -369,14 +369,14 @@ def _wanted(random: Random, layout: Layout, mode: str, solver: str, *, one: bool
     if mode in ("drives", "points") and random.random() < 0.4:
         level = float(random.uniform(0.3, 1.0))
     target = _target(random, layout)
-    focus = Focus(_tuple(target), level)
+    focus = Focus(triple(target), level)
     if mode != "drives" or random.random() < 0.25:
         return Wanted((focus,))
     aperture = str(random.choice(APERTURES))
-    return Wanted((Focus(_tuple(target)),), aperture, _aperture(random, layout, aperture))
+    return Wanted((Focus(triple(target)),), aperture, _aperture(random, layout, aperture))
 
 
-def _tuple(point: Floats) -> tuple[float, float, float]:
+def triple(point: Floats) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in point)
     return x, y, z
 
@@ -386,7 +386,7 @@ def _target(random: Random, layout: Layout) -> Floats:
     while True:
         if layout.focus_m is not None and random.random() < 0.7:
             radius = float(np.linalg.norm(layout.focus_m - layout.centre_m))
-            point = layout.focus_m + _direction(random) * radius * random.uniform(0.0, 0.4)
+            point = layout.focus_m + direction(random) * radius * random.uniform(0.0, 0.4)
         else:
             distance = math.exp(random.uniform(math.log(0.03), math.log(0.6)))
             polar = 0.0 if random.random() < 0.1 else random.uniform(0.0, _STEEPEST_RAD)
@@ -423,7 +423,7 @@ def _several(random: Random, layout: Layout, mode: str, solver: str) -> tuple[Fo
     apart = math.exp(random.uniform(math.log(2e-3), math.log(0.06)))
     while True:
         middle = _target(random, layout)
-        points = [middle + _direction(random) * apart * random.uniform(0.5, 1.5) * (n > 0)
+        points = [middle + direction(random) * apart * random.uniform(0.5, 1.5) * (n > 0)
                   for n in range(count)]  # fmt: skip
         if all(_in_reach(layout, point) for point in points):
             break
@@ -434,7 +434,7 @@ def _several(random: Random, layout: Layout, mode: str, solver: str) -> tuple[Fo
         levels = levels / count  # what no element can follow is cut, which is another drive
     lags = random.uniform(0.0, 2.0 * math.pi, count) if solver == "naive" else np.zeros(count)
     return tuple(
-        Focus(_tuple(point), float(level), float(lag))
+        Focus(triple(point), float(level), float(lag))
         for point, level, lag in zip(points, levels, lags, strict=True)
     )
 

@@ -275,9 +275,7 @@ def _tolerating(session: Session) -> dict[str, Any]:
 # --- board and host --------------------------------------------------------------------------
 
 
-def _broken(
-    ran: Ran, program: Program, random: Random
-) -> tuple[list[str], AcousticModel]:
+def _broken(ran: Ran, program: Program, random: Random) -> tuple[list[str], AcousticModel]:
     """Return the faults of the board and the host's model: what is wrong for a whole session."""
     session = ran.session
     if session.group == "honest":
@@ -404,7 +402,9 @@ def _sent(
         if session.mode == "points":
             sent.append(_other_points(driver, session, frame, wanted, random))
             continue
-        slip = Slip(session, wanted, _registers(frame), _registers(right[place - 1]), program.weights)
+        slip = Slip(
+            session, wanted, _registers(frame), _registers(right[place - 1]), program.weights
+        )
         try:
             wrong = wrongs.wrong_with(slip, random)
         except ConfigurationError:  # a solver refuses foci out of reach: this frame stays right
@@ -423,7 +423,7 @@ def _other_points(
     driver: Driver, session: Session, frame: Frame, wanted: Wanted, random: Random
 ) -> tuple[Frame, Wrong | None]:
     """The same frame, as far as the host knows, with other points in its message."""
-    kind, other, size = wrongs.other_foci(session, wanted, random)
+    kind, other, size = wrongs.other_foci(wanted, random)
     try:
         made = _made(driver, session, other)
     except ConfigurationError:

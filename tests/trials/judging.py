@@ -410,15 +410,16 @@ def _check_null(trial: Trial, verdict: FrameVerdict, lie: Lie) -> None:
         trial.findings.append(f"lateral error {verdict.lateral_error_mm:.3g} mm, not observable")
 
 
-def _check_silence(
-    trial: Trial, session: Session, seen: Seen, ideal: Complexes, lie: Lie
-) -> None:
+def _check_silence(trial: Trial, session: Session, seen: Seen, ideal: Complexes, lie: Lie) -> None:
     """Where an array can show everything, and well, nothing may stay unverified."""
     trial.numbers["observable"] = not lie.flat.any()
     if trial.outcome != "not verified" or len(seen.wanted.foci) > 1:
         return
     fresnel, half = fresnel_number(
-        session.layout, _heard(session.scene, ideal), seen.wanted.targets_m[0], session.scene.wavenumber
+        session.layout,
+        _heard(session.scene, ideal),
+        seen.wanted.targets_m[0],
+        session.scene.wavenumber,
     )
     sides = session.layout.grid or (session.layout.count**0.5,) * 2
     if min(sides) >= _ELEMENTS and half >= 0.9 * _ELEMENTS / 2 and fresnel >= _FRESNEL:

@@ -1,8 +1,8 @@
 """The truth of a trial: a field and a dense search that share nothing with the program.
 
-p(x) = sum_n w_n g_n sqrt(2) P1 D(theta_n) e^{(jk - alpha) r_n} / r_n, a peak phasor in pascals, time
-factor e^{-jwt}; w_n = A_n e^{+j phi_n}, a positive phi_n is a lag. Places are found on grids, ever
-finer, by looking at values alone: no slope, no fit, no start but the target.
+p(x) = sum_n w_n g_n sqrt(2) P1 D(theta_n) e^{(jk - alpha) r_n} / r_n, a peak phasor in pascals,
+time factor e^{-jwt}; w_n = A_n e^{+j phi_n}, a positive phi_n is a lag. Places are found on grids,
+ever finer, by looking at values alone: no slope, no fit, no start but the target.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ _WINDOW_RAD: Final = 2.0
 _NEXT_RAD: Final = 0.4
 _FINEST_RAD: Final = 1e-4
 _MOST_ROUNDS: Final = 400
+_MOST_AGAIN: Final = 8
+_AGAIN_RAD: Final = 0.02
 #: The furthest that one unit of the search goes, as a share of the distance from the array.
 _LONGEST_UNIT: Final = 0.25
 _TURN: Final = 2.0 * math.pi
@@ -212,20 +214,40 @@ def highest(
     lie: Lie,
     allowed: Callable[[Floats], NDArray[np.bool_]],
     window_rad: float = _WINDOW_RAD,
+    again: Callable[[Floats], Floats] | None = None,
 ) -> Floats:
     """The place of the highest score around *start*: the best of a grid, then ever finer grids.
 
     A grid that has its best place at its edge is moved before it is refined. Axes that are flat
-    are not searched.
+    are not searched. *again* gives (3, 3) steps at a place that was found, to look from there.
     """
     seen = np.flatnonzero(~lie.flat)
     if not len(seen):
         return start.copy()
     steps = lie.axes[seen] * lie.units_m[seen, None]
     coarse = _cube(len(seen), 5) * (window_rad / 2.0)
-    fine = _cube(len(seen), 3)
     place = _best(score, start + coarse @ steps, allowed)
-    size = window_rad / 4.0
+    place = _refined(score, place, steps, allowed, window_rad / 4.0)
+    if again is None:
+        return place
+    for _ in range(_MOST_AGAIN):  # a ridge that is not along the axes holds a grid up: turn it
+        before, steps = place, again(place)[seen]
+        place = _refined(score, before, steps, allowed, _AGAIN_RAD)
+        way = np.linalg.lstsq(steps.T, place - before, rcond=None)[0]
+        if np.abs(way).max() < 2.0 * _FINEST_RAD:
+            break
+    return place
+
+
+def _refined(
+    score: Callable[[Floats], Floats],
+    place: Floats,
+    steps: Floats,
+    allowed: Callable[[Floats], NDArray[np.bool_]],
+    size: float,
+) -> Floats:
+    """Move and refine a grid of 3 places per side until it is as fine as can be."""
+    fine = _cube(len(steps), 3)
     for _ in range(_MOST_ROUNDS):
         candidates = place + size * fine @ steps  # the first one is the place itself
         better = _best(score, candidates, allowed)
@@ -304,7 +326,11 @@ def arrival(
         arriving = turned(scene.wavenumber * near.distances(points))
         return np.abs(arriving @ weights)
 
-    place = highest(score, target, lie, _in_front(near, lie, target))
+    def steps_at(place: Floats) -> Floats:
+        there = lie_of(near, np.abs(weights), place, 8)
+        return there.axes * there.units_m[:, None]
+
+    place = highest(score, target, lie, _in_front(near, lie, target), again=steps_at)
     both = score(np.stack([place, target]))
     return Arrival(place, place - target, float(both[0]), float(both[1]))
 

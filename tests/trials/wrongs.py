@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import truth
-from .cases import Focus, Layout, Random, Session, Wanted, _direction, _tuple
+from .cases import Focus, Layout, Random, Session, Wanted, direction, triple
 from .truth import Complexes, Floats
 
 Codes = NDArray[np.uint8]
@@ -112,7 +112,7 @@ def moved(wanted: Wanted, shift: Floats, which: int | None = None) -> Wanted:
     return replace(
         wanted,
         foci=tuple(
-            replace(focus, place_m=_tuple(np.array(focus.place_m) + shift))
+            replace(focus, place_m=triple(np.array(focus.place_m) + shift))
             if which in (None, place)
             else focus
             for place, focus in enumerate(wanted.foci)
@@ -123,7 +123,7 @@ def moved(wanted: Wanted, shift: Floats, which: int | None = None) -> Wanted:
 def _shift(slip: Slip, random: Random) -> Wrong:
     """The host aims elsewhere."""
     size = _log_uniform(random, 1e-5, 0.1)
-    made = slip.for_other(moved(slip.wanted, _direction(random) * size))
+    made = slip.for_other(moved(slip.wanted, direction(random) * size))
     return Wrong("shifted target", made, size * 1e3, True, size)
 
 
@@ -136,7 +136,7 @@ def _turn(slip: Slip, random: Random) -> Wrong:
 
     def spun(focus: Focus) -> Focus:
         local = (np.array(focus.place_m) - centre) @ frame.T
-        return replace(focus, place_m=_tuple(centre + (spin @ local) @ frame))
+        return replace(focus, place_m=triple(centre + (spin @ local) @ frame))
 
     other = replace(slip.wanted, foci=tuple(spun(focus) for focus in slip.wanted.foci))
     away = float(np.linalg.norm(other.targets_m - slip.wanted.targets_m, axis=1).max())
@@ -161,7 +161,7 @@ def _one_moved(slip: Slip, random: Random) -> Wrong | None:
         return None
     size = _log_uniform(random, 1e-4, 0.05)
     which = int(random.integers(len(foci)))
-    other = moved(slip.wanted, _direction(random) * size, which)
+    other = moved(slip.wanted, direction(random) * size, which)
     return Wrong("focus moved", slip.for_other(other), size * 1e3, True)
 
 
@@ -368,7 +368,8 @@ _CHUNK: Final = (
     "line.duplicate p={:.2g}", "line.truncate p={:.2g}", "line.overrun p={:.2g} bytes=40",
     "line.break p={:.2g}", "frame.crc p={:.2g}", "frame.length p={:.2g} bytes={}",
     "frame.sequence p={:.2g} by={}", "frame.session p={:.2g}", "frame.flags p={:.2g}",
-    "frame.type p={:.2g} type={type}", "frame.past p={:.2g} us={us}", "frame.future p={:.2g} us={us}",
+    "frame.type p={:.2g} type={type}", "frame.past p={:.2g} us={us}",
+    "frame.future p={:.2g} us={us}",
 )  # fmt: skip
 _TIMING: Final = (
     "line.delay us={us} jitter_us={us}", "line.slice bytes=16 gap_us=300", "line.coalesce us={us}",
@@ -412,7 +413,7 @@ def _place(layout: Layout, random: Random) -> str:
     return f"transducer={random.integers(layout.count)}"
 
 
-def other_foci(session: Session, wanted: Wanted, random: Random) -> tuple[str, Wanted, float]:
+def other_foci(wanted: Wanted, random: Random) -> tuple[str, Wanted, float]:
     """For a board that computes the drive itself: other foci than those that are wanted."""
     kinds = ["shifted target", "focus moved", "focus missing", "focus weakened"]
     kind = str(random.choice(kinds if len(wanted.foci) > 1 else kinds[:1]))
@@ -420,9 +421,9 @@ def other_foci(session: Session, wanted: Wanted, random: Random) -> tuple[str, W
     size = _log_uniform(random, 2e-6, 0.02)
     match kind:
         case "shifted target":
-            return kind, moved(wanted, _direction(random) * size), size * 1e3
+            return kind, moved(wanted, direction(random) * size), size * 1e3
         case "focus moved":
-            return kind, moved(wanted, _direction(random) * size, which), size * 1e3
+            return kind, moved(wanted, direction(random) * size, which), size * 1e3
         case "focus missing":
             rest = tuple(focus for place, focus in enumerate(wanted.foci) if place != which)
             return kind, replace(wanted, foci=rest), 1.0
