@@ -18,6 +18,7 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice, zip_longest
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
@@ -169,22 +170,29 @@ def _leave_interrupts_alone() -> None:
 def _missing(
     book: Book, seed: int, wanted: dict[Group, int], ahead: int, running: set[tuple[Group, int]]
 ) -> Iterator[tuple[Group, int]]:
-    """The next sessions to run, as long as a group has not what is wanted of it."""
-    room = ahead - len(running)
-    for group in GROUPS:
-        _, trials, at = sessions(book, group, seed, wanted[group])
-        while trials < wanted[group] and room > 0 and at < first_seed(seed + 1):
-            if book.get(group, at) is None and (group, at) not in running:
-                room -= 1
-                yield group, at
-            trials += cases.FRAMES  # about so many will come of those that run
-            at += 1
+    """The next sessions to run, of both groups in turn, up to what is wanted of each."""
+    queues = [_missing_of(book, group, seed, wanted[group], running) for group in GROUPS]
+    in_turn = (job for jobs in zip_longest(*queues) for job in jobs if job is not None)
+    return islice(in_turn, max(0, ahead - len(running)))
+
+
+def _missing_of(
+    book: Book, group: Group, seed: int, wanted: int, running: set[tuple[Group, int]]
+) -> Iterator[tuple[Group, int]]:
+    _, trials, at = sessions(book, group, seed, wanted)
+    while trials < wanted and at < first_seed(seed + 1):
+        if book.get(group, at) is None and (group, at) not in running:
+            yield group, at
+        trials += cases.FRAMES  # about so many will come of those that run
+        at += 1
 
 
 def _tell(bar: tqdm[Any], line: Line) -> None:
     bar.update(sum(counted(trial) for trial in line["trials"]))
-    for trial in line["trials"]:
-        if trial["outcome"] in BAD:
+    said = set()
+    for trial in line["trials"]:  # a session that was refused is told once, not for every frame
+        if trial["outcome"] in BAD and str(trial["findings"]) not in said:
+            said.add(str(trial["findings"]))
             bar.write(told(trial))
 
 

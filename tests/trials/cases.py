@@ -16,7 +16,7 @@ from .truth import Complexes, Floats, Scene
 Group = Literal["honest", "wrong"]
 Random = np.random.Generator
 
-FRAMES: Final = 8  # of one session: what opening it costs is shared
+FRAMES: Final = 12  # of one session: what opening it costs is shared
 SOLVERS: Final = ("naive", "ibp", "gs", "wgs", "gspat")
 MODES: Final = ("phases", "drives", "points", "sequence")
 APERTURES: Final = ("full", "half", "centre", "ring", "random", "gaussian", "cosine")

@@ -393,7 +393,9 @@ def _check_printed(
     if whole and effect.coherence > 0.9:
         apart = float(np.linalg.norm(np.array(verdict.measured_m) - effect.place_m) * 1e3)
         trial.numbers["apart_of_smallest"] = apart / smallest
-        if apart > _PLACE_SHARE * smallest + _PLACE_MM:
+        # Of a taper, a fit may count every element alike, and is as far off as rounding makes it.
+        share = _PLACE_SHARE if len(set(np.abs(ideal[ideal != 0.0]).round(3))) == 1 else 1.0
+        if apart > share * smallest + _PLACE_MM:
             trial.findings.append(
                 f"place is {apart:.4g} mm from the true one, smallest miss {smallest:.4g} mm"
             )
