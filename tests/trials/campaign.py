@@ -206,6 +206,8 @@ def main(arguments: list[str] | None = None) -> int:
         return replay(options.case)
     wanted: dict[Group, int] = {"honest": options.honest, "wrong": options.wrong}
     book = Book(options.resume, options.seed)
+    for number in (signal.SIGINT, signal.SIGTERM):  # a shell may have told us to ignore them
+        signal.signal(number, signal.default_int_handler)
     there = sum(min(sessions(book, g, options.seed, wanted[g])[1], wanted[g]) for g in GROUPS)
     try:
         with tqdm(total=sum(wanted.values()), initial=there, unit="trial", smoothing=0.05) as bar:

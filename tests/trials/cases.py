@@ -259,6 +259,8 @@ def _layout(random: Random, seed: int) -> Layout:
 def _sides(random: Random, *, line: bool) -> tuple[int, int]:
     if line:
         sides = [1, int(random.integers(1, 21))]
+    elif random.random() < 0.12:
+        sides = [int(side) for side in random.integers(1, 5, 2)]
     elif random.random() < 0.25:
         side = int(random.integers(2, 21))
         sides = [side, side]
