@@ -1,0 +1,297 @@
+"""Thousands of trials: in parallel, to be gone on with, and what they came to.
+
+::
+
+    ci/trials --honest 10000 --wrong 10000 --resume out/trials.jsonl --table docs/trials.md
+    ci/trials --case wrong:17:3
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import re
+import signal
+import sys
+import traceback
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice, zip_longest
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final
+
+from tqdm import tqdm
+
+from . import cases, chain, judging
+from .cases import Group
+from .judging import BAD, Trial
+from .results import GROUPS, Line, counted, document, findings, is_good, summary, table, told
+
+_VERSION: Final = 1
+_AHEAD: Final = 3  # sessions that wait for each process
+_SEEDS: Final = 1_000_000  # of sessions, for each seed of a campaign
+_CASE: Final = re.compile(r"(honest|wrong):(\d+):(\d+)")
+INTERRUPTED: Final = 130
+
+
+# --- one session -----------------------------------------------------------------------------
+
+
+def trials_of(group: Group, seed: int) -> list[Trial]:
+    """Run one session and judge its frames; an error of these trials is a crash as well."""
+    session = chain.session_of(group, seed)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            return judging.judged(*chain.run_session(session))
+    except Exception:
+        last = traceback.format_exc().strip().splitlines()
+        why = f"{last[-1]} [{' '.join(last[-3].split())}]"
+        return [
+            Trial(f"{group}:{seed}:{place}", "the trials themselves", "crash", "-", [why])
+            for place in range(len(session.frames))
+        ]
+
+
+def line_of(job: tuple[Group, int]) -> Line:
+    group, seed = job
+    return {
+        "group": group,
+        "seed": seed,
+        "trials": [dataclasses.asdict(trial) for trial in trials_of(group, seed)],
+    }
+
+
+# --- the file --------------------------------------------------------------------------------
+
+
+class Book:
+    """The sessions that were run, in memory and in a file that can be gone on with.
+
+    Raises
+    ------
+    SystemExit
+        If the file is of other trials.
+    """
+
+    def __init__(self, path: Path | None, seed: int) -> None:
+        self._path = path
+        self._done: dict[tuple[Group, int], Line] = {}
+        self._file = None
+        if path is None:
+            return
+        head = {"trials": _VERSION, "seed": seed, "frames": cases.FRAMES}
+        kept = _whole_lines(path)
+        if kept and kept[0] != head:
+            raise SystemExit(f"ci/trials: {path} is of other trials: {kept[0]}, not {head}")
+        for line in kept[1:]:
+            self._done[line["group"], line["seed"]] = line
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Written anew: the last line of an interrupted run may be half of one.
+        temporary = path.with_suffix(".part")
+        temporary.write_text("".join(json.dumps(line) + "\n" for line in kept or [head]))
+        temporary.replace(path)
+        self._file = path.open("a", encoding="utf-8")
+
+    def add(self, line: Line) -> None:
+        self._done[line["group"], line["seed"]] = line
+        if self._file is not None:
+            self._file.write(json.dumps(line) + "\n")
+            self._file.flush()
+
+    def get(self, group: Group, seed: int) -> Line | None:
+        return self._done.get((group, seed))
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+
+def _whole_lines(path: Path) -> list[Line]:
+    if not path.exists():
+        return []
+    found = []
+    for text in path.read_text(encoding="utf-8").splitlines():
+        try:
+            found.append(json.loads(text))
+        except ValueError:
+            break
+    return found
+
+
+# --- many ------------------------------------------------------------------------------------
+
+
+def first_seed(seed: int) -> int:
+    return seed * _SEEDS
+
+
+def sessions(book: Book, group: Group, seed: int, wanted: int) -> tuple[list[Line], int, int]:
+    """What is there for a group, in order: the sessions, their trials, and the next to be run.
+
+    Sessions count from the first one on without a gap, up to the number that is wanted: which ones
+    they are does not depend on which process was faster.
+    """
+    lines, trials, at = [], 0, first_seed(seed)
+    while trials < wanted and (line := book.get(group, at)) is not None:
+        lines.append(line)
+        trials += sum(counted(trial) for trial in line["trials"])
+        at += 1
+    return lines, trials, at
+
+
+def run(book: Book, seed: int, wanted: dict[Group, int], jobs: int, bar: tqdm[Any]) -> None:
+    """Run what is missing."""
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _leave_interrupts_alone)
+    running: dict[Future[Line], tuple[Group, int]] = {}
+    try:
+        while True:
+            for job in _missing(book, seed, wanted, jobs * _AHEAD, set(running.values())):
+                running[pool.submit(line_of, job)] = job
+            if not running:
+                return
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                del running[future]
+                line = future.result()
+                book.add(line)
+                _tell(bar, line)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _leave_interrupts_alone() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _missing(
+    book: Book, seed: int, wanted: dict[Group, int], ahead: int, running: set[tuple[Group, int]]
+) -> Iterator[tuple[Group, int]]:
+    """The next sessions to run, of both groups in turn, up to what is wanted of each."""
+    queues = [_missing_of(book, group, seed, wanted[group], running) for group in GROUPS]
+    in_turn = (job for jobs in zip_longest(*queues) for job in jobs if job is not None)
+    return islice(in_turn, max(0, ahead - len(running)))
+
+
+def _missing_of(
+    book: Book, group: Group, seed: int, wanted: int, running: set[tuple[Group, int]]
+) -> Iterator[tuple[Group, int]]:
+    _, trials, at = sessions(book, group, seed, wanted)
+    while trials < wanted and at < first_seed(seed + 1):
+        if book.get(group, at) is None and (group, at) not in running:
+            yield group, at
+        trials += cases.FRAMES  # about so many will come of those that run
+        at += 1
+
+
+def _tell(bar: tqdm[Any], line: Line) -> None:
+    bar.update(sum(counted(trial) for trial in line["trials"]))
+    said = set()
+    for trial in line["trials"]:  # a session that was refused is told once, not for every frame
+        if trial["outcome"] in BAD and str(trial["findings"]) not in said:
+            said.add(str(trial["findings"]))
+            bar.write(told(trial))
+
+
+# --- the command -----------------------------------------------------------------------------
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run; 0 only if no verdict was wrong, no program crashed and nothing was silent."""
+    options = _parser().parse_args(arguments)
+    if options.case is not None:
+        return replay(options.case)
+    wanted: dict[Group, int] = {"honest": options.honest, "wrong": options.wrong}
+    book = Book(options.resume, options.seed)
+    for number in (signal.SIGINT, signal.SIGTERM):  # a shell may have told us to ignore them
+        signal.signal(number, signal.default_int_handler)
+    there = sum(min(sessions(book, g, options.seed, wanted[g])[1], wanted[g]) for g in GROUPS)
+    try:
+        with tqdm(total=sum(wanted.values()), initial=there, unit="trial", smoothing=0.05) as bar:
+            run(book, options.seed, wanted, options.jobs, bar)
+    except KeyboardInterrupt:
+        where = "" if options.resume is None else f"; go on with --resume {options.resume}"
+        sys.stderr.write(f"ci/trials: interrupted{where}\n")
+        return INTERRUPTED
+    finally:
+        book.close()
+    trials = {g: trials_in(sessions(book, g, options.seed, wanted[g])[0]) for g in GROUPS}
+    _report(trials, options.show)
+    if options.table is not None:
+        options.table.write_text(document(options.seed, trials), encoding="utf-8")
+    return 0 if is_good(trials) else 1
+
+
+def trials_in(lines: list[Line]) -> list[Line]:
+    return [trial for line in lines for trial in line["trials"]]
+
+
+def _report(trials: dict[Group, list[Line]], shown: int) -> None:
+    for group in GROUPS:
+        _say(f"\n{table(trials[group])}\n")
+        _say("\n".join(summary(group, trials[group])))
+    everything = [trial for group in GROUPS for trial in trials[group]]
+    if lines := findings(everything, shown):
+        _say("\nfindings:")
+        _say("\n".join(lines))
+
+
+def replay(case: str) -> int:
+    """Run the session of one case again and tell everything about that case."""
+    match = _CASE.fullmatch(case)
+    if match is None or int(match[3]) >= cases.FRAMES:
+        raise SystemExit(f"ci/trials: --case is {case!r}, must be honest:SEED:FRAME or wrong:...")
+    group: Group = "honest" if match[1] == "honest" else "wrong"
+    session = chain.session_of(group, int(match[2]))
+    ran, program = chain.run_session(session)
+    place = int(match[3])
+    trial = judging.judged(ran, program)[place]
+    layout = session.layout
+    _say(f"array      {layout.name}, {layout.count} elements, pitch {layout.pitch_m * 1e3:g} mm")
+    _say(f"session    {session.mode}, {session.bits} bits, {session.temperature_c:.3f} C")
+    _say(f"           {ran.tags}, {session.allowance}, warmer by {session.host_warmer_c:.3g} C")
+    _say(f"wanted     {session.frames[place]}")
+    if place < len(ran.frames):
+        seen = ran.frames[place]
+        if seen.wrong is not None:
+            _say(f"wrong      {seen.wrong.kind}, {seen.wrong.size:.6g}")
+        _say(f"verdict    {seen.verdict}")
+    _say(f"truth      {trial.numbers}")
+    _say(f"outcome    {trial.outcome}: {'; '.join(trial.findings) or 'nothing to say'}")
+    return 1 if trial.outcome in BAD else 0
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="ci/trials",
+        description="Random trials of the verdict against a truth of its own, in virtual time.",
+        epilog="Exit status: 0 no verdict was wrong, 1 one was, 130 interrupted.",
+    )
+    add = parser.add_argument
+    add("--honest", type=_count, default=10_000, metavar="N", help="correct frames (%(default)s)")
+    add("--wrong", type=_count, default=10_000, metavar="N", help="wrong frames (%(default)s)")
+    add("--seed", type=_count, default=1, help="of everything (%(default)s)")
+    add("--jobs", type=_count, default=2, metavar="N", help="processes (%(default)s)")
+    add("--resume", type=Path, metavar="FILE", help="JSON lines: what was run, to be gone on with")
+    add("--table", type=Path, metavar="FILE", help="write the result as Markdown")
+    add("--show", type=_count, default=3, metavar="N", help="of each finding (%(default)s)")
+    add("--case", metavar="GROUP:SEED:FRAME", help="run this one case again and tell all about it")
+    return parser
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text} is below 0")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

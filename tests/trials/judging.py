@@ -1,0 +1,428 @@
+"""What a trial came to: the verdict of the program against the truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.verification.verdict import WRONG, FrameStatus, FrameVerdict
+
+from . import truth
+from .cases import Allowance, Session, Wanted, fresnel_number
+from .chain import Program, Ran, Seen
+from .truth import Complexes, Lie, Scene
+from .wrongs import Registers, moved
+
+#: Outcomes that must never be.
+BAD: Final = ("false pass", "false fail", "crash")
+#: Outcomes, in the order of the table.
+OUTCOMES: Final = (
+    "passed",
+    "caught",
+    "below, passed",
+    "below, failed",
+    "not verified",
+    "lost",
+    "stopped",
+    *BAD,
+)
+
+_SMALLEST_OVER_ROUNDING: Final = 1.1
+_PLACE_SHARE: Final = 0.5  # of the smallest miss: how far the two places found may be apart
+_PLACE_MM: Final = 2e-3  # of the search itself, and of the digits that are kept
+_FRESNEL: Final = 3.0
+_ELEMENTS: Final = 8
+_RADIANS: Final = 0.35  # of a peak next to one of several targets, where nothing else is printed
+_NO_PEAK_RAD: Final = 1.0
+_NUMERICS: Final = 1e-6
+_SEEN_FROM_MM: Final = 1.0
+
+
+@dataclass
+class Trial:
+    """One frame, judged twice.
+
+    Attributes
+    ----------
+    case : str
+        ``GROUP:SEED:FRAME``, which replays it.
+    kind : str
+        Of what is wrong, or of what is honest.
+    outcome : str
+        One of :data:`OUTCOMES`.
+    status : str
+        What the program said.
+    findings : list of str
+        What does not hold, beside the outcome.
+    numbers : dict
+        Of the truth and of the program.
+    """
+
+    case: str
+    kind: str
+    outcome: str
+    status: str
+    findings: list[str] = field(default_factory=list)
+    numbers: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Effect:
+    """What really came of a drive.
+
+    Attributes
+    ----------
+    miss_mm : float
+        How far the place where the waves arrive in phase, or of several foci the worst peak, is
+        from where the ideal drive has it.
+    miss_rad : float
+        The same in radians of phase.
+    share : float
+        Largest deviation of the pressure at a target, as a share of that of the ideal drive.
+    allowed : float
+        What rounding can make of that.
+    scattered : float
+        What single elements do to the pressure, added up; one focus only.
+    rounding_mm, rounding_rad : float
+        What rounding makes of the miss: in the directions that can be observed; of several foci,
+        what it makes of the ideal drive.
+    tolerated_mm, tolerated : float
+        What a tolerance that was stated adds to that, and to the pressure.
+    place_m : array or None
+        Of one focus: where the waves arrive in phase.
+    coherence : float
+        There.
+    """
+
+    miss_mm: float
+    miss_rad: float
+    share: float
+    allowed: float
+    rounding_mm: float = 0.0
+    rounding_rad: float = 0.0
+    tolerated_mm: float = 0.0
+    tolerated: float = 0.0
+    scattered: float = 0.0
+    place_m: truth.Floats | None = None
+    coherence: float = 1.0
+
+    def why_beyond(self, smallest_mm: float | None) -> str | None:
+        """What exceeds what could be shown; None: nothing."""
+        most = self.allowed + self.tolerated
+        if self.share > most + _NUMERICS:
+            return f"pressure off by {self.share:.3g}, rounding makes {most:.3g}"
+        if self.scattered > most + _NUMERICS:
+            return f"elements off by {self.scattered:.3g}, rounding makes {most:.3g}"
+        if smallest_mm is None and self.place_m is None:
+            if self.miss_rad > max(_RADIANS, 2.0 * self.rounding_rad) and not self.tolerated_mm:
+                return f"peak off by {self.miss_rad:.3g} rad, no smallest miss printed"
+            return None
+        least_mm = max(smallest_mm or 0.0, self.rounding_mm) + self.tolerated_mm
+        if self.miss_mm > least_mm + _PLACE_MM:
+            return f"miss of {self.miss_mm:.4g} mm, smallest that shows {least_mm:.4g} mm"
+        return None
+
+
+def judged(ran: Ran, program: Program) -> list[Trial]:
+    """Every frame of a session as a trial; of one that did not run, as many as it had."""
+    session = ran.session
+    trials = []
+    for place, seen in enumerate(ran.frames):
+        trials.append(_frame(ran, program, place, seen))
+    for place in range(len(ran.frames), len(session.frames)):
+        outcome = "stopped" if ran.expected or ran.error is None else "crash"
+        why = [] if outcome == "stopped" else [str(ran.error)]
+        trials.append(Trial(_case(session, place), _kind(ran, None), outcome, "-", why))
+    _judge_run(ran, trials)
+    return trials
+
+
+def _case(session: Session, place: int) -> str:
+    return f"{session.group}:{session.seed}:{place}"
+
+
+def _kind(ran: Ran, seen: Seen | None) -> str:
+    if seen is not None and seen.wrong is not None:
+        return seen.wrong.kind + (" (host)" if seen.wrong.of_host else " (line)")
+    if "fault" in ran.tags:
+        return str(ran.tags["fault"].split()[0])
+    for name in ("host air", "host pitch", "uncompensated"):
+        if name in ran.tags:
+            return name
+    layout = ran.session.layout
+    size = "" if layout.kind == "line" else " small" if layout.count < 64 else ""
+    what = "several foci" if seen is not None and len(seen.wanted.foci) > 1 else "one focus"
+    if seen is not None and seen.wanted.aperture != "full":
+        what = f"aperture {seen.wanted.aperture}"
+    if ran.session.elements is not None:
+        what += ", calibrated"
+    if ran.session.allowance is not None:
+        what += ", tolerance"
+    return f"{layout.kind}{size}{', posed' if layout.posed else ''}, {what}"
+
+
+def _judge_run(ran: Ran, trials: list[Trial]) -> None:
+    """The verdict of the whole run must follow from those of its frames."""
+    if ran.run is None:
+        return
+    failed = any(frame.status in WRONG for frame in ran.run.frames)
+    if failed != (str(ran.run.verdict) == "fail") and not ran.run.unexpected:
+        trials[0].findings.append(f"run is {ran.run.verdict}, though frames say otherwise")
+
+
+# --- one frame -------------------------------------------------------------------------------
+
+
+def _frame(ran: Ran, program: Program, place: int, seen: Seen) -> Trial:
+    session, verdict = ran.session, seen.verdict
+    if isinstance(verdict, str):
+        return Trial(_case(session, place), _kind(ran, seen), "crash", "-", [verdict])
+    trial = Trial(_case(session, place), _kind(ran, seen), "", str(verdict.status))
+    if not seen.radiated:
+        return _unseen(trial, verdict, session)
+    scene = session.scene
+    ideal = program.weights(seen.wanted)
+    bits = session.wire_bits
+    lie = truth.lie_of(scene, _heard(scene, ideal), seen.wanted.targets_m[0], bits)
+    effect = _effect(scene, seen.wanted, seen.radiated[0], ideal, lie, bits)
+    if session.allowance is not None:
+        _tolerate(effect, program, seen.wanted, ideal, lie, bits)
+    untouched = np.array_equal(seen.radiated[0], _intended(seen, ran))
+    _note(trial, verdict, effect, lie)
+    trial.outcome = _outcome(trial, ran, seen, effect, lie, untouched=untouched)
+    if verdict.status is FrameStatus.ON_TARGET:
+        _check_printed(trial, seen, scene, ideal, effect, lie, bits)
+    if session.group == "honest":
+        _check_silence(trial, session, seen, ideal, lie)
+    return trial
+
+
+def _unseen(trial: Trial, verdict: FrameVerdict, session: Session) -> Trial:
+    """A frame that left no transducer must not pass; where nothing is broken, none is lost."""
+    if verdict.status is FrameStatus.ON_TARGET:
+        trial.outcome = "false pass"
+        trial.findings.append("nothing was radiated")
+    elif session.group == "honest":
+        trial.outcome = "false fail"
+        trial.findings.append("lost without a fault")
+    else:
+        trial.outcome = "lost"
+    return trial
+
+
+def _intended(seen: Seen, ran: Ran) -> tuple[Any, Any] | None:
+    """The registers of the frame, if nothing was made wrong in it or in the whole session."""
+    if seen.wrong is not None or {"host air", "host pitch", "uncompensated"} & set(ran.tags):
+        return None
+    intended = next((i for i in ran.intended if i.key == seen.verdict.key), None)
+    return None if intended is None else (
+        intended.drive.phase_codes, intended.drive.amplitude_codes
+    )  # fmt: skip
+
+
+def _heard(scene: Scene, drive: Complexes) -> truth.Floats:
+    """How loud each element is."""
+    return np.abs(drive * scene.sensitivity)
+
+
+def _effect(
+    scene: Scene, wanted: Wanted, radiated: Registers, ideal: Complexes, lie: Lie, bits: int
+) -> Effect:
+    actual = truth.weights_of(*radiated)
+    if len(wanted.foci) > 1:
+        return _of_several(scene, wanted, actual, ideal, bits)
+    phases = radiated[0] * (2.0 * math.pi / 256.0)
+    return _of_one(scene, wanted, (phases, actual), ideal, lie, bits)
+
+
+def _tolerate(
+    effect: Effect, program: Program, wanted: Wanted, ideal: Complexes, lie: Lie, bits: int
+) -> None:
+    """Add to what is allowed what the tolerance itself does: other air, and a miss."""
+    session = program.session
+    allowance = session.allowance or Allowance()
+    kelvin = session.temperature_c + 273.15
+    degrees, miss_m = allowance.temperature_c, allowance.miss_mm * 1e-3
+    others = [program.weights(wanted, math.sqrt(1.0 + d / kelvin)) for d in (degrees, -degrees)]
+    if miss_m:
+        ways = [sign * miss_m * axis for axis in lie.axes for sign in (1.0, -1.0)]
+        others = [program.weights(moved(wanted, way)) for way in ways]
+    scene = session.scene
+    for other in others:
+        if len(wanted.foci) > 1:
+            its = _of_several(scene, wanted, other, ideal, bits)
+        else:
+            its = _of_one(scene, wanted, (np.angle(other), other), ideal, lie, bits)
+        effect.tolerated = max(effect.tolerated, its.share, its.scattered)
+        effect.tolerated_mm = max(effect.tolerated_mm, its.miss_mm, allowance.miss_mm)
+
+
+def _of_one(
+    scene: Scene,
+    wanted: Wanted,
+    drive: tuple[truth.Floats, Complexes],
+    ideal: Complexes,
+    lie: Lie,
+    bits: int,
+) -> Effect:
+    """The effect of a drive: its phases, those of silent elements too, and its weights."""
+    target, (phases, actual) = wanted.targets_m[0], drive
+    found = truth.arrival(scene, phases, np.abs(ideal), target, lie)
+    share = truth.shares(scene, actual, ideal, target[None])
+    effect = Effect(
+        float(np.linalg.norm(found.miss_m) * 1e3),
+        float(np.linalg.norm(lie.axes @ found.miss_m / lie.units_m)),
+        float(abs(share[0] - 1.0)),
+        truth.rounding_share(bits, ideal),
+        scattered=truth.scattered(scene, actual, ideal, target),
+        place_m=found.place_m,
+        coherence=found.coherence,
+    )
+    if lie.flat.any():  # what is printed may be of fewer directions than those that were searched
+        axes = lie.axes[~lie.flat]
+        effect.rounding_mm = truth.rounding_mm(scene, _heard(scene, ideal), target, bits, axes)
+    return effect
+
+
+def _of_several(
+    scene: Scene, wanted: Wanted, actual: Complexes, ideal: Complexes, bits: int
+) -> Effect:
+    targets = wanted.targets_m
+    change = np.abs(truth.shares(scene, actual, ideal, targets) - 1.0)
+    allowed = truth.rounding_reach(scene, ideal, targets, bits) + truth.rounding_share(bits, ideal)
+    worst = int((change - allowed).argmax())
+    effect = Effect(0.0, 0.0, float(change[worst]), float(allowed[worst]))
+    for target in targets:
+        lie = truth.lie_of(scene, _heard(scene, ideal), target, bits)
+        right = truth.loudest(scene, ideal, target, lie)
+        if _radians(lie, right - target) > _NO_PEAK_RAD:
+            continue  # foci that merge: there is no peak of its own here, only a pressure
+        miss = truth.loudest(scene, actual, right, lie) - right
+        effect.miss_mm = max(effect.miss_mm, float(np.linalg.norm(miss) * 1e3))
+        effect.miss_rad = max(effect.miss_rad, _radians(lie, miss))
+        if _radians(lie, miss) > _RADIANS:
+            again = truth.loudest(scene, truth.rounded(ideal, bits), right, lie) - right
+            effect.rounding_mm = max(effect.rounding_mm, float(np.linalg.norm(again) * 1e3))
+            effect.rounding_rad = max(effect.rounding_rad, _radians(lie, again))
+    return effect
+
+
+def _radians(lie: Lie, way: truth.Floats) -> float:
+    return float(np.linalg.norm(lie.axes @ way / lie.units_m))
+
+
+def _outcome(
+    trial: Trial, ran: Ran, seen: Seen, effect: Effect, lie: Lie, *, untouched: bool
+) -> str:
+    verdict = seen.verdict
+    passed, failed = verdict.status is FrameStatus.ON_TARGET, verdict.status in WRONG
+    beyond = effect.why_beyond(verdict.smallest_miss_mm)
+    if ran.session.group == "honest" or untouched:
+        if beyond is not None:
+            trial.findings.append(f"truth: {beyond}, of an honest drive")
+        if failed:
+            trial.findings.append("; ".join(verdict.faults) or "no fault named")
+            return "false fail"
+        return "passed" if passed else "not verified"
+    if not passed:
+        if not failed:
+            return "not verified"
+        return "below, failed" if beyond is None else "caught"
+    if beyond is None:
+        beyond = _blind(ran, seen, lie)
+    if beyond is None:
+        return "below, passed"
+    trial.findings.append(beyond)
+    return "false pass"
+
+
+def _blind(ran: Ran, seen: Seen, lie: Lie) -> str | None:
+    """A miss that this array cannot show, and that passed all the same."""
+    if not lie.flat.any():
+        return None
+    missed_m = 0.0 if seen.wrong is None else seen.wrong.nominal_m or 0.0
+    if "host air" in ran.tags:
+        kelvin = ran.session.temperature_c + 273.15
+        missed_m = abs(math.sqrt(1.0 + ran.tags["host air"] / kelvin) - 1.0) * lie.distance_m
+    smallest_mm = seen.verdict.smallest_miss_mm or 0.0
+    if missed_m * 1e3 > max(2.0 * smallest_mm, _SEEN_FROM_MM):
+        return f"a miss of {missed_m * 1e3:.3g} mm that this array cannot show"
+    return None
+
+
+# --- what is printed -------------------------------------------------------------------------
+
+
+def _note(trial: Trial, verdict: FrameVerdict, effect: Effect, lie: Lie) -> None:
+    trial.numbers = {
+        "miss_mm": effect.miss_mm,
+        "smallest_mm": verdict.smallest_miss_mm,
+        "share": effect.share,
+        "allowed": effect.allowed,
+        "scattered": effect.scattered,
+        "flat": int(lie.flat.sum()),
+        "note": verdict.note,
+    }
+
+
+def _check_printed(
+    trial: Trial, seen: Seen, scene: Scene, ideal: Complexes, effect: Effect, lie: Lie, bits: int
+) -> None:
+    """What a frame that passed says of itself must be so."""
+    verdict = seen.verdict
+    smallest = verdict.smallest_miss_mm
+    if lie.flat.any():
+        _check_null(trial, verdict, lie)
+        return
+    if smallest is None or smallest <= 0.0:
+        trial.findings.append(f"smallest miss is {smallest}")
+        return
+    if effect.place_m is None:
+        return
+    worst = truth.rounding_mm(scene, _heard(scene, ideal), seen.wanted.targets_m[0], bits)
+    trial.numbers["over_rounding"] = smallest / worst
+    whole = verdict.bound_mm is not None and None not in verdict.bound_mm
+    if whole and smallest > _SMALLEST_OVER_ROUNDING * worst:
+        trial.findings.append(f"smallest miss {smallest:.4g} mm, rounding makes {worst:.4g} mm")
+    if verdict.measured_m is None:
+        trial.findings.append("on target, and no place is told")
+        return
+    if whole and effect.coherence > 0.9:
+        apart = float(np.linalg.norm(np.array(verdict.measured_m) - effect.place_m) * 1e3)
+        trial.numbers["apart_of_smallest"] = apart / smallest
+        # Of a taper, a fit may count every element alike, and is as far off as rounding makes it.
+        share = _PLACE_SHARE if len(set(np.abs(ideal[ideal != 0.0]).round(3))) == 1 else 1.0
+        if apart > share * smallest + _PLACE_MM:
+            trial.findings.append(
+                f"place is {apart:.4g} mm from the true one, smallest miss {smallest:.4g} mm"
+            )
+
+
+def _check_null(trial: Trial, verdict: FrameVerdict, lie: Lie) -> None:
+    """What cannot be observed is null, and never 0."""
+    if verdict.smallest_miss_mm == 0.0:
+        trial.findings.append("smallest miss 0 of what cannot be observed")
+    along = np.abs(lie.axes[lie.flat] @ lie.outward)
+    if along.max() > 0.99 and verdict.axial_error_mm is not None:
+        trial.findings.append(f"axial error {verdict.axial_error_mm:.3g} mm, not observable")
+    if lie.flat.all() and verdict.lateral_error_mm is not None:
+        trial.findings.append(f"lateral error {verdict.lateral_error_mm:.3g} mm, not observable")
+
+
+def _check_silence(trial: Trial, session: Session, seen: Seen, ideal: Complexes, lie: Lie) -> None:
+    """Where an array can show everything, and well, nothing may stay unverified."""
+    trial.numbers["observable"] = not lie.flat.any()
+    if trial.outcome != "not verified" or len(seen.wanted.foci) > 1:
+        return
+    fresnel, half = fresnel_number(
+        session.layout,
+        _heard(session.scene, ideal),
+        seen.wanted.targets_m[0],
+        session.scene.wavenumber,
+    )
+    sides = session.layout.grid or (session.layout.count**0.5,) * 2
+    if min(sides) >= _ELEMENTS and half >= 0.9 * _ELEMENTS / 2 and fresnel >= _FRESNEL:
+        trial.findings.append(f"silent at a Fresnel number of {fresnel:.3g}: {seen.verdict.note}")

@@ -1,0 +1,140 @@
+"""What trials came to: tables, sums, findings, and the page of the documentation."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+from typing import Any, Final
+
+from .cases import Group
+from .judging import BAD
+
+GROUPS: Final[tuple[Group, ...]] = ("honest", "wrong")
+#: Of the frames that show everything: how many may stay unverified, as a share.
+MOST_SILENT: Final = 0.02
+_NUMBER: Final = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
+
+Line = dict[str, Any]  # a trial as it lies in the file
+
+
+def counted(trial: Line) -> bool:
+    """Whether it is one of those that were asked for: a frame that a fault left alone is not."""
+    return trial["case"].startswith("honest") or trial["outcome"] not in ("passed", "stopped")
+
+
+def told(trial: Line) -> str:
+    why = "; ".join(trial["findings"])
+    return f"{trial['outcome']}: {trial['kind']}: {why}    ci/trials --case {trial['case']}"
+
+
+_COLUMNS: Final = {
+    "passed": ("passed",),
+    "caught": ("caught",),
+    "below: passed": ("below, passed",),
+    "below: failed": ("below, failed",),
+    "not verified": ("not verified",),
+    "lost": ("lost", "stopped"),
+    "false pass": ("false pass",),
+    "false fail": ("false fail",),
+    "crash": ("crash",),
+}
+
+
+def table(trials: Iterable[Line]) -> str:
+    """A row per kind of case, in Markdown."""
+    rows: dict[str, Counter[str]] = defaultdict(Counter)
+    for trial in trials:
+        rows[trial["kind"]][trial["outcome"]] += 1
+    head = ["case", "trials", *_COLUMNS]
+    body = [_row(kind, rows[kind]) for kind in sorted(rows)]
+    body.append(_row("**all**", sum(rows.values(), Counter())))
+    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *body]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def _row(kind: str, counts: Counter[str]) -> list[str]:
+    cells = [sum(counts[name] for name in names) for names in _COLUMNS.values()]
+    return [kind, str(sum(counts.values())), *(str(cell) if cell else "" for cell in cells)]
+
+
+def summary(group: Group, trials: list[Line]) -> list[str]:
+    """What a group came to, and what that means."""
+    count = Counter(trial["outcome"] for trial in trials)
+    n = sum(counted(trial) for trial in trials)
+    bad = {name: count[name] for name in BAD}
+    lines = [f"{group}: {n} trials: " + ", ".join(f"{many} x {name}" for name, many in bad.items())]
+    if n and not any(bad.values()):
+        lines.append(f"0 of {n}: with 95 % confidence below {100 * 3 / n:.2g} % of such cases")
+    if group == "honest" and n:
+        lines += _silence(trials)
+    return lines
+
+
+def silent(trials: list[Line]) -> list[Line]:
+    """Honest frames that were not verified although the array can show everything."""
+    return [t for t in trials if t["outcome"] == "not verified" and t["numbers"].get("observable")]
+
+
+def _silence(trials: list[Line]) -> list[str]:
+    unverified = [trial for trial in trials if trial["outcome"] == "not verified"]
+    share = len(silent(trials)) / len(trials)
+    lines = [
+        f"not verified: {len(unverified)}, of them {len(silent(trials))} ({100 * share:.2g} %) "
+        "although every direction can be observed"
+    ]
+    reasons = Counter(_NUMBER.sub("#", str(t["numbers"].get("note"))) for t in unverified)
+    return lines + [f"  {many} x {reason}" for reason, many in reasons.most_common()]
+
+
+def findings(trials: Iterable[Line], shown: int) -> list[str]:
+    """Every kind of finding, how often, and the first of them with what replays it."""
+    found: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    for trial in trials:
+        for text in trial["findings"]:
+            kind = f"[{trial['outcome']}] " + _NUMBER.sub("#", text)
+            found[kind].append((text, trial["case"]))
+    lines = []
+    for kind, them in sorted(found.items(), key=lambda item: -len(item[1])):
+        lines.append(f"{len(them)} x {kind}")
+        lines += [f"    {text}    ci/trials --case {case}" for text, case in them[:shown]]
+    return lines
+
+
+def is_good(trials: dict[Group, list[Line]]) -> bool:
+    """Whether nothing was wrong, and nothing was silent that should have spoken."""
+    everything = [trial for group in GROUPS for trial in trials[group]]
+    if any(trial["outcome"] in BAD for trial in everything):
+        return False
+    if any(text.startswith("silent") for trial in everything for text in trial["findings"]):
+        return False
+    honest = trials["honest"]
+    return len(silent(honest)) <= MOST_SILENT * len(honest)
+
+
+def document(seed: int, trials: dict[Group, list[Line]]) -> str:
+    """The page of the documentation."""
+    parts = [_PAGE_HEAD.format(seed=seed)]
+    for group in GROUPS:
+        parts += [f"## {_TITLES[group]}", "", table(trials[group]), ""]
+        parts += [f"- {line}" for line in summary(group, trials[group]) if line[0] != " "]
+        parts.append("")
+    return "\n".join(parts)
+
+
+_TITLES: Final = {"honest": "Correct drives", "wrong": "Wrong drives and faults"}
+_PAGE_HEAD: Final = """\
+# Is the verdict ever wrong?
+
+Written by `ci/trials --seed {seed}`. Every trial is one frame that goes from the driver over bytes
+to the virtual board, is latched, and is judged. Beside it stands a truth that shares no code with
+the program: a field of its own, and a dense search for the place where the waves arrive in phase,
+for the peaks next to several foci, and for the pressure at every target.
+
+A *false pass* is a frame that is on target although its effect exceeds what the verdict says that
+it would have shown: a miss beyond the smallest miss that was printed, or a pressure that is further
+off than rounding of phases and amplitudes can make it. A *false fail* is a correct frame that
+fails. *Below* are wrong drives whose effect is smaller than that, passed or failed. *Lost* are
+frames that a fault kept from being latched, or that were never sent because the fault ended the
+run. *Passed* among the wrong ones are frames that the fault left alone; they do not count.
+"""
