@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics._validation import FloatArray
 
 TOLERANCE_M: Final = 1e-9
+_ROUNDED_M: Final = 5e-6  # rows and columns of an array that was rounded to whole micrometres
 _MAX_EMPTY: Final = 0.3  # of the nodes; beyond it the empty ones cost more than a lattice saves
 _FLAT_M2: Final = 1e-12  # sum of squared distances of elements that lie in one plane
 _STEEP: Final = 0.5  # cosine: elements that look along the plane they lie in have another face
@@ -39,7 +40,7 @@ def own_axes(
     upright = _turned_least(face)
     for direction in (upright[0], *_first_steps(offsets)):
         axes = plane_axes(face, direction)
-        if axes is not None and rows_and_columns(axes, offsets) is not None:
+        if axes is not None and rows_and_columns(axes, offsets, _ROUNDED_M) is not None:
             return _nearest_turn(axes, upright)
     return upright
 
@@ -55,21 +56,22 @@ def plane_axes(normal: FloatArray, direction: FloatArray) -> FloatArray | None:
 
 
 def rows_and_columns(
-    axes: FloatArray, offsets: FloatArray
+    axes: FloatArray, offsets: FloatArray, tolerance_m: float = TOLERANCE_M
 ) -> tuple[tuple[FloatArray, NDArray[np.intp]], tuple[FloatArray, NDArray[np.intp]]] | None:
     """Return, along the first two axes, the levels that *offsets* lie on, and the level of each.
 
-    None if they would leave too many nodes of a lattice empty.
+    Levels further apart than *tolerance_m* are different ones.  None if they would leave too many
+    nodes of a lattice empty.
     """
-    along_x, along_y = _levels(offsets @ axes[0]), _levels(offsets @ axes[1])
+    along_x, along_y = (_levels(offsets @ axis, tolerance_m) for axis in axes[:2])
     nodes = len(along_x[0]) * len(along_y[0])
     return None if nodes * (1.0 - _MAX_EMPTY) > len(offsets) else (along_x, along_y)
 
 
-def _levels(values: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+def _levels(values: FloatArray, tolerance_m: float) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return the distinct values, increasing, and which of them each value is."""
     order = np.argsort(values)
-    steps = np.diff(values[order]) > TOLERANCE_M
+    steps = np.diff(values[order]) > tolerance_m
     rank = np.zeros(len(values), dtype=np.intp)
     rank[order] = np.concatenate([[0], np.cumsum(steps)])
     levels: FloatArray = np.bincount(rank, weights=values) / np.bincount(rank)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from haptogram.acoustics import (
 )
 from haptogram.acoustics.drive import FULL_AMPLITUDE
 from haptogram.acoustics.solvers import Method, weights_for_foci
+from haptogram.errors import ConfigurationError
 from haptogram.records import Focus, FrameKey, Intended, Observation
 
 from . import criteria
@@ -85,12 +87,16 @@ class Judge:
         return [self._target(focus.position_m, codes, limit_rad) for focus in intended.foci]
 
     def _make_ideals(self, intended: Intended) -> list[IdealDrive]:
-        """Return the drives that the foci ask for: of the array as it is, and as the wire says."""
-        targets = self._targets(intended)
-        return [
-            IdealDrive.of(intended, targets, _asked(model, intended.foci, intended.solver))
-            for model in self._known_models(board_computed=intended.board_computed)
-        ]
+        """Return the drives that the foci ask for: of the array as it is, and as the wire says.
+
+        None where the solver takes the foci for no array as it was known.
+        """
+        targets, found = self._targets(intended), []
+        for model in self._known_models(board_computed=intended.board_computed):
+            with contextlib.suppress(ConfigurationError):  # a focus at the edge of its reach
+                asked = _asked(model, intended.foci, intended.solver)
+                found.append(IdealDrive.of(intended, targets, asked))
+        return found
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
         """Yield the array and air that foci may have been solved with.
@@ -136,11 +142,14 @@ class Judge:
             return judge_silence(seen, intended, output, faults)
         if len(intended.foci) > 1:
             ideals = self._ideals(_without_identity(intended))
+            if not ideals:
+                note = f"the solver {intended.solver} refuses these foci for the array of the board"
+                return dataclasses.replace(seen, faults=faults, note=note)
             return judge_several(seen, intended, output, faults, ideals, self.uncertainty)
         (target,) = self._targets(intended)
         search = functools.partial(self._reconstruct, intended=intended, target=target)
-        if found is None or (isinstance(found, NotSingle) and not self.tolerance.is_strict):
-            found = search(output)  # the board knows of no tolerance
+        if found is None or (isinstance(found, NotSingle) and not found.outliers):
+            found = search(output)  # the board knows of no tolerance, and began elsewhere
         one = SingleFrame(intended, output, target, search)
         return one.judge(seen, found, faults, self.uncertainty)
 

@@ -32,6 +32,7 @@ NEXT_TO_TARGET_RAD: Final = 0.5
 WITHIN_LOBE_RAD: Final = 1.8
 _ROUND: Final = 0.10  # rad: a peak that rounding moves further may do so out of proportion
 _FLAT: Final = 1.5  # times the bound of the first order: such a peak has no place of its own
+_LEAST_CURVED: Final = 1e-9  # of the largest curvature
 _MARGIN: Final = 1.1  # for the second order of the response to rounding
 
 
@@ -159,7 +160,7 @@ def find_peak(
         if level is None:
             return None
         gradient, curvature = _derivatives(level, len(axes))
-        if np.linalg.eigvalsh(curvature)[-1] >= 0.0:
+        if not _is_peaked(curvature):
             curvature = -2.0 * direction.metric
         newton = np.linalg.solve(-curvature, gradient)
         length_rad = direction.length_rad(newton @ axes)
@@ -215,7 +216,7 @@ def peak_response(
     if not np.abs(pressure).min() > 0.0:
         return None
     _, curvature = _derivatives(2.0 * np.log(np.abs(pressure)), count)
-    if np.linalg.eigvalsh(curvature)[-1] >= 0.0:
+    if not _is_peaked(curvature):
         return None
     slopes = -2.0 * (parts / pressure[:, None]).imag
     mixed = (slopes[1 : 1 + 2 * count : 2] - slopes[2 : 2 + 2 * count : 2]) / (2.0 * _STENCIL_M)
@@ -229,6 +230,12 @@ def _level(model: AcousticModel, weights: Complexes, points: Floats) -> Floats |
         return None
     pressure = np.abs(propagators(model, points) @ weights)
     return 2.0 * np.log(pressure) if pressure.min() > 0.0 else None
+
+
+def _is_peaked(curvature: Floats) -> bool:
+    """Tell whether a Hessian (D, D) is that of a peak, in every direction."""
+    values = np.linalg.eigvalsh(curvature)
+    return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)
 
 
 def _is_clear(model: AcousticModel, points: Floats) -> bool:

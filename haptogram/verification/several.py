@@ -76,24 +76,20 @@ class IdealDrive:
 
     @cached_property
     def peaks(self) -> list[ExpectedPeak | None]:
-        """The peak next to each target; None where there is none that has a place."""
-        return [
-            expected_peak(
-                target.model,
-                self.weights,
-                target.position_m,
-                target.direction(np.eye(3)),
-                target.phase_limit_rad,
-                WITHIN_LOBE_RAD,
-            )
-            for target in self.targets
-        ]
+        """The peak next to each target; None where none has a place that this array observes."""
+        return [self._peak(target) for target in self.targets]
 
-    @cached_property
-    def located(self) -> list[ExpectedPeak | None]:
-        """The peaks of the foci whose place this array can observe."""
-        pairs = zip(self.targets, self.peaks, strict=True)
-        return [peak if target.observable.all() else None for target, peak in pairs]
+    def _peak(self, target: TargetField) -> ExpectedPeak | None:
+        if not target.observable.all():
+            return None
+        return expected_peak(
+            target.model,
+            self.weights,
+            target.position_m,
+            target.direction(np.eye(3)),
+            target.phase_limit_rad,
+            WITHIN_LOBE_RAD,
+        )
 
     @cached_property
     def levels(self) -> Floats:
@@ -174,7 +170,7 @@ class IdealDrive:
         """Return the focus whose miss shows last, and its limits (3,); None: one never shows."""
         limits = [
             (target, self._rounding_and_air_m(target, peak))
-            for target, peak in zip(self.targets, self.located, strict=True)
+            for target, peak in zip(self.targets, self.peaks, strict=True)
             if peak is not None
         ]
         if len(limits) < len(self.targets):
@@ -193,7 +189,7 @@ class IdealDrive:
         """Return how well the place of the least known focus is known; None: it is not."""
         found = [
             place_uncertainty(target.model, target.position_m, peak.response, known)
-            for target, peak in zip(self.targets, self.located, strict=True)
+            for target, peak in zip(self.targets, self.peaks, strict=True)
             if peak is not None
         ]
         return None if len(found) < len(self.targets) else max(found, key=lambda one: one.total)
@@ -312,7 +308,7 @@ def judge_several(
 
 def _farthest(ideal: IdealDrive, offsets_m: Sequence[Floats | None]) -> dict[str, Any]:
     """Return how far the worst of the foci is from its place; nothing if one has no place."""
-    if any(peak is None for peak in ideal.located) or any(o is None for o in offsets_m):
+    if any(peak is None for peak in ideal.peaks) or any(o is None for o in offsets_m):
         return {}
     pairs = [(t, o) for t, o in zip(ideal.targets, offsets_m, strict=True) if o is not None]
     target, offset_m = max(pairs, key=lambda pair: float(np.linalg.norm(pair[1])))
@@ -325,7 +321,7 @@ def _farthest(ideal: IdealDrive, offsets_m: Sequence[Floats | None]) -> dict[str
 
 def _unseen(ideal: IdealDrive, levels: FociLevels, intended: Intended) -> Iterator[str]:
     """Yield why a drive that is as it should be does not show where its foci are."""
-    lost = [str(number) for number, peak in enumerate(ideal.located, 1) if peak is None]
+    lost = [str(number) for number, peak in enumerate(ideal.peaks, 1) if peak is None]
     if lost:
         yield (
             f"no pressure peak with a place of its own next to focus {', '.join(lost)}: a miss "

@@ -239,7 +239,7 @@ def test_a_driver_refuses_before_the_first_byte(method, name, values):
 
 
 @pytest.mark.parametrize("name", ["hold_ms", "sound_speed_mm_s", "trace_mode"])
-@pytest.mark.parametrize("value", [None, *WHOLE], ids=shown)
+@pytest.mark.parametrize("value", [None, *WHOLE], ids=lambda value: type(value).__name__)
 def test_a_configuration_is_of_whole_numbers(name, value):
     port = BoardPort(model=MODEL)
     with Driver(port) as driver:
