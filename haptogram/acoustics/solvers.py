@@ -32,6 +32,7 @@ Method: TypeAlias = Literal["naive", "ibp", "gs", "wgs", "gspat", "gradient"]
 METHODS: Final[tuple[Method, ...]] = get_args(Method)
 MAX_FOCI: Final = 256
 MAX_ROUNDS: Final = 10_000
+_LARGEST_WEIGHT: Final = 2.0**40  # a point that cannot be served gains weight in every round
 _LEVELS: Final = (1e-6, 1e6)  # of amplitudes: their squares are single precision's
 
 
@@ -176,6 +177,8 @@ def weighted_gerchberg_saxton(
         pressure = matrix @ drive
         level = np.abs(pressure) + np.finfo(pressure.real.dtype).tiny
         weight = weight * ((level / wanted).mean() * wanted / level)
+        if weight.max() > _LARGEST_WEIGHT:
+            weight = weight / _LARGEST_WEIGHT
         drive = _phasor(back @ (weight * (pressure / level)))
     return drive
 

@@ -96,15 +96,6 @@ def within(offset_m: Floats, limit_m: Floats, tolerance_mm: float) -> bool:
     return float(np.linalg.norm(beyond)) <= tolerance_mm / _MM
 
 
-def focuses_on_target(target: TargetField, latched: Drive, active: Bools) -> bool:
-    """Tell whether a fit that starts at the target stays there within the bound of S2.
-
-    For phases that suit the target (S1) and another point as well, or none that a search finds.
-    """
-    offset_m = target.nearest_focus_m(np.angle(latched.weights()), active)
-    return on_target(target, offset_m)
-
-
 def coherence(target: TargetField, latched: Complexes) -> float:
     """S3: |sum w_n g_n| / sum |A_n g_n| at the target."""
     largest = float(target.amplitudes @ np.abs(target.arrivals))

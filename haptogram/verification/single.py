@@ -106,7 +106,9 @@ class SingleFrame:
         unseen = [] if target.observable.all() else [_unobservable(target)]
         if self._is_ambiguous(measures, found):
             notes.append(_AMBIGUOUS)
-            if not criteria.focuses_on_target(target, self.latched, self._active):
+            offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
+            measures |= _place(target, offset_m)
+            if not criteria.on_target(target, offset_m):
                 unseen.append(_ELSEWHERE)
         else:
             if target.observable.any():
@@ -227,17 +229,22 @@ def _unobservable(target: TargetField) -> str:
 
 
 def _where(target: TargetField, found: SingleFocus | NotSingle) -> dict[str, Any]:
-    across_m, along_m = target.split(criteria.focus_offset_m(target, found))
-    place = (
-        value if seen else None
-        for value, seen in zip(found.position_m, target.observable, strict=True)
-    )
-    return {
-        "measured_m": tuple(place),
-        "lateral_error_mm": None if across_m is None else _MM * across_m,
-        "axial_error_mm": None if along_m is None else _MM * along_m,
+    return _place(target, criteria.focus_offset_m(target, found)) | {
         "pressure_rms_pa": found.pressure_rms_pa,
         "force_n": found.force_n if isinstance(found, SingleFocus) else None,
+    }
+
+
+def _place(target: TargetField, offset_m: Floats) -> dict[str, Any]:
+    """Return where a focus is, as far as that can be observed."""
+    across_m, along_m = target.split(offset_m)
+    place_m = (target.position_m + offset_m).tolist()
+    return {
+        "measured_m": tuple(
+            value if seen else None for value, seen in zip(place_m, target.observable, strict=True)
+        ),
+        "lateral_error_mm": None if across_m is None else _MM * across_m,
+        "axial_error_mm": None if along_m is None else _MM * along_m,
     }
 
 

@@ -187,14 +187,14 @@ def _frame(ran: Ran, program: Program, place: int, seen: Seen) -> Trial:
     ideal = program.weights(seen.wanted)
     bits = session.wire_bits
     lie = truth.lie_of(scene, _heard(scene, ideal), seen.wanted.targets_m[0], bits)
-    effect = _effect(scene, seen.wanted, seen.radiated[0], ideal, lie, bits)
+    effect = _effect(session, seen.wanted, seen.radiated[0], ideal, lie)
     if session.allowance is not None:
-        _tolerate(effect, program, seen.wanted, ideal, lie, bits)
+        _tolerate(effect, program, seen.wanted, ideal, lie)
     untouched = np.array_equal(seen.radiated[0], _intended(seen, ran))
     _note(trial, verdict, effect, lie)
     trial.outcome = _outcome(trial, ran, seen, effect, lie, untouched=untouched)
     if verdict.status is FrameStatus.ON_TARGET:
-        _check_printed(trial, seen, scene, ideal, effect, lie, bits)
+        _check_printed(trial, seen, session, ideal, effect, lie)
     if session.group == "honest":
         _check_silence(trial, session, seen, ideal, lie)
     return trial
@@ -228,19 +228,22 @@ def _heard(scene: Scene, drive: Complexes) -> truth.Floats:
     return np.abs(drive * scene.sensitivity)
 
 
+def _steps(session: Session) -> float:
+    """How many steps a phase may be off: half, and one more where the board computes (SPEC.md)."""
+    return 1.5 if session.mode == "points" else 0.5
+
+
 def _effect(
-    scene: Scene, wanted: Wanted, radiated: Registers, ideal: Complexes, lie: Lie, bits: int
+    session: Session, wanted: Wanted, radiated: Registers, ideal: Complexes, lie: Lie
 ) -> Effect:
     actual = truth.weights_of(*radiated)
     if len(wanted.foci) > 1:
-        return _of_several(scene, wanted, actual, ideal, bits)
+        return _of_several(session, wanted, actual, ideal)
     phases = radiated[0] * (2.0 * math.pi / 256.0)
-    return _of_one(scene, wanted, (phases, actual), ideal, lie, bits)
+    return _of_one(session, wanted, (phases, actual), ideal, lie)
 
 
-def _tolerate(
-    effect: Effect, program: Program, wanted: Wanted, ideal: Complexes, lie: Lie, bits: int
-) -> None:
+def _tolerate(effect: Effect, program: Program, wanted: Wanted, ideal: Complexes, lie: Lie) -> None:
     """Add to what is allowed what the tolerance itself does: other air, and a miss."""
     session = program.session
     allowance = session.allowance or Allowance()
@@ -250,25 +253,24 @@ def _tolerate(
     if miss_m:
         ways = [sign * miss_m * axis for axis in lie.axes for sign in (1.0, -1.0)]
         others = [program.weights(moved(wanted, way)) for way in ways]
-    scene = session.scene
     for other in others:
         if len(wanted.foci) > 1:
-            its = _of_several(scene, wanted, other, ideal, bits)
+            its = _of_several(session, wanted, other, ideal)
         else:
-            its = _of_one(scene, wanted, (np.angle(other), other), ideal, lie, bits)
+            its = _of_one(session, wanted, (np.angle(other), other), ideal, lie)
         effect.tolerated = max(effect.tolerated, its.share, its.scattered)
         effect.tolerated_mm = max(effect.tolerated_mm, its.miss_mm, allowance.miss_mm)
 
 
 def _of_one(
-    scene: Scene,
+    session: Session,
     wanted: Wanted,
     drive: tuple[truth.Floats, Complexes],
     ideal: Complexes,
     lie: Lie,
-    bits: int,
 ) -> Effect:
     """The effect of a drive: its phases, those of silent elements too, and its weights."""
+    scene, bits, steps = session.scene, session.wire_bits, _steps(session)
     target, (phases, actual) = wanted.targets_m[0], drive
     found = truth.arrival(scene, phases, np.abs(ideal), target, lie)
     share = truth.shares(scene, actual, ideal, target[None])
@@ -276,23 +278,27 @@ def _of_one(
         float(np.linalg.norm(found.miss_m) * 1e3),
         float(np.linalg.norm(lie.axes @ found.miss_m / lie.units_m)),
         float(abs(share[0] - 1.0)),
-        truth.rounding_share(bits, ideal),
+        truth.rounding_share(bits, ideal, steps),
         scattered=truth.scattered(scene, actual, ideal, target),
         place_m=found.place_m,
         coherence=found.coherence,
     )
     if lie.flat.any():  # what is printed may be of fewer directions than those that were searched
         axes = lie.axes[~lie.flat]
-        effect.rounding_mm = truth.rounding_mm(scene, _heard(scene, ideal), target, bits, axes)
+        one_step = truth.rounding_mm(scene, _heard(scene, ideal), target, bits, axes)
+        effect.rounding_mm = 2.0 * steps * one_step
     return effect
 
 
-def _of_several(
-    scene: Scene, wanted: Wanted, actual: Complexes, ideal: Complexes, bits: int
-) -> Effect:
+def _of_several(session: Session, wanted: Wanted, actual: Complexes, ideal: Complexes) -> Effect:
+    scene, bits, steps = session.scene, session.wire_bits, _steps(session)
     targets = wanted.targets_m
     change = np.abs(truth.shares(scene, actual, ideal, targets) - 1.0)
-    allowed = truth.rounding_reach(scene, ideal, targets, bits) + truth.rounding_share(bits, ideal)
+    allowed = truth.rounding_share(bits, ideal, steps)
+    if session.allowance is None and steps == 0.5:  # it is known which way each phase was rounded
+        allowed = allowed + truth.rounding_reach(scene, ideal, targets, bits)
+    else:
+        allowed = allowed + truth.rounding_worst(scene, ideal, targets, bits, steps)
     worst = int((change - allowed).argmax())
     effect = Effect(0.0, 0.0, float(change[worst]), float(allowed[worst]))
     for target in targets:
@@ -369,10 +375,10 @@ def _note(trial: Trial, verdict: FrameVerdict, effect: Effect, lie: Lie) -> None
 
 
 def _check_printed(
-    trial: Trial, seen: Seen, scene: Scene, ideal: Complexes, effect: Effect, lie: Lie, bits: int
+    trial: Trial, seen: Seen, session: Session, ideal: Complexes, effect: Effect, lie: Lie
 ) -> None:
     """What a frame that passed says of itself must be so."""
-    verdict = seen.verdict
+    scene, verdict = session.scene, seen.verdict
     smallest = verdict.smallest_miss_mm
     if lie.flat.any():
         _check_null(trial, verdict, lie)
@@ -382,7 +388,9 @@ def _check_printed(
         return
     if effect.place_m is None:
         return
-    worst = truth.rounding_mm(scene, _heard(scene, ideal), seen.wanted.targets_m[0], bits)
+    target, bits = seen.wanted.targets_m[0], session.wire_bits
+    worst = truth.rounding_mm(scene, _heard(scene, ideal), target, bits)
+    worst = 2.0 * _steps(session) * worst + effect.tolerated_mm
     trial.numbers["over_rounding"] = smallest / worst
     whole = verdict.bound_mm is not None and None not in verdict.bound_mm
     if whole and smallest > _SMALLEST_OVER_ROUNDING * worst:

@@ -372,11 +372,11 @@ def scattered(scene: Scene, drive: Complexes, ideal: Complexes, target: Floats) 
     return float(min(each) / abs(total))
 
 
-def rounding_share(bits: int, ideal: Complexes) -> float:
-    """What rounding can do to a pressure: of the phases, and half a step of the amplitudes."""
+def rounding_share(bits: int, ideal: Complexes, steps: float = 0.5) -> float:
+    """What rounding can do to a pressure: of the phases, and of the amplitudes, *steps* each."""
     driven = np.abs(ideal[ideal != 0.0])
     level = float(driven.mean())
-    return 1.0 - math.cos(math.pi / 2**bits) + 0.5 / 255.0 / max(level, 1e-6)
+    return 1.0 - math.cos(_TURN * steps / 2**bits) + steps / 255.0 / max(level, 1e-6)
 
 
 def rounded(weights: Complexes, bits: int, lag_rad: float = 0.0) -> Complexes:
@@ -384,6 +384,21 @@ def rounded(weights: Complexes, bits: int, lag_rad: float = 0.0) -> Complexes:
     steps = _TURN / 2**bits
     phases = np.rint((np.angle(weights) + lag_rad) / steps) * steps
     return np.rint(np.minimum(np.abs(weights), 1.0) * 255.0) / 255.0 * turned(phases)
+
+
+def rounding_worst(
+    scene: Scene, ideal: Complexes, targets: Floats, bits: int, steps: float = 0.5
+) -> Floats:
+    """(F,) largest change of each pressure that phase errors of *steps* can make, signs at worst.
+
+    |dp| <= sum_n |Im(q_n / u)| d + |q_n| d^2 / 2, u the phasor of the sum of the q_n.
+    """
+    parts = scene.propagators(targets) * ideal
+    total = parts.sum(axis=1)
+    error = _TURN * steps / 2**bits
+    across = np.abs((parts * (total.conj() / np.abs(total))[:, None]).imag).sum(axis=1)
+    most: Floats = across * error + np.abs(parts).sum(axis=1) * error**2 / 2.0
+    return most / np.abs(total)
 
 
 def rounding_reach(scene: Scene, ideal: Complexes, targets: Floats, bits: int) -> Floats:

@@ -10,6 +10,10 @@ from haptogram.acoustics._kernels._blocks import F4
 from haptogram.acoustics._kernels._jit import jit, jit_inline, jit_sums
 from haptogram.acoustics._kernels._waves import ONE, ZERO
 
+# A point that cannot be served as it wants gains weight in every round: before it overflows, all
+# are divided by a power of two, which changes no ratio between them.
+LARGEST_WEIGHT = np.float32(2.0**40)
+
 
 @jit
 def weighted_gerchberg_saxton(
@@ -40,6 +44,8 @@ def weighted_gerchberg_saxton(
                 re[i], im[i], weight[i] * p / level, weight[i] * q / level, drive_re, drive_im
             )
         _normalise(drive_re, drive_im)
+        if weight.max() > LARGEST_WEIGHT:
+            weight /= LARGEST_WEIGHT
 
 
 @jit_sums

@@ -1,0 +1,235 @@
+"""Tolerance and uncertainty: what passes on top of rounding, and how well a place is known."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptogram.acoustics import AcousticModel, Medium, focus_phases
+from haptogram.acoustics.medium import speed_uncertainty
+from haptogram.acoustics.solvers import weights_for_foci
+from haptogram.config import VerifyConfig
+from haptogram.errors import ConfigurationError
+from haptogram.records import Focus
+from haptogram.verification import (
+    REAL_BOARD,
+    FrameStatus,
+    Judge,
+    Tolerance,
+    Uncertainty,
+    Verdict,
+    check_tolerance,
+    tolerance_of,
+    uncertainty_of,
+    verify_run,
+)
+from latched_drives import field_of, intend, registers, seen, working_volume
+
+MODEL = AcousticModel.default()
+TARGET = (0.013, -0.021, 0.11)
+few = settings(max_examples=20)
+
+
+def judged(intended, drive=None, model=MODEL, **tolerance):
+    judge = Judge(model, carrier_us=25, tolerance=Tolerance(**tolerance))
+    return judge.judge(intended, seen(intended, drive))
+
+
+@few
+@given(working_volume(), st.floats(-1.0, 1.0), st.floats(0.05, 3.0), st.sampled_from([8, 6, 5]))
+def test_air_within_the_tolerance_passes_and_s1_warns(target, share, degrees, bits):
+    host = AcousticModel.default(temperature_c=20.0 + share * degrees)
+    intended = intend(host, target, bits)
+    found = judged(intended, temperature_c=degrees)
+    assert found.status is FrameStatus.ON_TARGET, found
+    if not found.criteria["S1"]:
+        assert "S1 warns" in found.note
+        assert judged(intended).status is FrameStatus.OFF_TARGET
+
+
+@few
+@given(working_volume(), st.floats(0.2, 3.0), st.sampled_from([-1.0, 1.0]))
+def test_air_beyond_the_tolerance_that_moves_the_focus_further_than_shows_fails(
+    target, degrees, sign
+):
+    host = AcousticModel.default(temperature_c=20.0 + sign * (3.0 * degrees + 3.0))
+    found = judged(intend(host, target), temperature_c=degrees)
+    assert math.hypot(found.lateral_error_mm, found.axial_error_mm) > found.smallest_miss_mm
+    assert found.status is FrameStatus.OFF_TARGET
+
+
+@few
+@given(
+    working_volume(),
+    st.floats(0.0, 1.0),
+    st.floats(0.1, 2.0),
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda way: np.linalg.norm(way) > 0.1),
+)
+def test_a_miss_within_the_tolerance_passes(target, share, miss_mm, way):
+    away = share * miss_mm * 1e-3 * np.array(way) / np.linalg.norm(way)
+    intended = intend(MODEL, target)
+    missed = registers(focus_phases(MODEL, np.add(target, away)))
+    found = judged(intended, missed, miss_mm=miss_mm)
+    # The codes differ from those that were sent, so the drive is not the intended one.
+    assert found.criteria["S2"], found
+    assert found.criteria["S3"], found
+    assert found.criteria.get("S4", True), found
+    as_sent = dataclasses.replace(intended, drive=missed)
+    assert judged(as_sent, missed, miss_mm=miss_mm).status is FrameStatus.ON_TARGET
+
+
+@few
+@given(working_volume(), st.floats(0.1, 1.0), st.floats(0.0, 2.0 * math.pi))
+def test_a_miss_beyond_tolerance_and_rounding_fails(target, miss_mm, angle):
+    intended = intend(MODEL, target)
+    smallest_mm = judged(intended, miss_mm=miss_mm).smallest_miss_mm
+    assert smallest_mm > miss_mm
+    away = 1.5e-3 * smallest_mm * np.array([math.cos(angle), math.sin(angle), 0.0])
+    missed = registers(focus_phases(MODEL, np.add(target, away)))
+    found = judged(dataclasses.replace(intended, drive=missed), missed, miss_mm=miss_mm)
+    assert found.status is FrameStatus.OFF_TARGET
+
+
+@pytest.mark.parametrize("solver", ["naive", "gs", "wgs", "gspat"])
+@pytest.mark.parametrize("bits", [8, 5])
+def test_several_foci_in_air_within_the_tolerance_pass_and_beyond_it_fail(solver, bits):
+    points = [TARGET, (-0.03, 0.015, 0.1), (0.0, 0.03, 0.12)]
+    foci = tuple(Focus.at(point, 1.0 / 3.0) for point in points)
+    statuses = {}
+    for degrees in (-0.9, -0.4, 0.0, 0.5, 0.9, 20.0):
+        host = AcousticModel.default(temperature_c=20.0 + degrees)
+        weights = weights_for_foci(host, points, [1 / 3] * 3, [0.0, 1.0, 2.0], method=solver)
+        drive = registers(np.angle(weights), bits)
+        lags = tuple(dataclasses.replace(f, phase_rad=float(n)) for n, f in enumerate(foci))
+        intended = intend(host, TARGET, bits, foci=lags, drive=drive, solver=solver)
+        statuses[degrees] = judged(intended, temperature_c=1.0).status
+    assert statuses.pop(20.0) is FrameStatus.OFF_TARGET
+    assert set(statuses.values()) == {FrameStatus.ON_TARGET}, statuses
+
+
+def test_a_broken_element_fails_whatever_is_tolerated():
+    intended = intend(MODEL, TARGET)
+    amplitudes = intended.drive.amplitude_codes.copy()
+    amplitudes[17] = 0
+    dead = dataclasses.replace(intended.drive, amplitude_codes=amplitudes)
+    found = judged(intended, dead, miss_mm=1.0, temperature_c=2.0)
+    assert found.status is FrameStatus.WRONG_DRIVE
+    assert found.faults == ("element 17 (1, 1) dead",)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "limit"),
+    [
+        ("miss_mm", -0.1, "10"),
+        ("miss_mm", 11.0, "10"),
+        ("miss_mm", math.nan, "10"),
+        ("temperature_c", 21.0, "20"),
+        ("humidity_percent", -1.0, "90"),
+        ("miss_mm", "1", "10"),
+        ("temperature_c", True, "20"),
+    ],
+)
+def test_a_tolerance_that_cannot_be_is_refused(name, value, limit):
+    with pytest.raises(ConfigurationError, match=rf"^{name} is .*") as raised:
+        Tolerance(**{name: value})
+    assert limit in str(raised.value) or "number" in str(raised.value)
+
+
+@pytest.mark.parametrize("name", [f.name for f in dataclasses.fields(Uncertainty)])
+@pytest.mark.parametrize("value", [-1.0, math.inf, math.nan, "x", None])
+def test_an_uncertainty_that_cannot_be_is_refused(name, value):
+    with pytest.raises(ConfigurationError, match=rf"^{name} is "):
+        Uncertainty(**{name: value})
+
+
+def test_a_tolerance_as_large_as_the_focus_is_refused():
+    points = [(0.0, 0.0, 0.1), (0.0, 0.0, 0.05)]
+    check_tolerance(MODEL, points, Tolerance(miss_mm=4.5))
+    with pytest.raises(ConfigurationError, match=r"tolerance of 6 mm; .* \(0\.0, 0\.0, 50\.0\) mm"):
+        check_tolerance(MODEL, points, Tolerance(miss_mm=6.0))
+    with pytest.raises(ConfigurationError, match="tolerance of 9 mm"):
+        judged(intend(MODEL, TARGET), miss_mm=9.0)
+
+
+def test_the_width_of_the_focus_is_that_of_the_field():
+    # Full widths at -3 dB of a 16 x 16 array, in mm.
+    for height_m, width_mm in [(0.05, 4.80), (0.1, 6.51), (0.2, 10.51)]:
+        assert 1e3 * field_of(MODEL, (0.0, 0.0, height_m)).width_m == pytest.approx(
+            width_mm, rel=0.05
+        )
+
+
+# --- Uncertainty ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("height_m", "moved_mm"), [(0.1, 0.24), (0.2, 0.38), (0.4, 0.70)])
+def test_a_degree_moves_a_focus_by_what_the_result_says(height_m, moved_mm):
+    known = field_of(MODEL, (0.0, 0.0, height_m)).place_uncertainty(Uncertainty(temperature_c=1.0))
+    assert known.air == pytest.approx(moved_mm, rel=0.03)
+    assert (known.positions, known.phases) == (0.0, 0.0)
+
+
+@few
+@given(working_volume(), st.integers(0, 2**32 - 1))
+def test_scattered_positions_and_phases_move_the_focus_as_the_result_says(target, seed):
+    field = field_of(MODEL, target)
+    known = field.place_uncertainty(Uncertainty(position_mm=0.1, phase_rad=0.2))
+    rng = np.random.default_rng(seed)
+    moved = {"positions": [], "phases": []}
+    for _ in range(60):
+        shaken = MODEL.array.positions_m + 1e-4 * rng.standard_normal((256, 3))
+        array = dataclasses.replace(MODEL.array, positions_m=shaken)
+        other = dataclasses.replace(MODEL, array=array)
+        moved["positions"].append(field.nearest_focus_m(focus_phases(other, target), field.active))
+        phases = field.phases_rad + 0.2 * rng.standard_normal(256)
+        moved["phases"].append(field.nearest_focus_m(phases, field.active))
+    for name, offsets in moved.items():
+        spread_mm = 1e3 * math.sqrt(np.mean(np.sum(np.square(offsets), axis=1)))
+        assert getattr(known, name) == pytest.approx(spread_mm, rel=0.35)
+
+
+def test_humidity_changes_the_speed_of_sound():
+    air = Medium.air(20.0)
+    assert speed_uncertainty(air, 0.0, 0.0) == 0.0
+    # Bohn, 1988: 0.35 % between dry and saturated air of 20 degrees.
+    assert speed_uncertainty(air, 0.0, 90.0) == pytest.approx(0.0034, abs=2e-4)
+    assert speed_uncertainty(air, 1.0, 0.0) == pytest.approx(0.5 / 293.15, rel=0.01)
+
+
+def test_a_real_board_is_known_less_well_than_a_virtual_one():
+    assert uncertainty_of(VerifyConfig()) == Uncertainty()
+    real = VerifyConfig(port="/dev/ttyUSB0", uncertainty_c=0.5)
+    assert uncertainty_of(real) == dataclasses.replace(REAL_BOARD, temperature_c=0.5)
+    assert all(dataclasses.astuple(REAL_BOARD))
+    assert tolerance_of(VerifyConfig(port="/dev/ttyUSB0")).is_strict
+    stated = VerifyConfig(tolerance_mm=0.5, tolerance_c=1.0, tolerance_humidity=10.0)
+    assert tolerance_of(stated) == Tolerance(0.5, 1.0, 10.0)
+
+
+def test_a_run_tells_its_tolerance_and_how_well_the_place_is_known():
+    intended = [intend(MODEL, (0.0, 0.0, 0.1 + 0.01 * n), number=n) for n in range(3)]
+    run = verify_run(
+        intended,
+        [seen(frame) for frame in intended],
+        model=MODEL,
+        tolerance=Tolerance(miss_mm=0.5, temperature_c=1.0),
+        uncertainty=REAL_BOARD,
+    )
+    assert run.verdict is Verdict.PASS
+    result = run.as_dict()
+    assert result["tolerance"] == {
+        "miss_mm": 0.5,
+        "temperature_c": 1.0,
+        "humidity_percent": 0.0,
+    }
+    place = result["uncertainty_mm"]
+    assert place["total"] == pytest.approx(
+        math.hypot(place["air"], place["positions"], place["phases"])
+    )
+    assert 0.4 < place["air"] < 0.7
+    text = str(run)
+    assert "tolerance 0.5 mm, air of ±1 °C" in text
+    assert f"known to  {place['total']:.2f} mm" in text
