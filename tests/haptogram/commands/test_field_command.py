@@ -11,6 +11,7 @@ from haptogram.acoustics import (
     Drive,
     NumpyEngine,
     Resonator,
+    TransducerArray,
     demodulated_level_db_a,
     exposure_at,
     focus_phases,
@@ -51,6 +52,52 @@ def test_a_focus_is_drawn_and_described(run, tmp_path, capsys):
     assert "mm from the target" in out
     assert "mN" in out
     assert "no judgement" in " ".join(out.split())
+
+
+@pytest.mark.parametrize(
+    ("array", "focus", "said"),
+    [
+        ("16x16", "0,0,200", r"7\.\d\d mm from the target \(expected about 8\.\d\d mm, by diff"),
+        ("16x16", "0,0,400", r"52\.\d\d mm from the target \(by diffraction; too far for a pred"),
+        ("6x6", "0,0,400", r"284\.\d\d mm from the target \(the aperture is too small to focus"),
+        ("5x5", "0,0,400", r"\(the aperture is too small|no focus: no maximum of \|p\|"),
+    ],
+)
+def test_a_focal_shift_that_cannot_be_predicted_is_said_to_be_so(run, capsys, array, focus, said):
+    assert run("--array", array, "--focus-mm", focus) == 0
+    out = capsys.readouterr().out
+    assert re.search(said, out)
+    assert "reflecting disc of 20 mm diameter, parallel to the array's face" in out
+
+
+MOVED = {
+    "sideways": (np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), [0.1, 0.0, -0.2]),
+    "down": (np.diag([1.0, -1.0, -1.0]), [0.0, 0.3, 0.5]),
+    "moved": (np.eye(3), [0.3, -0.2, 0.5]),
+}
+
+
+@pytest.mark.parametrize("where", MOVED)
+@pytest.mark.parametrize("view", ["plane", "cuts", "isosurface"])
+def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
+    run, tmp_path, capsys, where, view
+):
+    turn, shift_m = MOVED[where]
+    here = TransducerArray.grid(10, 8)
+    there, target = here.moved(turn, shift_m), np.array([0.02, 0.01, 0.12])
+    text = {}
+    for name, array, focus in (
+        ("here", here, target),
+        ("there", there, turn @ target + shift_m),
+    ):
+        rows = np.column_stack([array.positions_m * 1e3, array.normals]) + 0.0
+        lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
+        (tmp_path / name).write_text("\n".join(["x,y,z,nx,ny,nz", *lines]))
+        place = ",".join(f"{value * 1e3:.9g}" for value in focus)
+        assert run("--array", tmp_path / name, f"--focus-mm={place}", "--view", view) == 0
+        out = capsys.readouterr().out
+        text[name] = re.sub(r"\([-\d., e]+\)", "(place)", out)
+    assert text["there"] == text["here"]
 
 
 @pytest.mark.parametrize(
