@@ -11,6 +11,7 @@ from haptogram.acoustics import (
     Drive,
     NumpyEngine,
     Resonator,
+    Transducer,
     TransducerArray,
     demodulated_level_db_a,
     exposure_at,
@@ -19,6 +20,7 @@ from haptogram.acoustics import (
 )
 from haptogram.acoustics.engine import why_not_compiled
 from haptogram.commands import field
+from haptogram.commands.field_scene import Scene
 from haptogram.commands.places import joined
 from haptogram.errors import ConfigurationError
 from haptogram.modulation import Modulation
@@ -98,6 +100,24 @@ def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
         out = capsys.readouterr().out
         text[name] = re.sub(r"\([-\d., e]+\)", "(place)", out)
     assert text["there"] == text["here"]
+
+
+@pytest.mark.parametrize("where", MOVED)
+def test_a_drive_of_a_turned_array_is_looked_at_where_it_is_loudest(tmp_path, where):
+    turn, shift_m = MOVED[where]
+    array = TransducerArray.grid(10, 8).moved(turn, shift_m)
+    focus = turn @ np.array([0.02, 0.01, 0.08]) + shift_m
+    rows = np.column_stack([array.positions_m * 1e3, array.normals]) + 0.0
+    lines = ["x,y,z,nx,ny,nz", *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    (tmp_path / "array.csv").write_text("\n".join(lines))
+    model = AcousticModel(array, AcousticModel.default().medium, Transducer())
+    codes = Drive.from_weights(np.exp(1j * focus_phases(model, focus))).phase_codes
+    lines = ["phase,amplitude", *(f"{code},255" for code in codes)]
+    (tmp_path / "drive.csv").write_text("\n".join(lines))
+    scene = Scene.from_arguments(
+        parse("--array", tmp_path / "array.csv", "--drive", tmp_path / "drive.csv")
+    )
+    assert np.linalg.norm(np.array(scene.look_m) - focus) < 8e-3
 
 
 @pytest.mark.parametrize(
