@@ -165,8 +165,6 @@ def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
     assert "focus (20, 0, 120) mm: 4126 Pa RMS" in capsys.readouterr().out
     assert run("--drive", "drive.csv", "--view", "cuts", "--output", "drive.svg") == 0
     assert "target" not in (tmp_path / "drive.svg").read_text()
-    from haptogram.commands.field_scene import Scene
-
     scene = Scene.from_arguments(parse("--drive", "drive.csv"))
     assert np.linalg.norm(np.subtract(scene.look_m, (0.02, 0.0, 0.12))) < 0.02
 
