@@ -193,7 +193,7 @@ def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) 
         why = "the aperture is too small to focus there"
     elif expected.valid:
         expected_m = float(np.linalg.norm(expected.offset_m))
-        why = f"expected {expected_m * 1e3:.2f} mm at most, by diffraction"
+        why = f"expected about {expected_m * 1e3:.2f} mm, by diffraction"
     else:
         why = "by diffraction; too far for a prediction, as the aperture is small for this distance"
     return f"maximum ({text_mm(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"

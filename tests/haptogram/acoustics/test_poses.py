@@ -248,7 +248,9 @@ def test_what_is_reconstructed_moves_with_the_array(name, pose, target, silent):
     best = min(fits, key=lambda fit: fit.residual_rms_rad)
     assert best.position_m == pytest.approx(place, abs=1e-6)
     if active.all():
-        fix = FocusTracker(there).acquire(drive.phase_codes)
+        tracker = FocusTracker(there)
+        fix = tracker.acquire(drive.phase_codes)
+        assert tracker.explains(fix)
         assert fix.position_m == pytest.approx(place, abs=5e-5)
 
 

@@ -11,6 +11,8 @@ from haptogram.acoustics import (
     Drive,
     NumpyEngine,
     Resonator,
+    Transducer,
+    TransducerArray,
     demodulated_level_db_a,
     exposure_at,
     focus_phases,
@@ -18,6 +20,7 @@ from haptogram.acoustics import (
 )
 from haptogram.acoustics.engine import why_not_compiled
 from haptogram.commands import field
+from haptogram.commands.field_scene import Scene
 from haptogram.commands.places import joined
 from haptogram.errors import ConfigurationError
 from haptogram.modulation import Modulation
@@ -51,6 +54,70 @@ def test_a_focus_is_drawn_and_described(run, tmp_path, capsys):
     assert "mm from the target" in out
     assert "mN" in out
     assert "no judgement" in " ".join(out.split())
+
+
+@pytest.mark.parametrize(
+    ("array", "focus", "said"),
+    [
+        ("16x16", "0,0,200", r"7\.\d\d mm from the target \(expected about 8\.\d\d mm, by diff"),
+        ("16x16", "0,0,400", r"52\.\d\d mm from the target \(by diffraction; too far for a pred"),
+        ("6x6", "0,0,400", r"284\.\d\d mm from the target \(the aperture is too small to focus"),
+        ("5x5", "0,0,400", r"\(the aperture is too small|no focus: no maximum of \|p\|"),
+    ],
+)
+def test_a_focal_shift_that_cannot_be_predicted_is_said_to_be_so(run, capsys, array, focus, said):
+    assert run("--array", array, "--focus-mm", focus) == 0
+    out = capsys.readouterr().out
+    assert re.search(said, out)
+    assert "reflecting disc of 20 mm diameter, parallel to the array's face" in out
+
+
+MOVED = {
+    "sideways": (np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), [0.1, 0.0, -0.2]),
+    "down": (np.diag([1.0, -1.0, -1.0]), [0.0, 0.3, 0.5]),
+    "moved": (np.eye(3), [0.3, -0.2, 0.5]),
+}
+
+
+@pytest.mark.parametrize("where", MOVED)
+@pytest.mark.parametrize("view", ["plane", "cuts", "isosurface"])
+def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
+    run, tmp_path, capsys, where, view
+):
+    turn, shift_m = MOVED[where]
+    here = TransducerArray.grid(10, 8)
+    there, target = here.moved(turn, shift_m), np.array([0.02, 0.01, 0.12])
+    text = {}
+    for name, array, focus in (
+        ("here", here, target),
+        ("there", there, turn @ target + shift_m),
+    ):
+        rows = np.column_stack([array.positions_m * 1e3, array.normals]) + 0.0
+        lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
+        (tmp_path / name).write_text("\n".join(["x,y,z,nx,ny,nz", *lines]))
+        place = ",".join(f"{value * 1e3:.9g}" for value in focus)
+        assert run("--array", tmp_path / name, f"--focus-mm={place}", "--view", view) == 0
+        out = capsys.readouterr().out
+        text[name] = re.sub(r"\([-\d., e]+\)", "(place)", out)
+    assert text["there"] == text["here"]
+
+
+@pytest.mark.parametrize("where", MOVED)
+def test_a_drive_of_a_turned_array_is_looked_at_where_it_is_loudest(tmp_path, where):
+    turn, shift_m = MOVED[where]
+    array = TransducerArray.grid(10, 8).moved(turn, shift_m)
+    focus = turn @ np.array([0.02, 0.01, 0.08]) + shift_m
+    rows = np.column_stack([array.positions_m * 1e3, array.normals]) + 0.0
+    lines = ["x,y,z,nx,ny,nz", *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    (tmp_path / "array.csv").write_text("\n".join(lines))
+    model = AcousticModel(array, AcousticModel.default().medium, Transducer())
+    codes = Drive.from_weights(np.exp(1j * focus_phases(model, focus))).phase_codes
+    lines = ["phase,amplitude", *(f"{code},255" for code in codes)]
+    (tmp_path / "drive.csv").write_text("\n".join(lines))
+    scene = Scene.from_arguments(
+        parse("--array", tmp_path / "array.csv", "--drive", tmp_path / "drive.csv")
+    )
+    assert np.linalg.norm(np.array(scene.look_m) - focus) < 8e-3
 
 
 @pytest.mark.parametrize(
@@ -98,8 +165,6 @@ def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
     assert "focus (20, 0, 120) mm: 4126 Pa RMS" in capsys.readouterr().out
     assert run("--drive", "drive.csv", "--view", "cuts", "--output", "drive.svg") == 0
     assert "target" not in (tmp_path / "drive.svg").read_text()
-    from haptogram.commands.field_scene import Scene
-
     scene = Scene.from_arguments(parse("--drive", "drive.csv"))
     assert np.linalg.norm(np.subtract(scene.look_m, (0.02, 0.0, 0.12))) < 0.02
 

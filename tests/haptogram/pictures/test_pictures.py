@@ -120,6 +120,24 @@ def test_the_cuts_go_through_the_target():
     assert x.min() >= 20.0
 
 
+def test_cuts_and_surfaces_lie_along_the_axes_of_a_turned_array():
+    """The same curves; what is behind the array, or on an element, is a gap."""
+    turn, shift_m = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0.1, 0.0, -0.2])
+    model = AcousticModel(MODEL.array.moved(turn, shift_m), MODEL.medium, MODEL.transducer)
+    engine, target = NumpyEngine(model), turn @ TARGET + shift_m
+    here, there = draw_cuts(ENGINE, WEIGHTS, TARGET).axes, draw_cuts(engine, WEIGHTS, target).axes
+    for axes, expected in zip(there, here, strict=True):
+        for line, other in zip(axes.lines[:1], expected.lines[:1], strict=True):
+            assert line.get_ydata() == pytest.approx(other.get_ydata(), rel=1e-6, abs=1e-6)
+    assert there[0].lines[0].get_label() == "along the array's x"
+    assert there[1].get_xlabel() == "the array's z (mm)"
+    figure = draw_isosurfaces(engine, WEIGHTS, target, step_m=4e-3)
+    assert figure.axes[0].get_zlabel() == "own z (mm)"
+    low, high = figure.axes[0].get_zlim()
+    middle = 1e3 * float(model.array.axes[2] @ target)
+    assert low < middle < high
+
+
 def volume_of(triangles):
     a, b, c = triangles.swapaxes(0, 1)
     return (a * np.cross(b, c)).sum() / 6
