@@ -222,8 +222,6 @@ class Simulation:
         self._record()
         self._feed_line()
         self._unread += self._up.receive(t_ns)
-        if not self.is_connected:
-            self._unread.clear()  # nobody is there to have it
         if self._line.host_buffer is not None:
             self._overrun_host(self._line.host_buffer)
 

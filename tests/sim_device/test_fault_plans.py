@@ -267,16 +267,6 @@ def test_a_port_vanishes_loses_what_was_on_it_and_comes_back(open_host):
     assert host.port.simulation.fault_counts == {"line.disconnect": 1}
 
 
-def test_what_a_board_says_while_its_port_is_gone_is_lost(open_host):
-    host = open_host(url_of("line.disconnect ms=50 from=30ms"))
-    host.arm(status_period_ms=24)
-    host.port.wait_until_ns(80 * MS)
-    assert host.port.simulation.dialect.counters["requests"] == 3
-    assert host.port.in_waiting == 0
-    host.port.wait_until_ns(200 * MS)
-    assert host.port.in_waiting > 0
-
-
 @pytest.mark.parametrize(("direction", "arrived"), [("down", 0), ("up", 1)])
 def test_half_open_is_one_direction_dead(open_host, direction, arrived):
     host = open_host(url_of(f"line.half_open direction={direction} from=1ms"))
