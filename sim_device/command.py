@@ -150,8 +150,9 @@ def _epilog() -> str:
     """Return examples, and the faults with their parameters."""
     faults = "\n".join(f"  {text}" for text in described())
     return (
-        f"{_EPILOG}\nfaults, their parameters and what these are if left out (all take from=2s "
-        f"until=500ms,\nthose of the line direction=down or up; docs/faults.md tells more):\n"
+        f"{_EPILOG}\nfaults, their parameters and what these are if left out (all but those of the "
+        f"clock take\nfrom=500ms until=2s, those of the line direction=down or up; docs/faults.md "
+        f"tells more):\n"
         f"{faults}\n"
     )
 

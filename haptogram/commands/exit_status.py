@@ -15,6 +15,6 @@ exit status:
   0  pass: enough frames were verified and none was wrong
   1  fail: a focus off target, a wrong drive, or a damaged frame that was latched
   2  usage or environment error: nothing was judged, or a result could not be written
-  3  inconclusive: too few frames could be verified, or the link was lost
+  3  inconclusive: too few frames could be verified, the link was lost, or planned faults broke it
   130  interrupted (Ctrl-C, SIGTERM, SIGHUP), and nothing was wrong in what was seen until then
 """

@@ -124,7 +124,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         board=_board_dict(found),
         warnings=found.warnings,
         cut_short=None if found.cut is None else found.cut.reason,
-        faults=_faults_dict(planned, found.fault_counts),
+        faults=_faults_dict(planned, found.fault_counts) if config.port is None else None,
         troubles=found.troubles,
         host=None if config.virtual_time else _host_dict(found),
         environment=None if config.virtual_time else report.environment(),

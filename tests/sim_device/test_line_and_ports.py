@@ -1,5 +1,6 @@
 """The line model, and the ports and sinks inside this process."""
 
+import errno
 import json
 import os
 import select
@@ -14,7 +15,7 @@ from haptogram.errors import ConfigurationError
 from sim_device import sink as sinks
 from sim_device.log import CountLog
 from sim_device.options import board_settings
-from sim_device.port import PtyPort, TcpPort, UnixListener
+from sim_device.port import Doorman, PortLostError, PtyPort, TcpPort, UnixListener
 from sim_device.simulation import Simulation
 from sim_device.sink import SocketSink, open_sink
 from sim_device.uart import Line
@@ -297,3 +298,32 @@ def test_the_line_still_takes_its_time_after_what_was_credited():
     assert simulation.host_unsent > 0
     simulation.advance_to(57_000_000)
     assert simulation.host_unsent == 0
+
+
+def test_a_server_that_is_gone_is_told_and_not_taken_for_an_idle_one():
+    port = TcpPort("127.0.0.1", 0)
+    assert port.read(1) == b""
+    port.close()
+    with pytest.raises(PortLostError, match=r"no client can be taken in: Bad file descriptor"):
+        port.read(1)
+
+
+@pytest.mark.parametrize(
+    ("code", "is_fatal", "is_short"),
+    [(code, False, False) for code in (errno.EAGAIN, errno.ECONNABORTED, errno.EINTR, errno.EPROTO)]
+    + [(code, False, True) for code in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS)]
+    + [(code, True, False) for code in (errno.EBADF, errno.EINVAL, errno.ENOTSOCK, errno.EPERM)],
+)
+def test_what_becomes_of_an_error_of_accept(code, is_fatal, is_short):
+    class Server:
+        def accept(self):
+            raise OSError(code, os.strerror(code))
+
+    doorman = Doorman(Server(), "port")
+    if is_fatal:
+        with pytest.raises(PortLostError, match=f"port: .*: {os.strerror(code)}"):
+            doorman.admit()
+    else:
+        assert doorman.admit() is None
+    assert doorman.refused == is_short
+    assert doorman.is_looking is not is_short

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import random
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from haptogram.cli import main
+from sim_device.fault_kinds import FAULT_KINDS, PLACES, Parameter, words_of
 
 _CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "2", "--quiet"]
 _FEW = ["--resolution-mm", "10"]
@@ -176,3 +178,183 @@ def test_a_plan_that_cannot_be_read_is_told_before_anything_starts(
     assert main(["verify", "--fault-plan", str(absent)]) == 2
     told = f"cannot read the fault plan {absent}: No such file or directory"
     assert capsys.readouterr().err == f"haptogram: {told}\n"
+
+
+# --- what a plan does is never an error of usage -------------------------------------------------
+
+_SMALL = ["--array", "8x8", "--object", "circle", "--radius-mm", "10", "--resolution-mm", "5"]
+_JOB = [*_SMALL, "--center-mm", "0,0,80", "--seed", "1", "--quiet"]
+_HARD = {
+    "line.flip": "ber=0.2",
+    "line.baud": "ppm=150000",
+    "line.half_open": "",
+    "line.disconnect": "ms=60000",
+    "line.delay": "us=5e6",
+    "line.slice": "bytes=1 gap_us=1e5",
+    "line.coalesce": "us=4e6",
+    "line.batch": "ms=4000",
+}
+_TO_THE_LINE = [name for name in FAULT_KINDS if name.startswith(("line.", "frame."))]
+
+
+def _hard(name: str) -> str:
+    return f"{name} {_HARD.get(name, 'p=0.9')}".strip()
+
+
+def _run(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    *,
+    with_page: bool = False,
+) -> tuple[int, str, dict[str, Any] | None]:
+    """Return exit status, what was said to the user, and the result, if there is one.
+
+    All files are there, or none.
+    """
+    names = {"--json": "a.json", "--junit": "a.xml"} | ({"--report": "a.html"} if with_page else {})
+    files = {option: tmp_path / name for option, name in names.items()}
+    for path in files.values():
+        path.unlink(missing_ok=True)
+    given = [word for option, path in files.items() for word in (option, str(path))]
+    status = main([*words, *given])
+    said = capsys.readouterr()
+    assert "Traceback" not in said.err
+    assert len({path.exists() for path in files.values()}) == 1
+    is_told = files["--json"].exists()
+    result = json.loads(files["--json"].read_text(encoding="utf-8")) if is_told else None
+    return status, said.out if is_told else said.err, result
+
+
+@pytest.mark.parametrize("name", _TO_THE_LINE)
+def test_a_hard_fault_from_power_up_on_is_inconclusive_at_worst(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = _faulty([*_JOB, "--virtual-time"], _hard(name))
+    status, said, result = _run(tmp_path, capsys, words)
+    assert status in (0, 3)
+    assert f"{name} " in said
+    if result is None:
+        assert status == 3
+        assert said.startswith("haptogram: inconclusive: the fault plan broke the session (")
+        assert "another device" not in said
+        assert said.endswith("seed 1\n")
+        assert said.count("\n") == 1
+    else:
+        assert result["faults"]["fired"][name] > 0
+
+
+@pytest.mark.parametrize("name", _TO_THE_LINE)
+def test_a_hard_fault_in_mid_run_leaves_what_was_measured(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = _faulty([*_JOB, "--virtual-time", "--repeat", "8"], f"{_hard(name)} from=60ms")
+    with_page = name in ("line.drop", "line.disconnect", "frame.crc")
+    status, said, result = _run(tmp_path, capsys, words, with_page=with_page)
+    assert status in ((0, 1, 3) if name == "frame.sequence" else (0, 3))  # one in place of another
+    assert result is not None
+    assert result["faults"]["fired"][name] > 0
+    assert f"faults on purpose: {name} " in said
+    assert result["frames"]["verified"] > 10
+
+
+@pytest.mark.pty
+@pytest.mark.parametrize("fault", ["line.drop p=0.3", "line.half_open", "line.disconnect ms=60000"])
+def test_over_a_pty_the_plan_is_blamed_too(
+    fault: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, said, result = _run(tmp_path, capsys, _faulty(_JOB, fault))
+    assert (status, result) == (3, None)
+    assert "the fault plan broke the session (" in said
+    assert f"faults on purpose: {fault.split()[0]} " in said
+
+
+def test_in_a_url_the_plan_is_blamed_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = "haptogram://?clock=virtual&fault=line.half_open"
+    status, said, _ = _run(tmp_path, capsys, ["verify", *_JOB, "--port", url])
+    assert status == 3
+    assert "faults on purpose: line.half_open; the board did not tell how often" in said
+
+
+@pytest.mark.parametrize("fault", ["line.drop p=0", "line.half_open from=9s", ""])
+def test_a_plan_that_did_nothing_is_not_blamed(
+    fault: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def silent(*_: object) -> bytes:
+        return b""
+
+    monkeypatch.setattr("sim_device.simulation.Simulation.host_read", silent)
+    words = [*_JOB, "--virtual-time"]
+    assert main(_faulty(words, *([fault] if fault else []))) == 2
+    said = capsys.readouterr().err
+    assert said == "haptogram: virtual board: nothing came back within 2 s\n"
+
+
+@pytest.mark.parametrize(
+    ("fault", "count"),
+    [
+        ("clock.offset us=50", 1),
+        ("clock.offset us=0", 0),
+        ("clock.wrap us=120000", 1),
+        ("clock.wrap us=20000000", 0),
+        ("clock.ppm ppm=-100", 1),
+        ("clock.step us=300 from=110ms", 1),
+        ("clock.step us=300 from=20s", 0),
+    ],
+)
+def test_the_result_counts_what_the_clock_did(fault: str, count: int, tmp_path: Path) -> None:
+    name, *_ = fault.split()
+    result = _result(tmp_path, _faulty([*_JOB, "--virtual-time"], fault))
+    assert result["faults"]["fired"] == {name: count}
+    twice = [fault, fault] if name != "clock.wrap" else [fault]
+    result = _result(tmp_path, _faulty([*_JOB, "--virtual-time"], *twice))
+    assert result["faults"]["fired"] == {name: count * len(twice)}
+
+
+# --- plans at random ------------------------------------------------------------------------------
+
+_TIMES_MS = (0, 5, 10, 50, 100, 110, 120)
+
+
+def _value(limits: Parameter, source: random.Random) -> float:
+    drawn = source.choice([limits.default, limits.least, limits.most, 10 ** source.uniform(-5, 6)])
+    value = min(max(drawn, limits.least), limits.most)
+    return round(value) if limits.whole else value
+
+
+def _at_random(source: random.Random) -> str:
+    name = source.choice(list(FAULT_KINDS))
+    kind, known = FAULT_KINDS[name], words_of(name)
+    numbers = [key for key in kind if key not in PLACES and source.random() < 0.7]
+    words = [f"{key}={_value(kind[key], source)!r}" for key in numbers]
+    if PLACES[0] in kind:
+        words.append(source.choice(["transducer=7", "column=2", "bank=0"]))
+    from_ms = source.choice(_TIMES_MS)
+    if "from" in known:
+        words.append(f"from={from_ms}ms")
+        if "until" in known and "ms" not in numbers and source.random() < 0.5:
+            words.append(f"until={from_ms + source.choice([1, 20, 100])}ms")
+    if "direction" in known and source.random() < 0.5:
+        words.append(f"direction={source.choice(['up', 'down'])}")
+    return " ".join([name, *words])
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_no_plan_at_random_breaks_the_program(
+    seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = random.Random(seed)
+    plan = [_at_random(source) for _ in range(source.choice([1, 2, 3]))]
+    plan = [f for k, f in enumerate(plan) if f.split()[0] not in {g.split()[0] for g in plan[:k]}]
+    status, said, result = _run(tmp_path, capsys, _faulty([*_JOB, "--virtual-time"], *plan))
+    assert status in (0, 1, 3), plan
+    if result is None:
+        assert "the fault plan broke the session (" in said, plan
+        return
+    fired = result["faults"]["fired"]
+    assert set(fired) == {fault.split()[0] for fault in plan}
+    assert all(count >= 0 for count in fired.values())
+    if not any(fired.values()):
+        assert result["verdict"] == "pass", plan
