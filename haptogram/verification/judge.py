@@ -25,7 +25,7 @@ from haptogram.records import Focus, FrameKey, Intended, Observation
 
 from . import criteria
 from .faults import name_faults
-from .peaks import Complexes
+from .peaks import Complexes, Floats
 from .several import IdealDrive, judge_several
 from .single import SingleFrame, judge_silence
 from .target import TargetField
@@ -78,8 +78,11 @@ class Judge:
         self, position_m: tuple[float, float, float], amplitude_codes: bytes, limit_rad: float
     ) -> TargetField:
         codes = np.frombuffer(amplitude_codes, np.uint8)
-        amplitudes = codes / FULL_AMPLITUDE
-        return TargetField(self._model, np.array(position_m), amplitudes, limit_rad, self.tolerance)
+        amplitudes, place = codes / FULL_AMPLITUDE, np.array(position_m)
+        target = TargetField(self._model, place, amplitudes, limit_rad, self.tolerance)
+        if self.tolerance.miss_mm and target.active.any():
+            target.check_tolerance()
+        return target
 
     def _targets(self, intended: Intended) -> list[TargetField]:
         codes = intended.drive.amplitude_codes.tobytes()
@@ -95,8 +98,21 @@ class Judge:
         for model in self._known_models(board_computed=intended.board_computed):
             with contextlib.suppress(ConfigurationError):  # a focus at the edge of its reach
                 asked = _asked(model, intended.foci, intended.solver)
-                found.append(IdealDrive.of(intended, targets, asked))
+                tolerated = list(self._tolerated(model, intended))
+                found.append(IdealDrive.of(intended, targets, asked, tolerated))
         return found
+
+    def _tolerated(self, model: AcousticModel, intended: Intended) -> Iterator[Complexes]:
+        """Yield what the foci ask for at the limits of what is tolerated."""
+        share = self.tolerance.speed_share(model.medium)
+        for factor in (1.0 + share, 1.0 - share) if share else ():
+            speed_m_s = model.medium.sound_speed_m_s / factor
+            medium = dataclasses.replace(model.medium, sound_speed_m_s=speed_m_s)
+            other = dataclasses.replace(model, medium=medium)
+            yield _asked(other, intended.foci, intended.solver)
+        miss_m = self.tolerance.miss_mm / 1e3
+        for way in (*np.eye(3), *-np.eye(3)) if miss_m else ():
+            yield _asked(model, _moved(intended.foci, miss_m * way), intended.solver)
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
         """Yield the array and air that foci may have been solved with.
@@ -147,10 +163,9 @@ class Judge:
                 return dataclasses.replace(seen, faults=faults, note=note)
             return judge_several(seen, intended, output, faults, ideals, self.uncertainty)
         (target,) = self._targets(intended)
-        search = functools.partial(self._reconstruct, intended=intended, target=target)
-        if found is None or (isinstance(found, NotSingle) and not found.outliers):
-            found = search(output)  # the board knows of no tolerance, and began elsewhere
-        one = SingleFrame(intended, output, target, search)
+        if found is None or (isinstance(found, NotSingle) and _is_undecided(found, target)):
+            found = self._reconstruct(output, intended, target)
+        one = SingleFrame(intended, output, target)
         return one.judge(seen, found, faults, self.uncertainty)
 
     def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
@@ -193,7 +208,7 @@ class Judge:
         )
 
     def _reconstruct(
-        self, latched: Drive, *, intended: Intended, target: TargetField
+        self, latched: Drive, intended: Intended, target: TargetField
     ) -> Reconstruction:
         # The registers have 8 bits; how well the phases fit a focus depends on those of the wire.
         bits = intended.phase_bits
@@ -202,9 +217,25 @@ class Judge:
         return self._reconstructors[bits].reconstruct(latched, slack_rad=target.tolerated_rad)
 
 
+def _is_undecided(found: NotSingle, target: TargetField) -> bool:
+    """Tell whether somebody else's search found too little, or judged by finer phases.
+
+    The board knows neither the tolerance nor, of what was uploaded, the resolution of the phases.
+    """
+    return not found.outliers or found.residual_rms_rad <= target.phase_limit_rad
+
+
 def _without_identity(intended: Intended) -> Intended:
     """Return *intended* as all frames are that ask for the same drive."""
     return dataclasses.replace(intended, number=0, key=_ANY, t_apply_us=None)
+
+
+def _moved(foci: tuple[Focus, ...], way_m: Floats) -> tuple[Focus, ...]:
+    """Return foci that are all displaced by *way_m* (3,)."""
+    return tuple(
+        Focus.at(np.add(focus.position_m, way_m), focus.amplitude, focus.phase_rad)
+        for focus in foci
+    )
 
 
 def _asked(model: AcousticModel, foci: tuple[Focus, ...], solver: Method) -> Complexes:

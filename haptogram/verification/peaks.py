@@ -13,8 +13,8 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import AcousticModel, in_front, propagators
-from haptogram.acoustics.field import MIN_DISTANCE_M, is_clear
+from haptogram.acoustics import AcousticModel, propagators
+from haptogram.acoustics.field import has_field
 
 Floats: TypeAlias = NDArray[np.float64]
 Complexes: TypeAlias = NDArray[np.complex128]
@@ -73,12 +73,20 @@ class ExpectedPeak:
         Displacement of the peak per radian of phase of each element, in m/rad, to first order.
     rounding_m : (D,) numpy.ndarray
         Largest displacement that rounding of the phases can make.
+    tolerated_m : (D,) numpy.ndarray or float
+        What is tolerated on top.
     """
 
     direction: Direction
     place_m: Floats
     response: Floats
     rounding_m: Floats
+    tolerated_m: Floats | float = 0.0
+
+    @property
+    def limit_m(self) -> Floats:
+        """(D,) the largest displacement that passes."""
+        return self.rounding_m + self.tolerated_m
 
     def offset_m(self, model: AcousticModel, weights: Complexes) -> Floats | None:
         """Return (D,) the offset of the peak of *weights* from this one; None: there is none."""
@@ -239,7 +247,7 @@ def _is_peaked(curvature: Floats) -> bool:
 
 
 def _is_clear(model: AcousticModel, points: Floats) -> bool:
-    return bool(in_front(model, points).all() and is_clear(model, points, MIN_DISTANCE_M).all())
+    return bool(has_field(model, points).all())
 
 
 def _stencil(count: int) -> Floats:

@@ -38,6 +38,7 @@ _MM: Final = 1e3
 #: of the foci all but cancel there, and the phase of next to nothing means nothing.
 LEAST_AMPLITUDE_CODE: Final = 4
 _HALF: Final = 0.5 + 1e-6  # of an amplitude step
+_MARGIN: Final = 1.15  # between the tolerated drives, a change is not quite in proportion
 #: What a solver makes of foci at the least.  Random phases reach an efficiency of F / N, solvers
 #: 0.5 and more; their weakest focus of many has a third of the mean, a missing one next to none.
 _LEAST_EFFICIENCY: Final = 0.25
@@ -54,25 +55,39 @@ class IdealDrive:
         One for each focus.
     weights : (N,) numpy.ndarray of complex
         Ideal phases with the intended amplitudes.
-    asked : (N,) numpy.ndarray or None
-        Amplitudes that the foci ask for, 0 to 1; None where the drive has phases only.
+    asked : (N,) numpy.ndarray of complex
+        What the foci ask for; of magnitude 1 where the drive has phases only.
+    tolerated : sequence of (N,) numpy.ndarray of complex
+        The same in the warmest and the coldest air that is tolerated, and for foci that are off by
+        the tolerated miss.
+    has_amplitudes : bool
+        Whether the drive has amplitudes, and not only phases.
     allowed_codes : int
         By how many codes a board that computes may differ.
     """
 
     targets: Sequence[TargetField]
     weights: Complexes
-    asked: Floats | None
+    asked: Complexes
+    tolerated: Sequence[Complexes]
+    has_amplitudes: bool
     allowed_codes: int
 
     @classmethod
-    def of(cls, intended: Intended, targets: Sequence[TargetField], asked: Complexes) -> IdealDrive:
+    def of(
+        cls,
+        intended: Intended,
+        targets: Sequence[TargetField],
+        asked: Complexes,
+        tolerated: Sequence[Complexes],
+    ) -> IdealDrive:
         """Return the ideal drive of a frame whose foci ask for the weights *asked*."""
-        phases = np.exp(1j * np.angle(asked))
         codes, allowed = intended.drive.amplitude_codes, criteria.allowed_codes(intended)
         if (codes == FULL_AMPLITUDE).all():
-            return cls(targets, phases, None, allowed)
-        return cls(targets, codes / FULL_AMPLITUDE * phases, np.abs(asked), allowed)
+            in_full, *others = (np.exp(1j * np.angle(drive)) for drive in (asked, *tolerated))
+            return cls(targets, in_full, in_full, others, False, allowed)
+        weights = codes / FULL_AMPLITUDE * np.exp(1j * np.angle(asked))
+        return cls(targets, weights, asked, tolerated, True, allowed)
 
     @cached_property
     def peaks(self) -> list[ExpectedPeak | None]:
@@ -82,7 +97,7 @@ class IdealDrive:
     def _peak(self, target: TargetField) -> ExpectedPeak | None:
         if not target.observable.all():
             return None
-        return expected_peak(
+        found = expected_peak(
             target.model,
             self.weights,
             target.position_m,
@@ -90,32 +105,44 @@ class IdealDrive:
             target.phase_limit_rad,
             WITHIN_LOBE_RAD,
         )
+        if found is None or not self.tolerated:
+            return found
+        tolerated_m = np.zeros(3)
+        for drive in self.tolerated:
+            offset_m = found.offset_m(target.model, drive)
+            if offset_m is None:
+                return None
+            tolerated_m = np.maximum(tolerated_m, np.abs(offset_m))
+        return dataclasses.replace(found, tolerated_m=_MARGIN * tolerated_m)
 
     @cached_property
     def levels(self) -> Floats:
         """(F,) |p| at each target."""
-        levels: Floats = np.abs([target.arrivals @ self.weights for target in self.targets])
-        return levels
+        return self._levels_of(self.weights)
 
     @cached_property
     def level_limits(self) -> Floats:
         """(F,) S3: how far rounding, and what is tolerated, can change |p| at each target.
 
-        To first order only what is in quadrature to the sum counts, sum_n |Im(q_n / u)| |d_n| with
-        u the phasor of the sum; the second order is at most sum_n |q_n| d_n^2 / 2.
+        To first order only what is in quadrature to the sum counts, sum_n |Im(q_n / u)| d with u
+        the phasor of the sum; the second order is at most sum_n |q_n| d^2 / 2.
         """
-        return np.array([self._level_limit(target) for target in self.targets])
+        limits = np.array([self._rounding_of_level(target) for target in self.targets])
+        asked = self._levels_of(self.asked)
+        changes = [np.abs(self._levels_of(drive) - asked) for drive in self.tolerated]
+        return limits + _MARGIN * np.max(changes, axis=0) if changes else limits
 
-    def _level_limit(self, target: TargetField) -> float:
+    def _rounding_of_level(self, target: TargetField) -> float:
         parts = target.arrivals * self.weights
-        total = complex(parts.sum())
+        total, error_rad = complex(parts.sum()), target.phase_limit_rad
         quadrature = np.abs((parts * (total.conjugate() / abs(total) if total else 1.0)).imag)
-        error_rad = target.phase_limit_rad + np.abs(target.air_phases_rad)
-        steepness = np.abs(parts).sum()
-        limit = quadrature @ error_rad
-        limit += steepness * (target.phase_limit_rad + target.tolerated_rad) ** 2 / 2.0
+        limit = quadrature.sum() * error_rad + np.abs(parts).sum() * error_rad**2 / 2.0
         limit += self.allowed_codes * criteria.AMPLITUDE_STEP * np.abs(target.arrivals).sum()
         return float(limit)
+
+    def _levels_of(self, weights: Complexes) -> Floats:
+        levels: Floats = np.abs([target.arrivals @ weights for target in self.targets])
+        return levels
 
     def phase_error_rad(self, latched: Drive, active: Bools) -> float:
         """S1: half the range of the phase errors over the active elements, common phase out."""
@@ -140,50 +167,38 @@ class IdealDrive:
     def in_place(self, offsets_m: Sequence[Floats | None]) -> bool:
         """S2: tell whether every peak that has a place is within its limit of it."""
         return all(
-            offset is not None and self._is_within(target, peak, offset)
-            for target, peak, offset in zip(self.targets, self.peaks, offsets_m, strict=True)
+            offset is not None and bool((np.abs(offset) <= peak.limit_m).all())
+            for peak, offset in zip(self.peaks, offsets_m, strict=True)
             if peak is not None
         )
 
-    def _is_within(self, target: TargetField, peak: ExpectedPeak, offset_m: Floats) -> bool:
-        return criteria.within(
-            offset_m, self._rounding_and_air_m(target, peak), target.tolerance.miss_mm
-        )
-
-    def _rounding_and_air_m(self, target: TargetField, peak: ExpectedPeak) -> Floats:
-        moved: Floats = np.abs(peak.response @ target.air_phases_rad)
-        return peak.rounding_m + moved
-
     def levels_ok(self, latched: Complexes) -> bool:
         """S3: tell whether the pressure at every target is as the ideal drive makes it."""
-        found = np.abs([target.arrivals @ latched for target in self.targets])
+        found = self._levels_of(latched)
         return bool((np.abs(found - self.levels) <= self.level_limits).all())
 
     def amplitudes_ok(self, latched: Drive) -> bool:
         """S5: tell whether no amplitude is off from what the foci ask for by more than rounding."""
-        if self.asked is None:
+        if not self.has_amplitudes:
             return True
-        steps = latched.amplitude_codes - FULL_AMPLITUDE * self.asked
-        return float(np.abs(steps).max()) <= _HALF + self.allowed_codes
+        asked = np.abs(self.asked)
+        changes = [np.abs(np.abs(drive) - asked) for drive in self.tolerated]
+        tolerated = _MARGIN * np.max(changes, axis=0) if changes else 0.0
+        steps = np.abs(latched.amplitude_codes - FULL_AMPLITUDE * asked)
+        allowed = _HALF + self.allowed_codes + FULL_AMPLITUDE * tolerated
+        return bool((steps <= allowed).all())
 
-    def worst_limit_m(self) -> tuple[TargetField, Floats] | None:
-        """Return the focus whose miss shows last, and its limits (3,); None: one never shows."""
-        limits = [
-            (target, self._rounding_and_air_m(target, peak))
-            for target, peak in zip(self.targets, self.peaks, strict=True)
-            if peak is not None
-        ]
-        if len(limits) < len(self.targets):
+    def worst_peak(self) -> ExpectedPeak | None:
+        """Return the peak whose miss shows last; None where that of one never would."""
+        located = [peak for peak in self.peaks if peak is not None]
+        if len(located) < len(self.peaks):
             return None
-        return max(limits, key=lambda limit: float(np.linalg.norm(limit[1])))
+        return max(located, key=lambda peak: float(np.linalg.norm(peak.limit_m)))
 
     def smallest_miss_m(self) -> float | None:
         """Return the smallest miss that shows at every focus; None where one would never show."""
-        worst = self.worst_limit_m()
-        if worst is None:
-            return None
-        target, limit_m = worst
-        return float(np.linalg.norm(limit_m)) + target.tolerance.miss_mm / _MM
+        worst = self.worst_peak()
+        return None if worst is None else float(np.linalg.norm(worst.limit_m))
 
     def place_uncertainty(self, known: Uncertainty) -> PlaceUncertainty | None:
         """Return how well the place of the least known focus is known; None: it is not."""
@@ -277,7 +292,7 @@ def judge_several(
         "S1": error_rad <= limit_rad,
         "S2": ideal.in_place(offsets_m),
         "S3": ideal.levels_ok(latched.weights()),
-        "S5": s5 and (not tolerance.is_strict or ideal.amplitudes_ok(latched)),
+        "S5": s5 and ideal.amplitudes_ok(latched),
     }
     status = status_of(verdicts, faults, focused=False, tolerance=tolerance)
     notes = [seen.note] if seen.note else []
@@ -287,7 +302,7 @@ def judge_several(
         status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
     if is_right(status):
         notes += warning_of(verdicts, error_rad, limit_rad)
-    worst = ideal.worst_limit_m()
+    worst = ideal.worst_peak()
     smallest_m = ideal.smallest_miss_m()
     return dataclasses.replace(
         seen,
@@ -296,7 +311,7 @@ def judge_several(
         faults=faults,
         note="; ".join(notes),
         phase_error_rad=error_rad,
-        bound_mm=None if worst is None else _mm(worst[1]),
+        bound_mm=None if worst is None else _mm(worst.rounding_m),
         smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
         uncertainty_mm=ideal.place_uncertainty(known),
         balance=levels.balance,

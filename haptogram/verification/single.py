@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,7 +15,10 @@ from haptogram.acoustics import (
     NotSingle,
     Reconstruction,
     SingleFocus,
+    focus_phases,
+    phase_step_rad,
 )
+from haptogram.acoustics.focus import wrap
 from haptogram.records import Intended
 
 from . import criteria
@@ -30,6 +32,8 @@ from .verdict import FrameStatus, FrameVerdict
 _MM: Final = 1e3
 _STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
 _ACROSS_AND_ALONG: Final = 2
+_FINEST_RAD: Final = phase_step_rad(8) / 2.0  # whoever reconstructs may take all phases for 8 bits
+_ABOUT: Final = 1.5  # of the phase limit: what a focus that somebody fitted may leave
 _AMBIGUOUS: Final = (
     "the phases suit the target, but a search that is not told the target finds another point or "
     "none: S2 is not judged"
@@ -66,14 +70,11 @@ class SingleFrame:
         What is radiated.
     target : TargetField
         What its focus asks of the field.
-    search : callable
-        Returns the reconstruction of a drive.
     """
 
     intended: Intended
     latched: Drive
     target: TargetField
-    search: Callable[[Drive], Reconstruction]
 
     def judge(
         self,
@@ -195,10 +196,24 @@ class SingleFrame:
         error_rad = measures.get("phase_error_rad", math.inf)
         if not criteria.suits_target(self.target, error_rad) or self._is_in_place(found):
             return False
-        # What somebody else found may be of another drive: this one is asked again.
-        return isinstance(found, SingleFocus | NotSingle) and not self._is_in_place(
-            self.search(self.latched)
-        )
+        return isinstance(found, SingleFocus | NotSingle) and self._is_of_this_drive(found)
+
+    def _is_of_this_drive(self, found: SingleFocus | NotSingle) -> bool:
+        """Tell whether what somebody found can be said of the latched phases.
+
+        It cannot if the elements that were found to be off are not off in these phases.
+        """
+        if isinstance(found, NotSingle) and not found.outliers:
+            return True  # nothing was found, which any search may come to
+        model, limit_rad = self.target.model, self.target.phase_limit_rad
+        off = np.zeros(model.array.count, dtype=np.bool_)
+        off[list(found.outliers if isinstance(found, NotSingle) else ())] = True
+        arrivals = np.angle(self.latched.weights()) - focus_phases(model, found.position_m)
+        agreeing = arrivals[self._active & ~off]
+        error_rad = np.abs(wrap(arrivals - np.angle(np.exp(1j * agreeing).sum())))
+        rms = math.sqrt(np.mean(error_rad[self._active & ~off] ** 2))
+        within_rad = _ABOUT * limit_rad + self.target.tolerated_rad
+        return rms <= within_rad and bool((error_rad[off] > _FINEST_RAD).all())
 
 
 def _radiated_otherwise(

@@ -25,7 +25,7 @@ _MM: Final = 1e3
 _TURNED_RATIO: Final = 1e-6
 _NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proportion
 _SECOND_ORDER: Final = 1.04  # of the bound of the first order
-_LOST: Final = 0.5  # of the distance
+_LOST: Final = 0.4  # of the distance
 _SAME_LINE: Final = 1e-6
 _WIDTH_RAD: Final = 2.0 * 0.831  # of a focus at -3 dB, in radians of phase
 
@@ -96,8 +96,8 @@ class TargetField:
         """(3,) S2: the largest error per axis that rounding can make; infinite: not observable.
 
         sum_n |J+_in| times the phase limit, to first order; 4 % more where that is no small
-        part of the distance.  A coordinate that rounding may move by half the distance is not
-        observable.
+        part of the distance.  A coordinate that rounding may move by 0.4 of the distance is
+        not observable.
         """
         response, observable = self._response
         bound_m = np.abs(response).sum(axis=1) * self.phase_limit_rad

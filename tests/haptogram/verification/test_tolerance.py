@@ -58,7 +58,7 @@ def test_air_beyond_the_tolerance_that_moves_the_focus_further_than_shows_fails(
     host = AcousticModel.default(temperature_c=20.0 + sign * (3.0 * degrees + 3.0))
     found = judged(intend(host, target), temperature_c=degrees)
     assert math.hypot(found.lateral_error_mm, found.axial_error_mm) > found.smallest_miss_mm
-    assert found.status is FrameStatus.OFF_TARGET
+    assert found.status in (FrameStatus.OFF_TARGET, FrameStatus.WRONG_DRIVE)
 
 
 @few
