@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from haptogram.acoustics._validation import FloatArray
 
 TOLERANCE_M: Final = 1e-9
-_ROUNDED_M: Final = 5e-6  # rows and columns of an array that was rounded to whole micrometres
+_ROUNDED_M: Final = 5e-6  # lines and planes of an array that was rounded to whole micrometres
 _MAX_EMPTY: Final = 0.3  # of the nodes; beyond it the empty ones cost more than a lattice saves
-_FLAT_M2: Final = 1e-12  # sum of squared distances of elements that lie in one plane
 _STEEP: Final = 0.5  # cosine: elements that look along the plane they lie in have another face
 _UPRIGHT: Final = 1e-12
 _UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
@@ -84,8 +83,8 @@ def _face(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     if facing is None:
         facing = _UP
     squares, directions = np.linalg.eigh(offsets.T @ offsets)
-    across = directions[:, squares < _FLAT_M2]
-    if np.abs(offsets @ facing).max() ** 2 < _FLAT_M2:
+    across = directions[:, squares < len(offsets) * _ROUNDED_M**2]
+    if np.abs(offsets @ facing).max() < _ROUNDED_M:
         return facing
     normal: FloatArray = across @ (across.T @ facing)
     length = float(np.linalg.norm(normal))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -183,7 +182,7 @@ class Calibration:
         """
         self._check(array)
         try:
-            return dataclasses.replace(array, positions_m=self.positions_m)
+            return array.measured(self.positions_m)
         except ConfigurationError as error:
             raise ConfigurationError(f"{self.name}: {error}") from error
 

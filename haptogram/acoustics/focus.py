@@ -43,6 +43,7 @@ _MIN_DAMPING: Final = 1e-2
 _MAX_DAMPING: Final = 1e4
 _TINY_M: Final = 1e-300  # a start may lie on an element
 _POINT_M: Final = 1e-6  # elements less spread than this are in one place
+_ROUNDED_M: Final = 5e-6  # RMS distance from a line that rounding to whole micrometres may make
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -353,9 +354,11 @@ def _told_apart(positions: FloatArray) -> BoolArray:
         return np.ones(3, dtype=np.bool_)
     centred = positions - positions.mean(axis=0)
     squares, directions = np.linalg.eigh(centred.T @ centred)
-    if squares[1] > _POINT_M**2:
+    if squares[1] > len(positions) * _ROUNDED_M**2:
         return np.ones(3, dtype=np.bool_)
-    along: BoolArray = (directions[:, 2] ** 2 > 1.0 - 1e-6) & (squares[2] > _POINT_M**2)
+    along: BoolArray = (directions[:, 2] ** 2 > 1.0 - 1e-6) & (
+        squares[2] > len(positions) * _ROUNDED_M**2
+    )
     return along
 
 

@@ -6,12 +6,13 @@ array is moved and however it is turned, limits and searches follow its own axes
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -179,10 +180,18 @@ class TransducerArray:
         turn, shift = _as_rotation(rotation), as_place("shift_m", shift_m)
         positions, normals = self.positions_m @ turn.T + shift, self.normals @ turn.T
         array = type(self)(positions, normals, self.grid_shape, self.pitch_m)
-        axes = self.axes @ turn.T
-        read_only(axes)
-        object.__setattr__(array, "axes", axes)
-        return array
+        return _with_axes(array, self.axes @ turn.T)
+
+    def measured(self, positions_m: ArrayLike) -> Self:
+        """Return this array with its elements at (N, 3) *positions_m*; its own axes stay.
+
+        Raises
+        ------
+        ConfigurationError
+            As of the class.
+        """
+        array = dataclasses.replace(self, positions_m=as_points("positions_m", positions_m))
+        return _with_axes(array, self.axes)
 
     def local_m(self, points_m: FloatArray) -> FloatArray:
         """Return (..., 3) points of the world along the array's own axes, from its centre."""
@@ -274,6 +283,16 @@ def _as_rotation(rotation: ArrayLike) -> FloatArray:
             "rotation mirrors: its determinant is -1, must be 1; turn the sign of a row"
         )
     return turn
+
+
+_Array = TypeVar("_Array", bound=TransducerArray)
+
+
+def _with_axes(array: _Array, axes: FloatArray) -> _Array:
+    """Give a new *array* other axes of its own than its elements suggest."""
+    read_only(axes)
+    object.__setattr__(array, "axes", axes)
+    return array
 
 
 def _facing_up(count: int) -> FloatArray:

@@ -310,9 +310,16 @@ class Reconstructor:
             coherence=coherence,
             pressure_rms_pa=pressure,
             level_db_spl=level_db_spl(pressure),
-            force_n=self._disc.force_n(radiated.weights, fit.position_m),
+            force_n=self._force_n(radiated.weights, fit.position_m),
             acquired=acquired,
         )
+
+    def _force_n(self, weights: ComplexArray, position: FloatArray) -> float:
+        """Return the force on a disc around a focus; infinite where the disc leaves the field."""
+        try:
+            return self._disc.force_n(weights, position)
+        except ConfigurationError:  # low beside the array: the disc reaches behind it
+            return math.inf
 
     def _mostly_single(self, fit: PhaseFit, radiated: _Radiated) -> NotSingle:
         self._last_focus = fit.position_m

@@ -244,9 +244,12 @@ def _unobservable(target: TargetField) -> str:
 
 
 def _where(target: TargetField, found: SingleFocus | NotSingle) -> dict[str, Any]:
+    force_n = found.force_n if isinstance(found, SingleFocus) else None
+    if force_n is not None and not math.isfinite(force_n):
+        force_n = None
     return _place(target, criteria.focus_offset_m(target, found)) | {
         "pressure_rms_pa": found.pressure_rms_pa,
-        "force_n": found.force_n if isinstance(found, SingleFocus) else None,
+        "force_n": force_n,
     }
 
 

@@ -126,7 +126,7 @@ class Case:
         nominal = POSES[pose].model(MODELS[name])
         found = measured(nominal.array, **changes)
         real = nominal.calibrated(found)
-        array = dataclasses.replace(nominal.array, positions_m=found.positions_m)
+        array = nominal.array.measured(found.positions_m)
         placed = dataclasses.replace(nominal, array=array)
         target, other = POSES[pose].points([TARGET, OTHER])
         rng = np.random.default_rng(7)
@@ -297,7 +297,8 @@ def test_quality_is_of_what_the_elements_make(case):
 
 def test_the_width_of_a_focus_is_that_of_what_arrives(case):
     shares = np.abs(propagators(case.placed, case.target[None])[0] * case.h)
-    spread = np.sqrt(np.diag(direction_covariance(case.placed, case.target, shares))[:2])
+    covariance, axes = direction_covariance(case.placed, case.target, shares), case.real.array.axes
+    spread = np.sqrt(np.diag(axes @ covariance @ axes.T)[:2])
     half = math.sqrt(3.0 * math.log(10.0) / 10.0)
     assert predict_width_m(case.real, case.target) == pytest.approx(
         2.0 * half / (case.real.wavenumber * spread), rel=1e-9
