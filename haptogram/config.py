@@ -110,6 +110,7 @@ class VerifyConfig:
     fault: tuple[str, ...] = ()
     fault_plan: Path | None = None
     virtual_time: bool = False
+    frames: Path | None = None
     json: Path | None = None
     junit: Path | None = None
     report: Path | None = None
@@ -214,7 +215,7 @@ class VerifyConfig:
 
     def job(self) -> dict[str, Any]:
         """Return what decides the result, for the report: no output path, JSON types only."""
-        outputs = {"json", "junit", "report"}
+        outputs = {"frames", "json", "junit", "report"}
         values = dataclasses.asdict(self)
         return {name: _for_json(value) for name, value in values.items() if name not in outputs}
 

@@ -272,6 +272,7 @@ def _write(
     seen = {key: drive for key, drive in outputs if drive is not None}
     drives = {i.number: seen[i.key] for i in found.intended if i.key in seen}
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
+        (config.frames, lambda path: report.write_frames(path, verdict)),
         (config.json, lambda path: report.write_json(path, result)),
         (config.junit, lambda path: report.write_junit(path, verdict, result)),
         (

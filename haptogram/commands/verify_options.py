@@ -190,6 +190,13 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         metavar="SHARE",
         help="share of frames that must be verified [1 in virtual time, else 0.9]",
     )
+    result.add_argument(
+        "--frames",
+        type=Path,
+        metavar="FILE",
+        help="write a line for every frame: where its focus is, what that rests on, and which miss "
+        "would have shown",
+    )
     result.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
     result.add_argument("--junit", type=Path, metavar="FILE", help="write the result as JUnit XML")
     result.add_argument(

@@ -6,13 +6,14 @@ date, a host name or a duration: the same run gives the same bytes.
 
 from .junit import write_junit
 from .page import write_html
-from .result import environment, result_dict, write_json
+from .result import environment, result_dict, write_frames, write_json
 from .wording import faults_and_troubles
 
 __all__ = [
     "environment",
     "faults_and_troubles",
     "result_dict",
+    "write_frames",
     "write_html",
     "write_json",
     "write_junit",

@@ -136,3 +136,14 @@ def _plain(value: Any) -> Any:
         case set() | frozenset():
             return sorted(_plain(item) for item in value)
     return str(value)
+
+
+def write_frames(path: Path, run: RunVerdict) -> None:
+    """Write a line for each frame: what became of it, and what that rests on.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be written.
+    """
+    write_atomically(path, "".join(f"{frame}\n" for frame in run.frames).encode())
