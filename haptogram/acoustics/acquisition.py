@@ -16,6 +16,7 @@ import numpy as np
 from haptogram.acoustics._validation import BoolArray, FloatArray
 from haptogram.acoustics.cells import cell_phasors, search_cells
 from haptogram.acoustics.focus import PhaseFit, fit_focus
+from haptogram.acoustics.geometry import MIN_SPACING_M
 from haptogram.acoustics.model import AcousticModel
 
 _SUBARRAY_COUNT: Final = 100
@@ -51,8 +52,9 @@ class Acquisition:
     def _subarray_radius(self, active: BoolArray) -> float:
         nearest = np.sort(self._distance[active])
         radius = min(_SUBARRAY_RADIUS_M, float(nearest[:_SUBARRAY_COUNT][-1]))
-        # A sparse array still needs four elements for four unknowns.
-        return max(radius, float(nearest[:4][-1])) * (1.0 + 1e-9)
+        # A sparse array still needs four elements for four unknowns; of one that sounds alone the
+        # radius would be 0, and would never grow.
+        return max(radius, float(nearest[:4][-1]), MIN_SPACING_M) * (1.0 + 1e-9)
 
     def starts(self, phases_rad: FloatArray, active: BoolArray) -> list[FloatArray]:
         """Return cell centres to start from, the likeliest first.

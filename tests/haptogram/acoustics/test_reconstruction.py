@@ -455,3 +455,17 @@ def test_once_warm_nothing_is_compiled_or_searched_anew(monkeypatch):
     for drive in drives:
         assert reconstructor.reconstruct(drive).as_dict()["kind"] == "single_focus"
     assert compiled() == before
+
+
+def test_a_drive_of_all_elements_after_one_of_a_single_element_is_found():
+    # The part of the array that is asked first was a point, and doubling its radius never ended.
+    model = AcousticModel.default(8, 8)
+    reconstructor = Reconstructor(model)
+    alone = np.zeros(64)
+    alone[10] = 1.0
+    assert not isinstance(reconstructor.reconstruct_weights(alone), NoFocus)
+    target = np.array([0.01, 0.02, 0.12])
+    halves = np.exp(1j * focus_phases(model, target)) * (np.arange(64) != 3)
+    found = reconstructor.reconstruct_weights(halves)
+    assert isinstance(found, SingleFocus)
+    assert found.position_m == pytest.approx(target, abs=1e-6)
