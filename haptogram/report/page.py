@@ -107,6 +107,7 @@ def _key_figures(result: Mapping[str, Any]) -> Html:
         ("error along the beam, 99th percentile", figure(axial["p99"], 4), "mm"),
         ("error along the beam, largest", figure(axial["max"], 4), "mm"),
         ("smallest miss that shows", figure(result["smallest_miss_mm"]), "mm"),
+        ("uncertainty of the place, from air and elements", figure(_total(result)), "mm"),
         ("coherence at the target, lowest", figure(result["coherence"]["min"], 5), ""),
         ("weakest of several foci, of their mean, lowest", figure(result["balance"]["min"], 2), ""),
         ("efficiency of several foci, lowest", figure(result["efficiency"]["min"], 2), ""),
@@ -119,6 +120,10 @@ def _key_figures(result: Mapping[str, Any]) -> Html:
         ("latched after its time, largest", figure(late["max"], 0), "µs"),
     ]
     return table(("figure", "value", "unit"), rows, numbers=1)
+
+
+def _total(result: Mapping[str, Any]) -> float | None:
+    return None if result["uncertainty_mm"] is None else result["uncertainty_mm"]["total"]
 
 
 def _faults(faults: Mapping[str, Any]) -> Iterator[Html]:

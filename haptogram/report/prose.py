@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from haptogram.records import Evidence
-from haptogram.verification import Verdict, cut_text
+from haptogram.verification import Tolerance, Verdict, cut_text, tolerance_text
 
 from .wording import count, host_delay
 
@@ -29,11 +29,11 @@ CRITERIA: Final = (
     "S1: every latched phase is within half a step of the one that focuses on the target.",
     "S2: the focus that was reconstructed, without knowing the target, is where the target is.",
     "S3: the sound of all transducers arrives at the target in step (coherence).",
-    "S4: the peak of the pressure is where diffraction puts it.",
+    "S4: the peak of the pressure is where that of the ideal drive is: diffraction pulls both "
+    "towards the array.",
     "S5: every latched amplitude is the intended one, within half a step.",
-    "Several foci in a frame: S3 compares the pressure at every focus with that of the intended "
-    "drive; S2 is whether every focus is there, and not judged where a drive was superposed (the "
-    "solver naive, or the board): superposition promises no share of the output to any.",
+    "Several foci in a frame: each against what the ideal drive for these foci makes of it. S1: "
+    "every phase; S2: the place of the pressure peak next to the target; S3: the pressure at the target.",
     "Efficiency of several foci: the squares of their pressures, each over what the same output "
     "would make of that focus alone, added up. 1: they share it without loss; less: they take from "
     "each other; more: they are so near that one beam serves several.",
@@ -69,12 +69,17 @@ def summary(result: Mapping[str, Any]) -> Iterator[str]:
     if result["smallest_miss_mm"] is not None:
         yield (
             f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: so much could "
-            "come of the rounding of the phases alone."
+            f"come of the rounding of the phases{_and_tolerance(result)}."
         )
     if (delay := host_delay(result)) is not None:
         yield f"{delay[0].upper()}{delay[1:]}."
     if frames["lost"] or frames["late"]:
         yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
+
+
+def _and_tolerance(result: Mapping[str, Any]) -> str:
+    stated = tolerance_text(Tolerance(**result["tolerance"]))
+    return " alone" if stated == "none" else f", on top of a tolerance of {stated}"
 
 
 def evidence(result: Mapping[str, Any]) -> Iterator[str]:

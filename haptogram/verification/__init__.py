@@ -9,7 +9,7 @@ from .effect import Effect
 from .faults import name_faults
 from .judge import Judge
 from .run import RunVerdict, verify_run
-from .summary import consequence_text, cut_text, pressure_text
+from .summary import consequence_text, cut_text, pressure_text, tolerance_text
 from .target import check_tolerance
 from .tolerance import (
     REAL_BOARD,
@@ -40,6 +40,7 @@ __all__ = [
     "name_faults",
     "pressure_text",
     "tolerance_of",
+    "tolerance_text",
     "uncertainty_of",
     "verify_run",
 ]

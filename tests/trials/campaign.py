@@ -42,7 +42,7 @@ INTERRUPTED: Final = 130
 
 def trials_of(group: Group, seed: int) -> list[Trial]:
     """Run one session and judge its frames; an error of these trials is a crash as well."""
-    session = chain.session_of(group, seed)
+    session = cases.session_of(group, seed)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -245,7 +245,7 @@ def replay(case: str) -> int:
     if match is None or int(match[3]) >= cases.FRAMES:
         raise SystemExit(f"ci/trials: --case is {case!r}, must be honest:SEED:FRAME or wrong:...")
     group: Group = "honest" if match[1] == "honest" else "wrong"
-    session = chain.session_of(group, int(match[2]))
+    session = cases.session_of(group, int(match[2]))
     ran, program = chain.run_session(session)
     place = int(match[3])
     trial = judging.judged(ran, program)[place]

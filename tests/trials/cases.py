@@ -99,6 +99,7 @@ class Allowance:
 
     miss_mm: float = 0.0
     temperature_c: float = 0.0
+    humidity_percent: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -156,8 +157,8 @@ class Session:
         How they really are; None: as the layout says, and alike.
     allowance : Allowance or None
         What the judge is told to tolerate; None: nothing.
-    host_warmer_c : float
-        How much warmer a correct host takes the air to be: within the allowance.
+    host_warmer_c, host_wetter_percent : float
+        How much warmer and wetter a correct host takes the air to be: within the allowance.
     tags : dict
         What is special about it.
     """
@@ -173,6 +174,7 @@ class Session:
     elements: Elements | None = None
     allowance: Allowance | None = None
     host_warmer_c: float = 0.0
+    host_wetter_percent: float = 0.0
     tags: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -196,14 +198,8 @@ class Session:
         return self.bits if self.mode in ("phases", "sequence") else 8
 
 
-def session_of(
-    group: Group, seed: int, *, calibrated: bool = False, tolerant: bool = False
-) -> Session:
-    """Everything about a session but what is wrong with it.
-
-    *calibrated*, *tolerant*: whether the program can be told how its elements are, and what to
-    tolerate.
-    """
+def session_of(group: Group, seed: int) -> Session:
+    """Everything about a session but what is wrong with it."""
     random = np.random.default_rng([{"honest": 1, "wrong": 2}[group], seed])
     layout = _layout(random, seed)
     mode = str(random.choice(MODES, p=[0.4, 0.3, 0.15, 0.15]))
@@ -214,9 +210,9 @@ def session_of(
     frames = [_wanted(random, layout, mode, solver, one=one) for _ in range(FRAMES)]
     session = Session(seed, group, layout, temperature, 50.0, mode, bits, frames)
     how = random.random()
-    if calibrated and mode != "points" and how < 0.2:
+    if mode != "points" and how < 0.2:
         session = replace(session, elements=_elements(random, layout))
-    elif tolerant and how > 0.85:
+    elif how > 0.85:
         session = _tolerant(random, session)
     return session
 
@@ -236,10 +232,13 @@ def _tolerant(random: Random, session: Session) -> Session:
     allowance = Allowance(temperature_c=float(random.uniform(0.1, 3.0)))
     if random.random() < 0.3:
         allowance = Allowance(miss_mm=float(random.uniform(0.1, 1.5)))
+    elif random.random() < 0.4:
+        allowance = replace(allowance, humidity_percent=float(random.uniform(5.0, 50.0)))
     warmer = allowance.temperature_c * float(random.uniform(-0.95, 0.95))
+    wetter = allowance.humidity_percent * float(random.uniform(-0.95, 0.95))
     if session.group == "wrong" or not -20.0 <= session.temperature_c + warmer <= 50.0:
-        warmer = 0.0
-    return replace(session, allowance=allowance, host_warmer_c=warmer)
+        warmer = wetter = 0.0
+    return replace(session, allowance=allowance, host_warmer_c=warmer, host_wetter_percent=wetter)
 
 
 # --- arrays ----------------------------------------------------------------------------------

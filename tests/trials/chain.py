@@ -22,30 +22,28 @@ import serial
 
 import sim_device
 from haptogram import records
-from haptogram.acoustics import AcousticModel, Drive, Medium, Transducer, TransducerArray
+from haptogram.acoustics import (
+    AcousticModel,
+    Calibration,
+    Drive,
+    Medium,
+    Transducer,
+    TransducerArray,
+)
 from haptogram.acoustics.solvers import weights_for_foci
 from haptogram.boards import InProcessBoard
 from haptogram.driver import Driver
 from haptogram.errors import ConfigurationError, HaptogramError, LinkError
 from haptogram.frames import Frame
 from haptogram.transport import PyserialTransport
-from haptogram.verification import Cut, RunVerdict, verify_run
+from haptogram.verification import Cut, RunVerdict, Tolerance, verify_run
 from haptogram.verification.verdict import FrameVerdict
 from haptogram_protocol.messages import Drives, PhaseFormat, Phases, pack_phases
 
-from . import cases, truth, wrongs
-from .cases import Group, Random, Session, Wanted, superposed
+from . import truth, wrongs
+from .cases import Random, Session, Wanted, superposed
 from .truth import Complexes
 from .wrongs import Registers, Slip, Wrong
-
-try:
-    from haptogram.acoustics import Calibration
-except ImportError:
-    Calibration = None  # type: ignore[assignment,misc]
-try:
-    from haptogram.verification import Tolerance
-except ImportError:
-    Tolerance = None  # type: ignore[assignment,misc]
 
 BAUD: Final = 3_000_000
 _RATE_HZ: Final = 200.0
@@ -162,13 +160,6 @@ class Program:
         return made
 
 
-def session_of(group: Group, seed: int) -> Session:
-    """A session of what this program can be told."""
-    return cases.session_of(
-        group, seed, calibrated=Calibration is not None, tolerant=Tolerance is not None
-    )
-
-
 def run_session(session: Session) -> tuple[Ran, Program]:
     """Run it, and join every frame with what was seen of it."""
     ran = Ran(session, tags=dict(session.tags))
@@ -279,7 +270,10 @@ def _broken(ran: Ran, program: Program, random: Random) -> tuple[list[str], Acou
     """Return the faults of the board and the host's model: what is wrong for a whole session."""
     session = ran.session
     if session.group == "honest":
-        return [], program.model(temperature_c=session.temperature_c + session.host_warmer_c)
+        wetter = truth.humid_speed_ratio(session.temperature_c, abs(session.host_wetter_percent))
+        ratio = wetter if session.host_wetter_percent >= 0.0 else 1.0 / wetter
+        host_c = session.temperature_c + session.host_warmer_c
+        return [], program.model(ratio, temperature_c=host_c)
     how = str(random.choice(["frames", "air", "pitch", "fault"], p=[0.62, 0.1, 0.03, 0.25]))
     if session.elements is not None and random.random() < 0.3:
         how = "uncompensated"

@@ -249,7 +249,11 @@ def _tolerate(effect: Effect, program: Program, wanted: Wanted, ideal: Complexes
     allowance = session.allowance or Allowance()
     kelvin = session.temperature_c + 273.15
     degrees, miss_m = allowance.temperature_c, allowance.miss_mm * 1e-3
-    others = [program.weights(wanted, math.sqrt(1.0 + d / kelvin)) for d in (degrees, -degrees)]
+    wetter = truth.humid_speed_ratio(session.temperature_c, allowance.humidity_percent)
+    others = [
+        program.weights(wanted, math.sqrt(1.0 + sign * degrees / kelvin) * wetter**sign)
+        for sign in (1, -1)
+    ]
     if miss_m:
         ways = [sign * miss_m * axis for axis in lie.axes for sign in (1.0, -1.0)]
         others = [program.weights(moved(wanted, way)) for way in ways]

@@ -136,7 +136,7 @@ def test_what_a_small_array_cannot_show_must_not_pass():
 
 
 def test_cases_reach_every_size_kind_and_pose():
-    sessions = [cases.session_of("honest", seed, calibrated=True) for seed in range(600)]
+    sessions = [cases.session_of("honest", seed) for seed in range(600)]
     layouts = [session.layout for session in sessions]
     sides = {side for layout in layouts if layout.grid for side in layout.grid}
     assert sides == set(range(1, 21))
