@@ -33,7 +33,7 @@ CRITERIA: Final = (
     "towards the array.",
     "S5: every latched amplitude is the intended one, within half a step.",
     "Several foci in a frame: each against what the ideal drive for these foci makes of it. S1: "
-    "every phase; S2: the place of the pressure peak next to the target; S3: the pressure at the target.",
+    "every phase; S2: the place of the pressure peak next to the target; S3: the pressure there.",
     "Efficiency of several foci: the squares of their pressures, each over what the same output "
     "would make of that focus alone, added up. 1: they share it without loss; less: they take from "
     "each other; more: they are so near that one beam serves several.",
@@ -42,8 +42,8 @@ CRITERIA: Final = (
 _LIMITS: Final = (
     "The field is computed from the latched drive, in linear acoustics and a free field: no hand, "
     "no reflections, no streaming, no nonlinear losses. No pressure was measured in air.",
-    "Every transducer is taken to be the one of the model. How real ones scatter in phase and "
-    "level, or fail after the driver stage, does not show in what was latched.",
+    "Every transducer is taken to be the one of the model, or of the calibration. How real ones "
+    "scatter in phase and level, or fail after the driver stage, does not show in what was latched.",
     "Positions of the elements and the state of the air are those of the configuration or of the "
     "board's own description.",
     "The force is an estimate: the radiation pressure on a rigid, reflecting disc of 10 mm radius "
