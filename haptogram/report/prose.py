@@ -42,9 +42,9 @@ CRITERIA: Final = (
 _LIMITS: Final = (
     "The field is computed from the latched drive, in linear acoustics and a free field: no hand, "
     "no reflections, no streaming, no nonlinear losses. No pressure was measured in air.",
-    "Every transducer is taken to be the one of the model, or of the calibration. How "
-    "real ones scatter in phase and level, or fail after the driver stage, does not show in what was "
-    "latched.",
+    "Every transducer is taken to be the one of the model, or of the calibration. How real ones "
+    "scatter in phase and level, or fail after the driver stage, does not show in the latched "
+    "drive.",
     "Positions of the elements and the state of the air are those of the configuration or of the "
     "board's own description.",
     "The force is an estimate: the radiation pressure on a rigid, reflecting disc of 10 mm radius "
