@@ -90,6 +90,10 @@ def test_a_judge_that_says_nothing_of_a_large_array_is_caught():
         cases.session_of("honest", 0),
         layout=cases.grid(16, 16, 0.010),
         mode="phases",
+        elements=None,
+        allowance=None,
+        host_warmer_c=0.0,
+        host_wetter_percent=0.0,
         frames=[cases.Wanted((cases.Focus((0.01, 0.005 * n, 0.1)),)) for n in range(cases.FRAMES)],
     )
     ran, program = chain.run_session(session)
