@@ -9,7 +9,7 @@ from .effect import Effect
 from .faults import name_faults
 from .judge import Judge
 from .run import RunVerdict, verify_run
-from .summary import consequence_text, cut_text, pressure_text, tolerance_text
+from .summary import consequence_text, cut_text, pressure_text
 from .target import check_tolerance
 from .tolerance import (
     REAL_BOARD,
@@ -17,6 +17,7 @@ from .tolerance import (
     Tolerance,
     Uncertainty,
     tolerance_of,
+    tolerance_text,
     uncertainty_of,
 )
 from .verdict import Consequence, Cut, FrameStatus, FrameVerdict, Verdict

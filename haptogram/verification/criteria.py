@@ -37,6 +37,7 @@ from .target import Bools, TargetField
 
 ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
 AMPLITUDE_STEP: Final = 1.0 / FULL_AMPLITUDE
+_LEAST_COHERENCE: Final = 0.5  # whatever is tolerated: half of the pressure is no focus any more
 _MM: Final = 1e3
 
 
@@ -113,7 +114,8 @@ def least_coherence(target: TargetField, intended: Intended) -> float:
     share = max(0.0, 1.0 - missing / largest) if largest > 0.0 else 0.0
     least = math.cos(min(target.phase_limit_rad, math.pi))
     if target.tolerated_rad > 0.0:
-        least = max(0.0, 1.0 - (target.phase_limit_rad + target.tolerated_rad) ** 2 / 2.0)
+        error_rad = target.phase_limit_rad + target.tolerated_rad
+        least = max(_LEAST_COHERENCE, 1.0 - error_rad**2 / 2.0)
     return least * share - ROUNDING_RAD
 
 

@@ -39,7 +39,7 @@ def name_faults(model: AcousticModel, intended: Intended, latched: Drive) -> tup
     """
     allowance = 1 if intended.board_computed else 0
     wanted, found = _phases(intended.drive), _phases(latched)
-    silent = (latched.amplitude_codes == 0) & (intended.drive.amplitude_codes > 0)
+    silent = (latched.amplitude_codes == 0) & (intended.drive.amplitude_codes > allowance)
     active = (latched.amplitude_codes > 0) & (intended.drive.amplitude_codes > 0)
     faults = [*_silences(model, silent), *_amplitudes(intended, latched, silent, allowance)]
     off = active & (np.abs(_signed(found - wanted)) > allowance)

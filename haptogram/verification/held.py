@@ -53,7 +53,7 @@ class Held:
             )
         )
         by_crc = verdict.status in JUDGED and not verdict.faults
-        drive = observation.drive or (intended.drive if by_crc else None)
+        drive = observation.radiated or observation.drive or (intended.drive if by_crc else None)
         return cls(drive, (x, y, z), observation.t_latch_us)
 
 

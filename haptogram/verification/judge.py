@@ -17,6 +17,7 @@ from haptogram.acoustics import (
     NotSingle,
     Reconstruction,
     Reconstructor,
+    SingleFocus,
 )
 from haptogram.acoustics.drive import FULL_AMPLITUDE
 from haptogram.acoustics.solvers import Method, weights_for_foci
@@ -34,6 +35,8 @@ from .verdict import FrameStatus, FrameVerdict
 
 # Of targets, and as many drives of solvers and verdicts: a pass that repeats costs nothing new.
 _REMEMBERED_BYTES: Final = 1 << 27
+_CACHES: Final = 3
+_BYTES: Final = 6000  # of an entry, besides those per element
 _BYTES_PER_ELEMENT: Final = 160  # of a target: phases, pressures, the responses of focus and peaks
 _ANY: Final = FrameKey(0, 0, 0, 0)
 _ITS_OWN: Final = ("number", "key", "t_apply_us", "t_latch_us", "late", "early")
@@ -69,7 +72,8 @@ class Judge:
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
         self._grain_rad = criteria.position_grain_rad(model)
         self._reconstructors: dict[int, Reconstructor] = {}
-        remembered = _REMEMBERED_BYTES // (_BYTES_PER_ELEMENT * model.array.count)
+        entry = _BYTES + _BYTES_PER_ELEMENT * model.array.count
+        remembered = _REMEMBERED_BYTES // (_CACHES * entry)
         self._target = functools.lru_cache(remembered)(self._make_target)
         self._ideals = functools.lru_cache(remembered)(self._make_ideals)
         self._judged = functools.lru_cache(remembered)(self._judge)
@@ -80,7 +84,7 @@ class Judge:
         codes = np.frombuffer(amplitude_codes, np.uint8)
         amplitudes, place = codes / FULL_AMPLITUDE, np.array(position_m)
         target = TargetField(self._model, place, amplitudes, limit_rad, self.tolerance)
-        if self.tolerance.miss_mm and target.active.any():
+        if not self.tolerance.is_strict and target.active.any():
             target.check_tolerance()
         return target
 
@@ -92,7 +96,7 @@ class Judge:
     def _make_ideals(self, intended: Intended) -> list[IdealDrive]:
         """Return the drives that the foci ask for: of the array as it is, and as the wire says.
 
-        None where the solver takes the foci for no array as it was known.
+        An array for which the solver refuses the foci is left out.
         """
         targets, found = self._targets(intended), []
         for model in self._known_models(board_computed=intended.board_computed):
@@ -103,7 +107,7 @@ class Judge:
         return found
 
     def _tolerated(self, model: AcousticModel, intended: Intended) -> Iterator[Complexes]:
-        """Yield what the foci ask for at the limits of what is tolerated."""
+        """Yield the drives for these foci in the warmest and coldest air, and displaced."""
         share = self.tolerance.speed_share(model.medium)
         for factor in (1.0 + share, 1.0 - share) if share else ():
             speed_m_s = model.medium.sound_speed_m_s / factor
@@ -112,7 +116,7 @@ class Judge:
             yield _asked(other, intended.foci, intended.solver)
         miss_m = self.tolerance.miss_mm / 1e3
         for way in (*np.eye(3), *-np.eye(3)) if miss_m else ():
-            yield _asked(model, _moved(intended.foci, miss_m * way), intended.solver)
+            yield _asked(model, _displaced(intended.foci, miss_m * way), intended.solver)
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
         """Yield the array and air that foci may have been solved with.
@@ -155,14 +159,24 @@ class Judge:
         output = observation.radiated or latched
         faults = self._faults(intended, latched, output)
         if intended.drive.is_muted:
-            return judge_silence(seen, intended, output, faults)
+            heard = isinstance(found, SingleFocus | NotSingle)
+            return judge_silence(seen, intended, output, faults, heard=heard)
+        if isinstance(found, NoFocus) and len(intended.foci) > 1:
+            faults = faults or (f"the drive is right, but nothing was radiated: {found.reason}",)
+            return dataclasses.replace(seen, status=FrameStatus.WRONG_DRIVE, faults=faults)
+        targets = self._targets(intended)
+        if not targets[0].active.any():
+            note = "the calibration gives every element that shall sound a gain of 0"
+            return dataclasses.replace(seen, faults=faults, note=note)
         if len(intended.foci) > 1:
             ideals = self._ideals(_without_identity(intended))
             if not ideals:
                 note = f"the solver {intended.solver} refuses these foci for the array of the board"
                 return dataclasses.replace(seen, faults=faults, note=note)
-            return judge_several(seen, intended, output, faults, ideals, self.uncertainty)
-        (target,) = self._targets(intended)
+            return judge_several(
+                seen, intended, output, faults, ideals, self.tolerance, self.uncertainty
+            )
+        (target,) = targets
         if found is None or (isinstance(found, NotSingle) and _is_undecided(found, target)):
             found = self._reconstruct(output, intended, target)
         one = SingleFrame(intended, output, target)
@@ -187,8 +201,13 @@ class Judge:
             return None, "the board computed the drive, and only its CRC was seen"
         if drive is None:
             return intended.drive, "by the CRC of the drive, which is that of the intended one"
-        if drive.count != count:
-            return None, f"a drive of {drive.count} elements; the array has {count}"
+        for seen in (drive, observation.radiated or drive):
+            if seen.count != count:
+                return None, f"a drive of {seen.count} elements; the array has {count}"
+        if isinstance(observation.reconstruction, NotSingle):
+            wrong = [number for number in observation.reconstruction.outliers if number >= count]
+            if wrong:
+                return None, f"a field with an element {wrong[0]}; the array has {count}"
         if crc not in (None, drive.digest()):
             return None, f"the drive that was seen has the CRC {drive.digest():08x}, not {crc:08x}"
         return drive, ""
@@ -230,7 +249,7 @@ def _without_identity(intended: Intended) -> Intended:
     return dataclasses.replace(intended, number=0, key=_ANY, t_apply_us=None)
 
 
-def _moved(foci: tuple[Focus, ...], way_m: Floats) -> tuple[Focus, ...]:
+def _displaced(foci: tuple[Focus, ...], way_m: Floats) -> tuple[Focus, ...]:
     """Return foci that are all displaced by *way_m* (3,)."""
     return tuple(
         Focus.at(np.add(focus.position_m, way_m), focus.amplitude, focus.phase_rad)

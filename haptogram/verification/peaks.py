@@ -30,6 +30,7 @@ SEARCH_M: Final = 5e-6
 NEXT_TO_TARGET_RAD: Final = 0.5
 #: The same of several foci, which pull at each other: within the main lobe, of about 2 rad.
 WITHIN_LOBE_RAD: Final = 1.8
+_ELSEWHERE: Final = 0.4  # of the distance: a peak that far from the target is another one
 _ROUND: Final = 0.10  # rad: a peak that rounding moves further may do so out of proportion
 _FLAT: Final = 1.5  # times the bound of the first order: such a peak has no place of its own
 _LEAST_CURVED: Final = 1e-9  # of the largest curvature
@@ -73,20 +74,12 @@ class ExpectedPeak:
         Displacement of the peak per radian of phase of each element, in m/rad, to first order.
     rounding_m : (D,) numpy.ndarray
         Largest displacement that rounding of the phases can make.
-    tolerated_m : (D,) numpy.ndarray or float
-        What is tolerated on top.
     """
 
     direction: Direction
     place_m: Floats
     response: Floats
     rounding_m: Floats
-    tolerated_m: Floats | float = 0.0
-
-    @property
-    def limit_m(self) -> Floats:
-        """(D,) the largest displacement that passes."""
-        return self.rounding_m + self.tolerated_m
 
     def offset_m(self, model: AcousticModel, weights: Complexes) -> Floats | None:
         """Return (D,) the offset of the peak of *weights* from this one; None: there is none."""
@@ -116,6 +109,9 @@ def expected_peak(
     if offset_m is None or direction.length_rad(offset_m @ direction.axes) > reach_rad:
         return None
     place_m = target_m + offset_m @ direction.axes
+    distance_m = float(np.linalg.norm(target_m - model.array.centre_m))
+    if float(np.linalg.norm(offset_m)) > _ELSEWHERE * distance_m:
+        return None
     response = peak_response(model, ideal, place_m, direction)
     if response is None:
         return None
@@ -126,6 +122,8 @@ def expected_peak(
         if not (worst_m <= _FLAT * rounding_m + SEARCH_M).all():
             return None
         rounding_m = np.maximum(rounding_m, worst_m)
+    if direction.length_rad(rounding_m @ direction.axes) > reach_rad:
+        return None
     return ExpectedPeak(direction, place_m, response, _MARGIN * rounding_m + SEARCH_M)
 
 

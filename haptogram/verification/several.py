@@ -27,10 +27,11 @@ from haptogram.acoustics.drive import FULL_AMPLITUDE
 from haptogram.records import Intended
 
 from . import criteria
+from .foci_fit import fit_foci, waves_of
 from .peaks import WITHIN_LOBE_RAD, Complexes, ExpectedPeak, Floats, expected_peak
 from .status import is_right, status_of, warning_of
 from .target import Bools, TargetField, place_uncertainty
-from .tolerance import PlaceUncertainty, Uncertainty
+from .tolerance import PlaceUncertainty, Tolerance, Uncertainty
 from .verdict import FrameStatus, FrameVerdict, Vector
 
 _MM: Final = 1e3
@@ -39,6 +40,13 @@ _MM: Final = 1e3
 LEAST_AMPLITUDE_CODE: Final = 4
 _HALF: Final = 0.5 + 1e-6  # of an amplitude step
 _MARGIN: Final = 1.15  # between the tolerated drives, a change is not quite in proportion
+_FAINT: Final = 0.1  # of the loudest: the pressure of a fainter focus is compared with that
+_MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
+_OTHER_LEVELS: Final = "the pressures of the foci differ more from those of the ideal drive than the tolerance explains"
+_NOT_THESE: Final = (
+    "the phases do not tell where these foci are: a miss within the tolerance or beyond would not "
+    "show"
+)
 #: What a solver makes of foci at the least.  Random phases reach an efficiency of F / N, solvers
 #: 0.5 and more; their weakest focus of many has a third of the mean, a missing one next to none.
 _LEAST_EFFICIENCY: Final = 0.25
@@ -53,6 +61,8 @@ class IdealDrive:
     ----------
     targets : sequence of TargetField
         One for each focus.
+    placed : sequence of TargetField
+        Those of the foci that shall be heard: the others have no place.
     weights : (N,) numpy.ndarray of complex
         Ideal phases with the intended amplitudes.
     asked : (N,) numpy.ndarray of complex
@@ -67,6 +77,7 @@ class IdealDrive:
     """
 
     targets: Sequence[TargetField]
+    placed: Sequence[TargetField]
     weights: Complexes
     asked: Complexes
     tolerated: Sequence[Complexes]
@@ -83,21 +94,23 @@ class IdealDrive:
     ) -> IdealDrive:
         """Return the ideal drive of a frame whose foci ask for the weights *asked*."""
         codes, allowed = intended.drive.amplitude_codes, criteria.allowed_codes(intended)
+        pairs = zip(targets, intended.foci, strict=True)
+        placed = [target for target, focus in pairs if focus.amplitude > 0.0]
         if (codes == FULL_AMPLITUDE).all():
             in_full, *others = (np.exp(1j * np.angle(drive)) for drive in (asked, *tolerated))
-            return cls(targets, in_full, in_full, others, False, allowed)
+            return cls(targets, placed, in_full, in_full, others, False, allowed)
         weights = codes / FULL_AMPLITUDE * np.exp(1j * np.angle(asked))
-        return cls(targets, weights, asked, tolerated, True, allowed)
+        return cls(targets, placed, weights, asked, tolerated, True, allowed)
 
     @cached_property
     def peaks(self) -> list[ExpectedPeak | None]:
         """The peak next to each target; None where none has a place that this array observes."""
-        return [self._peak(target) for target in self.targets]
+        return [self._peak(target) for target in self.placed]
 
     def _peak(self, target: TargetField) -> ExpectedPeak | None:
         if not target.observable.all():
             return None
-        found = expected_peak(
+        return expected_peak(
             target.model,
             self.weights,
             target.position_m,
@@ -105,15 +118,6 @@ class IdealDrive:
             target.phase_limit_rad,
             WITHIN_LOBE_RAD,
         )
-        if found is None or not self.tolerated:
-            return found
-        tolerated_m = np.zeros(3)
-        for drive in self.tolerated:
-            offset_m = found.offset_m(target.model, drive)
-            if offset_m is None:
-                return None
-            tolerated_m = np.maximum(tolerated_m, np.abs(offset_m))
-        return dataclasses.replace(found, tolerated_m=_MARGIN * tolerated_m)
 
     @cached_property
     def levels(self) -> Floats:
@@ -122,15 +126,20 @@ class IdealDrive:
 
     @cached_property
     def level_limits(self) -> Floats:
-        """(F,) S3: how far rounding, and what is tolerated, can change |p| at each target.
+        """(F,) S3: how far rounding can change |p| at each target.
 
         To first order only what is in quadrature to the sum counts, sum_n |Im(q_n / u)| d with u
         the phasor of the sum; the second order is at most sum_n |q_n| d^2 / 2.
         """
-        limits = np.array([self._rounding_of_level(target) for target in self.targets])
+        return np.array([self._rounding_of_level(target) for target in self.targets])
+
+    @cached_property
+    def tolerated_levels(self) -> Floats:
+        """(F,) what is tolerated on top of that."""
         asked = self._levels_of(self.asked)
         changes = [np.abs(self._levels_of(drive) - asked) for drive in self.tolerated]
-        return limits + _MARGIN * np.max(changes, axis=0) if changes else limits
+        tolerated: Floats = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
+        return tolerated
 
     def _rounding_of_level(self, target: TargetField) -> float:
         parts = target.arrivals * self.weights
@@ -152,62 +161,61 @@ class IdealDrive:
         return criteria.common_phase_error_rad(error)
 
     def distance(self, latched: Drive, active: Bools) -> tuple[bool, float]:
-        """Return what orders ideal drives by how well they explain a latched one."""
+        """Return a key by which the ideal drive that suits a latched one best comes first."""
         error_rad = self.phase_error_rad(latched, active)
-        suits = error_rad <= self.targets[0].phase_limit_rad and self.amplitudes_ok(latched)
+        suits = error_rad <= self.targets[0].phase_limit_rad and self.amplitudes_ok(
+            latched, tolerant=False
+        )
         return not suits, error_rad
 
     def offsets_m(self, latched: Complexes) -> list[Floats | None]:
         """S2: return (3,) the offset of each peak from its place; None where there is none."""
         return [
             None if peak is None else peak.offset_m(target.model, latched)
-            for target, peak in zip(self.targets, self.peaks, strict=True)
+            for target, peak in zip(self.placed, self.peaks, strict=True)
         ]
 
     def in_place(self, offsets_m: Sequence[Floats | None]) -> bool:
         """S2: tell whether every peak that has a place is within its limit of it."""
         return all(
-            offset is not None and bool((np.abs(offset) <= peak.limit_m).all())
+            offset is not None and bool((np.abs(offset) <= peak.rounding_m).all())
             for peak, offset in zip(self.peaks, offsets_m, strict=True)
             if peak is not None
         )
 
-    def levels_ok(self, latched: Complexes) -> bool:
-        """S3: tell whether the pressure at every target is as the ideal drive makes it."""
-        found = self._levels_of(latched)
-        return bool((np.abs(found - self.levels) <= self.level_limits).all())
+    def excess_level(self, latched: Complexes, *, tolerant: bool) -> float:
+        """S3: return the share by which |p| at a target is off beyond its limit; 0: none is."""
+        limits = self.level_limits + (self.tolerated_levels if tolerant else 0.0)
+        excess = np.abs(self._levels_of(latched) - self.levels) - limits
+        loudest = max(float(self.levels.max()), 1e-300)
+        return max(0.0, float((excess / np.maximum(self.levels, _FAINT * loudest)).max()))
 
-    def amplitudes_ok(self, latched: Drive) -> bool:
+    def amplitudes_ok(self, latched: Drive, *, tolerant: bool) -> bool:
         """S5: tell whether no amplitude is off from what the foci ask for by more than rounding."""
         if not self.has_amplitudes:
             return True
         asked = np.abs(self.asked)
-        changes = [np.abs(np.abs(drive) - asked) for drive in self.tolerated]
-        tolerated = _MARGIN * np.max(changes, axis=0) if changes else 0.0
+        changes = [np.abs(np.abs(drive) - asked) for drive in self.tolerated] if tolerant else []
+        tolerated = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
         steps = np.abs(latched.amplitude_codes - FULL_AMPLITUDE * asked)
         allowed = _HALF + self.allowed_codes + FULL_AMPLITUDE * tolerated
         return bool((steps <= allowed).all())
 
-    def worst_peak(self) -> ExpectedPeak | None:
-        """Return the peak whose miss shows last; None where that of one never would."""
-        located = [peak for peak in self.peaks if peak is not None]
-        if len(located) < len(self.peaks):
-            return None
-        return max(located, key=lambda peak: float(np.linalg.norm(peak.limit_m)))
-
-    def smallest_miss_m(self) -> float | None:
-        """Return the smallest miss that shows at every focus; None where one would never show."""
-        worst = self.worst_peak()
-        return None if worst is None else float(np.linalg.norm(worst.limit_m))
+    def limits_m(self) -> list[Floats] | None:
+        """Return (3,) how far each focus may be off; None where a miss of one never shows."""
+        pairs = list(zip(self.placed, self.peaks, strict=True))
+        limits = [peak.rounding_m + target.tolerated_m for target, peak in pairs if peak]
+        return limits if len(limits) == len(pairs) else None
 
     def place_uncertainty(self, known: Uncertainty) -> PlaceUncertainty | None:
         """Return how well the place of the least known focus is known; None: it is not."""
         found = [
             place_uncertainty(target.model, target.position_m, peak.response, known)
-            for target, peak in zip(self.targets, self.peaks, strict=True)
+            for target, peak in zip(self.placed, self.peaks, strict=True)
             if peak is not None
         ]
-        return None if len(found) < len(self.targets) else max(found, key=lambda one: one.total)
+        whole = len(found) == len(self.placed)
+        return max(found, key=lambda one: one.total, default=None) if whole else None
 
 
 def meaningful(intended: Intended, latched: Drive) -> Bools:
@@ -257,12 +265,35 @@ class FociLevels:
         return self.efficiency >= _LEAST_EFFICIENCY and self.balance >= _LEAST_BALANCE
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Findings:
+    """What was found of several foci: verdicts, what cannot be told, and places.
+
+    Attributes
+    ----------
+    verdicts : dict of str to bool
+        S1, S2, S3, S5.
+    unseen : list of str
+        Why a drive without a fault does not show where its foci are.
+    offsets_m : sequence of (3,) numpy.ndarray or None
+        Of each focus from its place.
+    limits_m : sequence of (3,) numpy.ndarray, or None
+        How far each may be off; None where a miss of one never shows.
+    """
+
+    verdicts: dict[str, bool]
+    unseen: list[str]
+    offsets_m: Sequence[Floats | None]
+    limits_m: Sequence[Floats] | None
+
+
 def judge_several(
     seen: FrameVerdict,
     intended: Intended,
     latched: Drive,
     faults: tuple[str, ...],
     ideals: Sequence[IdealDrive],
+    tolerance: Tolerance,
     known: Uncertainty,
 ) -> FrameVerdict:
     """Return the verdict on a frame with several foci.
@@ -277,56 +308,116 @@ def judge_several(
         What the codes prove to be wrong.
     ideals : sequence of IdealDrive
         What the foci ask for, as the host may have known the array: the nearest one counts.
+    tolerance : Tolerance
+        Which misses pass.
     known : Uncertainty
         How well array and air are known.
     """
-    active = meaningful(intended, latched) & ideals[0].targets[0].active
-    s5 = criteria.amplitudes_ok(intended, latched)
     targets = ideals[0].targets
+    active = meaningful(intended, latched) & targets[0].active
     levels = FociLevels.of(intended, latched.weights(), targets)
-    tolerance, limit_rad = targets[0].tolerance, targets[0].phase_limit_rad
     ideal = min(ideals, key=lambda one: one.distance(latched, active))
     error_rad = ideal.phase_error_rad(latched, active)
-    offsets_m = ideal.offsets_m(latched.weights())
-    verdicts = {
-        "S1": error_rad <= limit_rad,
-        "S2": ideal.in_place(offsets_m),
-        "S3": ideal.levels_ok(latched.weights()),
-        "S5": s5 and ideal.amplitudes_ok(latched),
-    }
-    status = status_of(verdicts, faults, focused=False, tolerance=tolerance)
-    notes = [seen.note] if seen.note else []
-    notes.append(f"{len(targets)} foci, each against the ideal drive's")
-    unseen = list(_unseen(ideal, levels, intended))
+    found = _strictly(ideal, intended, latched, error_rad)
+    if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
+        found = _tolerantly(ideal, intended, latched, active, tolerance)
+    status = status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
+    unseen = [*found.unseen, *_not_made(levels, intended)]
+    notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
     if status is FrameStatus.ON_TARGET and unseen:
         status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
     if is_right(status):
-        notes += warning_of(verdicts, error_rad, limit_rad)
-    worst = ideal.worst_peak()
-    smallest_m = ideal.smallest_miss_m()
+        notes += warning_of(found.verdicts, error_rad, targets[0].phase_limit_rad)
+    worst_m = max(
+        found.limits_m or [], key=lambda limit: float(np.linalg.norm(limit)), default=None
+    )
+    smallest_mm = (
+        None if worst_m is None else _MM * float(np.linalg.norm(worst_m)) + tolerance.miss_mm
+    )
     return dataclasses.replace(
         seen,
         status=status,
-        criteria=verdicts,
+        criteria=found.verdicts,
         faults=faults,
         note="; ".join(notes),
         phase_error_rad=error_rad,
-        bound_mm=None if worst is None else _mm(worst.rounding_m),
-        smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
+        bound_mm=None if worst_m is None else _mm(worst_m),
+        smallest_miss_mm=smallest_mm,
         uncertainty_mm=ideal.place_uncertainty(known),
         balance=levels.balance,
         efficiency=levels.efficiency,
         pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
-        **_farthest(ideal, offsets_m),
+        **_farthest(ideal.placed, found),
     )
 
 
-def _farthest(ideal: IdealDrive, offsets_m: Sequence[Floats | None]) -> dict[str, Any]:
+def _strictly(ideal: IdealDrive, intended: Intended, latched: Drive, error_rad: float) -> _Findings:
+    """Return what is found of a drive that may differ from the ideal one by rounding only."""
+    offsets_m = ideal.offsets_m(latched.weights())
+    s5 = criteria.amplitudes_ok(intended, latched)
+    verdicts = {
+        "S1": error_rad <= ideal.targets[0].phase_limit_rad,
+        "S2": ideal.in_place(offsets_m),
+        "S3": ideal.excess_level(latched.weights(), tolerant=False) == 0.0,
+        "S5": s5 and ideal.amplitudes_ok(latched, tolerant=False),
+    }
+    return _Findings(verdicts, list(_without_place(ideal)), offsets_m, ideal.limits_m())
+
+
+def _tolerantly(
+    ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools, tolerance: Tolerance
+) -> _Findings:
+    """Return what is found of a drive for these foci in other air, or a little off.
+
+    A solver may come to another drive there, with other phases between the foci.  So the places are
+    fitted from the phases that there are, whatever the weights of the foci.
+    """
+    model, limit_rad = ideal.targets[0].model, ideal.targets[0].phase_limit_rad
+    excess = ideal.excess_level(latched.weights(), tolerant=True)
+    s5 = criteria.amplitudes_ok(intended, latched)
+    verdicts = {
+        "S1": False,
+        "S3": excess <= _MOST_EXCESS,
+        "S5": s5 and ideal.amplitudes_ok(latched, tolerant=True),
+    }
+    unseen = [_OTHER_LEVELS] if excess > 0.0 else []
+    waves = waves_of(model, superposed=intended.solver == "naive")
+    places = np.array([target.position_m for target in ideal.placed])
+    fit = fit_foci(model, waves, places, latched.weights(), active, limit_rad)
+    if fit is None:
+        return _Findings(verdicts, [*unseen, _NOT_THESE], [], None)
+    # What the foci leave unexplained may have moved them by as much more.
+    blur = max(1.0, 3.0 * fit.residual_rad / limit_rad) if fit.residual_rad > limit_rad else 1.0
+    limits_m = [
+        blur * bound_m + target.tolerated_m
+        for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True)
+    ]
+    verdicts["S2"] = all(
+        criteria.within(offset_m, limit_m, tolerance.miss_mm)
+        for offset_m, limit_m in zip(fit.offsets_m, limits_m, strict=True)
+    )
+    if blur > 1.0:
+        unseen.append(_NOT_THESE)
+    shown = all(
+        bool(np.isfinite(limit_m).all()) and _is_within_lobe(target, limit_m)
+        for target, limit_m in zip(ideal.placed, limits_m, strict=True)
+    )
+    if not shown:
+        return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
+    ordered = dict(sorted(verdicts.items()))
+    return _Findings(ordered, unseen, list(fit.offsets_m), limits_m)
+
+
+def _is_within_lobe(target: TargetField, limit_m: Floats) -> bool:
+    return target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
+
+
+def _farthest(targets: Sequence[TargetField], found: _Findings) -> dict[str, Any]:
     """Return how far the worst of the foci is from its place; nothing if one has no place."""
-    if any(peak is None for peak in ideal.peaks) or any(o is None for o in offsets_m):
+    offsets = [offset for offset in found.offsets_m if offset is not None]
+    if len(offsets) < len(targets) or not targets or found.limits_m is None:
         return {}
-    pairs = [(t, o) for t, o in zip(ideal.targets, offsets_m, strict=True) if o is not None]
-    target, offset_m = max(pairs, key=lambda pair: float(np.linalg.norm(pair[1])))
+    target, offset_m = max(zip(targets, offsets, strict=True), key=lambda pair: _length(pair[1]))
     across_m, along_m = target.split(offset_m)
     return {
         "lateral_error_mm": None if across_m is None else _MM * across_m,
@@ -334,20 +425,28 @@ def _farthest(ideal: IdealDrive, offsets_m: Sequence[Floats | None]) -> dict[str
     }
 
 
-def _unseen(ideal: IdealDrive, levels: FociLevels, intended: Intended) -> Iterator[str]:
-    """Yield why a drive that is as it should be does not show where its foci are."""
+def _without_place(ideal: IdealDrive) -> Iterator[str]:
+    """Yield which foci have no pressure peak that could be off."""
     lost = [str(number) for number, peak in enumerate(ideal.peaks, 1) if peak is None]
     if lost:
         yield (
             f"no pressure peak with a place of its own next to focus {', '.join(lost)}: a miss "
             "there would not show"
         )
+
+
+def _not_made(levels: FociLevels, intended: Intended) -> Iterator[str]:
+    """Yield why the foci are not there, although the drive is as it should be."""
     if intended.solver != "naive" and not levels.made:
         yield (
             f"the solver {intended.solver} did not make the foci: efficiency "
             f"{levels.efficiency:.2f} (at least {_LEAST_EFFICIENCY:g}), the weakest has "
             f"{levels.balance:.2f} of their mean (at least {_LEAST_BALANCE:g})"
         )
+
+
+def _length(vector: Floats) -> float:
+    return float(np.linalg.norm(vector))
 
 
 def _mm(values: Floats) -> Vector:

@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import (
-    AcousticModel,
     Drive,
     NotSingle,
     Reconstruction,
@@ -44,11 +43,23 @@ _ELSEWHERE: Final = (
 
 
 def judge_silence(
-    seen: FrameVerdict, intended: Intended, latched: Drive, faults: tuple[str, ...]
+    seen: FrameVerdict,
+    intended: Intended,
+    latched: Drive,
+    faults: tuple[str, ...],
+    *,
+    heard: bool,
 ) -> FrameVerdict:
-    """Judge a frame that shall radiate nothing: there is no focus, only S5."""
-    verdicts = {"S5": criteria.amplitudes_ok(intended, latched)}
-    faults = () if verdicts["S5"] else faults
+    """Judge a frame that shall radiate nothing: there is no focus, only S5.
+
+    Parameters
+    ----------
+    heard : bool
+        Whether somebody found a field all the same.
+    """
+    verdicts = {"S5": criteria.amplitudes_ok(intended, latched) and not heard}
+    if criteria.amplitudes_ok(intended, latched):
+        faults = ("sound was radiated where silence was intended",) if heard else ()
     return dataclasses.replace(
         seen,
         status=status_of(verdicts, faults, focused=False),
@@ -97,11 +108,6 @@ class SingleFrame:
             How well array and air are known.
         """
         target = self.target
-        if not target.active.any():
-            note = (
-                "no element that shall sound can be heard: the calibration gives each a gain of 0"
-            )
-            return dataclasses.replace(seen, faults=faults, note=note)
         measures, verdicts, peaks = self._drive_criteria()
         notes = [seen.note] if seen.note else []
         unseen = [] if target.observable.all() else [_unobservable(target)]
@@ -110,14 +116,17 @@ class SingleFrame:
             offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
             measures |= _place(target, offset_m)
             if not criteria.on_target(target, offset_m):
-                unseen.append(_ELSEWHERE)
+                if verdicts["S1"]:
+                    unseen.append(_ELSEWHERE)
+                else:
+                    verdicts["S2"] = False
         else:
             if target.observable.any():
                 verdicts["S2"] = self._is_in_place(found)
             if isinstance(found, SingleFocus):
                 measures |= _where(target, found)
             elif isinstance(found, NotSingle):
-                faults += _radiated_otherwise(target.model, found, faults)
+                faults += self._outliers(found, faults)
                 if not faults:  # the right drive in other air: a focus, but not a sharp one
                     measures |= _where(target, found)
                 elif measures["coherence"] >= _STILL_A_FOCUS:
@@ -198,6 +207,19 @@ class SingleFrame:
             return False
         return isinstance(found, SingleFocus | NotSingle) and self._is_of_this_drive(found)
 
+    def _outliers(self, found: NotSingle, faults: tuple[str, ...]) -> tuple[str, ...]:
+        """Name the elements that do not suit the focus of the others, if the codes show no fault.
+
+        Either the codes themselves are out of step, for these elements in this air, or something
+        else was radiated than the codes say.
+        """
+        if faults or not found.outliers:
+            return ()
+        names = named_elements(self.target.model, found.outliers)
+        if self._is_of_this_drive(found):
+            return (f"{names} out of step with the others",)
+        return (f"{names} radiated otherwise than latched",)
+
     def _is_of_this_drive(self, found: SingleFocus | NotSingle) -> bool:
         """Tell whether what somebody found can be said of the latched phases.
 
@@ -214,15 +236,6 @@ class SingleFrame:
         rms = math.sqrt(np.mean(error_rad[self._active & ~off] ** 2))
         within_rad = _ABOUT * limit_rad + self.target.tolerated_rad
         return rms <= within_rad and bool((error_rad[off] > _FINEST_RAD).all())
-
-
-def _radiated_otherwise(
-    model: AcousticModel, found: NotSingle, faults: tuple[str, ...]
-) -> tuple[str, ...]:
-    """Name the elements that radiated what was not latched, where the drive shows no fault."""
-    if faults or not found.outliers:
-        return ()
-    return (f"{named_elements(model, found.outliers)} radiated otherwise than latched",)
 
 
 def _no_focus(found: NotSingle) -> str:

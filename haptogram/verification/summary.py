@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from .tolerance import Tolerance
+from .tolerance import tolerance_text
 from .verdict import NOTHING_WRONG, WRONG, Consequence, FrameStatus, FrameVerdict
 
 if TYPE_CHECKING:
@@ -99,16 +99,6 @@ def _known_lines(run: RunVerdict) -> Iterator[str]:
     )
 
 
-def tolerance_text(tolerance: Tolerance) -> str:
-    """Return what a tolerance tolerates."""
-    parts = [
-        f"{tolerance.miss_mm:g} mm" if tolerance.miss_mm else "",
-        f"air of ±{tolerance.temperature_c:g} °C" if tolerance.temperature_c else "",
-        f"±{tolerance.humidity_percent:g} % humidity" if tolerance.humidity_percent else "",
-    ]
-    return ", ".join(filter(None, parts)) or "none"
-
-
 def _field_line(result: dict[str, Any]) -> str:
     pressure, force = result["pressure_rms_pa"], result["force_mn"]
     return (
@@ -174,8 +164,8 @@ def _frame_line(frame: FrameVerdict) -> str:
     if frame.latches > 1:
         parts.append(f"latched {frame.latches} times")
     parts += [*frame.faults, *_measures(frame)]
-    if frame.note and frame.status is FrameStatus.NOT_VERIFIED:
-        parts.append(frame.note)
+    if frame.note and (frame.status is FrameStatus.NOT_VERIFIED or not frame.faults):
+        parts += [frame.note] if frame.status in (FrameStatus.NOT_VERIFIED, *WRONG) else []
     return "; ".join(parts)
 
 
@@ -191,7 +181,8 @@ def frame_text(frame: FrameVerdict) -> str:
             if smallest_mm is None
             else f"smallest miss that shows {smallest_mm:.3f} mm"
         )
-    judged = [name if passed else f"{name} failed" for name, passed in frame.criteria.items()]
+    failed = "failed" if frame.status in WRONG else "warns"
+    judged = [name if passed else f"{name} {failed}" for name, passed in frame.criteria.items()]
     parts += [", ".join(judged)] if judged else []
     parts += [] if frame.evidence is None else [f"{frame.evidence} evidence"]
     return "; ".join(parts)

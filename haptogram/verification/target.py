@@ -17,7 +17,7 @@ from haptogram.acoustics.shift import direction_covariance
 from haptogram.errors import ConfigurationError
 
 from .peaks import Complexes, Direction, ExpectedPeak, Floats, expected_peak
-from .tolerance import PlaceUncertainty, Tolerance, Uncertainty
+from .tolerance import PlaceUncertainty, Tolerance, Uncertainty, tolerance_text
 
 Bools = NDArray[np.bool_]
 
@@ -27,6 +27,7 @@ _NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proport
 _SECOND_ORDER: Final = 1.04  # of the bound of the first order
 _LOST: Final = 0.4  # of the distance
 _SAME_LINE: Final = 1e-6
+_MOST_TOLERATED_RAD: Final = 1.2  # beyond it any phase would suit
 _WIDTH_RAD: Final = 2.0 * 0.831  # of a focus at -3 dB, in radians of phase
 
 
@@ -74,7 +75,10 @@ class TargetField:
 
     @cached_property
     def axis(self) -> Floats:
-        """(3,) unit vector from the centre of the elements that shall sound to the target."""
+        """(3,) unit vector from the centre of the elements that shall sound to the target.
+
+        Each element counts by its intended amplitude.
+        """
         shares = self.amplitudes / self.amplitudes.sum()
         ray = self.position_m - shares @ self.model.array.positions_m
         axis: Floats = ray / np.linalg.norm(ray)
@@ -194,20 +198,21 @@ class TargetField:
         return _WIDTH_RAD / steepness if steepness > 0.0 else math.inf
 
     def check_tolerance(self) -> None:
-        """Raise if a tolerated miss is as large as the focus.
+        """Raise if what is tolerated is more than half of the focus.
 
         Raises
         ------
         ConfigurationError
-            It names the value, the focus and its width.
+            It names the tolerance, the focus and the largest tolerance.
         """
-        width_mm = _MM * self.width_m
-        if self.tolerance.miss_mm > width_mm:
-            x, y, z = _MM * self.position_m
-            raise ConfigurationError(
-                f"tolerance of {self.tolerance.miss_mm:g} mm; the focus at ({x:.1f}, {y:.1f}, "
-                f"{z:.1f}) mm is {width_mm:.1f} mm wide (-3 dB), a tolerance must be smaller"
-            )
+        if self.tolerated_rad <= _WIDTH_RAD / 2.0:
+            return
+        x, y, z = _MM * self.position_m
+        raise ConfigurationError(
+            f"tolerance of {tolerance_text(self.tolerance)}; the focus at ({x:.1f}, {y:.1f}, "
+            f"{z:.1f}) mm is {_MM * self.width_m:.1f} mm wide (-3 dB), and a tolerance can be half "
+            "of that at most, air included"
+        )
 
     @cached_property
     def tolerated_rad(self) -> float:
@@ -222,7 +227,8 @@ class TargetField:
         rays /= np.linalg.norm(rays, axis=1)[:, None]
         turned = float(np.linalg.norm(rays - rays.mean(axis=0), axis=1).max())
         slack = self.model.wavenumber * turned * self.tolerance.miss_mm / _MM
-        return slack + float(np.abs(self.air_phases_rad[self.active]).max())
+        change = slack + float(np.abs(self.air_phases_rad[self.active]).max())
+        return min(change, _MOST_TOLERATED_RAD)
 
     @property
     def smallest_miss_m(self) -> float | None:
@@ -240,14 +246,14 @@ class TargetField:
 
 
 def check_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: Tolerance) -> None:
-    """Raise if a tolerance is as large as the focus at one of (T, 3) points, in metres.
+    """Raise if a tolerance is more than half of the focus at one of (T, 3) points, in metres.
 
     Raises
     ------
     ConfigurationError
-        A miss as large as the focus is wide (-3 dB) leaves nothing to verify.
+        As :meth:`TargetField.check_tolerance`.
     """
-    if not tolerance.miss_mm:
+    if tolerance.is_strict:
         return
     everything = np.ones(model.array.count)
     for point in np.unique(np.atleast_2d(np.asarray(points_m, dtype=np.float64)), axis=0):

@@ -116,6 +116,16 @@ class Uncertainty:
 REAL_BOARD: Final = Uncertainty(GUESS_C, GUESS_HUMIDITY_PERCENT, GUESS_POSITION_MM, GUESS_PHASE_RAD)
 
 
+def tolerance_text(tolerance: Tolerance) -> str:
+    """Return what a tolerance tolerates."""
+    parts = [
+        f"{tolerance.miss_mm:g} mm" if tolerance.miss_mm else "",
+        f"air of ±{tolerance.temperature_c:g} °C" if tolerance.temperature_c else "",
+        f"±{tolerance.humidity_percent:g} % humidity" if tolerance.humidity_percent else "",
+    ]
+    return ", ".join(filter(None, parts)) or "none"
+
+
 def tolerance_of(config: VerifyConfig) -> Tolerance:
     """Return what the settings tolerate."""
     return Tolerance(config.tolerance_mm, config.tolerance_c, config.tolerance_humidity)

@@ -1,0 +1,159 @@
+"""Where several foci are, fitted from the phases of one drive.
+
+Whatever made them, superposition or a solver, the drive of several foci is a weighted sum of the
+waves that focus on each: w_n = sum_i c_i k_n(x_i).  The fit asks the phases of all elements for the
+complex weights c_i and the places x_i at once; it starts at the targets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, focus_phases
+from haptogram.acoustics.field import propagators
+from haptogram.acoustics.focus import wrap
+
+from .peaks import Complexes, Floats
+from .target import Bools
+
+Waves: TypeAlias = Callable[[Floats], Complexes]
+
+_PROJECTIONS: Final = 40
+_STEPS: Final = 25
+_SETTLED_M: Final = 1e-7
+_LONGEST_M: Final = 2e-3  # of a step
+_LEAST_SEEN: Final = 1e-5  # of the largest singular value: below it a direction cannot be observed
+_SEEN: Final = 1e-3  # share of a direction that is lost, and may still be in a coordinate
+
+
+class FociFit(NamedTuple):
+    """Several foci that explain the phases of a drive best.
+
+    Attributes
+    ----------
+    offsets_m : (F, 3) numpy.ndarray
+        From each target to its focus.
+    bound_m : (F, 3) numpy.ndarray
+        Largest error that a phase error of the given limit can make; infinite: not observable.
+    residual_rad : float
+        RMS of what the foci leave unexplained; elements where the waves cancel count less.
+    """
+
+    offsets_m: Floats
+    bound_m: Floats
+    residual_rad: float
+
+
+def waves_of(model: AcousticModel, *, superposed: bool) -> Waves:
+    """Return what makes of (F, 3) places the (F, N) drives that focus there, in m.
+
+    Plain superposition drives all elements alike; solvers send back what arrives.
+    """
+    if superposed:
+        return lambda places: np.exp(1j * focus_phases(model, places))
+    return lambda places: propagators(model, places).conj()
+
+
+def fit_foci(
+    model: AcousticModel,
+    waves: Waves,
+    targets_m: Floats,
+    drive: Complexes,
+    active: Bools,
+    phase_limit_rad: float,
+) -> FociFit | None:
+    """Return the foci next to *targets_m* (F, 3) that explain the phases of *drive* (N,).
+
+    Gauss-Newton on wrap(angle w_n - angle m_n), m the sum of the waves, each element weighted by
+    min(1, |m_n| / median).
+
+    Returns
+    -------
+    FociFit or None
+        None: the fit does not settle.
+    """
+    places, phases = targets_m.copy(), np.angle(drive[active])
+    positions = model.array.positions_m[active]
+    weights = _first_weights(waves(places)[:, active], drive[active])
+    for _ in range(_STEPS):
+        problem = _Linearised.at(waves, places, weights, phases, positions, active, model)
+        step = np.linalg.lstsq(problem.slopes, problem.residual, rcond=_LEAST_SEEN)[0]
+        count = len(places)
+        change = step[2 * count :].reshape(count, 3)
+        longest = float(np.linalg.norm(change, axis=1).max())
+        share = min(1.0, _LONGEST_M / max(longest, 1e-12))
+        weights = weights + share * (step[:count] + 1j * step[count : 2 * count])
+        places = places + share * change
+        if longest < _SETTLED_M:
+            bound_m = problem.bound_m(phase_limit_rad)
+            return FociFit(places - targets_m, bound_m, problem.rms_rad)
+    return None
+
+
+def _first_weights(waves: Complexes, drive: Complexes) -> Complexes:
+    """Return the (F,) weights whose sum of waves has the phases of *drive*, by projections."""
+    inverse = np.linalg.pinv(waves.T, rcond=1e-9)
+    phasors, level = np.exp(1j * np.angle(drive)), np.abs(drive)
+    for _ in range(_PROJECTIONS):
+        weights: Complexes = inverse @ (level * phasors)
+        level = np.abs(weights @ waves)
+    scale = float(np.median(level))
+    return weights / scale if scale > 0.0 else weights
+
+
+class _Linearised(NamedTuple):
+    """The fit around one estimate, each element weighted.
+
+    Columns of the slopes are Re c, Im c of every focus, then x, y, z of every focus.
+    """
+
+    slopes: Floats
+    residual: Floats
+    levels: Floats
+
+    @classmethod
+    def at(
+        cls,
+        waves: Waves,
+        places: Floats,
+        weights: Complexes,
+        phases: Floats,
+        positions: Floats,
+        active: Bools,
+        model: AcousticModel,
+    ) -> _Linearised:
+        """Return the residuals and their slopes at an estimate."""
+        parts = waves(places)[:, active]
+        total = weights @ parts
+        total = np.where(np.abs(total) > 0.0, total, 1e-300)
+        levels = np.minimum(1.0, np.abs(total) / max(float(np.median(np.abs(total))), 1e-300))
+        rays = places[:, None, :] - positions
+        rays /= np.linalg.norm(rays, axis=2)[:, :, None]
+        shares = parts / total
+        along = -model.wavenumber * rays * (weights[:, None] * shares).real[:, :, None]
+        slopes = np.concatenate(
+            [shares.imag, shares.real, along.transpose(0, 2, 1).reshape(-1, len(phases))]
+        ).T
+        residual = wrap(phases - np.angle(total))
+        return cls(slopes * levels[:, None], residual * levels, levels)
+
+    @property
+    def rms_rad(self) -> float:
+        """RMS of the weighted residual."""
+        return float(np.sqrt((self.residual**2).sum() / (self.levels**2).sum()))
+
+    def bound_m(self, limit_rad: float) -> Floats:
+        """Return (F, 3) how far phase errors of *limit_rad* can move the foci; infinite: lost."""
+        scale = np.linalg.norm(self.slopes, axis=0)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        left, values, right = np.linalg.svd(self.slopes / scale, full_matrices=False)
+        seen = values > _LEAST_SEEN * values[0]
+        lost = (right[~seen] ** 2).sum(axis=0)
+        inverse = (right[seen].T / values[seen]) @ left[:, seen].T / scale[:, None]
+        bound = np.abs(inverse * self.levels).sum(axis=1) * limit_rad
+        places = slice(2 * len(scale) // 5, None)
+        bound_m: Floats = np.where(lost < _SEEN, bound, np.inf)[places].reshape(-1, 3)
+        return bound_m
