@@ -9,17 +9,25 @@ import importlib
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from .acoustics import Calibration
     from .driver import Driver
-    from .errors import ConfigurationError, DeviceError, HaptogramError, LinkError
+    from .errors import (
+        ConfigurationError,
+        DeviceError,
+        HaptogramError,
+        LinkError,
+        VerificationError,
+    )
     from .record_file import RecordFile, read_records
     from .records import Evidence, Focus, Intended, Observation
     from .tactile import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
-    from .verification import RunVerdict, verify_run
+    from .verification import RunVerdict, Tolerance, Uncertainty, verify_run
     from .virtual_board import VirtualBoard
 
 __version__ = "0.1.0"
 
 _HOME: Final = {
+    "Calibration": "acoustics",
     "Circle": "tactile",
     "ConfigurationError": "errors",
     "DeviceError": "errors",
@@ -37,6 +45,9 @@ _HOME: Final = {
     "RecordFile": "record_file",
     "RunVerdict": "verification",
     "Sphere": "tactile",
+    "Tolerance": "verification",
+    "Uncertainty": "verification",
+    "VerificationError": "errors",
     "VirtualBoard": "virtual_board",
     "read_records": "record_file",
     "verify_run": "verification",
@@ -50,6 +61,7 @@ def __getattr__(name: str) -> Any:
 
 
 __all__ = [
+    "Calibration",
     "Circle",
     "ConfigurationError",
     "DeviceError",
@@ -67,6 +79,9 @@ __all__ = [
     "RecordFile",
     "RunVerdict",
     "Sphere",
+    "Tolerance",
+    "Uncertainty",
+    "VerificationError",
     "VirtualBoard",
     "read_records",
     "verify_run",

@@ -175,6 +175,12 @@ class VerifyConfig:
                 "virtual_time",
                 f"runs on the board inside this program; port {port!r} has a clock of its own",
             )
+        if self.board_temperature_c is not None:
+            raise SettingError(
+                "board_temperature_c",
+                "is the air over the virtual board that is started here; the judge of a board at a "
+                "port takes that of the host: state it with --temperature-c",
+            )
         faulty = next((name for name in ("fault", "fault_plan") if getattr(self, name)), None)
         if faulty is not None:
             raise SettingError(

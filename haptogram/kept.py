@@ -59,7 +59,7 @@ class Kept(Sequence[_T]):
         return islice(self._entries, max(0, number - self.dropped), None)
 
     def clear(self) -> None:
-        """Drop everything."""
+        """Drop all entries; they count as dropped."""
         self._entries.clear()
 
     def __len__(self) -> int:

@@ -55,6 +55,11 @@ class RecordFile:
         """Write *entry*."""
         self._entries += 1
         if isinstance(entry, Observation):
+            if entry.radiated is not None or entry.reconstruction is not None:
+                raise ConfigurationError(
+                    "an observation with what was radiated, or its field, is none of a driver: a "
+                    "record file holds latched drives only; the back door keeps its own file"
+                )
             self._write("observation", **_of_observation(entry))
             return
         slot = self._slot_of(entry)

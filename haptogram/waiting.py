@@ -36,7 +36,7 @@ class Waiter:
         Raises
         ------
         OSError, ValueError
-            For a descriptor that is closed.
+            For a descriptor below 1024 that is closed; a higher one counts as ready.
         """
         events = dict.fromkeys(reading, selectors.EVENT_READ)
         for fd in writing:

@@ -197,10 +197,11 @@ class Calibration:
         away_m = np.linalg.norm(self.positions_m - array.positions_m, axis=1)
         worst = int(away_m.argmax())
         if away_m[worst] > MAX_DISPLACEMENT_M:
+            x, y, z = _MM * array.positions_m[worst] + 0.0
             raise ConfigurationError(
                 f"{self._where(worst)}: element {worst} is {away_m[worst] * _MM:.4g} mm from its "
-                f"place in the array, must be at most {MAX_DISPLACEMENT_M * _MM:g} mm: is the file "
-                "that of another array?"
+                f"place in the array, ({x:g}, {y:g}, {z:g}) mm, must be at most "
+                f"{MAX_DISPLACEMENT_M * _MM:g} mm: in a grid, element n is ix * ny + iy"
             )
 
     def _where(self, element: int) -> str:

@@ -112,7 +112,8 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="CSV file with gain, phase and position of each element, as they really are: of the "
-        "virtual board that is started here, and for the judge of any board [all equal, in place]",
+        "virtual board that is started here, and for the judge of any board; docs/calibration.md "
+        "has its format [all equal, in place]",
     )
     array.add_argument(
         "--compensate",
@@ -223,7 +224,8 @@ def _add_tolerance(verify: argparse.ArgumentParser) -> None:
         "--tolerance-mm",
         type=float,
         metavar="MM",
-        help=f"distance of a focus from its target that passes [{default.tolerance_mm:g}]",
+        help="distance of a focus from its target that passes, if there is such a focus: at most "
+        f"half of its width [{default.tolerance_mm:g}]",
     )
     group.add_argument(
         "--tolerance-c",

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, Drive, focus_phases, pressure
+from haptogram.acoustics import AcousticModel, Drive, focus_phases, in_front, pressure
 from haptogram.verification import FrameVerdict, RunVerdict
 
 from .series import Floats, Vector, measured_mm, worst
@@ -34,7 +34,7 @@ class FieldMap:
     across_mm, up_mm : (A,), (U,) numpy.ndarray
         Coordinates of the grid.
     pressure_kpa : (U, A) numpy.ndarray
-        RMS; NaN where a point lies in an element.
+        RMS; NaN where a point lies in an element or behind the array.
     """
 
     axes: tuple[int, int]
@@ -79,7 +79,8 @@ class FieldPicture:
     def most_kpa(self) -> float:
         """Highest pressure of all maps."""
         maps = self.level, self.upright, self.close_level, self.close_upright
-        return max(float(np.nanmax(plane.pressure_kpa)) for plane in maps)
+        heard = [plane.pressure_kpa[np.isfinite(plane.pressure_kpa)] for plane in maps]
+        return max(float(values.max(initial=0.0)) for values in heard)
 
     @property
     def marks_mm(self) -> tuple[Floats, Floats]:
@@ -144,7 +145,7 @@ def _maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[Fiel
 
 def _height(model: AcousticModel, target_m: Vector) -> Floats:
     """Return grid heights from just above the array to well above the target."""
-    bottom = 1e3 * float(model.array.centre_m[2])
+    bottom = min(1e3 * float(model.array.centre_m[2]), 1e3 * target_m[2] - _ABOVE_FOCUS_MM)
     top = max(bottom + _SIDE_MM, 1e3 * target_m[2] + _ABOVE_FOCUS_MM)
     return np.arange(bottom + _LOWEST_MM, top + _STEP_MM / 2.0, _STEP_MM)
 
@@ -176,6 +177,7 @@ def _sample(
     up, across = np.meshgrid(up_mm, across_mm, indexing="ij")
     points[:, axes[0]], points[:, axes[1]] = 1e-3 * across.ravel(), 1e-3 * up.ravel()
     free = KDTree(model.array.positions_m).query(points)[0] > _CLEARANCE_M
+    free &= in_front(model, points)
     values = np.full(len(points), np.nan)
     peak_pa = np.abs(pressure(model, drive.weights(), points[free]))
     values[free] = peak_pa / math.sqrt(2.0) / 1e3

@@ -14,7 +14,6 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, focus_phases
 from haptogram.acoustics.field import propagators
-from haptogram.acoustics.focus import wrap
 
 from .peaks import Complexes, Floats
 from .target import Bools
@@ -64,24 +63,32 @@ def fit_foci(
     drive: Complexes,
     active: Bools,
     phase_limit_rad: float,
+    known: Complexes | None = None,
 ) -> FociFit | None:
     """Return the foci next to *targets_m* (F, 3) that explain the phases of *drive* (N,).
 
-    Gauss-Newton on wrap(angle w_n - angle m_n), m the sum of the waves, each element weighted by
-    min(1, |m_n| / median).
+    Gauss-Newton on Im(m_n e^{-j phi_n}), m the sum of the waves: what of each element's sum is out
+    of step with its phase.  Elements where the waves cancel count as little as they radiate.
+
+    Parameters
+    ----------
+    known : (F,) numpy.ndarray of complex, optional
+        Weights to start from; found from the drive if not given.
 
     Returns
     -------
     FociFit or None
         None: the fit does not settle.
     """
-    places, phases = targets_m.copy(), np.angle(drive[active])
-    positions = model.array.positions_m[active]
-    weights = _first_weights(waves(places)[:, active], drive[active])
+    places, phasors = targets_m.copy(), np.exp(1j * np.angle(drive[active]))
+    positions, count = model.array.positions_m[active], len(targets_m)
+    parts = waves(places)[:, active]
+    weights = _first_weights(parts, drive[active]) if known is None else known
+    weights = weights / (phasors.conj() @ (weights @ parts) / len(phasors))
     for _ in range(_STEPS):
-        problem = _Linearised.at(waves, places, weights, phases, positions, active, model)
-        step = np.linalg.lstsq(problem.slopes, problem.residual, rcond=_LEAST_SEEN)[0]
-        count = len(places)
+        turned = waves(places)[:, active] * phasors.conj()
+        problem = _Linearised.at(turned, weights, places, positions, model.wavenumber)
+        step = problem.step()
         change = step[2 * count :].reshape(count, 3)
         longest = float(np.linalg.norm(change, axis=1).max())
         share = min(1.0, _LONGEST_M / max(longest, 1e-12))
@@ -100,12 +107,12 @@ def _first_weights(waves: Complexes, drive: Complexes) -> Complexes:
     for _ in range(_PROJECTIONS):
         weights: Complexes = inverse @ (level * phasors)
         level = np.abs(weights @ waves)
-    scale = float(np.median(level))
-    return weights / scale if scale > 0.0 else weights
+        level /= max(float(level.mean()), 1e-300)
+    return weights
 
 
 class _Linearised(NamedTuple):
-    """The fit around one estimate, each element weighted.
+    """The fit around one estimate.
 
     Columns of the slopes are Re c, Im c of every focus, then x, y, z of every focus.
     """
@@ -113,47 +120,45 @@ class _Linearised(NamedTuple):
     slopes: Floats
     residual: Floats
     levels: Floats
+    scale: Floats
 
     @classmethod
     def at(
-        cls,
-        waves: Waves,
-        places: Floats,
-        weights: Complexes,
-        phases: Floats,
-        positions: Floats,
-        active: Bools,
-        model: AcousticModel,
+        cls, turned: Complexes, weights: Complexes, places: Floats, positions: Floats, k: float
     ) -> _Linearised:
-        """Return the residuals and their slopes at an estimate."""
-        parts = waves(places)[:, active]
-        total = weights @ parts
-        total = np.where(np.abs(total) > 0.0, total, 1e-300)
-        levels = np.minimum(1.0, np.abs(total) / max(float(np.median(np.abs(total))), 1e-300))
+        """Return residuals and slopes for waves (F, N) whose phases are those of the drive less."""
+        total = weights @ turned
         rays = places[:, None, :] - positions
         rays /= np.linalg.norm(rays, axis=2)[:, :, None]
-        shares = parts / total
-        along = -model.wavenumber * rays * (weights[:, None] * shares).real[:, :, None]
+        moved = (weights[:, None] * turned)[:, :, None] * (-1j * k * rays)
         slopes = np.concatenate(
-            [shares.imag, shares.real, along.transpose(0, 2, 1).reshape(-1, len(phases))]
-        ).T
-        residual = wrap(phases - np.angle(total))
-        return cls(slopes * levels[:, None], residual * levels, levels)
+            [turned, 1j * turned, moved.transpose(0, 2, 1).reshape(-1, len(total))]
+        )
+        return cls(slopes.imag.T, total.imag, np.abs(total), slopes.real.mean(axis=1))
+
+    def step(self) -> Floats:
+        """Return the change that brings the waves into step and keeps the size of their sum."""
+        root = np.sqrt(len(self.residual))
+        rows = np.vstack([self.slopes, root * self.scale])
+        step: Floats = np.linalg.lstsq(rows, -np.append(self.residual, 0.0), rcond=_LEAST_SEEN)[0]
+        return step
 
     @property
     def rms_rad(self) -> float:
-        """RMS of the weighted residual."""
+        """RMS phase error, each element weighted by what it radiates."""
         return float(np.sqrt((self.residual**2).sum() / (self.levels**2).sum()))
 
     def bound_m(self, limit_rad: float) -> Floats:
         """Return (F, 3) how far phase errors of *limit_rad* can move the foci; infinite: lost."""
-        scale = np.linalg.norm(self.slopes, axis=0)
-        scale = np.where(scale > 0.0, scale, 1.0)
-        left, values, right = np.linalg.svd(self.slopes / scale, full_matrices=False)
+        root = np.sqrt(len(self.residual))
+        rows = np.vstack([self.slopes, root * self.scale])
+        size = np.linalg.norm(rows, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        left, values, right = np.linalg.svd(rows / size, full_matrices=False)
         seen = values > _LEAST_SEEN * values[0]
         lost = (right[~seen] ** 2).sum(axis=0)
-        inverse = (right[seen].T / values[seen]) @ left[:, seen].T / scale[:, None]
-        bound = np.abs(inverse * self.levels).sum(axis=1) * limit_rad
-        places = slice(2 * len(scale) // 5, None)
+        inverse = (right[seen].T / values[seen]) @ left[:, seen].T / size[:, None]
+        bound = np.abs(inverse[:, :-1] * self.levels).sum(axis=1) * limit_rad
+        places = slice(2 * len(size) // 5, None)
         bound_m: Floats = np.where(lost < _SEEN, bound, np.inf)[places].reshape(-1, 3)
         return bound_m

@@ -27,7 +27,7 @@ from haptogram.acoustics.drive import FULL_AMPLITUDE
 from haptogram.records import Intended
 
 from . import criteria
-from .foci_fit import fit_foci, waves_of
+from .foci_fit import FociFit, fit_foci, waves_of
 from .peaks import WITHIN_LOBE_RAD, Complexes, ExpectedPeak, Floats, expected_peak
 from .status import is_right, status_of, warning_of
 from .target import Bools, TargetField, place_uncertainty
@@ -40,9 +40,11 @@ _MM: Final = 1e3
 LEAST_AMPLITUDE_CODE: Final = 4
 _HALF: Final = 0.5 + 1e-6  # of an amplitude step
 _MARGIN: Final = 1.15  # between the tolerated drives, a change is not quite in proportion
+_SECOND_ORDER: Final = 1.1  # of the bound of the first order
+_LOST: Final = 0.4  # of the distance: rounding may move a focus so far that it has no place
 _FAINT: Final = 0.1  # of the loudest: the pressure of a fainter focus is compared with that
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
-_OTHER_LEVELS: Final = "the pressures of the foci differ more from those of the ideal drive than the tolerance explains"
+_OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
 _NOT_THESE: Final = (
     "the phases do not tell where these foci are: a miss within the tolerance or beyond would not "
     "show"
@@ -318,7 +320,7 @@ def judge_several(
     levels = FociLevels.of(intended, latched.weights(), targets)
     ideal = min(ideals, key=lambda one: one.distance(latched, active))
     error_rad = ideal.phase_error_rad(latched, active)
-    found = _strictly(ideal, intended, latched, error_rad)
+    found = _strictly(ideal, intended, latched, active, error_rad)
     if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
         found = _tolerantly(ideal, intended, latched, active, tolerance)
     status = status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
@@ -351,9 +353,11 @@ def judge_several(
     )
 
 
-def _strictly(ideal: IdealDrive, intended: Intended, latched: Drive, error_rad: float) -> _Findings:
+def _strictly(
+    ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools, error_rad: float
+) -> _Findings:
     """Return what is found of a drive that may differ from the ideal one by rounding only."""
-    offsets_m = ideal.offsets_m(latched.weights())
+    offsets_m, limits_m = ideal.offsets_m(latched.weights()), ideal.limits_m()
     s5 = criteria.amplitudes_ok(intended, latched)
     verdicts = {
         "S1": error_rad <= ideal.targets[0].phase_limit_rad,
@@ -361,7 +365,16 @@ def _strictly(ideal: IdealDrive, intended: Intended, latched: Drive, error_rad: 
         "S3": ideal.excess_level(latched.weights(), tolerant=False) == 0.0,
         "S5": s5 and ideal.amplitudes_ok(latched, tolerant=False),
     }
-    return _Findings(verdicts, list(_without_place(ideal)), offsets_m, ideal.limits_m())
+    if limits_m is not None or not active.any():
+        return _Findings(verdicts, list(_without_place(ideal)), offsets_m, limits_m)
+    # Foci without a pressure peak of their own still have a place in the phases.
+    fit = _fit(ideal, intended, latched, active)
+    if fit is None or fit.residual_rad > ideal.targets[0].phase_limit_rad:
+        return _Findings(verdicts, list(_without_place(ideal)), offsets_m, None)
+    limits_m = _limits_m(ideal, fit)
+    verdicts["S2"] &= limits_m is None or _are_within(fit, limits_m, 0.0)
+    unseen = list(_without_place(ideal)) if limits_m is None else []
+    return _Findings(verdicts, unseen, list(fit.offsets_m), limits_m)
 
 
 def _tolerantly(
@@ -372,7 +385,7 @@ def _tolerantly(
     A solver may come to another drive there, with other phases between the foci.  So the places are
     fitted from the phases that there are, whatever the weights of the foci.
     """
-    model, limit_rad = ideal.targets[0].model, ideal.targets[0].phase_limit_rad
+    limit_rad = ideal.targets[0].phase_limit_rad
     excess = ideal.excess_level(latched.weights(), tolerant=True)
     s5 = criteria.amplitudes_ok(intended, latched)
     verdicts = {
@@ -381,35 +394,49 @@ def _tolerantly(
         "S5": s5 and ideal.amplitudes_ok(latched, tolerant=True),
     }
     unseen = [_OTHER_LEVELS] if excess > 0.0 else []
-    waves = waves_of(model, superposed=intended.solver == "naive")
-    places = np.array([target.position_m for target in ideal.placed])
-    fit = fit_foci(model, waves, places, latched.weights(), active, limit_rad)
+    fit = _fit(ideal, intended, latched, active)
     if fit is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], [], None)
-    # What the foci leave unexplained may have moved them by as much more.
-    blur = max(1.0, 3.0 * fit.residual_rad / limit_rad) if fit.residual_rad > limit_rad else 1.0
-    limits_m = [
-        blur * bound_m + target.tolerated_m
-        for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True)
-    ]
-    verdicts["S2"] = all(
-        criteria.within(offset_m, limit_m, tolerance.miss_mm)
-        for offset_m, limit_m in zip(fit.offsets_m, limits_m, strict=True)
-    )
-    if blur > 1.0:
+    blurred = fit
+    if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
+        blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
         unseen.append(_NOT_THESE)
-    shown = all(
-        bool(np.isfinite(limit_m).all()) and _is_within_lobe(target, limit_m)
-        for target, limit_m in zip(ideal.placed, limits_m, strict=True)
-    )
-    if not shown:
+    limits_m = _limits_m(ideal, blurred)
+    if limits_m is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
-    ordered = dict(sorted(verdicts.items()))
-    return _Findings(ordered, unseen, list(fit.offsets_m), limits_m)
+    verdicts["S2"] = _are_within(fit, limits_m, tolerance.miss_mm)
+    return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
 
 
-def _is_within_lobe(target: TargetField, limit_m: Floats) -> bool:
-    return target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
+def _fit(ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools) -> FociFit | None:
+    """Return where the phases say that the foci are."""
+    superposed = intended.solver == "naive"
+    known = [f.amplitude * np.exp(1j * f.phase_rad) for f in intended.foci if f.amplitude > 0.0]
+    return fit_foci(
+        ideal.targets[0].model,
+        waves_of(ideal.targets[0].model, superposed=superposed),
+        np.array([target.position_m for target in ideal.placed]),
+        latched.weights(),
+        active,
+        ideal.targets[0].phase_limit_rad,
+        np.array(known) if superposed else None,
+    )
+
+
+def _limits_m(ideal: IdealDrive, fit: FociFit) -> list[Floats] | None:
+    """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
+    limits = []
+    for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
+        distance_m = _length(target.position_m - target.model.array.centre_m)
+        limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)
+        if not _length(limits[-1]) < _LOST * distance_m:
+            return None
+    return limits
+
+
+def _are_within(fit: FociFit, limits_m: Sequence[Floats], miss_mm: float) -> bool:
+    pairs = zip(fit.offsets_m, limits_m, strict=True)
+    return all(criteria.within(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs)
 
 
 def _farthest(targets: Sequence[TargetField], found: _Findings) -> dict[str, Any]:

@@ -187,3 +187,20 @@ def test_thinning_keeps_what_went_wrong() -> None:
     kept = [frame.number for frame in thinned(run.frames, 2)]
     assert kept == [0, 1, 3, 4, 5]
     assert thinned(run.frames, 6) == run.frames
+
+
+def test_a_tilted_and_a_sideways_array_have_their_field_drawn(model: AcousticModel) -> None:
+    turns = {
+        "tilted": np.array([[1.0, 0.0, 0.0], [0.0, 0.866, -0.5], [0.0, 0.5, 0.866]]),
+        "sideways": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
+    }
+    for turn in turns.values():
+        rotation, _ = np.linalg.qr(turn)
+        rotation *= np.sign(np.diag(rotation.T @ turn))
+        array = model.array.moved(rotation, (0.0, 0.0, 0.1))
+        placed = AcousticModel(array, model.medium, model.transducer)
+        target = rotation @ np.array([0.01, 0.0, 0.12]) + np.array([0.0, 0.0, 0.1])
+        shown = picture_field(make_run(placed, [target]), placed, None, 8)
+        assert shown is not None
+        assert shown.most_kpa > 1.0
+        assert shown.upright.up_mm[0] < 1e3 * target[2] < shown.upright.up_mm[-1]
