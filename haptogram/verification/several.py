@@ -372,9 +372,9 @@ def _strictly(
     if fit is None or fit.residual_rad > ideal.targets[0].phase_limit_rad:
         return _Findings(verdicts, list(_without_place(ideal)), offsets_m, None)
     limits_m = _limits_m(ideal, fit)
-    verdicts["S2"] &= limits_m is None or _are_within(fit, limits_m, 0.0)
-    unseen = list(_without_place(ideal)) if limits_m is None else []
-    return _Findings(verdicts, unseen, list(fit.offsets_m), limits_m)
+    if limits_m is None or not _are_within(fit, limits_m, 0.0):
+        return _Findings(verdicts, list(_without_place(ideal)), list(fit.offsets_m), None)
+    return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
 
 def _tolerantly(
@@ -404,7 +404,10 @@ def _tolerantly(
     limits_m = _limits_m(ideal, blurred)
     if limits_m is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
-    verdicts["S2"] = _are_within(fit, limits_m, tolerance.miss_mm)
+    within = _are_within(fit, limits_m, tolerance.miss_mm)
+    if not within and not _are_sharp(ideal, limits_m):
+        return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
+    verdicts["S2"] = within
     return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
 
 
@@ -432,6 +435,14 @@ def _limits_m(ideal: IdealDrive, fit: FociFit) -> list[Floats] | None:
         if not _length(limits[-1]) < _LOST * distance_m:
             return None
     return limits
+
+
+def _are_sharp(ideal: IdealDrive, limits_m: Sequence[Floats]) -> bool:
+    """Tell whether each focus has a place to within its own lobe: else the fit is no proof."""
+    return all(
+        target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
+        for target, limit_m in zip(ideal.placed, limits_m, strict=True)
+    )
 
 
 def _are_within(fit: FociFit, limits_m: Sequence[Floats], miss_mm: float) -> bool:
