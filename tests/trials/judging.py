@@ -37,6 +37,7 @@ _FRESNEL: Final = 3.0
 _ELEMENTS: Final = 8
 _RADIANS: Final = 0.35  # of a peak next to one of several targets, where nothing else is printed
 _NO_PEAK_RAD: Final = 1.0
+_ONE_LOBE_RAD: Final = math.pi
 _NUMERICS: Final = 1e-6
 _SEEN_FROM_MM: Final = 1.0
 
@@ -424,9 +425,19 @@ def _check_null(trial: Trial, verdict: FrameVerdict, lie: Lie) -> None:
         trial.findings.append(f"lateral error {verdict.lateral_error_mm:.3g} mm, not observable")
 
 
+def _are_apart(wanted: Wanted, session: Session, ideal: Complexes) -> bool:
+    """Whether no two foci share a lobe: then nothing tells where each of them is."""
+    places = wanted.targets_m
+    for n, place in enumerate(places):
+        lie = truth.lie_of(session.scene, _heard(session.scene, ideal), place, session.wire_bits)
+        if any(_radians(lie, other - place) < _ONE_LOBE_RAD for other in places[:n]):
+            return False
+    return True
+
+
 def _check_silence(trial: Trial, session: Session, seen: Seen, ideal: Complexes, lie: Lie) -> None:
     """Where an array can show everything, and well, nothing may stay unverified."""
-    trial.numbers["observable"] = not lie.flat.any()
+    trial.numbers["observable"] = not lie.flat.any() and _are_apart(seen.wanted, session, ideal)
     if trial.outcome != "not verified" or len(seen.wanted.foci) > 1:
         return
     fresnel, half = fresnel_number(
