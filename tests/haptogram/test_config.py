@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from haptogram.acoustics.solvers import METHODS
-from haptogram.config import SOLVERS, VerifyConfig, load_config
+from haptogram.config import SOLVERS, SettingError, VerifyConfig, load_config
 from haptogram.errors import ConfigurationError
 
 
@@ -114,3 +114,8 @@ def test_job_holds_what_decides_the_result_and_no_path() -> None:
     job = VerifyConfig(json=Path("x.json")).job()
     assert "json" not in job
     assert job["center_mm"] == [0.0, 0.0, 100.0]
+
+
+def test_the_air_over_a_virtual_board_is_none_of_a_board_at_a_port():
+    with pytest.raises(SettingError, match="virtual board that is started here"):
+        VerifyConfig(port="/dev/ttyUSB0", board_temperature_c=21.0)

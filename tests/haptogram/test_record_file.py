@@ -1,13 +1,14 @@
+import dataclasses
 import itertools
 
 import numpy as np
 import pytest
 
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, Drive, NoFocus
 from haptogram.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.record_file import RecordFile, read_records
-from haptogram.records import Focus
+from haptogram.records import Evidence, Focus, FrameKey, Observation
 from haptogram_protocol.messages import TraceMode
 from virtual_ports import BoardPort
 
@@ -88,3 +89,13 @@ def test_a_file_that_cannot_be_is_named(make, tmp_path):
         make(tmp_path / "nowhere" / "record")
     with pytest.raises(ConfigurationError, match="path is 5"):
         make(5)
+
+
+def test_what_a_file_cannot_hold_is_refused(tmp_path):
+    drive = Drive.from_weights(np.ones(16))
+    seen = Observation(FrameKey.of_stream(1, 2), 0, False, Evidence.EXTERNAL, drive)
+    with RecordFile(tmp_path / "records") as file:
+        file(seen)
+        for fields in ({"radiated": drive}, {"reconstruction": NoFocus("muted")}):
+            with pytest.raises(ConfigurationError, match="what was radiated"):
+                file(dataclasses.replace(seen, **fields))

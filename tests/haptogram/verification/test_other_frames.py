@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import (
     AcousticModel,
+    Calibration,
     Drive,
     NoFocus,
+    NotSingle,
     Reconstructor,
     focus_phases,
     superpose,
@@ -63,6 +65,71 @@ def test_a_right_drive_that_was_not_radiated_is_wrong(reason):
     found = judge(intend(MODEL, TARGET), reconstruction=NoFocus(reason))
     assert found.status is FrameStatus.WRONG_DRIVE
     assert found.faults == (f"the drive is right, but nothing was radiated: {reason}",)
+
+
+@pytest.mark.parametrize("reason", ["muted", "zero amplitude"])
+def test_several_foci_that_were_not_radiated_are_a_wrong_drive(reason):
+    found = judge(solved(RING), reconstruction=NoFocus(reason))
+    assert found.status is FrameStatus.WRONG_DRIVE
+    assert found.faults == (f"the drive is right, but nothing was radiated: {reason}",)
+
+
+def test_sound_that_somebody_found_where_silence_was_intended_is_wrong():
+    heard = Reconstructor(MODEL).reconstruct(registers(focus_phases(MODEL, TARGET)))
+    found = judge(silent_frame(), reconstruction=heard)
+    assert found.status is FrameStatus.WRONG_DRIVE
+    assert found.faults == ("sound was radiated where silence was intended",)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_elements_that_the_calibration_calls_dead_are_not_verified(count):
+    gain = np.ones(256)
+    gain[:128] = 0.0
+    elements = Calibration(gain, np.zeros(256), MODEL.array.positions_m)
+    points = [TARGET, (-0.02, 0.01, 0.1)][:count]
+    drive = Drive.from_weights(
+        np.where(gain == 0.0, superpose(MODEL, points, [1.0 / count] * count, [0.0] * count), 0.0)
+    )
+    foci = tuple(Focus.at(point, 1.0 / count) for point in points)
+    intended = intend(MODEL, TARGET, foci=foci, drive=drive)
+    found = Judge(MODEL.calibrated(elements), carrier_us=25).judge(intended, seen(intended))
+    assert found.status is FrameStatus.NOT_VERIFIED
+    assert "gain of 0" in found.note
+
+
+def test_what_does_not_fit_the_array_is_not_verified():
+    small = Drive.from_weights(np.ones(64))
+    found = judge(intend(MODEL, TARGET), radiated=small)
+    assert found.status is FrameStatus.NOT_VERIFIED
+    assert "64 elements" in found.note
+    alien = NotSingle(0.5, (0.0, 0.0, 0.1), 100.0, 0.5, (999,))
+    found = judge(intend(MODEL, TARGET), reconstruction=alien)
+    assert found.status is FrameStatus.NOT_VERIFIED
+    assert "element 999" in found.note
+
+
+def test_a_focus_of_no_amplitude_among_others_needs_no_place():
+    points = [TARGET, (-0.03, 0.015, 0.1), (0.0, 0.03, 0.12)]
+    levels = [0.5, 0.5, 0.0]
+    drive = Drive.from_weights(superpose(MODEL, points, levels, [0.0] * 3))
+    foci = tuple(Focus.at(point, level) for point, level in zip(points, levels, strict=True))
+    found = judge(intend(MODEL, TARGET, foci=foci, drive=drive))
+    assert found.status is FrameStatus.ON_TARGET, found
+
+
+def test_a_board_that_computes_may_round_a_faint_element_to_nothing():
+    points = [TARGET, (-0.03, 0.015, 0.1)]
+    drive = Drive.from_weights(superpose(MODEL, points, [0.5, 0.5], [0.0, 0.0]))
+    faint = drive.amplitude_codes.copy()
+    faint[7] = 1
+    foci = tuple(Focus.at(point, 0.5) for point in points)
+    intended = intend(
+        MODEL, TARGET, foci=foci, drive=Drive(drive.phase_codes, faint), board_computed=True
+    )
+    dark = faint.copy()
+    dark[7] = 0
+    found = judge(intended, Drive(drive.phase_codes, dark))
+    assert found.faults == ()
 
 
 # --- Other air -----------------------------------------------------------------------------------
