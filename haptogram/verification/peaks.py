@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, propagators
-from haptogram.acoustics.field import has_field
+from haptogram.errors import ConfigurationError
 
 Floats: TypeAlias = NDArray[np.float64]
 Complexes: TypeAlias = NDArray[np.complex128]
@@ -160,9 +160,8 @@ def find_peak(
     """
     axes = direction.axes
     stencil = _stencil(len(axes))
-    offset = np.zeros(len(axes))
+    offset, level = np.zeros(len(axes)), _level(model, weights, start_m + stencil @ axes)
     for _ in range(_STEPS):
-        level = _level(model, weights, start_m + (offset + stencil) @ axes)
         if level is None:
             return None
         gradient, curvature = _derivatives(level, len(axes))
@@ -174,28 +173,14 @@ def find_peak(
         step = np.asarray(shortened * newton, dtype=np.float64)
         if float(np.linalg.norm(step)) < _SETTLED_M:
             return offset + step
-        share = _climbing_share(model, weights, start_m, direction, offset, step, float(level[0]))
-        if share is None:  # at the top, as far as differences over the stencil can tell
+        for halving in range(_HALVINGS):
+            higher = offset + 0.5**halving * step
+            there = _level(model, weights, start_m + (higher + stencil) @ axes)
+            if there is not None and there[0] > level[0]:
+                break
+        else:  # at the top, as far as differences over the stencil can tell
             return offset if float(np.linalg.norm(step)) < _STENCIL_M else None
-        offset = offset + share * step
-    return None
-
-
-def _climbing_share(
-    model: AcousticModel,
-    weights: Complexes,
-    start_m: Floats,
-    direction: Direction,
-    offset: Floats,
-    step: Floats,
-    level: float,
-) -> float | None:
-    """Return the largest of 1, 1/2, 1/4, ... of *step* that climbs; None: none does."""
-    for halving in range(_HALVINGS):
-        share = 0.5**halving
-        there = _level(model, weights, start_m + ((offset + share * step) @ direction.axes)[None])
-        if there is not None and float(there[0]) > level:
-            return share
+        offset, level = higher, there
     return None
 
 
@@ -214,10 +199,10 @@ def peak_response(
     """
     axes = direction.axes
     count = len(axes)
-    points = place_m + _stencil(count) @ axes
-    if not _is_clear(model, points):
+    arrivals = _arrivals(model, place_m + _stencil(count) @ axes)
+    if arrivals is None:
         return None
-    parts = propagators(model, points) * weights
+    parts = arrivals * weights
     pressure = parts.sum(axis=1)
     if not np.abs(pressure).min() > 0.0:
         return None
@@ -232,20 +217,25 @@ def peak_response(
 
 def _level(model: AcousticModel, weights: Complexes, points: Floats) -> Floats | None:
     """Return ln |p|^2 at points (M, 3); None at an element, behind all of them, or in silence."""
-    if not _is_clear(model, points):
+    arrivals = _arrivals(model, points)
+    if arrivals is None:
         return None
-    pressure = np.abs(propagators(model, points) @ weights)
+    pressure = np.abs(arrivals @ weights)
     return 2.0 * np.log(pressure) if pressure.min() > 0.0 else None
+
+
+def _arrivals(model: AcousticModel, points: Floats) -> Complexes | None:
+    """Return the propagators (M, N); None where a point has no field."""
+    try:
+        return propagators(model, points)
+    except ConfigurationError:  # within 1 mm of an element, or behind the array
+        return None
 
 
 def _is_peaked(curvature: Floats) -> bool:
     """Tell whether a Hessian (D, D) is that of a peak, in every direction."""
     values = np.linalg.eigvalsh(curvature)
     return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)
-
-
-def _is_clear(model: AcousticModel, points: Floats) -> bool:
-    return bool(has_field(model, points).all())
 
 
 def _stencil(count: int) -> Floats:
