@@ -156,7 +156,7 @@ class _Linearised(NamedTuple):
         size = np.where(size > 0.0, size, 1.0)
         left, values, right = np.linalg.svd(rows / size, full_matrices=False)
         seen = values > _LEAST_SEEN * values[0]
-        lost = (right[~seen] ** 2).sum(axis=0)
+        lost = 1.0 - (right[seen] ** 2).sum(axis=0)  # fewer elements than unknowns lose some
         inverse = (right[seen].T / values[seen]) @ left[:, seen].T / size[:, None]
         bound = np.abs(inverse[:, :-1] * self.levels).sum(axis=1) * limit_rad
         places = slice(2 * len(size) // 5, None)
