@@ -26,8 +26,9 @@ from haptogram.records import Focus, FrameKey, Intended, Observation
 
 from . import criteria
 from .faults import name_faults
+from .ideal_drive import IdealDrive
 from .peaks import Complexes, Floats
-from .several import IdealDrive, judge_several
+from .several import judge_several
 from .single import SingleFrame, judge_silence
 from .target import TargetField
 from .tolerance import Tolerance, Uncertainty

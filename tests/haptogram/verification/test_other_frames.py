@@ -23,7 +23,7 @@ from haptogram.acoustics.solvers import solve
 from haptogram.records import Focus
 from haptogram.verification import FrameStatus, Judge, Verdict, verify_run
 from haptogram.verification import judge as judge_module
-from haptogram.verification.several import FociLevels
+from haptogram.verification.ideal_drive import FociLevels
 from latched_drives import codes, drive_of, field_of, intend, registers, seen, working_volume
 
 MODEL = AcousticModel.default()
