@@ -35,21 +35,21 @@ def run_on(port: BoardPort) -> tuple[Measured, RunVerdict]:
 
 @pytest.mark.parametrize("trace", [Feature.TRACE, Feature.TRACE_RING])
 def test_any_one_trace_is_enough(trace: Feature) -> None:
-    found, run = run_on(BoardPort(features=ALL_FEATURES & ~TRACES | trace, trace_ring=64))
+    found, run = run_on(BoardPort(features=(ALL_FEATURES ^ TRACES) | trace, trace_ring=64))
     assert found.unseen is None
     assert run.counts["verified"] == run.counts["on_target"] == 63
     assert {o.evidence for o in found.observations} == {Evidence.SELF_REPORTED}
 
 
 def test_a_trace_that_cannot_be_switched_on_is_not_waited_for() -> None:
-    found, run = run_on(BoardPort(features=ALL_FEATURES & ~Feature.CONFIG))
+    found, run = run_on(BoardPort(features=ALL_FEATURES ^ Feature.CONFIG))
     assert found.unseen is not None
     assert "read back" in found.unseen
     assert (run.counts["verified"], run.counts["not_verified"], run.counts["lost"]) == (1, 62, 0)
 
 
 def test_what_a_ring_no_longer_holds_is_not_verified_rather_than_lost() -> None:
-    features = ALL_FEATURES & ~(Feature.TRACE | Feature.TRACE_DRIVE)
+    features = ALL_FEATURES ^ (Feature.TRACE | Feature.TRACE_DRIVE)
     found, run = run_on(BoardPort(features=features, trace_ring=16))
     assert found.unseen == "the board's trace ring keeps the last 16 latches"
     assert (run.counts["verified"], run.counts["not_verified"], run.counts["lost"]) == (16, 47, 0)
@@ -79,7 +79,7 @@ def test_the_ring_is_read_after_an_interrupt() -> None:
         if 2 * done > total:
             raise KeyboardInterrupt
 
-    features = ALL_FEATURES & ~(Feature.TRACE | Feature.TRACE_DRIVE)
+    features = ALL_FEATURES ^ (Feature.TRACE | Feature.TRACE_DRIVE)
     config = VerifyConfig(object="circle", radius_mm=20, resolution_mm=2, repeat=4)
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=features, trace_ring=1024)

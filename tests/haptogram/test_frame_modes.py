@@ -173,7 +173,7 @@ def test_a_configuration_whose_answer_was_lost_is_asked_for(driver, port):
 
 
 def test_a_board_that_cannot_be_told_is_refused_before_the_first_byte():
-    port = BoardPort(model=MODEL, features=ALL_FEATURES & ~Feature.CONFIG)
+    port = BoardPort(model=MODEL, features=ALL_FEATURES ^ Feature.CONFIG)
     with Driver(port, medium=WARM) as driver:
         driver.arm()
         before = len(port.written)
@@ -196,7 +196,7 @@ def test_an_air_that_no_board_takes_is_refused(port):
 
 
 def test_a_board_without_amplitudes_is_expected_to_drive_in_full():
-    port = BoardPort(model=MODEL, features=ALL_FEATURES & ~Feature.AMPLITUDE)
+    port = BoardPort(model=MODEL, features=ALL_FEATURES ^ Feature.AMPLITUDE)
     with Driver(port, seed=1) as driver:
         driver.arm()
         driver.stream(PAIRS, 500, mode="points")
@@ -283,13 +283,13 @@ def test_what_does_not_fit_is_refused_before_the_first_byte(port, output, argume
 
 @pytest.mark.parametrize(("mode", "lacks"), [("drives", "AMPLITUDE"), ("points", "POINTS")])
 def test_frames_that_the_board_does_not_take_are_refused(mode, lacks):
-    port = BoardPort(model=MODEL, features=ALL_FEATURES & ~Feature[lacks])
+    port = BoardPort(model=MODEL, features=ALL_FEATURES ^ Feature[lacks])
     with Driver(port) as driver, pytest.raises(ConfigurationError, match=f"is of the mode {mode}"):
         driver.stream(other(mode), 500)
 
 
 def test_frames_with_amplitudes_are_not_for_a_board_without():
-    port = BoardPort(model=MODEL, features=ALL_FEATURES & ~Feature.AMPLITUDE)
+    port = BoardPort(model=MODEL, features=ALL_FEATURES ^ Feature.AMPLITUDE)
     with Driver(port) as driver, pytest.raises(ConfigurationError, match="has amplitudes"):
         driver.stream(other("points", HALF), 500)
 

@@ -90,6 +90,7 @@ def test_a_judge_that_says_nothing_of_a_large_array_is_caught():
         cases.session_of("honest", 0),
         layout=cases.grid(16, 16, 0.010),
         mode="phases",
+        bits=8,
         elements=None,
         allowance=None,
         host_warmer_c=0.0,
