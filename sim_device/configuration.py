@@ -50,7 +50,7 @@ def initial_config(settings: BoardSettings) -> Config:
 
 def check_config(config: Config, settings: BoardSettings) -> None:
     """Raise :class:`RefusalError` (BAD_VALUE with the field's offset) for a value out of bounds."""
-    if _TRACE_FEATURE[config.trace_mode] & ~settings.features:
+    if int(_TRACE_FEATURE[config.trace_mode]) & ~int(settings.features):
         text = f"no trace of mode {config.trace_mode.name}"
         raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE["trace_mode"].offset, text)
     for name, (low, high) in _BOUNDS.items():

@@ -365,7 +365,7 @@ class BoardDialect:
 
 def _unsupported(features: Feature) -> frozenset[type[Message]]:
     """Return the messages that a board with these *features* does not take."""
-    lacking = [kind for kind, all_of in _NEEDS.items() if all_of & ~features]
+    lacking = [kind for kind, all_of in _NEEDS.items() if int(all_of) & ~int(features)]
     useless = [kind for kind, any_of in _NEEDS_ANY.items() if not any_of & features]
     return frozenset(lacking + useless)
 
