@@ -38,6 +38,7 @@ _SECOND_ORDER: Final = 1.1  # of the bound of the first order
 _LOST: Final = 0.4  # of the distance: rounding may move a focus so far that it has no place
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
+_OTHER_PEAKS: Final = "the pressure peaks of the foci are not where their phases put the foci"
 _NOT_THESE: Final = (
     "the phases do not tell where these foci are: a miss within the tolerance or beyond would not "
     "show"
@@ -142,15 +143,20 @@ def _strictly(
         "S3": ideal.excess_level(latched.weights(), tolerant=False) == 0.0,
         "S5": s5 and ideal.amplitudes_ok(latched, tolerant=False),
     }
-    if limits_m is not None or not active.any():
+    # A drive that is the ideal one but for rounding cannot be off: then its peaks are too flat.
+    flat = verdicts["S1"] and verdicts["S5"] and not verdicts["S2"]
+    if (limits_m is not None and not flat) or not active.any():
         return _Findings(verdicts, list(_without_place(ideal)), offsets_m, limits_m)
+    if flat:
+        del verdicts["S2"]
     # Foci without a pressure peak of their own still have a place in the phases.
+    unseen = list(_without_place(ideal)) or [_NOT_THESE]
     fit = _fit(ideal, intended, latched, active)
     if fit is None or fit.residual_rad > ideal.targets[0].phase_limit_rad:
-        return _Findings(verdicts, list(_without_place(ideal)), offsets_m, None)
+        return _Findings(verdicts, unseen, offsets_m, None)
     limits_m = _limits_m(ideal, fit)
     if limits_m is None or not _are_within(fit, limits_m, 0.0):
-        return _Findings(verdicts, list(_without_place(ideal)), list(fit.offsets_m), None)
+        return _Findings(verdicts, unseen, list(fit.offsets_m), None)
     return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
 
@@ -185,6 +191,8 @@ def _tolerantly(
     if not within and not _are_sharp(ideal, limits_m):
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
     verdicts["S2"] = within
+    if not _peaks_follow(ideal, latched, limits_m, tolerance):
+        unseen.append(_OTHER_PEAKS)
     return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
 
 
@@ -212,6 +220,17 @@ def _limits_m(ideal: IdealDrive, fit: FociFit) -> list[Floats] | None:
         if not _length(limits[-1]) < _LOST * distance_m:
             return None
     return limits
+
+
+def _peaks_follow(
+    ideal: IdealDrive, latched: Drive, limits_m: Sequence[Floats], tolerance: Tolerance
+) -> bool:
+    """Tell whether the pressure peaks are no further off than the fitted foci may be."""
+    offsets_m = ideal.offsets_m(latched.weights())
+    return all(
+        offset_m is not None and _length(offset_m) <= _length(limit_m) + tolerance.miss_mm / _MM
+        for offset_m, limit_m in zip(offsets_m, limits_m, strict=True)
+    )
 
 
 def _are_sharp(ideal: IdealDrive, limits_m: Sequence[Floats]) -> bool:
