@@ -6,7 +6,6 @@ the board computes from the foci as the wire rounds them.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -286,10 +285,10 @@ class FrameBuilder:
             lags = np.array([[group[0].phase_rad] for group in foci])
             phases: NDArray[np.float64] = focus_phases(self._model, positions) + lags
             return phases
-        return np.array([np.angle(_weights(self._model, group, solver)) for group in foci])
+        return np.array([np.angle(weights_of_foci(self._model, group, solver)) for group in foci])
 
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
-        drive = Drive.from_weights(_weights(self._model, foci, solver), REGISTER_BITS)
+        drive = Drive.from_weights(weights_of_foci(self._model, foci, solver), REGISTER_BITS)
         data = drive.phase_codes.tobytes() + drive.amplitude_codes.tobytes()
         message = Drives(PhaseFormat.BITS_8, 0, data)
         return Frame(foci, drive, message, self._geometry_hash, solver)
@@ -299,7 +298,7 @@ class FrameBuilder:
         rounded = tuple(_from_wire(point) for point in points)
         speed_mm_s = sound_speed_mm_s(self._model)
         model = with_sound_speed(self._model, speed_mm_s)
-        drive = Drive.from_weights(_weights(model, rounded, "naive"), REGISTER_BITS)
+        drive = Drive.from_weights(weights_of_foci(model, rounded, "naive"), REGISTER_BITS)
         if not self._graded:  # HG-5.4/2
             drive = Drive(drive.phase_codes, np.full_like(drive.amplitude_codes, FULL_AMPLITUDE))
         message = Points(points)
@@ -376,8 +375,7 @@ def sound_speed_mm_s(model: AcousticModel) -> int:
 
 def with_sound_speed(model: AcousticModel, speed_mm_s: int) -> AcousticModel:
     """Return *model* with another speed of sound, in mm/s."""
-    medium = dataclasses.replace(model.medium, sound_speed_m_s=speed_mm_s / 1000)
-    return dataclasses.replace(model, medium=medium)
+    return model.with_sound_speed(speed_mm_s / 1000)
 
 
 def _phase_format(identity: HelloReply, bits: int) -> PhaseFormat:
@@ -398,9 +396,10 @@ def _check_solver(solver: Method, mode: Mode) -> None:
         )
 
 
-def _weights(
+def weights_of_foci(
     model: AcousticModel, foci: tuple[Focus, ...], solver: Method
 ) -> NDArray[np.complex128]:
+    """Return the (N,) weights that *foci* ask for of a host that solves them so."""
     points, levels, lags = zip(
         *((f.position_m, f.amplitude, f.phase_rad) for f in foci), strict=True
     )

@@ -80,6 +80,11 @@ class AcousticModel:
         array = calibration.moved(self.array)
         return dataclasses.replace(self, array=array, calibration=calibration)
 
+    def with_sound_speed(self, speed_m_s: float) -> Self:
+        """Return the model with another speed of sound, in m/s."""
+        medium = dataclasses.replace(self.medium, sound_speed_m_s=speed_m_s)
+        return dataclasses.replace(self, medium=medium)
+
     @property
     def response(self) -> ComplexArray | None:
         """(N,) factors between the weights and what the elements radiate; None: all are 1."""

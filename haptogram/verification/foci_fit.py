@@ -117,10 +117,9 @@ class _Linearised(NamedTuple):
     Columns of the slopes are Re c, Im c of every focus, then x, y, z of every focus.
     """
 
-    slopes: Floats
+    rows: Floats  # the last one keeps the size of the sum
     residual: Floats
     levels: Floats
-    scale: Floats
 
     @classmethod
     def at(
@@ -134,13 +133,13 @@ class _Linearised(NamedTuple):
         slopes = np.concatenate(
             [turned, 1j * turned, moved.transpose(0, 2, 1).reshape(-1, len(total))]
         )
-        return cls(slopes.imag.T, total.imag, np.abs(total), slopes.real.mean(axis=1))
+        size = np.sqrt(len(total)) * slopes.real.mean(axis=1)
+        return cls(np.vstack([slopes.imag.T, size]), total.imag, np.abs(total))
 
     def step(self) -> Floats:
         """Return the change that brings the waves into step and keeps the size of their sum."""
-        root = np.sqrt(len(self.residual))
-        rows = np.vstack([self.slopes, root * self.scale])
-        step: Floats = np.linalg.lstsq(rows, -np.append(self.residual, 0.0), rcond=_LEAST_SEEN)[0]
+        wanted = -np.append(self.residual, 0.0)
+        step: Floats = np.linalg.lstsq(self.rows, wanted, rcond=_LEAST_SEEN)[0]
         return step
 
     @property
@@ -150,11 +149,9 @@ class _Linearised(NamedTuple):
 
     def bound_m(self, limit_rad: float) -> Floats:
         """Return (F, 3) how far phase errors of *limit_rad* can move the foci; infinite: lost."""
-        root = np.sqrt(len(self.residual))
-        rows = np.vstack([self.slopes, root * self.scale])
-        size = np.linalg.norm(rows, axis=0)
+        size = np.linalg.norm(self.rows, axis=0)
         size = np.where(size > 0.0, size, 1.0)
-        left, values, right = np.linalg.svd(rows / size, full_matrices=False)
+        left, values, right = np.linalg.svd(self.rows / size, full_matrices=False)
         seen = values > _LEAST_SEEN * values[0]
         lost = 1.0 - (right[seen] ** 2).sum(axis=0)  # fewer elements than unknowns lose some
         inverse = (right[seen].T / values[seen]) @ left[:, seen].T / size[:, None]

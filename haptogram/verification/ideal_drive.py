@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -114,8 +114,17 @@ class IdealDrive:
     @cached_property
     def tolerated_levels(self) -> Floats:
         """(F,) S3: how far the tolerance can change |p| at each target, on top of rounding."""
-        asked = self._levels_of(self.asked)
-        changes = [np.abs(self._levels_of(drive) - asked) for drive in self.tolerated]
+        return self._tolerated_change(self._levels_of)
+
+    @cached_property
+    def tolerated_amplitudes(self) -> Floats:
+        """(N,) S5: how far the tolerance can change each amplitude, 0 to 1."""
+        return self._tolerated_change(np.abs)
+
+    def _tolerated_change(self, measure: Callable[[Complexes], Floats]) -> Floats:
+        """Return how far a measure of the drive differs within the tolerance."""
+        asked = measure(self.asked)
+        changes = [np.abs(measure(drive) - asked) for drive in self.tolerated]
         tolerated: Floats = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
         return tolerated
 
@@ -172,10 +181,8 @@ class IdealDrive:
         """S5: tell whether no amplitude is off from what the foci ask for by more than rounding."""
         if not self.has_amplitudes:
             return True
-        asked = np.abs(self.asked)
-        changes = [np.abs(np.abs(drive) - asked) for drive in self.tolerated] if tolerant else []
-        tolerated = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
-        steps = np.abs(latched.amplitude_codes - FULL_AMPLITUDE * asked)
+        tolerated = self.tolerated_amplitudes if tolerant else 0.0
+        steps = np.abs(latched.amplitude_codes - FULL_AMPLITUDE * np.abs(self.asked))
         allowed = _HALF + self.allowed_codes + FULL_AMPLITUDE * tolerated
         return bool((steps <= allowed).all())
 

@@ -20,8 +20,8 @@ from haptogram.acoustics import (
     SingleFocus,
 )
 from haptogram.acoustics.drive import FULL_AMPLITUDE
-from haptogram.acoustics.solvers import Method, weights_for_foci
 from haptogram.errors import ConfigurationError
+from haptogram.frames import sound_speed_mm_s, weights_of_foci, with_sound_speed
 from haptogram.records import Focus, FrameKey, Intended, Observation
 
 from . import criteria
@@ -29,7 +29,7 @@ from .faults import name_faults
 from .ideal_drive import IdealDrive
 from .peaks import Complexes, Floats
 from .several import judge_several
-from .single import SingleFrame, judge_silence
+from .single import SingleFrame, judge_silence, not_radiated
 from .target import TargetField
 from .tolerance import Tolerance, Uncertainty
 from .verdict import FrameStatus, FrameVerdict
@@ -102,7 +102,7 @@ class Judge:
         targets, found = self._targets(intended), []
         for model in self._known_models(board_computed=intended.board_computed):
             with contextlib.suppress(ConfigurationError):  # a focus at the edge of its reach
-                asked = _asked(model, intended.foci, intended.solver)
+                asked = weights_of_foci(model, intended.foci, intended.solver)
                 tolerated = list(self._tolerated(model, intended))
                 found.append(IdealDrive.of(intended, targets, asked, tolerated))
         return found
@@ -111,13 +111,11 @@ class Judge:
         """Yield the drives for these foci in the warmest and coldest air, and displaced."""
         share = self.tolerance.speed_share(model.medium)
         for factor in (1.0 + share, 1.0 - share) if share else ():
-            speed_m_s = model.medium.sound_speed_m_s / factor
-            medium = dataclasses.replace(model.medium, sound_speed_m_s=speed_m_s)
-            other = dataclasses.replace(model, medium=medium)
-            yield _asked(other, intended.foci, intended.solver)
+            other = model.with_sound_speed(model.medium.sound_speed_m_s / factor)
+            yield weights_of_foci(other, intended.foci, intended.solver)
         miss_m = self.tolerance.miss_mm / 1e3
         for way in (*np.eye(3), *-np.eye(3)) if miss_m else ():
-            yield _asked(model, _displaced(intended.foci, miss_m * way), intended.solver)
+            yield weights_of_foci(model, _displaced(intended.foci, miss_m * way), intended.solver)
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
         """Yield the array and air that foci may have been solved with.
@@ -126,9 +124,7 @@ class Judge:
         """
         model = self._model
         if board_computed:
-            speed_m_s = round(model.medium.sound_speed_m_s * 1000) / 1000
-            medium = dataclasses.replace(model.medium, sound_speed_m_s=speed_m_s)
-            model = dataclasses.replace(model, medium=medium)
+            model = with_sound_speed(model, sound_speed_mm_s(model))
         yield model
         if self._grain_rad > _EXACT_RAD:
             yield dataclasses.replace(model, array=model.array.on_wire())
@@ -163,7 +159,7 @@ class Judge:
             heard = isinstance(found, SingleFocus | NotSingle)
             return judge_silence(seen, intended, output, faults, heard=heard)
         if isinstance(found, NoFocus) and len(intended.foci) > 1:
-            faults = faults or (f"the drive is right, but nothing was radiated: {found.reason}",)
+            faults = faults or (not_radiated(found),)
             return dataclasses.replace(seen, status=FrameStatus.WRONG_DRIVE, faults=faults)
         targets = self._targets(intended)
         if not targets[0].active.any():
@@ -256,14 +252,6 @@ def _displaced(foci: tuple[Focus, ...], way_m: Floats) -> tuple[Focus, ...]:
         Focus.at(np.add(focus.position_m, way_m), focus.amplitude, focus.phase_rad)
         for focus in foci
     )
-
-
-def _asked(model: AcousticModel, foci: tuple[Focus, ...], solver: Method) -> Complexes:
-    """Return the weights that several foci ask for."""
-    points, levels, lags = zip(
-        *((f.position_m, f.amplitude, f.phase_rad) for f in foci), strict=True
-    )
-    return weights_for_foci(model, points, levels, lags, method=solver)
 
 
 def lost(intended: Intended) -> FrameVerdict:

@@ -30,7 +30,8 @@ SEARCH_M: Final = 5e-6
 NEXT_TO_TARGET_RAD: Final = 0.5
 #: The same of several foci, which pull at each other: within the main lobe, of about 2 rad.
 WITHIN_LOBE_RAD: Final = 1.8
-_ELSEWHERE: Final = 0.4  # of the distance: a peak that far from the target is another one
+#: Share of the distance by which a focus may be off: further away it is another one, or none.
+LOST: Final = 0.4
 _ROUND: Final = 0.10  # rad: a peak that rounding moves further may do so out of proportion
 _FLAT: Final = 1.5  # times the bound of the first order: such a peak has no place of its own
 _LEAST_CURVED: Final = 1e-9  # of the largest curvature
@@ -110,7 +111,7 @@ def expected_peak(
         return None
     place_m = target_m + offset_m @ direction.axes
     distance_m = float(np.linalg.norm(target_m - model.array.centre_m))
-    if float(np.linalg.norm(offset_m)) > _ELSEWHERE * distance_m:
+    if float(np.linalg.norm(offset_m)) > LOST * distance_m:
         return None
     response = peak_response(model, ideal, place_m, direction)
     if response is None:

@@ -27,7 +27,7 @@ from haptogram.records import Intended
 from . import criteria
 from .foci_fit import FociFit, fit_foci, waves_of
 from .ideal_drive import LEAST_BALANCE, LEAST_EFFICIENCY, FociLevels, IdealDrive, meaningful
-from .peaks import WITHIN_LOBE_RAD, Floats
+from .peaks import LOST, WITHIN_LOBE_RAD, Floats
 from .status import is_right, status_of, warning_of
 from .target import Bools, TargetField
 from .tolerance import Tolerance, Uncertainty
@@ -35,7 +35,6 @@ from .verdict import FrameStatus, FrameVerdict, Vector
 
 _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # of the bound of the first order
-_LOST: Final = 0.4  # of the distance: rounding may move a focus so far that it has no place
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
 _OTHER_PEAKS: Final = "the pressure peaks of the foci are not where their phases put the foci"
@@ -217,7 +216,7 @@ def _limits_m(ideal: IdealDrive, fit: FociFit) -> list[Floats] | None:
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
         distance_m = _length(target.position_m - target.model.array.centre_m)
         limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)
-        if not _length(limits[-1]) < _LOST * distance_m:
+        if not _length(limits[-1]) < LOST * distance_m:
             return None
     return limits
 

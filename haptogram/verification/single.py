@@ -11,6 +11,7 @@ import numpy as np
 
 from haptogram.acoustics import (
     Drive,
+    NoFocus,
     NotSingle,
     Reconstruction,
     SingleFocus,
@@ -40,6 +41,11 @@ _AMBIGUOUS: Final = (
 _ELSEWHERE: Final = (
     "rounding has moved the focus further than in proportion: how far it is off does not show"
 )
+
+
+def not_radiated(found: NoFocus) -> str:
+    """Name the fault of a board that latched a right drive and radiated nothing."""
+    return f"the drive is right, but nothing was radiated: {found.reason}"
 
 
 def judge_silence(
@@ -134,7 +140,7 @@ class SingleFrame:
                     measures["pressure_rms_pa"] = found.pressure_rms_pa
                 notes.append(_no_focus(found))
             elif not faults:
-                faults = (f"the drive is right, but nothing was radiated: {found.reason}",)
+                faults = (not_radiated(found),)
         status = status_of(
             verdicts,
             faults,

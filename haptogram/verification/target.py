@@ -16,7 +16,7 @@ from haptogram.acoustics.focus import phase_response
 from haptogram.acoustics.shift import direction_covariance
 from haptogram.errors import ConfigurationError
 
-from .peaks import Complexes, Direction, ExpectedPeak, Floats, expected_peak
+from .peaks import LOST, Complexes, Direction, ExpectedPeak, Floats, expected_peak
 from .tolerance import PlaceUncertainty, Tolerance, Uncertainty, tolerance_text
 
 Bools = NDArray[np.bool_]
@@ -25,7 +25,6 @@ _MM: Final = 1e3
 _TURNED_RATIO: Final = 1e-6
 _NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proportion
 _SECOND_ORDER: Final = 1.04  # of the bound of the first order
-_LOST: Final = 0.4  # of the distance
 _SAME_LINE: Final = 1e-6
 _MOST_TOLERATED_RAD: Final = 1.2  # beyond it any phase would suit
 _WIDTH_RAD: Final = 2.0 * 0.831  # of a focus at -3 dB, in radians of phase
@@ -107,7 +106,7 @@ class TargetField:
         bound_m = np.abs(response).sum(axis=1) * self.phase_limit_rad
         distance_m = float(np.linalg.norm(self.position_m - self.model.array.centre_m))
         bound_m *= np.where(bound_m > _NEAR * distance_m, _SECOND_ORDER, 1.0)
-        return np.where(observable & (bound_m < _LOST * distance_m), bound_m, np.inf)
+        return np.where(observable & (bound_m < LOST * distance_m), bound_m, np.inf)
 
     def nearest_focus_m(self, phases_rad: Floats, active: Bools) -> Floats:
         """Return (3,) the offset of the focus that a fit finds from the target on."""
@@ -180,7 +179,8 @@ class TargetField:
     @cached_property
     def tolerated_m(self) -> Floats:
         """(3,) how far tolerated air moves the fitted focus per axis, in metres."""
-        return _moved(self.response, self.air_phases_rad)
+        moved: Floats = np.abs(self.response @ self.air_phases_rad)
+        return moved
 
     @cached_property
     def _steepness_rad_m(self) -> float:
@@ -276,11 +276,6 @@ def place_uncertainty(
         positions=scatter * model.wavenumber * known.position_mm / _MM,
         phases=scatter * known.phase_rad,
     )
-
-
-def _moved(response: Floats, phases_rad: Floats) -> Floats:
-    moved: Floats = np.abs(response @ phases_rad)
-    return moved
 
 
 def _across(axis: Floats) -> Floats:

@@ -308,7 +308,7 @@ def test_foci_of_a_solver_in_other_air_are_off_target():
 
 def test_phases_that_make_no_foci_never_pass_whatever_the_solver_says(monkeypatch):
     noise = np.exp(1j * np.random.default_rng(1).uniform(0.0, math.tau, MODEL.array.count))
-    monkeypatch.setattr(judge_module, "weights_for_foci", lambda *_, **__: noise)
+    monkeypatch.setattr(judge_module, "weights_of_foci", lambda *_, **__: noise)
     foci = tuple(Focus.at(point) for point in RING)
     drive = Drive.from_weights(noise)
     intended = intend(MODEL, RING[0], foci=foci, drive=drive, solver="wgs")
