@@ -17,11 +17,11 @@ from typing import Final
 from tqdm import tqdm
 
 from haptogram.cli import board_in_virtual_time
-from haptogram.config import VerifyConfig
 from haptogram.errors import HaptogramError
-from haptogram.job import Measured, measure
+from haptogram.evidence.run_record import Measured, measure
+from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import FrameVerdict, RunVerdict, verify_run
-from sim_device.fault_kinds import FAULT_KINDS
+from sim_device.faults.kinds import FAULT_KINDS
 
 WORKERS: Final = 2
 SEED: Final = 1

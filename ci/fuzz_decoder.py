@@ -39,7 +39,7 @@ def main(arguments: list[str]) -> int:
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "protocol"))
     with atheris.instrument_imports(include=["haptogram_protocol"]):
         import haptogram_protocol.connection
-        import haptogram_protocol.export  # noqa: F401  all messages
+        import haptogram_protocol.export.tables  # noqa: F401  all messages
     options = [
         f"-runs={inputs}",
         f"-seed={seed}",
@@ -98,12 +98,7 @@ def _name(found: Any) -> Any:
 
 
 def _check_board(wire: bytes) -> None:
-    from haptogram_protocol.connection import (
-        NEED_DATA,
-        OUTPUT_LIMIT,
-        BoardConnection,
-        FrameDropped,
-    )
+    from haptogram_protocol.connection import NEED_DATA, OUTPUT_LIMIT, BoardConnection, FrameDropped
 
     board = BoardConnection(0)
     board.open_session(0xFFFF)

@@ -21,7 +21,7 @@ from haptogram.cli import access_in_program
 from haptogram.conformance.case import Case
 from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.clauses import load_clauses
-from haptogram.conformance.runner import Options, Runner
+from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
 from sim_device.mutants import MUTANTS, Evidence, Mutant
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from .acoustics import Calibration
-    from .driver import Driver
+    from .driver.driver import Driver
     from .errors import (
         ConfigurationError,
         DeviceError,
@@ -18,38 +18,38 @@ if TYPE_CHECKING:
         LinkError,
         VerificationError,
     )
-    from .record_file import RecordFile, read_records
-    from .records import Evidence, Focus, Intended, Observation
-    from .tactile import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
+    from .evidence.record_file import RecordFile, read_records
+    from .evidence.virtual_board import VirtualBoard
+    from .objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
+    from .records.frame import Evidence, Focus, Intended, Observation
     from .verification import RunVerdict, Tolerance, Uncertainty, verify_run
-    from .virtual_board import VirtualBoard
 
 __version__ = "0.1.0"
 
 _HOME: Final = {
     "Calibration": "acoustics",
-    "Circle": "tactile",
+    "Circle": "objects.shapes",
     "ConfigurationError": "errors",
     "DeviceError": "errors",
-    "Driver": "driver",
-    "Evidence": "records",
-    "Focus": "records",
+    "Driver": "driver.driver",
+    "Evidence": "records.frame",
+    "Focus": "records.frame",
     "HaptogramError": "errors",
-    "Hemisphere": "tactile",
-    "Intended": "records",
-    "Line": "tactile",
+    "Hemisphere": "objects.shapes",
+    "Intended": "records.frame",
+    "Line": "objects.shapes",
     "LinkError": "errors",
-    "MeshSurface": "tactile",
-    "Observation": "records",
-    "Point": "tactile",
-    "RecordFile": "record_file",
+    "MeshSurface": "objects.shapes",
+    "Observation": "records.frame",
+    "Point": "objects.shapes",
+    "RecordFile": "evidence.record_file",
     "RunVerdict": "verification",
-    "Sphere": "tactile",
+    "Sphere": "objects.shapes",
     "Tolerance": "verification",
     "Uncertainty": "verification",
     "VerificationError": "errors",
-    "VirtualBoard": "virtual_board",
-    "read_records": "record_file",
+    "VirtualBoard": "evidence.virtual_board",
+    "read_records": "evidence.record_file",
     "verify_run": "verification",
 }
 

@@ -17,29 +17,23 @@ from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from . import __version__
-from .commands import (
-    bench,
-    budget,
-    conform,
-    field,
-    modulation,
-    paper,
-    presets,
-    soak,
-    verify,
-)
-from .commands.exit_status import EXIT_STATUS, INTERRUPTED, USAGE
-from .commands.interrupts import heard_interrupts, leave_at_once
-from .commands.places import joined
-from .commands.standard_streams import patient_streams
+from .commands import bench, budget, paper, presets, soak
+from .commands.conform import command as conform
+from .commands.field import command as field
+from .commands.modulation import command as modulation
+from .commands.shell.exit_status import EXIT_STATUS, INTERRUPTED, USAGE
+from .commands.shell.interrupts import heard_interrupts, leave_at_once
+from .commands.shell.places import joined
+from .commands.shell.standard_streams import patient_streams
+from .commands.verify import command as verify
 from .errors import ConfigurationError, HaptogramError
 
 if TYPE_CHECKING:
-    from .boards import BoardUnderTest
-    from .config import VerifyConfig
-    from .conformance.access import VirtualAccess
-    from .soak import MakeBoard
-    from .transport import Transport
+    from .campaigns.soak import MakeBoard
+    from .conformance.run.access import VirtualAccess
+    from .driver.line.port import Transport
+    from .evidence.boards import BoardUnderTest
+    from .settings.verify_config import VerifyConfig
 
 _SCHEME: Final = "haptogram://"
 _ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
@@ -139,8 +133,8 @@ def board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
 
     import sim_device
 
-    from .boards import InProcessBoard
-    from .transport import PyserialTransport
+    from .driver.line.port import PyserialTransport
+    from .evidence.boards import InProcessBoard
 
     sim_device.register_url_handler()
     options: dict[str, Any] = {
@@ -173,8 +167,8 @@ def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAcces
 
     import sim_device
 
-    from .conformance.access import VirtualAccess
-    from .transport import PyserialTransport
+    from .conformance.run.access import VirtualAccess
+    from .driver.line.port import PyserialTransport
 
     sim_device.register_url_handler()
     given = [("clock", "virtual")] if url is None else parse_qsl(urlsplit(url).query)
@@ -210,8 +204,8 @@ def board_without_a_line(mutant: str | None) -> MakeBoard:
     """
     import functools
 
-    from sim_device.judged import JudgedBoard
     from sim_device.mutants import parts_of
+    from sim_device.soak_board import JudgedBoard
 
     parts_of(mutant)
     return functools.partial(JudgedBoard, mutant=mutant)

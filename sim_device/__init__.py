@@ -10,23 +10,23 @@ import importlib
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from .board import Board, StreamFrame
-    from .latch import Latch
+    from .backdoor.recorder import InlineReconstruction
+    from .backdoor.worker import ReconstructionWorker
+    from .board.board import Board, StreamFrame
+    from .board.events import Latch
+    from .board.settings import BoardSettings
     from .options import board_settings
     from .protocol_haptogram import register_url_handler
-    from .reconstruction import ReconstructionWorker
-    from .recorder import InlineReconstruction
-    from .settings import BoardSettings
     from .simulation import Simulation
 
 _HOME: Final = {
-    "Board": "board",
-    "BoardSettings": "settings",
-    "InlineReconstruction": "recorder",
-    "Latch": "latch",
-    "ReconstructionWorker": "reconstruction",
+    "Board": "board.board",
+    "BoardSettings": "board.settings",
+    "InlineReconstruction": "backdoor.recorder",
+    "Latch": "board.events",
+    "ReconstructionWorker": "backdoor.worker",
     "Simulation": "simulation",
-    "StreamFrame": "board",
+    "StreamFrame": "board.board",
     "board_settings": "options",
     "register_url_handler": "protocol_haptogram",
 }

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram.stuffing import fastest_cobs
+from haptogram.driver.line.stuffing import fastest_cobs
 from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.framing import FrameDecoder
 
-from .board import Board
-from .clock import DeviceClock
-from .dialect import BoardDialect
-from .settings import BoardSettings
+from .board.board import Board
+from .board.clock import DeviceClock
+from .board.settings import BoardSettings
+from .dialects.haptogram import BoardDialect
 
 
 @dataclass(frozen=True, slots=True)

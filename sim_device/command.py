@@ -12,15 +12,15 @@ from typing import Final, NoReturn
 
 from haptogram.errors import ConfigurationError, HaptogramError
 
-from .fault_kinds import described
-from .heartbeat import Heartbeat
+from .backdoor.worker import ReconstructionWorker
+from .board.settings import BoardSettings
+from .faults.kinds import described
+from .line.port import Port, PtyPort, SerialPort, TcpPort
 from .log import CountLog, NoticeLog
 from .mutants import parts_of
 from .options import board_settings, fault_plan
-from .port import Port, PtyPort, SerialPort, TcpPort
-from .reconstruction import ReconstructionWorker
-from .settings import BoardSettings
 from .simulation import Recorder, Simulation
+from .wallclock import Heartbeat
 
 _LOG: Final = logging.getLogger(__name__)
 _SERIAL_BAUD: Final = 3_000_000

@@ -8,7 +8,7 @@ from typing import Final
 
 from haptogram_protocol.state import MuteReason, OutputState
 
-from .latch import (
+from .board.events import (
     FaultsCounted,
     Latch,
     LineCounted,

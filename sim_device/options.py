@@ -9,9 +9,9 @@ from typing import Final
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
 
-from .faults import FaultPlan
-from .line_settings import LineSettings
-from .settings import BoardSettings
+from .board.settings import BoardSettings
+from .faults.plan import FaultPlan
+from .line.settings import LineSettings
 
 MAX_SEED: Final = 2**64 - 1
 _MAX_LATENCY_MS: Final = 255  # of the timer's eight bits
@@ -44,7 +44,7 @@ def board_settings(
     calibration : path, optional
         CSV file that says how its elements really are (:class:`haptogram.acoustics.Calibration`).
     baud, baud_error_ppm, rx_fifo, rx_poll_us, latency_ms, host_buffer
-        The line; see :class:`~sim_device.line_settings.LineSettings`.
+        The line; see :class:`~sim_device.line.settings.LineSettings`.
 
     Raises
     ------

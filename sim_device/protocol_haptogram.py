@@ -23,14 +23,14 @@ import serial
 from haptogram.errors import ConfigurationError
 
 from .assembly import HEALTHY
-from .backdoor import Record, to_line
+from .backdoor.recorder import InlineReconstruction
+from .backdoor.records import Record, to_line
+from .backdoor.sinks import RecordSink, open_sink
+from .backdoor.worker import ReconstructionWorker
+from .board.settings import BoardSettings
 from .mutants import parts_of
 from .options import board_settings, fault_plan
-from .reconstruction import ReconstructionWorker
-from .recorder import InlineReconstruction
-from .settings import BoardSettings
 from .simulation import Recorder, Simulation
-from .sink import RecordSink, open_sink
 
 _LONGEST_SLEEP_NS: Final = 50_000_000  # another thread may write meanwhile
 _CLOCKS: Final = ("wall", "virtual")

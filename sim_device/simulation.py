@@ -9,18 +9,18 @@ from __future__ import annotations
 import dataclasses
 from typing import Final, Protocol
 
-from haptogram_protocol.export import description_hash
+from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 
 from .assembly import HEALTHY, Parts
-from .board import Board
-from .clock import NS_PER_US, earliest, whole_us
-from .faults import FaultPlan
-from .injection import Injection
-from .latch import Latch, LineCounted, Notice
-from .line_settings import LineSettings
-from .settings import BoardSettings
-from .uart import Line, line_to_board, line_to_host
+from .board.board import Board
+from .board.clock import NS_PER_US, earliest, whole_us
+from .board.events import Latch, LineCounted, Notice
+from .board.settings import BoardSettings
+from .faults.injection import Injection
+from .faults.plan import FaultPlan
+from .line.settings import LineSettings
+from .line.uart import Line, line_to_board, line_to_host
 
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
-from haptogram.records import Evidence, Focus, FrameKey, Intended, Observation
+from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
 from haptogram.verification import Tolerance
-from haptogram.verification.target import TargetField
+from haptogram.verification.frame.target import TargetField
 
 SESSION = 0x5EED
 

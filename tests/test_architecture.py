@@ -42,25 +42,43 @@ PLANTS = [
     ("protocol-pure", {"protocol/haptogram_protocol/framing.py": "import time"}),
     ("protocol-pure", {"protocol/haptogram_protocol/framing.py": "import numpy"}),
     ("protocol-layers", {"protocol/haptogram_protocol/errors.py": "from . import messages"}),
-    ("host-layers", {"haptogram/config.py": "import haptogram.cli"}),
-    ("host-without-simulator", {"haptogram/driver.py": "import sim_device"}),
-    ("acoustics-pure", {"haptogram/acoustics/geometry.py": "import socket"}),
-    ("acoustics-pure", {"haptogram/acoustics/medium.py": "import haptogram_protocol"}),
-    ("acoustics-layers", {"haptogram/acoustics/medium.py": "from . import field"}),
-    ("simulator-takes-physics", {"sim_device/board.py": "from haptogram import driver"}),
+    ("host-layers", {"haptogram/objects/mesh.py": "import haptogram.driver"}),
+    ("host-without-simulator", {"haptogram/driver/driver.py": "import sim_device"}),
+    ("acoustics-pure", {"haptogram/acoustics/model/geometry.py": "import socket"}),
+    ("acoustics-pure", {"haptogram/acoustics/model/medium.py": "import haptogram_protocol"}),
+    (
+        "acoustics-layers",
+        {"haptogram/acoustics/levels/force.py": "import haptogram.acoustics.reconstruct.cells"},
+    ),
+    ("driver-layers", {"haptogram/driver/line/budget.py": "from haptogram.driver import playback"}),
+    (
+        "verification-layers",
+        {"haptogram/verification/tolerance.py": "import haptogram.verification.faults"},
+    ),
+    ("conformance-layers", {"haptogram/conformance/clauses.py": "from . import verdict"}),
+    ("settings-light", {"haptogram/settings/arguments.py": "import numpy"}),
+    ("settings-light", {"haptogram/settings/arguments.py": "import time"}),
+    (
+        "no-circles",
+        {
+            "haptogram/verification/frame/peaks.py": "from . import circle",
+            "haptogram/verification/frame/circle.py": "from . import peaks",
+        },
+    ),
+    ("simulator-takes-physics", {"sim_device/board/board.py": "from haptogram import driver"}),
     (
         "simulator-takes-physics",
         {
-            "haptogram/acoustics/solvers.py": "",
-            "sim_device/board.py": "import haptogram.acoustics.solvers",
+            "haptogram/acoustics/solvers/several.py": "",
+            "sim_device/board/board.py": "import haptogram.acoustics.solvers.several",
         },
     ),
     (
         "simulator-layers",
-        {"sim_device/simulation.py": "", "sim_device/board.py": "from . import simulation"},
+        {"sim_device/simulation.py": "", "sim_device/line/uart.py": "import sim_device.simulation"},
     ),
-    ("simulator-clock", {"sim_device/board.py": "import time"}),
-    ("board-knows-no-bytes", {"sim_device/board.py": "import haptogram_protocol.framing"}),
+    ("simulator-clock", {"sim_device/board/board.py": "import time"}),
+    ("board-knows-no-bytes", {"sim_device/board/board.py": "import haptogram_protocol.framing"}),
 ]
 
 
@@ -125,7 +143,10 @@ def test_a_forbidden_import_is_reported(tree, contract, lines):
     for path, line in lines.items():
         with (tree / path).open("a") as module:
             module.write(f"\n{line}\n")
-    assert broken_contracts(tree) == {CONTRACTS[contract]}
+    broken = broken_contracts(tree)
+    assert CONTRACTS[contract] in broken
+    # An import against the layers often closes a circle as well.
+    assert broken <= {CONTRACTS[contract], CONTRACTS["no-circles"]}
 
 
 def test_every_import_contract_is_proven_to_fail():

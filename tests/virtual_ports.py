@@ -3,7 +3,7 @@
 from collections import deque
 
 from haptogram.errors import LinkLostError
-from sim_device.settings import BoardSettings
+from sim_device.board.settings import BoardSettings
 from sim_device.simulation import Simulation
 
 BAUD = 3_000_000

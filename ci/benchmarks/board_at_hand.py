@@ -2,9 +2,9 @@
 
 from haptogram_protocol import NEED_DATA, HostConnection
 from haptogram_protocol.connection import ReplyReceived
-from haptogram_protocol.export import description_hash
+from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Arm, Config, SetConfig
-from sim_device.settings import BoardSettings
+from sim_device.board.settings import BoardSettings
 from sim_device.simulation import Simulation
 
 TURN_NS = 100_000  # for the board to answer

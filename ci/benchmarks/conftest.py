@@ -9,7 +9,7 @@ import pytest
 
 import haptogram
 from haptogram.acoustics import AcousticModel
-from haptogram.acoustics.engine import NumbaEngine
+from haptogram.acoustics.field.engines.engine import NumbaEngine
 
 SECONDS = 1.5  # for each pair
 ALONE_S = 0.25  # for what has no reference

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, quality, solve
-from haptogram.acoustics.solvers import spread_foci
+from haptogram.acoustics.solvers.several import spread_foci
 
 FOCI = (1, 2, 4, 8, 16, 32)
 SETS = 3

@@ -7,9 +7,9 @@ import pytest
 import references
 
 from haptogram.acoustics import AcousticModel, TransducerArray, focus_phases
-from haptogram.acoustics.engine import NumbaEngine, Numpy32Engine
-from haptogram.acoustics.grid import GridField
-from haptogram.acoustics.plane import PlaneField
+from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine
+from haptogram.acoustics.field.grid import GridField
+from haptogram.acoustics.field.plane import PlaneField
 
 FLOPS_PER_PAIR = 69  # of the prototype whose arithmetic sets the limit; ours needs fewer
 COUNTS = [100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000]

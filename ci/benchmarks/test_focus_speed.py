@@ -14,11 +14,11 @@ from haptogram.acoustics import (
     focus_phases,
     quantise_phase,
 )
-from haptogram.acoustics._compiled import load_kernels
-from haptogram.acoustics.batch import FocusCodes
-from haptogram.acoustics.field import propagators
-from haptogram.acoustics.solvers import compare as compare_solvers
-from haptogram.acoustics.solvers import spread_foci, weighted_gerchberg_saxton
+from haptogram.acoustics.field.engines.compiled import load_kernels
+from haptogram.acoustics.field.reference import propagators
+from haptogram.acoustics.solvers.batch import FocusCodes
+from haptogram.acoustics.solvers.several import compare as compare_solvers
+from haptogram.acoustics.solvers.several import spread_foci, weighted_gerchberg_saxton
 
 OFFSET_M = (1.5e-3, -1.2e-3, 3e-3)  # of the hint from the focus
 

@@ -12,71 +12,91 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
-from haptogram.acoustics.drive import (
+from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine, choose_engine
+from haptogram.acoustics.field.reference import (
+    FieldEngine,
+    NumpyEngine,
+    in_front,
+    pressure,
+    propagators,
+)
+from haptogram.acoustics.levels.radiation import (
+    force_on_disc_n,
+    level_db_spl,
+    radiation_pressure_pa,
+)
+from haptogram.acoustics.model.drive import (
     Drive,
     dequantise_phase,
     phase_step_rad,
     quantise_phase,
     saturated,
 )
-from haptogram.acoustics.engine import NumbaEngine, Numpy32Engine, choose_engine
-from haptogram.acoustics.estimates import NoFocus, NotSingle, Reconstruction, SingleFocus
-from haptogram.acoustics.field import FieldEngine, NumpyEngine, in_front, pressure, propagators
-from haptogram.acoustics.focus import (
+from haptogram.acoustics.model.geometry import TransducerArray
+from haptogram.acoustics.model.medium import Medium, iso_9613_absorption_np_m
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.model.transducer import (
+    CircularPiston,
+    Directivity,
+    PointSource,
+    Transducer,
+)
+from haptogram.acoustics.reconstruct.estimates import (
+    NoFocus,
+    NotSingle,
+    Reconstruction,
+    SingleFocus,
+)
+from haptogram.acoustics.reconstruct.reconstruction import Reconstructor
+from haptogram.acoustics.solvers.focus import (
     PhaseFit,
     check_target,
     fit_focus,
     focus_phases,
     superpose,
 )
-from haptogram.acoustics.geometry import TransducerArray
-from haptogram.acoustics.medium import Medium, iso_9613_absorption_np_m
-from haptogram.acoustics.model import AcousticModel
-from haptogram.acoustics.radiation import force_on_disc_n, level_db_spl, radiation_pressure_pa
-from haptogram.acoustics.reconstruction import Reconstructor
-from haptogram.acoustics.transducer import CircularPiston, Directivity, PointSource, Transducer
 
 if TYPE_CHECKING:
-    from haptogram.acoustics.average import mean_square_pressure
-    from haptogram.acoustics.batch import FocusCodes
-    from haptogram.acoustics.calibration import Calibration
-    from haptogram.acoustics.demodulation import (
+    from haptogram.acoustics.field.grid import GridField, box_points_m
+    from haptogram.acoustics.field.plane import PlaneField
+    from haptogram.acoustics.field.waveform import instantaneous_pressure, rms_pressure
+    from haptogram.acoustics.levels.average import mean_square_pressure
+    from haptogram.acoustics.levels.demodulation import (
         demodulated_level_db_a,
         demodulated_lines,
         radiated_power_w,
     )
-    from haptogram.acoustics.directivities import MeasuredDirectivity, RectangularPiston
-    from haptogram.acoustics.dynamics import (
+    from haptogram.acoustics.levels.dynamics import (
         Resonator,
         amplitude_to_duty,
         duty_to_amplitude,
         hop_response,
     )
-    from haptogram.acoustics.exposure import (
+    from haptogram.acoustics.levels.exposure import (
         Exposure,
         a_weighting_db,
         exposure_at,
         switching_level_db_a,
         worst_place,
     )
-    from haptogram.acoustics.grid import GridField, box_points_m
-    from haptogram.acoustics.lobes import (
+    from haptogram.acoustics.levels.lobes import (
         GratingLobe,
         SecondaryLobe,
         grating_lobes,
         largest_secondary_lobe,
     )
-    from haptogram.acoustics.plane import PlaneField
-    from haptogram.acoustics.shift import (
+    from haptogram.acoustics.levels.shift import (
         FocalShift,
         find_peak,
         paraxial_shift_m,
         predict_focal_shift,
     )
-    from haptogram.acoustics.solvers import Quality, quality, solve, weights_for_foci
-    from haptogram.acoustics.spot import FocalSpot, measure_spot, predict_width_m
-    from haptogram.acoustics.tracking import Fix, FocusTracker
-    from haptogram.acoustics.waveform import instantaneous_pressure, rms_pressure
+    from haptogram.acoustics.levels.spot import FocalSpot, measure_spot, predict_width_m
+    from haptogram.acoustics.model.calibration import Calibration
+    from haptogram.acoustics.model.directivities import MeasuredDirectivity, RectangularPiston
+    from haptogram.acoustics.reconstruct.tracking import Fix, FocusTracker
+    from haptogram.acoustics.solvers.batch import FocusCodes
+    from haptogram.acoustics.solvers.several import Quality, quality, solve, weights_for_foci
 
 __all__ = [
     "AcousticModel",
@@ -155,45 +175,45 @@ __all__ = [
 ]
 
 _LATER: Final = {
-    "Calibration": "calibration",
-    "Exposure": "exposure",
-    "Fix": "tracking",
-    "FocalShift": "shift",
-    "FocalSpot": "spot",
-    "FocusCodes": "batch",
-    "FocusTracker": "tracking",
-    "GratingLobe": "lobes",
-    "GridField": "grid",
-    "MeasuredDirectivity": "directivities",
-    "PlaneField": "plane",
-    "Quality": "solvers",
-    "RectangularPiston": "directivities",
-    "Resonator": "dynamics",
-    "SecondaryLobe": "lobes",
-    "a_weighting_db": "exposure",
-    "amplitude_to_duty": "dynamics",
-    "box_points_m": "grid",
-    "demodulated_level_db_a": "demodulation",
-    "demodulated_lines": "demodulation",
-    "duty_to_amplitude": "dynamics",
-    "exposure_at": "exposure",
-    "find_peak": "shift",
-    "grating_lobes": "lobes",
-    "hop_response": "dynamics",
-    "instantaneous_pressure": "waveform",
-    "largest_secondary_lobe": "lobes",
-    "mean_square_pressure": "average",
-    "measure_spot": "spot",
-    "paraxial_shift_m": "shift",
-    "predict_focal_shift": "shift",
-    "predict_width_m": "spot",
-    "quality": "solvers",
-    "radiated_power_w": "demodulation",
-    "rms_pressure": "waveform",
-    "solve": "solvers",
-    "switching_level_db_a": "exposure",
-    "weights_for_foci": "solvers",
-    "worst_place": "exposure",
+    "Calibration": "model.calibration",
+    "Exposure": "levels.exposure",
+    "Fix": "reconstruct.tracking",
+    "FocalShift": "levels.shift",
+    "FocalSpot": "levels.spot",
+    "FocusCodes": "solvers.batch",
+    "FocusTracker": "reconstruct.tracking",
+    "GratingLobe": "levels.lobes",
+    "GridField": "field.grid",
+    "MeasuredDirectivity": "model.directivities",
+    "PlaneField": "field.plane",
+    "Quality": "solvers.several",
+    "RectangularPiston": "model.directivities",
+    "Resonator": "levels.dynamics",
+    "SecondaryLobe": "levels.lobes",
+    "a_weighting_db": "levels.exposure",
+    "amplitude_to_duty": "levels.dynamics",
+    "box_points_m": "field.grid",
+    "demodulated_level_db_a": "levels.demodulation",
+    "demodulated_lines": "levels.demodulation",
+    "duty_to_amplitude": "levels.dynamics",
+    "exposure_at": "levels.exposure",
+    "find_peak": "levels.shift",
+    "grating_lobes": "levels.lobes",
+    "hop_response": "levels.dynamics",
+    "instantaneous_pressure": "field.waveform",
+    "largest_secondary_lobe": "levels.lobes",
+    "mean_square_pressure": "levels.average",
+    "measure_spot": "levels.spot",
+    "paraxial_shift_m": "levels.shift",
+    "predict_focal_shift": "levels.shift",
+    "predict_width_m": "levels.spot",
+    "quality": "solvers.several",
+    "radiated_power_w": "levels.demodulation",
+    "rms_pressure": "field.waveform",
+    "solve": "solvers.several",
+    "switching_level_db_a": "levels.exposure",
+    "weights_for_foci": "solvers.several",
+    "worst_place": "levels.exposure",
 }
 
 

@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from .output_files import write_picture
+from .shell.output_files import write_picture
 
 if TYPE_CHECKING:
-    from haptogram.bench.measure import BenchRun
+    from haptogram.campaigns.bench.measure import BenchRun
 
 _EXAMPLES: Final = """\
 examples:
@@ -74,9 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
     if arguments.goals:
         return _run_goals(arguments)
-    from haptogram.bench.measure import BenchConfig, run_bench
-    from haptogram.bench.result import as_dict, read_result
-    from haptogram.bench.text import as_text
+    from haptogram.campaigns.bench.measure import BenchConfig, run_bench
+    from haptogram.campaigns.bench.result import as_dict, read_result
+    from haptogram.campaigns.bench.text import as_text
 
     old = None if arguments.compare is None else read_result(arguments.compare)
     lead_us = None if arguments.lead_ms is None else round(arguments.lead_ms * 1e3)
@@ -102,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run_goals(arguments: argparse.Namespace) -> int:
-    from haptogram.bench.goals import as_text, measure_goals
+    from haptogram.campaigns.bench.goals import as_text, measure_goals
     from haptogram.report import write_json
 
     seconds = 30.0 if arguments.seconds is None else arguments.seconds
@@ -114,7 +114,7 @@ def _run_goals(arguments: argparse.Namespace) -> int:
 
 
 def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    from haptogram.bench.compare import compare, differences
+    from haptogram.campaigns.bench.compare import compare, differences
 
     changes = compare(old, new)
     lines = [f"changed beyond the noise: {change}" for change in changes if change.beyond_noise]
@@ -126,17 +126,17 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 def _write(
     arguments: argparse.Namespace, found: BenchRun, result: dict[str, Any], changes: list[str]
 ) -> None:
+    from haptogram.machine.files import write_atomically
     from haptogram.report import write_json
-    from haptogram.report.files import write_atomically
 
     if arguments.json is not None:
         write_json(arguments.json, result)
     if arguments.html is not None:
-        from haptogram.bench.html import as_html
+        from haptogram.campaigns.bench.html import as_html
 
         write_atomically(arguments.html, as_html(found, changes).encode())
     if arguments.picture is not None:
-        from haptogram.bench.pictures import draw_histograms
+        from haptogram.campaigns.bench.pictures import draw_histograms
 
         write_picture(arguments.picture, draw_histograms(found.stages_us))
     for path in (arguments.json, arguments.html, arguments.picture):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from haptogram.budget import frame_bytes, round_trip_ns
+from haptogram.driver.line.budget import frame_bytes, round_trip_ns
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.messages import Ping, Pong
 
 if TYPE_CHECKING:
-    from haptogram.bench.stages import FrameBudget
+    from haptogram.campaigns.bench.stages import FrameBudget
 
 _TIMERS_MS: Final = {
     "without a USB adapter": 0,
@@ -50,7 +50,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
-    from haptogram.bench.stages import frame_formats, measure_budget, measure_wake_ns
+    from haptogram.campaigns.bench.stages import frame_formats, measure_budget, measure_wake_ns
 
     if not 0.0 < arguments.rate <= 40_000.0:
         raise ConfigurationError(f"rate is {arguments.rate:g} Hz, must be above 0, at most 40000")

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from .exit_status import FAIL, PASS
-from .output_files import STANDARD_OUTPUT, check_file, write_json
+from .shell.exit_status import FAIL, PASS
+from .shell.output_files import STANDARD_OUTPUT, check_file, write_json
 
 _EPILOG: Final = """\
 examples:
@@ -58,10 +58,10 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute, write and print; return the exit status."""
-    from haptogram.paper import text
-    from haptogram.paper.document import reproduce_paper
-    from haptogram.presets import PRESETS, compare
-    from haptogram.presets.text import render
+    from haptogram.published.paper import text
+    from haptogram.published.paper.document import reproduce_paper
+    from haptogram.published.presets import PRESETS, compare
+    from haptogram.published.presets.text import render
 
     _check_places(arguments)
     paper = reproduce_paper()
@@ -75,8 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, paper.as_dict() | {"presets": presets})
     if arguments.report:
-        from haptogram.paper.html import report_files
-        from haptogram.report.files import write_atomically
+        from haptogram.machine.files import write_atomically
+        from haptogram.published.paper.html import report_files
 
         for path, content in report_files(paper, presets, arguments.report):
             write_atomically(path, content)
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _check_places(arguments: argparse.Namespace) -> None:
     """Raise before some seconds of work, not after, if a result cannot be written."""
     if arguments.report:
-        from haptogram.paper.html import check_report
+        from haptogram.published.paper.html import check_report
 
         check_report(arguments.report)
     check_file(arguments.json)

@@ -6,8 +6,8 @@ import argparse
 import sys
 from typing import Final
 
-from .exit_status import PASS
-from .output_files import check_file, write_json
+from .shell.exit_status import PASS
+from .shell.output_files import check_file, write_json
 
 _EPILOG: Final = """\
 examples:
@@ -46,8 +46,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute and print; return the exit status."""
-    from haptogram.presets import PRESETS, compare, find_preset
-    from haptogram.presets.text import render
+    from haptogram.published.presets import PRESETS, compare, find_preset
+    from haptogram.published.presets.text import render
 
     check_file(arguments.json)
     chosen = [find_preset(name) for name in arguments.names] or PRESETS

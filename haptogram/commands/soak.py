@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from .exit_status import FAIL, INTERRUPTED, PASS
+from .shell.exit_status import FAIL, INTERRUPTED, PASS
 
 if TYPE_CHECKING:
-    from haptogram.soak import Campaign, MakeBoard
-    from haptogram.soak.campaign import Progress
+    from haptogram.campaigns.soak import Campaign, MakeBoard
+    from haptogram.campaigns.soak.campaign import Progress
 
 _DAY_H: Final = 24.0
 
@@ -62,8 +62,8 @@ def add(
 
 def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
     """Run what is left of the soak, print the account, and return the exit status."""
-    from haptogram.soak import Interrupted
-    from haptogram.soak.text import render
+    from haptogram.campaigns.soak import Interrupted
+    from haptogram.campaigns.soak.text import render
 
     campaign = _campaign(arguments)
     interrupted = False
@@ -88,8 +88,8 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
 
 
 def _campaign(arguments: argparse.Namespace) -> Campaign:
+    from haptogram.campaigns.soak import Campaign, Setup
     from haptogram.errors import ConfigurationError
-    from haptogram.soak import Campaign, Setup
 
     if not 1 <= arguments.jobs <= 256:
         raise ConfigurationError(f"--jobs is {arguments.jobs}, must be 1 to 256")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from haptogram.config import VerifyConfig, load_config, option_name
 from haptogram.errors import ConfigurationError
+from haptogram.settings.verify_config import VerifyConfig, load_config, option_name
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
@@ -43,8 +43,8 @@ def system_model(arguments: argparse.Namespace) -> AcousticModel:
     ConfigurationError
         An unknown preset, or settings beside one; a grid, a file or air that cannot be used.
     """
-    from haptogram.job import host_model
-    from haptogram.presets import find_preset
+    from haptogram.evidence.run_record import host_model
+    from haptogram.published.presets import find_preset
 
     if not arguments.preset:
         given = {name: getattr(arguments, name) for name in ("array", *_OWN)}

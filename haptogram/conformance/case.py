@@ -1,36 +1,22 @@
-"""A case, and the ways in which it can end."""
+"""A case: one experiment with a board, for one clause."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
-from haptogram.errors import HaptogramError
 from haptogram_protocol.messages import Feature
 
-from .verdict import Behaviour, Evidence
+from .verdict import Evidence
 
 if TYPE_CHECKING:
-    from .bench import Bench
+    from .client.board_client import Bench
 
 Body: TypeAlias = "Callable[[Bench], None]"
 
 #: No capability is needed.
 NOTHING: Final = Feature(0)
-
-#: Evidence classes under the names that cases use.
-WIRE: Final = Evidence.WIRE
-SELF_REPORTED: Final = Evidence.SELF_REPORTED
-EXTERNAL: Final = Evidence.EXTERNAL
-
-
-class CaseEndedError(HaptogramError):
-    """A case knows its verdict."""
-
-    def __init__(self, behaviour: Behaviour, text: str) -> None:
-        super().__init__(text)
-        self.behaviour = behaviour
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,34 +89,3 @@ def about_host(clause: str) -> Case:
 def about_text(clause: str) -> Case:
     """Register a clause about SPEC.md itself."""
     return unobservable(clause, "about how this text may change, not about a board")
-
-
-def check(holds: bool, text: str) -> None:
-    """End the case as FAILED unless *holds*."""
-    if not holds:
-        fail(text)
-
-
-def fail(text: str) -> NoReturn:
-    """End the case: the board did not do what the clause demands."""
-    raise CaseEndedError(Behaviour.FAILED, text)
-
-
-def inconclusive(text: str) -> NoReturn:
-    """End the case: what was seen does not decide it."""
-    raise CaseEndedError(Behaviour.INCONCLUSIVE, text)
-
-
-def not_observed(text: str) -> NoReturn:
-    """End the case: there is nothing to see on this board, on this line."""
-    raise CaseEndedError(Behaviour.NOT_OBSERVED, text)
-
-
-def unimplemented(text: str) -> NoReturn:
-    """End the case: the board does not advertise what it needs."""
-    raise CaseEndedError(Behaviour.UNIMPLEMENTED, text)
-
-
-def informational(text: str) -> NoReturn:
-    """End the case with something worth knowing that the clause allows."""
-    raise CaseEndedError(Behaviour.INFORMATIONAL, text)

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from haptogram.conformance.access import Access
-    from haptogram.conformance.bench import Bench
-    from haptogram.conformance.runner import Runner
+    from haptogram.conformance.client.board_client import Bench
+    from haptogram.conformance.run.access import Access
+    from haptogram.conformance.run.runner import Runner
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -44,7 +44,7 @@ def haptogram_board(
     """Give the board under test: ``result(case)`` judges it, ``session()`` opens a bench."""
     import os
 
-    from haptogram.conformance.runner import Options, Runner
+    from haptogram.conformance.run.runner import Options, Runner
 
     option = request.config.getoption
     seed = option("--haptogram-seed")
@@ -64,8 +64,8 @@ def haptogram_link(haptogram_board: Runner) -> Bench:
 
 
 def _access(option: Any, folders: pytest.TempPathFactory) -> Access:
-    from haptogram.conformance.access import PortAccess
-    from haptogram.conformance.spawning import DEFAULT_PORT_REGEX, SpawnAccess
+    from haptogram.conformance.run.access import PortAccess
+    from haptogram.conformance.run.spawning import DEFAULT_PORT_REGEX, SpawnAccess
 
     baudrate = option("--haptogram-baud")
     port, command = option("--haptogram-port"), option("--haptogram-spawn")

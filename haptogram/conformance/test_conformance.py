@@ -10,7 +10,7 @@ from haptogram.conformance.cases import all_cases
 
 if TYPE_CHECKING:
     from haptogram.conformance.case import Case
-    from haptogram.conformance.runner import Runner
+    from haptogram.conformance.run.runner import Runner
 
 
 @pytest.mark.parametrize("case", all_cases(), ids=lambda case: case.id)

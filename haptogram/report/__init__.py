@@ -4,10 +4,10 @@ Each file is written as a whole or not at all.  Given a run in virtual time, not
 date, a host name or a duration: the same run gives the same bytes.
 """
 
-from .junit import write_junit
-from .page import write_html
-from .result import environment, result_dict, write_frames, write_json
-from .wording import faults_and_troubles
+from .run.junit import write_junit
+from .run.page import write_html
+from .run.result import environment, result_dict, write_frames, write_json
+from .run.wording import faults_and_troubles
 
 __all__ = [
     "environment",

@@ -5,12 +5,12 @@ rests on, and names the smallest miss that it could have shown.  What cannot be 
 verified, and never passes.
 """
 
-from .effect import Effect
+from .consequences.effect import Effect
 from .faults import name_faults
-from .judge import Judge
-from .run import RunVerdict, verify_run
-from .summary import consequence_text, cut_text, pressure_text
-from .target import check_tolerance
+from .frame.judge import Judge
+from .frame.target import check_tolerance
+from .run import verify_run
+from .run_verdict import RunVerdict, cut_text
 from .tolerance import (
     REAL_BOARD,
     PlaceUncertainty,
@@ -20,7 +20,15 @@ from .tolerance import (
     tolerance_text,
     uncertainty_of,
 )
-from .verdict import Consequence, Cut, FrameStatus, FrameVerdict, Verdict
+from .verdict import (
+    Consequence,
+    Cut,
+    FrameStatus,
+    FrameVerdict,
+    Verdict,
+    consequence_text,
+    pressure_text,
+)
 
 __all__ = [
     "REAL_BOARD",

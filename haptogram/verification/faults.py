@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
-from haptogram.records import Intended
+from haptogram.records.frame import Intended
 
 Codes: TypeAlias = NDArray[np.int64]
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Final, NamedTuple
 
 from haptogram.acoustics import Medium
-from haptogram.acoustics.medium import speed_uncertainty
-from haptogram.arguments import check_number
-from haptogram.config import (
+from haptogram.acoustics.model.medium import speed_uncertainty
+from haptogram.settings.arguments import check_number
+from haptogram.settings.verify_config import (
     GUESS_C,
     GUESS_HUMIDITY_PERCENT,
     GUESS_PHASE_RAD,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from haptogram.records import Evidence, FrameKey
+from haptogram.records.frame import Evidence, FrameKey
 
 from .tolerance import PlaceUncertainty
 
@@ -191,9 +192,7 @@ class FrameVerdict:
 
     def __str__(self) -> str:
         """Return in a line what became of the frame, and what that rests on."""
-        from .summary import frame_text  # which builds on this module
-
-        return frame_text(self)
+        return _frame_text(self)
 
     @property
     def is_silence(self) -> bool:
@@ -220,3 +219,74 @@ class FrameVerdict:
         if self.t_apply_us is None or self.t_latch_us is None:
             return None
         return self.t_latch_us - self.t_apply_us
+
+
+# --- Texts ------------------------------------------------------------------------------------
+
+
+def consequence_text(effect: Consequence) -> str:
+    """Return what it did in space that a frame was not latched in time."""
+    wanted = f"instead of {effect.intended_pressure_rms_pa:.0f} Pa"
+    if effect.focus_error_mm is None:
+        return f"silence {wanted}"
+    away = f"the focus stayed {effect.focus_error_mm:.1f} mm away"
+    return f"{away}: {effect.pressure_rms_pa:.0f} Pa {wanted}"
+
+
+def pressure_text(frame: FrameVerdict) -> str | None:
+    """Return what a wrong drive makes of the pressure at the target; None: nobody knows."""
+    if frame.status not in WRONG or frame.target_pressure_rms_pa is None:
+        return None
+    wanted = f"instead of {frame.intended_pressure_rms_pa:.0f} Pa"
+    return f"{frame.target_pressure_rms_pa:.0f} Pa at the target {wanted}"
+
+
+def frame_line(frame: FrameVerdict) -> str:
+    """Return what is wrong with one frame, and by how much, in a line."""
+    parts = [f"frame {frame.number}: {frame.status}"]
+    if (frame.late or frame.early) and frame.lateness_us is not None:
+        parts.append(f"{abs(frame.lateness_us)} us {'late' if frame.late else 'early'}")
+    if frame.latches > 1:
+        parts.append(f"latched {frame.latches} times")
+    parts += [*frame.faults, *measures(frame)]
+    if frame.note and (frame.status is FrameStatus.NOT_VERIFIED or not frame.faults):
+        parts += [frame.note] if frame.status in (FrameStatus.NOT_VERIFIED, *WRONG) else []
+    return "; ".join(parts)
+
+
+def _frame_text(frame: FrameVerdict) -> str:
+    """Return what became of one frame, what that rests on, and which miss would have shown."""
+    parts = [frame_line(frame)]
+    if frame.status not in WRONG and (place := _place(frame)) is not None:
+        parts.append(place)
+    if frame.criteria and not frame.is_silence:
+        smallest_mm = frame.smallest_miss_mm
+        parts.append(
+            "a miss that cannot be observed does not show"
+            if smallest_mm is None
+            else f"smallest miss that shows {smallest_mm:.3f} mm"
+        )
+    failed = "failed" if frame.status in WRONG else "warns"
+    judged = [name if passed else f"{name} {failed}" for name, passed in frame.criteria.items()]
+    parts += [", ".join(judged)] if judged else []
+    parts += [] if frame.evidence is None else [f"{frame.evidence} evidence"]
+    return "; ".join(parts)
+
+
+def _place(frame: FrameVerdict) -> str | None:
+    """Return how far from its place the focus is, as far as that can be observed."""
+    parts = [
+        None if frame.lateral_error_mm is None else f"{frame.lateral_error_mm:.3f} mm across",
+        None if frame.axial_error_mm is None else f"{frame.axial_error_mm:+.3f} mm along",
+    ]
+    return ", ".join(filter(None, parts)) or None
+
+
+def measures(frame: FrameVerdict) -> Iterator[str]:
+    """Yield the millimetres and pascals of what went wrong."""
+    if frame.status in WRONG and (place := _place(frame)) is not None:
+        yield place
+    if (pressure := pressure_text(frame)) is not None:
+        yield pressure
+    if frame.consequence is not None:
+        yield consequence_text(frame.consequence)

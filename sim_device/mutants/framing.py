@@ -20,7 +20,7 @@ from haptogram_protocol.framing import (
 )
 from haptogram_protocol.messages import MESSAGES, Error, ErrorCode
 
-from ..dialect import BoardDialect
+from ..dialects.haptogram import BoardDialect
 from .mutant import Evidence, Mutant
 
 _QUIET_US: Final = 5_000

@@ -11,13 +11,13 @@ import numpy as np
 from haptogram.acoustics import Drive
 from haptogram_protocol.messages import DriveKind, ErrorCode, ReadDrive, Trace, UploadCommit
 
-from ..board import Board, StreamFrame
-from ..counters import Drop
-from ..dialect import BoardDialect
-from ..drives import Content, to_registers
-from ..settings import BoardSettings
-from ..stream_queue import Entry, StreamQueue
-from ..uploads import Uploads
+from ..board.board import Board, StreamFrame
+from ..board.counters import Drop
+from ..board.registers import Content, to_registers
+from ..board.settings import BoardSettings
+from ..board.stream_queue import Entry, StreamQueue
+from ..board.uploads import Uploads
+from ..dialects.haptogram import BoardDialect
 from .mutant import Evidence, Mutant
 
 

@@ -13,9 +13,9 @@ from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.framing import FrameDecoder
 
 from ..assembly import Parts
-from ..board import Board
-from ..clock import DeviceClock
-from ..dialect import BoardDialect
+from ..board.board import Board
+from ..board.clock import DeviceClock
+from ..dialects.haptogram import BoardDialect
 
 Part: TypeAlias = (
     type[Board]

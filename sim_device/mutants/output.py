@@ -14,13 +14,13 @@ from haptogram.acoustics import Drive
 from haptogram_protocol.messages import Config
 from haptogram_protocol.state import MuteReason, OutputState
 
-from ..board import Board
-from ..clock import DeviceClock
-from ..dialect import BoardDialect
-from ..drives import radiated_drive
-from ..latch import StateChange
-from ..safety import Safety
-from ..settings import BoardSettings
+from ..board.board import Board
+from ..board.clock import DeviceClock
+from ..board.events import StateChange
+from ..board.registers import radiated_drive
+from ..board.safety import Safety
+from ..board.settings import BoardSettings
+from ..dialects.haptogram import BoardDialect
 from .mutant import Evidence, Mutant
 
 _WRAP: Final = 2**32

@@ -19,9 +19,9 @@ from haptogram_protocol.messages import (
     UploadCommit,
 )
 
-from ..board import Board
-from ..dialect import BoardDialect
-from ..refusal import RefusalError
+from ..board.board import Board
+from ..board.refusal import RefusalError
+from ..dialects.haptogram import BoardDialect
 from .mutant import Evidence, Mutant
 
 

@@ -8,9 +8,9 @@ from typing import Any, Final
 from haptogram_protocol.connection import NEED_DATA, BoardConnection
 from haptogram_protocol.messages import STREAM_RANGE, Feature, Hello, HelloReply, signed_difference
 
-from ..board import Board
-from ..counters import BoardCounters
-from ..dialect import BoardDialect
+from ..board.board import Board
+from ..board.counters import BoardCounters
+from ..dialects.haptogram import BoardDialect
 from .mutant import Evidence, Mutant
 
 _DAMAGE: Final = frozenset({"crc", "cobs", "short", "oversize"})

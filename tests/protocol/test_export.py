@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from haptogram_protocol import export
 from haptogram_protocol.errors import LocalProtocolError
+from haptogram_protocol.export import tables as export
 from haptogram_protocol.messages import MESSAGES, FocalPoint, Header
 from haptogram_protocol.record import Record, record, wire
 
@@ -110,9 +110,9 @@ def test_the_command_prints_the_description(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_the_command_runs_as_a_module() -> None:
-    root = Path(export.__file__).parents[1]
+    root = Path(export.__file__).parents[2]
     done = subprocess.run(
-        [sys.executable, "-m", "haptogram_protocol.export"],
+        [sys.executable, "-m", "haptogram_protocol.export.tables"],
         cwd=root,
         capture_output=True,
         text=True,

@@ -18,10 +18,7 @@ from haptogram_protocol.framing import (
     encode_frame,
 )
 from strategies_protocol import chunkings, noise
-from wire_oracles import (
-    crc32_bitwise,
-    frame_bytewise,
-)
+from wire_oracles import crc32_bitwise, frame_bytewise
 
 bodies = st.binary(min_size=HEADER_BYTES, max_size=600)
 

@@ -14,7 +14,8 @@ from haptogram_protocol.connection import (
     HostConnection,
 )
 from haptogram_protocol.connection.events import FrameDropped, ReplyReceived
-from haptogram_protocol.export import ENUMERATIONS, RECORDS, update_spec
+from haptogram_protocol.export.tables import ENUMERATIONS, RECORDS, update_spec
+from haptogram_protocol.export.worked import EXCHANGE, WORKED_FRAMES, Step
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -30,7 +31,6 @@ from haptogram_protocol.messages import (
     parse_body,
 )
 from haptogram_protocol.state import MuteReason, OutputState
-from haptogram_protocol.worked import EXCHANGE, WORKED_FRAMES, Step
 from wire_oracles import frame_bytewise
 
 ROOT = Path(__file__).parents[2]
@@ -48,7 +48,7 @@ FRAMES = re.findall(r"\*\*Frame \d+\.\*\* (.*)\.\n\n```\nbody ([^`]*)line ([^`]*
 
 
 def test_what_is_generated_is_up_to_date() -> None:
-    assert update_spec(SPEC) == SPEC, "run python -m haptogram_protocol.export --spec"
+    assert update_spec(SPEC) == SPEC, "run python -m haptogram_protocol.export.tables --spec"
 
 
 def test_every_section_stands_in_its_chapter_in_order() -> None:

@@ -5,7 +5,7 @@ import zlib
 
 import pytest
 
-from haptogram_protocol.export import description_hash
+from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,

@@ -7,9 +7,9 @@ import shutil
 import pytest
 
 from haptogram_protocol.errors import LocalProtocolError
-from haptogram_protocol.export_c import HEADERS
-from haptogram_protocol.export_c.__main__ import main
-from haptogram_protocol.export_c.names import enumerated, member_name
+from haptogram_protocol.export.c import HEADERS
+from haptogram_protocol.export.c.__main__ import main
+from haptogram_protocol.export.c.names import enumerated, member_name
 from haptogram_protocol.messages import DriveKind, GeometryReply, Message
 from haptogram_protocol.record import Record, record, repeated, wire
 from protocol_c.building import FOLDER, compiler, compilers, run, spoilt
@@ -21,7 +21,7 @@ PROGRAM = '#include "haptogram_messages.h"\nint main(void) { return 0; }\n'
 @pytest.mark.parametrize("name", HEADERS)
 def test_a_header_is_what_the_messages_make_of_it(name):
     assert (FOLDER / name).read_text("utf-8") == HEADERS[name](), (
-        "run: python -m haptogram_protocol.export_c"
+        "run: python -m haptogram_protocol.export.c"
     )
 
 

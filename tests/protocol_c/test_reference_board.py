@@ -14,8 +14,8 @@ import zlib
 import numpy as np
 import pytest
 
-from haptogram.driver import Driver
-from haptogram.transport import open_transport
+from haptogram.driver.driver import Driver
+from haptogram.driver.line.port import open_transport
 from haptogram_protocol.connection import NEED_DATA, HostConnection
 from haptogram_protocol.connection.events import (
     EventReceived,
@@ -23,7 +23,7 @@ from haptogram_protocol.connection.events import (
     ReplyReceived,
     RequestRefused,
 )
-from haptogram_protocol.export import description_hash
+from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import (
     Arm,
     Config,

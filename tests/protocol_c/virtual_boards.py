@@ -4,10 +4,10 @@ import select
 import subprocess
 
 from haptogram.acoustics import AcousticModel
-from haptogram_protocol.export import description_hash
-from sim_device.board import Board
-from sim_device.dialect import BoardDialect
-from sim_device.settings import BoardSettings
+from haptogram_protocol.export.tables import description_hash
+from sim_device.board.board import Board
+from sim_device.board.settings import BoardSettings
+from sim_device.dialects.haptogram import BoardDialect
 
 _PATIENCE_S = 20
 

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from haptogram_protocol.export_vectors import FILES
+from haptogram_protocol.export.vectors import FILES
 from protocol_vectors.vector_files import FOLDER, read
 
 SCHEMA = json.loads((FOLDER / "schema.json").read_text("utf-8"))

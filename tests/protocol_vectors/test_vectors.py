@@ -7,15 +7,15 @@ import pytest
 
 from haptogram.acoustics import AcousticModel
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.export import description_hash
-from haptogram_protocol.export_vectors import FILES, text, write_vectors
-from haptogram_protocol.export_vectors.__main__ import main
+from haptogram_protocol.export.tables import description_hash
+from haptogram_protocol.export.vectors import FILES, text, write_vectors
+from haptogram_protocol.export.vectors.__main__ import main
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES, pack_phases, unpack_phases
 from protocol_vectors.vector_files import FOLDER, FRAME_FILES, outcome, play, read, vectors
-from sim_device.board import Board
-from sim_device.dialect import BoardDialect
-from sim_device.settings import BoardSettings
+from sim_device.board.board import Board
+from sim_device.board.settings import BoardSettings
+from sim_device.dialects.haptogram import BoardDialect
 
 SPEC = Path(__file__).resolve().parents[2] / "protocol" / "SPEC.md"
 EVERY = vectors(*FILES)
@@ -26,7 +26,7 @@ DIALOGUES = vectors("dialogues.json")
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_is_what_the_messages_make_of_it(name):
     assert (FOLDER / name).read_text("utf-8") == text(name), (
-        "run: python -m haptogram_protocol.export_vectors"
+        "run: python -m haptogram_protocol.export.vectors"
     )
 
 

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.export_vectors.vector import fields_of
+from haptogram_protocol.export.vectors.vector import fields_of
 from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import EVENT_RANGE, MessageType, parse_body
 

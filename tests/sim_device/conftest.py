@@ -14,7 +14,7 @@ from haptogram_protocol.connection import (
     ReplyReceived,
     RequestRefused,
 )
-from haptogram_protocol.export import description_hash
+from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Arm, Config, PhaseFormat, Phases, SetConfig, unwrap
 
 PATIENCE_NS = 20_000_000_000

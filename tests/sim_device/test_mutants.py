@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 import sim_device
-from haptogram.conformance.access import VirtualAccess
 from haptogram.conformance.cases import all_cases
-from haptogram.conformance.runner import Options, Runner
+from haptogram.conformance.run.access import VirtualAccess
+from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
+from haptogram.driver.line.port import open_transport
 from haptogram.errors import ConfigurationError
-from haptogram.transport import open_transport
-from sim_device.clock import ClockChange, DeviceClock
+from sim_device.board.clock import ClockChange, DeviceClock
 from sim_device.command import main
 from sim_device.mutants import MUTANTS, Evidence, parts_of
 

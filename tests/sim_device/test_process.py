@@ -16,7 +16,7 @@ import serial
 
 from haptogram.acoustics import Drive, superpose
 from haptogram_protocol.connection import NEED_DATA, EventReceived, HostConnection, ReplyReceived
-from haptogram_protocol.export import description_hash
+from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import GetStatus, Ping, Trace, TraceMode
 from haptogram_protocol.state import OutputState
 from sim_device import board_settings

@@ -35,8 +35,8 @@ from haptogram_protocol.messages import (
     build_body,
 )
 from haptogram_protocol.state import MuteReason, OutputState
-from sim_device.refusal import RefusalError
-from sim_device.settings import ALL_FEATURES, BoardSettings
+from sim_device.board.refusal import RefusalError
+from sim_device.board.settings import ALL_FEATURES, BoardSettings
 from sim_device.simulation import Simulation
 
 MODEL = AcousticModel.default(4, 4)

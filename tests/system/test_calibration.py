@@ -18,15 +18,15 @@ import serial
 
 import sim_device
 from haptogram.acoustics import Calibration, TransducerArray
-from haptogram.boards import PortBoard
 from haptogram.cli import main
-from haptogram.config import VerifyConfig
-from haptogram.driver import Driver
+from haptogram.driver.driver import Driver
+from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import ConfigurationError
-from haptogram.job import measure
-from haptogram.transport import PyserialTransport
+from haptogram.evidence.boards import PortBoard
+from haptogram.evidence.run_record import measure
+from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import verify_run
-from haptogram.virtual_board import VirtualBoard
 from virtual_ports import BAUD, BoardPort
 
 CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "4", "--quiet"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from haptogram.cli import access_in_program
 from haptogram.conformance.cases import all_cases
-from haptogram.conformance.runner import Options, Runner
+from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
 
 OPTIONS = Options(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={})

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import sim_device
-from haptogram.backdoor import BackdoorFile, observations_of
-from haptogram.driver import Driver
+from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
+from haptogram.evidence.backdoor import BackdoorFile, observations_of
 from haptogram.verification import verify_run
 from haptogram_protocol.messages import TraceMode
 

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 import serial
 
-from haptogram.driver import Driver
+from haptogram.driver.driver import Driver
+from haptogram.driver.line.port import open_transport
 from haptogram.errors import (
     HaptogramError,
     LinkError,
@@ -23,8 +24,7 @@ from haptogram.errors import (
     PortBusyError,
     WrongProtocolError,
 )
-from haptogram.transport import open_transport
-from haptogram.virtual_board import VirtualBoard
+from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram_protocol.messages import TraceMode
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -89,7 +89,7 @@ def test_a_board_killed_in_mid_stream_is_a_lost_link_and_keeps_what_was_sent(boa
 CLIENT = """
     import sys
     import numpy as np
-    from haptogram.driver import Driver
+    from haptogram.driver.driver import Driver
     with Driver(sys.argv[1], nonce=4711) as driver:
         driver.arm()
         report = lambda done, total: print(done, flush=True)

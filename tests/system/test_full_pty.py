@@ -11,12 +11,12 @@ import tty
 
 import pytest
 
-from haptogram.driver import Driver
+from haptogram.driver.driver import Driver
+from haptogram.driver.line.link import Link
+from haptogram.driver.line.port import open_transport
+from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.errors import LinkError, LinkLostError
-from haptogram.link import Link
-from haptogram.realtime import PeriodicLoop
-from haptogram.transport import open_transport
-from haptogram.virtual_board import VirtualBoard
+from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram_protocol import HostConnection
 
 pytestmark = [pytest.mark.pty, pytest.mark.realtime]

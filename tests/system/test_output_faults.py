@@ -9,8 +9,8 @@ import serial
 
 import sim_device
 from haptogram import Driver, Focus, verify_run
-from haptogram.backdoor import observations_of, on_the_clock_of
-from haptogram.transport import PyserialTransport
+from haptogram.driver.line.port import PyserialTransport
+from haptogram.evidence.backdoor import observations_of, on_the_clock_of
 from haptogram.verification import RunVerdict, Verdict
 
 ONE = [Focus((0.01, 0.02, 0.1))]

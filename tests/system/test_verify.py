@@ -13,15 +13,15 @@ from typing import Any
 
 import pytest
 
-from haptogram.boards import PortBoard, ProcessBoard
 from haptogram.cli import main
-from haptogram.config import VerifyConfig
 from haptogram.errors import ConfigurationError
-from haptogram.job import measure
+from haptogram.evidence.boards import PortBoard, ProcessBoard
+from haptogram.evidence.run_record import measure
+from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import FrameStatus, Verdict, verify_run
-from haptogram.virtual_board import VirtualBoard
 from haptogram_protocol.messages import Feature
-from sim_device.settings import ALL_FEATURES
+from sim_device.board.settings import ALL_FEATURES
 from virtual_ports import BAUD, BoardPort
 
 _CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "2", "--quiet"]

@@ -21,7 +21,6 @@ import numpy as np
 import serial
 
 import sim_device
-from haptogram import records
 from haptogram.acoustics import (
     AcousticModel,
     Calibration,
@@ -30,12 +29,13 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
 )
-from haptogram.acoustics.solvers import weights_for_foci
-from haptogram.boards import InProcessBoard
-from haptogram.driver import Driver
+from haptogram.acoustics.solvers.several import weights_for_foci
+from haptogram.driver.driver import Driver
+from haptogram.driver.frames import Frame
+from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import ConfigurationError, HaptogramError, LinkError
-from haptogram.frames import Frame
-from haptogram.transport import PyserialTransport
+from haptogram.evidence.boards import InProcessBoard
+from haptogram.records import frame as records
 from haptogram.verification import Cut, RunVerdict, Tolerance, verify_run
 from haptogram.verification.verdict import FrameVerdict
 from haptogram_protocol.messages import Drives, PhaseFormat, Phases, pack_phases

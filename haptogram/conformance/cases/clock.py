@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import (
-    GetGeometry,
-    Ping,
-    Pong,
-    signed_difference,
-)
+from haptogram_protocol.messages import GetGeometry, Ping, Pong, signed_difference
 
-from .. import crafting
-from ..bench import Bench
-from ..case import about_host, case, check, not_observed
-from ..device_clock import BOOT_US
-from ..wire import Received
+from ..case import about_host, case
+from ..client import malformed_frames as crafting
+from ..client.board_client import Bench
+from ..client.board_clock import BOOT_US
+from ..client.wire import Received
+from ..outcome import check, not_observed
 
 _WRAP_US: Final = 2**32
 _LIMIT_US: Final = 10

@@ -22,10 +22,11 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, informational, not_observed
-from ..latching import latch_now, radiated, read_back
-from ..witness import expect_shown
+from ..case import case
+from ..client.board_client import Bench
+from ..client.latching import latch_now, radiated, read_back
+from ..judge.witness import expect_shown
+from ..outcome import SELF_REPORTED, check, informational, not_observed
 
 _MS: Final = 1000
 _TOO_FAR: Final = (

@@ -28,9 +28,10 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, not_observed
-from ..latching import latch_now
+from ..case import case
+from ..client.board_client import Bench
+from ..client.latching import latch_now
+from ..outcome import SELF_REPORTED, check, not_observed
 
 _POINT: Final = FocalPoint(0, 0, 150_000, 65_535, 0)
 

@@ -23,11 +23,12 @@ from haptogram_protocol.messages import (
     UploadCommit,
 )
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, about_host, about_text, case, check
-from ..latching import latch_now
-from ..recording import describe, type_name
-from ..talk import frames_in, talk
+from ..case import about_host, about_text, case
+from ..client.board_client import Bench
+from ..client.dialogue import frames_in, talk
+from ..client.latching import latch_now
+from ..client.recording import describe, type_name
+from ..outcome import SELF_REPORTED, check
 
 unknown_codes = about_host("HG-10.1/3")
 minor_rules = about_text("HG-11.2/1")

@@ -21,11 +21,12 @@ from haptogram_protocol.messages import (
     TraceReply,
 )
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, not_observed
-from ..latching import full_drive, latch_now, latches, read_back, shown_in, watch
-from ..playing import play_now, store_phases
-from ..witness import expect_shown
+from ..case import case
+from ..client.board_client import Bench
+from ..client.latching import full_drive, latch_now, latches, read_back, shown_in, watch
+from ..client.playback import play_now, store_phases
+from ..judge.witness import expect_shown
+from ..outcome import SELF_REPORTED, check, not_observed
 
 _ANY_READ: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
 _RING_TRIED: Final = 6000  # latches: a longer ring is not filled

@@ -8,18 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from haptogram_protocol.messages import (
-    PHASE_FORMAT_BIT,
-    Feature,
-    FocalPoint,
-    PhaseFormat,
-    Points,
-)
+from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature, FocalPoint, PhaseFormat, Points
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, not_observed
-from ..latching import Shown, latch_now, read_back
-from ..witness import read_elements
+from ..case import case
+from ..client.board_client import Bench
+from ..client.latching import Shown, latch_now, read_back
+from ..judge.witness import read_elements
+from ..outcome import SELF_REPORTED, check, not_observed
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
@@ -30,7 +25,7 @@ _MANY: Final = 24
 
 
 def _model(bench: Bench) -> AcousticModel:
-    from ..acoustic import model_of_board
+    from ..judge.array_model import model_of_board
 
     return model_of_board(bench, read_elements(bench))
 
@@ -43,7 +38,7 @@ def _model(bench: Bench) -> AcousticModel:
     evidence=SELF_REPORTED,
 )
 def phases_make_a_focus(bench: Bench) -> None:
-    from ..focusing import check_focus, host_frames, judge_of
+    from ..judge.focusing import check_focus, host_frames, judge_of
 
     model = _model(bench)
     judge = judge_of(model)
@@ -63,7 +58,7 @@ def phases_make_a_focus(bench: Bench) -> None:
     evidence=SELF_REPORTED,
 )
 def drives_make_a_focus(bench: Bench) -> None:
-    from ..focusing import check_focus, host_frames, judge_of
+    from ..judge.focusing import check_focus, host_frames, judge_of
 
     model = _model(bench)
     judge = judge_of(model)
@@ -83,7 +78,7 @@ _COMPUTES: Final = Feature.POINTS | Feature.READ_LATCHED
     evidence=SELF_REPORTED,
 )
 def points_make_a_focus(bench: Bench) -> None:
-    from ..focusing import check_focus, host_frames, judge_of
+    from ..judge.focusing import check_focus, host_frames, judge_of
 
     model = _model(bench)
     judge = judge_of(model)
@@ -124,7 +119,7 @@ def _random_latches(bench: Bench, points: int) -> list[tuple[tuple[FocalPoint, .
     evidence=SELF_REPORTED,
 )
 def points_are_rounded(bench: Bench) -> None:
-    from ..focusing import phase_errors
+    from ..judge.focusing import phase_errors
 
     model = _model(bench)
     bench.arm()
@@ -141,7 +136,7 @@ def points_are_rounded(bench: Bench) -> None:
     evidence=SELF_REPORTED,
 )
 def points_have_their_amplitude(bench: Bench) -> None:
-    from ..focusing import amplitude_errors
+    from ..judge.focusing import amplitude_errors
 
     model = _model(bench)
     bench.arm()
@@ -164,7 +159,7 @@ def points_have_their_amplitude(bench: Bench) -> None:
     evidence=SELF_REPORTED,
 )
 def points_are_exact(bench: Bench) -> None:
-    from ..focusing import amplitude_errors, phase_errors
+    from ..judge.focusing import amplitude_errors, phase_errors
 
     model = _model(bench)
     bench.arm()

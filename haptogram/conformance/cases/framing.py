@@ -5,21 +5,15 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_ENCODED_BYTES, cobs_encode, encode_frame
-from haptogram_protocol.messages import (
-    Arm,
-    Error,
-    Feature,
-    HelloReply,
-    Ping,
-    StateChanged,
-)
+from haptogram_protocol.messages import Arm, Error, Feature, HelloReply, Ping, StateChanged
 
-from .. import crafting
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, fail, inconclusive
-from ..recording import describe
-from ..talk import talk, unstuffed_crc
-from ..wire import Received
+from ..case import case
+from ..client import malformed_frames as crafting
+from ..client.board_client import Bench
+from ..client.dialogue import talk, unstuffed_crc
+from ..client.recording import describe
+from ..client.wire import Received
+from ..outcome import SELF_REPORTED, check, fail, inconclusive
 
 _RUNS: Final = (252, 253, 254, 255, 256, 507, 508, 509, 762)
 

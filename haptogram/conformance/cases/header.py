@@ -41,11 +41,12 @@ from haptogram_protocol.messages import (
     signed_difference,
 )
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, about_host, case, check
-from ..latching import latch_now
-from ..recording import describe, type_name
-from ..talk import frames_in, talk
+from ..case import about_host, case
+from ..client.board_client import Bench
+from ..client.dialogue import frames_in, talk
+from ..client.latching import latch_now
+from ..client.recording import describe, type_name
+from ..outcome import SELF_REPORTED, check
 
 _PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 #: Requests that every board takes, and what others need one of.

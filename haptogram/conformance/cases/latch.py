@@ -7,10 +7,11 @@ from typing import Final
 
 from haptogram_protocol.messages import DriveKind, DriveReply, Feature, ReadDrive
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, fail, not_observed
-from ..latching import full_drive, latch_now, latches, shown_in, watch
-from ..witness import Witness
+from ..case import case
+from ..client.board_client import Bench
+from ..client.latching import full_drive, latch_now, latches, shown_in, watch
+from ..judge.witness import Witness
+from ..outcome import SELF_REPORTED, check, fail, not_observed
 
 _DEEPEST: Final = 512
 _OFFSETS_US: Final = (0, 1, 7, 12, 24, 25, 26, 49, 1000)

@@ -6,10 +6,11 @@ from typing import Final
 
 from haptogram_protocol.messages import Ping, Pong
 
-from .. import crafting
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check
-from ..recording import describe
+from ..case import case
+from ..client import malformed_frames as crafting
+from ..client.board_client import Bench
+from ..client.recording import describe
+from ..outcome import SELF_REPORTED, check
 
 _LISTEN_US: Final = 300_000
 _JUNK_BYTES: Final = 2 << 20

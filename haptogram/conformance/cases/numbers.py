@@ -7,11 +7,12 @@ from typing import Final
 
 from haptogram_protocol.messages import FIRST_STREAM_SEQ, Feature, Ping, Pong, Status
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check
-from ..latching import latch_now
-from ..recording import describe
-from ..talk import talk
+from ..case import case
+from ..client.board_client import Bench
+from ..client.dialogue import talk
+from ..client.latching import latch_now
+from ..client.recording import describe
+from ..outcome import SELF_REPORTED, check
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
 _WRAP_US: Final = 2**32

@@ -18,9 +18,10 @@ from haptogram_protocol.messages import (
     UploadCommit,
 )
 
-from .. import crafting
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, not_observed
+from ..case import case
+from ..client import malformed_frames as crafting
+from ..client.board_client import Bench
+from ..outcome import SELF_REPORTED, check, not_observed
 
 _STALE: Final = 0x0F0F
 _UNKNOWN_REQUEST: Final = 0x7D

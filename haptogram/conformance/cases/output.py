@@ -22,17 +22,13 @@ from haptogram_protocol.messages import (
     Stop,
     UploadCommit,
 )
-from haptogram_protocol.state import (
-    OUTPUT_TRANSITIONS,
-    MuteReason,
-    OutputInput,
-    OutputState,
-)
+from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
-from ..bench import Bench
-from ..case import EXTERNAL, SELF_REPORTED, about_host, case, check, fail, unobservable
-from ..latching import is_silent, latch_now, radiated, shown_in
-from ..playing import play_now, store_phases
+from ..case import about_host, case, unobservable
+from ..client.board_client import Bench
+from ..client.latching import is_silent, latch_now, radiated, shown_in
+from ..client.playback import play_now, store_phases
+from ..outcome import EXTERNAL, SELF_REPORTED, check, fail
 
 _SEQUENCES: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)

@@ -16,10 +16,11 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, fail, not_observed
-from ..latching import latch_now, latches, watch
-from ..playing import play_at, play_now, store_phases
+from ..case import case
+from ..client.board_client import Bench
+from ..client.latching import latch_now, latches, watch
+from ..client.playback import play_at, play_now, store_phases
+from ..outcome import SELF_REPORTED, check, fail, not_observed
 from .timers import muted_by_timer
 
 _MS: Final = 1000

@@ -31,10 +31,11 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from ..bench import Bench
-from ..case import about_host, case, check
-from ..playing import play_now, store_phases
-from ..recording import type_name
+from ..case import about_host, case
+from ..client.board_client import Bench
+from ..client.playback import play_now, store_phases
+from ..client.recording import type_name
+from ..outcome import check
 
 _PROMPT_US: Final = 10_000
 _TRIES: Final = 8

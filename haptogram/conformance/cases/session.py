@@ -29,10 +29,11 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, about_host, case, check
-from ..latching import latch_now
-from ..playing import play_now, store_phases
+from ..case import about_host, case
+from ..client.board_client import Bench
+from ..client.latching import latch_now
+from ..client.playback import play_now, store_phases
+from ..outcome import SELF_REPORTED, check
 
 _LISTEN_US: Final = 300_000
 

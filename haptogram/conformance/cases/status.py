@@ -16,9 +16,10 @@ from haptogram_protocol.messages import (
     StatusReply,
 )
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check
-from ..latching import latch_now
+from ..case import case
+from ..client.board_client import Bench
+from ..client.latching import latch_now
+from ..outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
 _ASKED: Final = 40

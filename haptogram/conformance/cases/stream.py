@@ -15,10 +15,11 @@ from haptogram_protocol.messages import (
     packed_size,
 )
 
-from ..bench import Bench
-from ..case import EXTERNAL, SELF_REPORTED, case, check, not_observed, unobservable
-from ..latching import latch_now
-from ..witness import Witness
+from ..case import case, unobservable
+from ..client.board_client import Bench
+from ..client.latching import latch_now
+from ..judge.witness import Witness
+from ..outcome import EXTERNAL, SELF_REPORTED, check, not_observed
 
 _UNKNOWN_BITS: Final = (0, 1, 4, 7, 9, 16, 255)
 

@@ -20,10 +20,11 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, about_host, case, check, fail
-from ..latching import Shown, latch_now, radiated, shown_in
-from ..playing import play_now, store_phases
+from ..case import about_host, case
+from ..client.board_client import Bench
+from ..client.latching import Shown, latch_now, radiated, shown_in
+from ..client.playback import play_now, store_phases
+from ..outcome import SELF_REPORTED, check, fail
 
 _MS: Final = 1000
 _EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms

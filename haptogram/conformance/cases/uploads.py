@@ -17,10 +17,11 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ..bench import Bench
-from ..case import SELF_REPORTED, case, check, not_observed
-from ..latching import latches, watch
-from ..playing import play_now, store_phases
+from ..case import case
+from ..client.board_client import Bench
+from ..client.latching import latches, watch
+from ..client.playback import play_now, store_phases
+from ..outcome import SELF_REPORTED, check, not_observed
 
 _ANY: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CORRECTION
 _LARGEST: Final = 0xFFFFFFFF

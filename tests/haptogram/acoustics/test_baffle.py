@@ -31,8 +31,8 @@ from haptogram.acoustics import (
     propagators,
     worst_place,
 )
-from haptogram.acoustics import field as field_module
-from haptogram.acoustics.field import is_clear
+from haptogram.acoustics.field import reference as field_module
+from haptogram.acoustics.field.reference import is_clear
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose, seeds
 

@@ -24,7 +24,7 @@ from haptogram.acoustics import (
     propagators,
     quantise_phase,
 )
-from haptogram.acoustics.shift import direction_covariance
+from haptogram.acoustics.levels.shift import direction_covariance
 from strategies_acoustics import hemisphere_targets, seeds, targets
 
 MODEL = AcousticModel.default()

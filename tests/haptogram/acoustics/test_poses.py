@@ -30,15 +30,15 @@ from haptogram.acoustics import (
     solve,
     worst_place,
 )
-from haptogram.acoustics._own_axes import own_axes
-from haptogram.acoustics.acquisition import Acquisition
-from haptogram.acoustics.cells import search_cells
-from haptogram.acoustics.focus import steering_reach_m
-from haptogram.acoustics.spot import predict_width_m
-from haptogram.acoustics.tracking import FocusTracker
+from haptogram.acoustics.levels.spot import predict_width_m
+from haptogram.acoustics.model.own_axes import own_axes
+from haptogram.acoustics.reconstruct.acquisition import Acquisition
+from haptogram.acoustics.reconstruct.cells import search_cells
+from haptogram.acoustics.reconstruct.tracking import FocusTracker
+from haptogram.acoustics.solvers.focus import steering_reach_m
 from haptogram.errors import ConfigurationError
-from haptogram.paper.figure4 import figure_4_model
-from haptogram.presets import PRESETS
+from haptogram.published.paper.figure4 import figure_4_model
+from haptogram.published.presets import PRESETS
 from strategies_acoustics import Pose, poses, seeds, targets
 
 GRID = AcousticModel.default(8, 7)

@@ -37,8 +37,8 @@ from haptogram.acoustics import (
     switching_level_db_a,
     worst_place,
 )
-from haptogram.acoustics.demodulation import demodulated_level_db_a
-from haptogram.acoustics.reconstruction import Reconstructor
+from haptogram.acoustics.levels.demodulation import demodulated_level_db_a
+from haptogram.acoustics.reconstruct.reconstruction import Reconstructor
 from haptogram.errors import ConfigurationError
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -18,12 +18,12 @@ from haptogram.acoustics import (
     focus_phases,
     switching_level_db_a,
 )
-from haptogram.acoustics.engine import why_not_compiled
-from haptogram.commands import field
-from haptogram.commands.field_scene import Scene
-from haptogram.commands.places import joined
+from haptogram.acoustics.field.engines.engine import why_not_compiled
+from haptogram.commands.field import command as field
+from haptogram.commands.field.scene import Scene
+from haptogram.commands.shell.places import joined
 from haptogram.errors import ConfigurationError
-from haptogram.modulation import Modulation
+from haptogram.objects.modulation import Modulation
 
 
 def parse(*words):
@@ -35,7 +35,7 @@ def parse(*words):
 @pytest.fixture
 def run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("haptogram.pictures.style.DPI", 40)
+    monkeypatch.setattr("haptogram.report.figures.style.DPI", 40)
 
     def run(*words):
         arguments = parse("--step-mm", "3", *words)
@@ -239,7 +239,7 @@ def test_the_levels_at_an_ear_are_those_of_the_library(run, capsys):
 
 def test_one_line_says_that_numba_is_missing(run, monkeypatch, capsys):
     words = ("--array", "4x4", "--step-mm", "6")
-    monkeypatch.setattr("haptogram.acoustics.engine.load_kernels", lambda: None)
+    monkeypatch.setattr("haptogram.acoustics.field.engines.engine.load_kernels", lambda: None)
     assert run(*words) == 0
     assert capsys.readouterr().out.count("since numba is not installed") == 1
     monkeypatch.undo()

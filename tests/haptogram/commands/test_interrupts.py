@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from haptogram.commands.interrupts import heard_interrupts
+from haptogram.commands.shell.interrupts import heard_interrupts
 
 
 def interrupted():
@@ -33,7 +33,7 @@ def heeded():
 def test_an_interrupt_that_was_dropped_comes_again():
     with pytest.raises(KeyboardInterrupt), heard_interrupts():
         call_and_go_on()
-    assert sys.unraisablehook.__module__ != "haptogram.commands.interrupts"
+    assert sys.unraisablehook.__module__ != "haptogram.commands.shell.interrupts"
 
 
 def test_other_errors_of_a_callback_are_told_as_before(monkeypatch):
@@ -46,7 +46,9 @@ def test_other_errors_of_a_callback_are_told_as_before(monkeypatch):
 
 def test_the_end_of_the_program_looks_for_no_cycles():
     code = (
-        "import gc; from haptogram.commands.interrupts import leave_at_once; leave_at_once()\n"
+        "import gc\n"
+        "from haptogram.commands.shell.interrupts import leave_at_once\n"
+        "leave_at_once()\n"
         "class Loud:\n"
         "    def __init__(self): self.own = self\n"
         "    def __del__(self): print('looked for')\n"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptogram.cli import main
-from haptogram.modulation import Modulation
+from haptogram.objects.modulation import Modulation
 
 SMALL = ("--array", "8x8", "--center-mm", "0,0,80")
 
@@ -60,7 +60,7 @@ def test_a_path_that_leaves_gaps_is_told_until_fewer_rounds_close_them(capsys):
 
 
 def test_picture_frames_and_json_say_the_same(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("haptogram.pictures.style.DPI", 40)
+    monkeypatch.setattr("haptogram.report.figures.style.DPI", 40)
     places = [tmp_path / name for name in ("lm.svg", "lm.csv", "lm.json")]
     words = zip(("--output", "--frames", "--json"), places, strict=True)
     assert run("lm", "--shift-mm", "0,2,0", *(word for pair in words for word in pair)) == 0

@@ -7,10 +7,10 @@ import re
 
 import pytest
 
-from haptogram import presets
 from haptogram.commands import paper
 from haptogram.errors import ConfigurationError
-from haptogram.paper import document
+from haptogram.published import presets
+from haptogram.published.paper import document
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -59,8 +59,8 @@ def test_json_goes_to_a_file_and_to_standard_output(tmp_path, capsys):
 
 
 def test_the_report_is_one_page_or_a_folder_of_pictures(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("haptogram.paper.drawings._STEP_M", 4e-3)
-    monkeypatch.setattr("haptogram.pictures.style.DPI", 40)
+    monkeypatch.setattr("haptogram.published.paper.drawings._STEP_M", 4e-3)
+    monkeypatch.setattr("haptogram.report.figures.style.DPI", 40)
     assert run("--report", tmp_path / "out") == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"index.html", "table1.png", "hemispheres.svg", "figure4_2_bent_x_xz.svg"} <= names

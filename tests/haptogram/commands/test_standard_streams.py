@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from haptogram.cli import main
-from haptogram.commands.standard_streams import patient_streams
+from haptogram.commands.shell.standard_streams import patient_streams
 
 FULL = Path("/dev/full")
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")

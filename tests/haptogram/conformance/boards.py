@@ -3,11 +3,11 @@
 import serial
 
 import sim_device
-from haptogram.conformance.access import VirtualAccess
 from haptogram.conformance.cases import all_cases, select
-from haptogram.conformance.runner import Options, Runner
+from haptogram.conformance.run.access import VirtualAccess
+from haptogram.conformance.run.runner import Options, Runner
+from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import LinkLostError
-from haptogram.transport import PyserialTransport
 
 BAUD = 3_000_000
 

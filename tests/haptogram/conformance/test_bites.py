@@ -3,9 +3,10 @@
 import pytest
 from boards import BAUD, Dying, Wrapped, port, run, virtual
 
-from haptogram.conformance.access import VirtualAccess
-from haptogram.conformance.case import Case, CaseEndedError, check
-from haptogram.conformance.runner import Options, Runner
+from haptogram.conformance.case import Case
+from haptogram.conformance.outcome import CaseEndedError, check
+from haptogram.conformance.run.access import VirtualAccess
+from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour, Evidence, Result, exit_status
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MessageType

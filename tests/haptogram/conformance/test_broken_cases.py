@@ -6,13 +6,14 @@ from xml.etree import ElementTree
 import boards
 import pytest
 
-from haptogram.conformance.case import case, fail
-from haptogram.conformance.reports.machine import read_json, write_json, write_junit
-from haptogram.conformance.reports.page import write_page
-from haptogram.conformance.reports.text import render
-from haptogram.conformance.runner import Options, Runner
+from haptogram.conformance.case import case
+from haptogram.conformance.outcome import fail
+from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError, DeviceError
+from haptogram.report.conformance.machine import read_json, write_json, write_junit
+from haptogram.report.conformance.page import write_page
+from haptogram.report.conformance.text import render
 
 ERRORS = [
     TypeError("no <b>such\nthing"),

@@ -8,7 +8,7 @@ from boards import run, virtual
 
 from haptogram.conformance.verdict import Behaviour
 from haptogram_protocol.messages import Feature
-from sim_device.board import Board
+from sim_device.board.board import Board
 from sim_device.mutants.mutant import Evidence, Mutant
 
 #: Clauses about the host, about this text, or that no line can show: never passed.

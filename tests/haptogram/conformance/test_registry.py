@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 
 from haptogram.conformance import clauses
-from haptogram.conformance.case import WIRE, Case
+from haptogram.conformance.case import Case
 from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.clauses import Clause, Level, load_clauses, parse_spec, render_table
+from haptogram.conformance.outcome import WIRE
 
 ROOT = Path(__file__).parents[3]
 SPEC = (ROOT / "protocol" / "SPEC.md").read_text("utf-8")

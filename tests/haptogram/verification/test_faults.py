@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray, focus_phases
-from haptogram.acoustics.transducer import Transducer
+from haptogram.acoustics.model.transducer import Transducer
 from haptogram.verification import FrameStatus, Judge, name_faults
 from haptogram_protocol.messages import pack_phases
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume

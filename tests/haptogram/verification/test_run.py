@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.errors import ConfigurationError
-from haptogram.records import Evidence, FrameKey
+from haptogram.records.frame import Evidence, FrameKey
 from haptogram.verification import Cut, FrameStatus, Verdict, verify_run
 from latched_drives import SESSION, drive_of, intend, registers, seen
 from oracles import circular_piston, field

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Medium, focus_phases
-from haptogram.acoustics.medium import speed_uncertainty
-from haptogram.acoustics.solvers import weights_for_foci
-from haptogram.config import VerifyConfig
+from haptogram.acoustics.model.medium import speed_uncertainty
+from haptogram.acoustics.solvers.several import weights_for_foci
 from haptogram.errors import ConfigurationError
-from haptogram.records import Focus
+from haptogram.records.frame import Focus
+from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import (
     REAL_BOARD,
     FrameStatus,

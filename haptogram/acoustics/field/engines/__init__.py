@@ -1,0 +1,1 @@
+"""Fast engines for the field; each is held to :mod:`haptogram.acoustics.field.reference`."""

@@ -1,0 +1,48 @@
+"""Directivities as polynomials, for single precision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics._validation import FloatArray
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.model.transducer import CircularPiston, PointSource
+
+GAIN_DEGREE: Final = 5
+_GAIN_ERROR: Final = 6e-6  # relative to the smallest gain in front of the element
+_SAMPLES: Final = 400
+
+
+def fit(
+    function: Callable[[FloatArray], FloatArray], degree: int, low: float, high: float
+) -> tuple[FloatArray, float]:
+    """Return power-basis coefficients on [low, high], near-minimax, and their largest error."""
+    angles = np.pi * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    nodes = 0.5 * (low + high) + 0.5 * (high - low) * np.cos(angles)
+    series = np.polynomial.Chebyshev.fit(nodes, function(nodes), degree, domain=[low, high])
+    power = series.convert(kind=np.polynomial.Polynomial)
+    grid = np.linspace(low, high, 10 * _SAMPLES)
+    coefficients = np.zeros(degree + 1)
+    coefficients[: len(power.coef)] = power.coef
+    return coefficients, float(np.abs(power(grid) - function(grid)).max())
+
+
+def gain_polynomial(model: AcousticModel) -> FloatArray | None:
+    """Return the gain in front as a polynomial in cos^2, or None if none is accurate enough.
+
+    A piston so large that its gain passes through zero has none, since single precision cannot
+    keep the relative accuracy there; nor has a directivity that this module does not know.
+    """
+    directivity, wavenumber = model.transducer.directivity, model.wavenumber
+    if not isinstance(directivity, CircularPiston | PointSource):
+        return None
+
+    def gain(cosine_squared: FloatArray) -> FloatArray:
+        return directivity.gain(np.sqrt(np.maximum(cosine_squared, 0.0)), wavenumber)
+
+    coefficients, error = fit(gain, GAIN_DEGREE, 0.0, 1.0)
+    smallest = float(np.abs(gain(np.linspace(0.0, 1.0, _SAMPLES))).min())
+    return coefficients if error <= _GAIN_ERROR * smallest else None

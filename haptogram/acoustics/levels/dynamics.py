@@ -1,0 +1,216 @@
+"""What a transducer does in time: from duty to amplitude, and how fast the amplitude follows.
+
+A piezoelectric transducer is a narrow resonator.  Near its resonance the complex envelope of what
+it radiates follows the commanded one as a first-order lag,
+
+    tau dA/dt = u - A,    tau = Q / (pi f0),    Q = sqrt(3) f0 / B,
+
+where B is the full bandwidth at -6 dB (a resonance falls to half its amplitude where
+2 Q |f - f0| / f0 = sqrt(3)).  So tau = sqrt(3) / (pi B): 0.28 ms for B = 2.0 kHz.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics._validation import (
+    ComplexArray,
+    FloatArray,
+    as_floats,
+    as_place,
+    check_positive,
+    check_range,
+)
+from haptogram.acoustics.field.reference import propagators
+from haptogram.acoustics.model.drive import as_weights
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.solvers.focus import focus_phases
+from haptogram.errors import ConfigurationError
+
+DEFAULT_BANDWIDTH_HZ: Final = 2000.0  # at -6 dB: ProWave 400PT120, a common 10 mm, 40 kHz part
+FULL_DUTY: Final = 0.5
+MAX_BANDWIDTH_HZ: Final = 1e6
+
+
+def duty_to_amplitude(duty: ArrayLike) -> FloatArray:
+    """Return A = sin(pi D): the fundamental of a pulse train, relative to a square wave.
+
+    Parameters
+    ----------
+    duty : array_like
+        Part of the carrier period for which the output is high, 0 to 0.5.
+
+    Raises
+    ------
+    ConfigurationError
+        A duty that is not finite or outside 0 to 0.5.
+    """
+    values = as_floats("duty", duty)
+    _check_within("duty", values, FULL_DUTY)
+    amplitude: FloatArray = np.sin(np.pi * values)
+    return amplitude
+
+
+def amplitude_to_duty(amplitude: ArrayLike) -> FloatArray:
+    """Return D = asin(A) / pi, 0 to 0.5: the inverse of :func:`duty_to_amplitude`."""
+    values = as_floats("amplitude", amplitude)
+    _check_within("amplitude", values, 1.0)
+    duty: FloatArray = np.arcsin(values) / np.pi
+    return duty
+
+
+@dataclass(frozen=True, slots=True)
+class Resonator:
+    """The first-order envelope of a transducer that is driven at its resonance.
+
+    Attributes
+    ----------
+    time_constant_s : float
+        tau; 0 makes it follow at once.
+    """
+
+    time_constant_s: float
+
+    def __post_init__(self) -> None:
+        check_range("time_constant_s", self.time_constant_s, 0.0, 1.0)
+
+    @classmethod
+    def from_bandwidth(cls, bandwidth_hz: float = DEFAULT_BANDWIDTH_HZ) -> Self:
+        """Return the resonator of a full -6 dB bandwidth: tau = sqrt(3) / (pi B)."""
+        check_range("bandwidth_hz", bandwidth_hz, 1.0, MAX_BANDWIDTH_HZ)
+        return cls(math.sqrt(3.0) / (math.pi * bandwidth_hz))
+
+    def quality_factor(self, frequency_hz: float) -> float:
+        """Return Q = pi f0 tau."""
+        return math.pi * check_positive("frequency_hz", frequency_hz) * self.time_constant_s
+
+    def decay(self, duration_s: float) -> float:
+        """Return what is left after a time of the difference between envelope and command."""
+        check_range("duration_s", duration_s, 0.0, math.inf)
+        if self.time_constant_s == 0.0:
+            return 1.0 if duration_s == 0.0 else 0.0
+        return math.exp(-duration_s / self.time_constant_s)
+
+    def modulation_response(self, modulation_hz: float) -> float:
+        """Return |H| = 1 / sqrt(1 + (2 pi f tau)^2), the amplitude of one sideband."""
+        return 1.0 / math.hypot(1.0, 2.0 * math.pi * modulation_hz * self.time_constant_s)
+
+    def dwell_mean_square(self, dwell_s: float) -> float:
+        """Return the mean of A^2 over a dwell of full command that starts from rest.
+
+        1 - 2 (1 - e) / x + (1 - e^2) / (2 x), with x = T / tau and e = exp(-x): the share of the
+        static radiation force that the dwell delivers.
+        """
+        check_positive("dwell_s", dwell_s)
+        if self.time_constant_s == 0.0:
+            return 1.0
+        ratio = dwell_s / self.time_constant_s
+        # expm1 keeps the difference of nearly equal terms for a dwell far below tau.
+        once, twice = -math.expm1(-ratio), -math.expm1(-2.0 * ratio)
+        return 1.0 - 2.0 * once / ratio + twice / (2.0 * ratio)
+
+    def envelope(
+        self, commands: ArrayLike, frame_s: float, samples_per_frame: int, start: ArrayLike = 0.0
+    ) -> ComplexArray:
+        """Return the envelope under commands that are held for a frame each.
+
+        Exact between frames, so the number of samples changes no value.
+
+        Parameters
+        ----------
+        commands : (F, ...) array_like of complex
+            One commanded amplitude, or array of them, per frame.
+        frame_s : float
+            Duration of a frame.
+        samples_per_frame : int
+            Samples at the ends of as many equal parts of each frame.
+        start : array_like of complex
+            Envelope before the first frame.
+
+        Returns
+        -------
+        (F * samples_per_frame, ...) numpy.ndarray of complex128
+        """
+        if samples_per_frame < 1:
+            raise ConfigurationError(f"samples_per_frame is {samples_per_frame}, must be 1 or more")
+        targets = as_weights(commands)
+        step_s = check_positive("frame_s", frame_s) / samples_per_frame
+        left = np.array([self.decay(step_s * (i + 1)) for i in range(samples_per_frame)])
+        left = left.reshape(-1, *(1,) * (targets.ndim - 1))
+        state = np.broadcast_to(as_weights(start), targets.shape[1:])
+        parts = []
+        for target in targets:
+            parts.append(target + left * (state - target))
+            state = parts[-1][-1]
+        return np.concatenate(parts)
+
+
+def hop_response(
+    model: AcousticModel,
+    resonator: Resonator,
+    targets_m: tuple[ArrayLike, ArrayLike],
+    times_s: ArrayLike,
+) -> FloatArray:
+    """Return how the pressure builds up at a target to which the focus has just been moved.
+
+    Travel times are kept: what an element sends arrives r_n / c later, so a target is still in the
+    sound of the old focus for a while.
+
+    Parameters
+    ----------
+    targets_m : pair of (3,) array_like
+        Old focus (settled) and new focus, in metres.
+    times_s : (T,) array_like
+        Times after the command.
+
+    Returns
+    -------
+    (T,) numpy.ndarray
+        |p| at the new focus over its final value.
+    """
+    old, new = (as_place("target_m", target) for target in targets_m)
+    times = as_floats("times_s", times_s)
+    propagator = propagators(model, new[None])[0]
+    before, after = (np.exp(1j * focus_phases(model, target)) for target in (old, new))
+    delay = np.linalg.norm(new - model.array.positions_m, axis=1) / model.medium.sound_speed_m_s
+    heard = times[:, None] - delay
+    if resonator.time_constant_s > 0.0:
+        left = np.exp(-np.maximum(heard, 0.0) / resonator.time_constant_s)
+    else:
+        left = (heard < 0.0).astype(np.float64)
+    pressure = (after + left * (before - after)) @ propagator
+    response: FloatArray = np.abs(pressure) / abs(complex(after @ propagator))
+    return response
+
+
+def hop_mean_square(
+    model: AcousticModel,
+    resonator: Resonator,
+    targets_m: tuple[ArrayLike, ArrayLike],
+    dwell_s: float,
+    *,
+    from_first_arrival: bool = False,
+) -> float:
+    """Return the share of the static force that a dwell after a hop delivers at the new target.
+
+    The mean of :func:`hop_response` squared over *dwell_s*, from the command on or from the first
+    arrival of the new sound on.
+    """
+    check_positive("dwell_s", dwell_s)
+    new = as_place("target_m", targets_m[1])
+    nearest = float(np.linalg.norm(new - model.array.positions_m, axis=1).min())
+    start = nearest / model.medium.sound_speed_m_s if from_first_arrival else 0.0
+    # Midpoints; arrivals are 256 small steps, so 4000 of them leave an error below 1e-4.
+    times = start + dwell_s * (np.arange(4000) + 0.5) / 4000
+    return float(np.mean(hop_response(model, resonator, targets_m, times) ** 2))
+
+
+def _check_within(name: str, values: FloatArray, limit: float) -> None:
+    if values.size and (values.min() < 0.0 or values.max() > limit):
+        worst = values.min() if values.min() < 0.0 else values.max()
+        raise ConfigurationError(f"{name} is {worst:g}, must be 0 to {limit:g}")

@@ -1,0 +1,291 @@
+"""Sound pressure levels of an array at people, in dB SPL.
+
+What is computed: levels re 20 uPa of the linear free field, of the carrier (unweighted, as no
+weighting is defined at 40 kHz) and of what switching drives puts below 20 kHz (A-weighted, IEC
+61672-1).  What is not: the demodulation of sound, which makes an amplitude modulation heard as a
+hum (:mod:`.demodulation` estimates that in air); reflections by walls, hand and head; and any
+judgement of the levels.
+Limits for airborne ultrasound differ between bodies and countries: compare with the one that
+applies to you.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics._climb import STEPS, climb
+from haptogram.acoustics._memory import check_memory
+from haptogram.acoustics._validation import (
+    ComplexArray,
+    FloatArray,
+    as_floats,
+    as_place,
+    as_points,
+    check_computed,
+    check_count,
+    check_positive,
+)
+from haptogram.acoustics.field.reference import FieldEngine, has_field
+from haptogram.acoustics.levels.average import mean_square_pressure
+from haptogram.acoustics.levels.dynamics import Resonator
+from haptogram.acoustics.levels.radiation import level_db_spl
+from haptogram.acoustics.model.drive import as_sequence
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.errors import ConfigurationError
+
+AUDIBLE_LIMIT_HZ: Final = 20e3
+MAX_DIRECTIONS: Final = 1_000_000
+_MOST_DIRECTIONS: Final = 100_000  # unless asked for
+_CLIMBED: Final = 16  # directions; the loudest of a grid may be next to another
+LOWEST_AUDIBLE_HZ: Final = 20.0
+STATEMENT: Final = (
+    "Unweighted levels of the linear free field, re 20 uPa; no reflections, no demodulated sound, "
+    "no judgement. Compare with the limits that apply where the array is used."
+)
+GUIDELINE: Final = (
+    "for comparison: many bodies advise at most 110 dB SPL at work in each third of an octave from "
+    "25 to 50 kHz (review: C. Q. Howard, C. H. Hansen, A. C. Zander, J. Occup. Health Saf. Aust. "
+    "N. Z. 21(3), 253-257, 2004); for the public less, where there is a limit at all"
+)
+
+# Pole frequencies of the A-weighting, IEC 61672-1:2013, annex E.
+_A_POLES_HZ: Final = (20.598997, 107.65265, 737.86223, 12194.217)
+_A_OFFSET_DB: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """Levels at one place.
+
+    Attributes
+    ----------
+    position_m : (float, float, float)
+        The place.
+    maximum_db_spl : float
+        Largest level of any frame.
+    equivalent_db_spl : float
+        Level of the mean square over the sequence (Leq).
+    """
+
+    position_m: tuple[float, float, float]
+    maximum_db_spl: float
+    equivalent_db_spl: float
+
+
+def exposure_at(
+    engine: FieldEngine,
+    weights: ArrayLike,
+    places_m: ArrayLike,
+    frame_s: float,
+    resonator: Resonator | None = None,
+) -> list[Exposure]:
+    """Return the levels of a repeated sequence of drives at places such as ears.
+
+    Parameters
+    ----------
+    weights : (F, N) array_like of complex
+        The drives, each held for *frame_s*.
+    places_m : (M, 3) array_like
+        Places, in metres.
+    frame_s : float
+        Duration of a frame.
+    resonator : Resonator, optional
+        Envelope of the transducers, for the equivalent level; the maximum is of settled frames.
+
+    Raises
+    ------
+    ConfigurationError
+        As :func:`~haptogram.acoustics.levels.average.mean_square_pressure`.
+    """
+    drives, places = as_sequence(weights, engine.model.array.count), as_points("places_m", places_m)
+    mean = mean_square_pressure(engine, drives, places, frame_s, resonator)
+    settled = np.abs(engine.pressure(drives, places)).max(axis=0) / math.sqrt(2.0)
+    return [
+        Exposure(
+            (place[0], place[1], place[2]), level_db_spl(most), level_db_spl(math.sqrt(square))
+        )
+        for place, most, square in zip(
+            places.tolist(), settled.tolist(), mean.tolist(), strict=True
+        )
+    ]
+
+
+def worst_place(
+    engine: FieldEngine,
+    weights: ArrayLike,
+    distance_m: float,
+    frame_s: float,
+    directions: int | None = None,
+) -> Exposure:
+    """Return the loudest place (Leq) on the half sphere that the array faces, around its centre.
+
+    Places behind the baffle and within 1 mm of an element, which have no field, are left out. The
+    best of *directions* points of a Fibonacci spiral, and the loudest places next to them. As
+    many as needed if not given: two to the width of the narrowest lobe.
+
+    Raises
+    ------
+    ConfigurationError
+        A distance not above 0, or not 10 to a million directions.
+    """
+    check_positive("distance_m", distance_m)
+    if directions is None:
+        directions = _enough_directions(engine.model)
+    check_count("directions", directions, 10, MAX_DIRECTIONS)
+    array = engine.model.array
+
+    def places_m(directions: FloatArray) -> FloatArray:
+        return array.centre_m + distance_m * _ahead(directions, array.facing)
+
+    def level(directions: FloatArray) -> FloatArray:
+        places = places_m(directions)
+        square = np.zeros(len(places))
+        known = has_field(engine.model, places)
+        square[known] = mean_square_pressure(engine, weights, places[known], frame_s)
+        return square
+
+    spiral = half_sphere(array.facing, directions, array.axes[0])
+    best = spiral[np.argsort(level(spiral))[-_CLIMBED:]]
+    loudest, _ = climb(level, best, math.sqrt(2.0 * math.pi / directions), STEPS @ array.axes)
+    return exposure_at(engine, weights, places_m(loudest[None]), frame_s)[0]
+
+
+def _enough_directions(model: AcousticModel) -> int:
+    """Return how many directions lie half of the narrowest lobe, lambda / 2 a wide, apart."""
+    lobe_rad = model.wavelength_m / max(2.0 * model.array.aperture_radius_m, model.wavelength_m)
+    return min(math.ceil(2.0 * math.pi * (2.0 / lobe_rad) ** 2), _MOST_DIRECTIONS)
+
+
+def _ahead(directions: FloatArray, facing: FloatArray) -> FloatArray:
+    """Return unit vectors of *directions*; those that point back are turned into the plane."""
+    back = np.minimum(directions @ facing, 0.0)
+    level = directions - back[:, None] * facing
+    unit: FloatArray = level / np.linalg.norm(level, axis=1)[:, None]
+    return unit
+
+
+def a_weighting_db(frequency_hz: ArrayLike) -> FloatArray:
+    """Return the A-weighting, in dB.  IEC 61672-1:2013, annex E; from 10 Hz to 20 kHz.
+
+    Raises
+    ------
+    ConfigurationError
+        A frequency outside that range.
+    """
+    frequency = as_floats("frequency_hz", frequency_hz)
+    if frequency.size and not (frequency.min() >= 10.0 and frequency.max() <= AUDIBLE_LIMIT_HZ):
+        raise ConfigurationError(
+            f"frequency_hz runs from {frequency.min():g} to {frequency.max():g}, "
+            f"must be 10 to {AUDIBLE_LIMIT_HZ:g}"
+        )
+    square = frequency**2
+    first, second, third, fourth = (pole**2 for pole in _A_POLES_HZ)
+    gain = fourth * square**2 / ((square + first) * (square + fourth))
+    gain = gain / np.sqrt((square + second) * (square + third))
+    level: FloatArray = 20.0 * np.log10(gain) + _A_OFFSET_DB
+    return level
+
+
+def switching_level_db_a(
+    engine: FieldEngine,
+    weights: ArrayLike,
+    place_m: ArrayLike,
+    frame_s: float,
+    resonator: Resonator,
+) -> float:
+    """Return the A-weighted level, at one place, of what the switching of drives puts below 20 kHz.
+
+    The pressure is Re p(t) e^{-j w t}; a step of the envelope p has a spectrum that falls off only
+    as 1 / f^2 behind the transducers' lag, and its far tail, 20 to 40 kHz off the carrier, is
+    audible.
+    Exact Fourier coefficients of the repeated sequence, one per multiple of its repetition rate.
+
+    Parameters
+    ----------
+    weights : (F, N) array_like of complex
+        The drives, each held for *frame_s*.
+    place_m : (3,) array_like
+        Place, in metres.
+    resonator : Resonator
+        Envelope of the transducers.
+
+    Returns
+    -------
+    float
+        dB(A) re 20 uPa; minus infinity for a single drive.
+
+    Raises
+    ------
+    ConfigurationError
+        No drive, a duration that is not above 0, or a sequence whose lines would not fit.
+    """
+    drives = as_sequence(weights, engine.model.array.count)
+    settled = engine.pressure(drives, as_place("place_m", place_m)[None])[:, 0]
+    period_s = len(drives) * check_positive("frame_s", frame_s)
+    if len(drives) == 1:
+        return -math.inf
+    frequency_hz, lines = _audible_lines(settled, period_s, engine.model.frequency_hz, resonator)
+    weighting = 10.0 ** (a_weighting_db(frequency_hz) / 20.0)
+    return level_db_spl(math.sqrt(0.5 * float(np.sum((weighting * np.abs(lines)) ** 2))))
+
+
+def _audible_lines(
+    settled: ComplexArray, period_s: float, carrier_hz: float, resonator: Resonator
+) -> tuple[FloatArray, ComplexArray]:
+    """Return frequencies and peak values of the lines of Re p(t) e^{-j w t} from 20 Hz to 20 kHz.
+
+    With e^{-j w t} a component e^{+j 2 pi m t / T} of the envelope lies at f0 - m / T; below zero
+    it is the conjugate of the line at the opposite frequency, to which it adds.
+    """
+    highest = check_computed("highest line", (carrier_hz + AUDIBLE_LIMIT_HZ) * period_s)
+    first, last = math.ceil((carrier_hz - AUDIBLE_LIMIT_HZ) * period_s), math.floor(highest)
+    check_memory("lines", (last + 1 - first,), 128)
+    orders = np.arange(first, last + 1)
+    offset_hz = orders / period_s
+    lines = _step_series(settled, orders) / (
+        1.0 + 2.0j * np.pi * offset_hz * resonator.time_constant_s
+    )
+    frequency_hz = carrier_hz - offset_hz
+    lines = np.where(frequency_hz < 0.0, np.conj(lines), lines)
+    # A whole number of carrier periods in the sequence puts both kinds at the same frequencies.
+    keys, where = np.unique(np.round(np.abs(frequency_hz), 3), return_inverse=True)
+    sums = np.zeros(len(keys), dtype=np.complex128)
+    np.add.at(sums, where, lines)
+    heard = keys >= LOWEST_AUDIBLE_HZ
+    return np.minimum(keys[heard], AUDIBLE_LIMIT_HZ), sums[heard]
+
+
+def _step_series(values: ComplexArray, orders: NDArray[np.int64]) -> ComplexArray:
+    """Return the Fourier coefficients of a staircase, one per non-zero order.
+
+    c_m = (1/T) int p(t) e^{-j 2 pi m t / T} dt; a staircase of F equal steps repeats its discrete
+    transform under a sinc.
+    """
+    count = len(values)
+    discrete = np.fft.fft(values)[orders % count] / count
+    hold = np.sinc(orders / count) * np.exp(-1j * np.pi * orders / count)
+    series: ComplexArray = discrete * hold
+    return series
+
+
+def half_sphere(axis: FloatArray, count: int, side: FloatArray | None = None) -> FloatArray:
+    """Return unit vectors, of nearly equal spacing, at less than 90 degrees to a unit vector.
+
+    The spiral starts towards *side*, by default the axis of the world that is furthest off *axis*.
+    """
+    index = np.arange(count) + 0.5
+    height = 1.0 - index / count
+    angle = np.pi * (1.0 + math.sqrt(5.0)) * index
+    across = np.sqrt(1.0 - height**2)
+    local = np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
+    if side is None:
+        side = np.eye(3)[int(np.abs(axis).argmin())]
+    side = side - (side @ axis) * axis
+    side /= np.linalg.norm(side)
+    directions: FloatArray = local @ np.array([side, np.cross(axis, side), axis])
+    return directions

@@ -1,0 +1,164 @@
+"""Grating lobes: where an array coarser than half a wavelength radiates besides its target."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics._climb import STEPS, climb
+from haptogram.acoustics._validation import MAX_POINT_M, FloatArray, as_place, check_range
+from haptogram.acoustics.field.reference import FieldEngine, check_points, level_in_front
+from haptogram.acoustics.model.drive import as_drive
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.errors import ConfigurationError
+
+_POINTS_PER_WAVELENGTH: Final = 3
+_CLIMBED: Final = 8  # maxima of the grid
+_MAX_HALF_WIDTH_M: Final = 0.5
+_MIN_HEIGHT_M: Final = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class GratingLobe:
+    """One direction, besides the steered one, in which all elements add up.
+
+    Attributes
+    ----------
+    order : (int, int)
+        Orders along the array's own x and y; (0, 0) is the main lobe and not listed.
+    direction : (float, float, float)
+        Unit vector from the array's centre, in the world.
+    angle_deg : float
+        Angle to the array's own z.
+    level_db : float
+        Directivity there over the directivity in the steered direction.
+    """
+
+    order: tuple[int, int]
+    direction: tuple[float, float, float]
+    angle_deg: float
+    level_db: float
+
+
+@dataclass(frozen=True, slots=True)
+class SecondaryLobe:
+    """The largest maximum besides the focus, in the target's plane parallel to the array's face.
+
+    Attributes
+    ----------
+    position_m : (float, float, float)
+        Where.
+    level_db : float
+        |p| there over |p| at the target.
+    """
+
+    position_m: tuple[float, float, float]
+    level_db: float
+
+
+def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe]:
+    """Return the grating lobes of a planar grid, wherever it lies and faces, the loudest first.
+
+    Far-field directions sin = sin0 + m lambda / pitch along each axis, as far as they radiate.
+    A focus at a finite distance blurs them, and they leave a grid of few elements early.
+
+    Raises
+    ------
+    ConfigurationError
+        If the array is not a regular grid, whose pitch is known; a target that is not above it,
+        along its own z.
+    """
+    pitch = model.array.pitch_m
+    if pitch is None or model.array.grid_shape is None:
+        raise ConfigurationError("the array is not a regular grid: it has no grating lobes")
+    steered = model.array.local_m(as_place("target_m", target_m))
+    check_range("height of the target", steered[2], _MIN_HEIGHT_M, MAX_POINT_M)
+    steered = steered / np.linalg.norm(steered)
+    step = model.wavelength_m / pitch
+    orders = range(-math.ceil(2.0 / step), math.ceil(2.0 / step) + 1)
+    lobes = [
+        _lobe(model, steered, (m, n), steered[:2] + step * np.array([m, n]))
+        for m, n in itertools.product(orders, orders)
+        if (m, n) != (0, 0) and np.hypot(steered[0] + m * step, steered[1] + n * step) < 1.0
+    ]
+    return sorted(lobes, key=lambda lobe: (-lobe.level_db, lobe.order))
+
+
+def largest_secondary_lobe(
+    engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike, half_width_m: float = 0.150
+) -> SecondaryLobe | None:
+    """Return the largest maximum of |p| besides the focus, parallel to the array's face.
+
+    Looked for in the plane through the target, on a grid of three points per wavelength, up to
+    *half_width_m* from above the array's centre along its own x and y, and from there between its
+    points; the maximum next to the target is the focus.  Steered off axis, a 10 mm pitch leaves
+    lobes of only -8 dB.
+
+    Raises
+    ------
+    ConfigurationError
+        A half-width outside 10 to 500 mm, or as :func:`~haptogram.acoustics.pressure`.
+    """
+    check_range("half_width_m", half_width_m, 0.010, _MAX_HALF_WIDTH_M)
+    target = as_place("target_m", target_m)
+    count = math.ceil(2.0 * half_width_m * _POINTS_PER_WAVELENGTH / engine.model.wavelength_m)
+    side = np.linspace(-half_width_m, half_width_m, count + 1)
+    x, y = np.meshgrid(side, side, indexing="ij")
+    array = engine.model.array
+    height_m = array.local_m(target)[2]
+    points = array.world_m(np.stack([x.ravel(), y.ravel(), np.full(x.size, height_m)], axis=1))
+    drive = as_drive(weights, engine.model.array.count)
+    check_points(engine.model, target[None])
+    level = level_in_front(engine, drive, points).reshape(x.shape)
+    tops = np.flatnonzero(_local_maxima(level))
+    if len(tops) < 2:
+        return None
+    main = np.argmin(np.linalg.norm(points[tops] - target, axis=1))
+    others = np.delete(tops, main)
+    loudest = others[np.argsort(level.ravel()[others])[-_CLIMBED:]]
+    top_m, found = climb(
+        lambda places: level_in_front(engine, drive, places),
+        points[loudest],
+        float(side[1] - side[0]),
+        STEPS[STEPS[:, 2] == 0.0] @ array.axes,
+    )
+    focus = abs(complex(engine.pressure(drive, target[None])[0]))
+    x_m, y_m, z_m = top_m.tolist()
+    return SecondaryLobe((x_m, y_m, z_m), 20.0 * math.log10(found / focus))
+
+
+def _lobe(
+    model: AcousticModel, steered: FloatArray, order: tuple[int, int], sines: FloatArray
+) -> GratingLobe:
+    cosine = math.sqrt(1.0 - float(sines @ sines))
+    gain = model.transducer.directivity.gain(np.array([cosine, steered[2]]), model.wavenumber)
+    ratio = abs(float(gain[0])) / max(abs(float(gain[1])), 1e-300)
+    x, y, z = (np.append(sines, cosine) @ model.array.axes).tolist()
+    return GratingLobe(
+        order,
+        (x, y, z),
+        math.degrees(math.acos(cosine)),
+        20.0 * math.log10(max(ratio, 1e-15)),
+    )
+
+
+def _local_maxima(level: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Return where a value is above all eight neighbours; never on the border.
+
+    Of equal neighbours, as a symmetric field has them, the last is above the others.
+    """
+    result = np.zeros(level.shape, dtype=np.bool_)
+    core = level[1:-1, 1:-1]
+    inner = np.ones(core.shape, dtype=np.bool_)
+    rows, columns = level.shape
+    for i, j in itertools.product((0, 1, 2), (0, 1, 2)):
+        neighbour = level[i : rows - 2 + i, j : columns - 2 + j]
+        if (i, j) != (1, 1):
+            inner &= core >= neighbour if (i, j) < (1, 1) else core > neighbour
+    result[1:-1, 1:-1] = inner
+    return result

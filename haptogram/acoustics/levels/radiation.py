@@ -1,0 +1,204 @@
+"""Levels, and the force that the sound exerts.
+
+Radiation pressure is quadratic in the pressure; it is stated for a plane wave that falls on the
+surface along its normal. The force on a disc follows the angle at which the energy arrives.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics._validation import (
+    ComplexArray,
+    FloatArray,
+    as_complex,
+    as_place,
+    check_positive,
+    check_range,
+)
+from haptogram.acoustics.field.reference import FieldEngine, NumpyEngine
+from haptogram.acoustics.model.geometry import TransducerArray
+from haptogram.acoustics.model.medium import Medium
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.errors import ConfigurationError
+
+REFERENCE_PRESSURE_PA: Final = 20e-6
+TOTAL_REFLECTION: Final = 2.0
+DISC_RADIUS_M: Final = 0.010
+_STENCIL_RAD: Final = 0.05  # half the span of a difference, as a phase: cos^2 is off by 0.05 %
+_COARSE: Final = 3.0  # the mean direction of the flow needs this much less than the force
+_NO_FLOW: Final = 1e-3  # of that of a plane wave: standing waves have no direction
+_NO_LENGTH: Final = 1e-9
+
+
+def level_db_spl(pressure_rms_pa: float) -> float:
+    """Return the sound pressure level re 20 uPa, in dB; minus infinity for silence."""
+    pressure = check_range("pressure_rms_pa", pressure_rms_pa, 0.0, 1e12)
+    return 20.0 * math.log10(pressure / REFERENCE_PRESSURE_PA) if pressure > 0.0 else -math.inf
+
+
+def radiation_pressure_pa(
+    pressure_peak_pa: ArrayLike, medium: Medium, reflection: float = TOTAL_REFLECTION
+) -> FloatArray:
+    """Return the mean radiation pressure alpha_R p_rms^2 / (rho c^2), in pascals.
+
+    Parameters
+    ----------
+    pressure_peak_pa : array_like of complex
+        Peak pressure of the incident wave.
+    reflection : float
+        alpha_R: 1 for a perfect absorber, 2 for total reflection.
+
+    Notes
+    -----
+    Langevin radiation pressure of a plane wave: L. E. Kinsler et al., or T. Hoshi et al., IEEE
+    Trans. Haptics 3(3), 2010, eq. (1).
+    """
+    check_range("reflection", reflection, 1.0, 2.0)
+    mean_square = 0.5 * np.abs(as_complex("pressure_peak_pa", pressure_peak_pa)) ** 2
+    result: FloatArray = reflection * mean_square / (medium.impedance * medium.sound_speed_m_s)
+    return result
+
+
+def force_on_disc_n(
+    source: AcousticModel | FieldEngine,
+    weights: ArrayLike,
+    centre_m: ArrayLike,
+    radius_m: float = DISC_RADIUS_M,
+    normal: ArrayLike | None = None,
+) -> float:
+    """Return the force on a totally reflecting disc, along its normal, in newtons.
+
+    2 cos^2(theta) times the integral of p_rms^2 / (rho c^2) over the disc, of the sound without it;
+    theta is the angle between the normal and the mean flow of energy through the disc. That is the
+    momentum that a plane wave leaves, at any angle. In a focus, which is a bundle of plane waves,
+    it over-states the force from ahead: 1.25 times for 16 x 16 elements of 10 mm pitch at 100 mm,
+    1.05 at 200 mm. Where hardly any energy flows (standing waves) cos^2 is 1.
+
+    Parameters
+    ----------
+    source : AcousticModel or FieldEngine
+        What computes the field.
+    weights : (N,) array_like of complex
+        Element weights.
+    centre_m : (3,) array_like
+        Centre of the disc, in metres.
+    radius_m : float
+        Radius of the disc; at most 100 mm, which keeps the number of nodes bounded.
+    normal : (3,) array_like, optional
+        Which way the disc faces, of any length; that of the array's face (its own z) if not given.
+
+    Raises
+    ------
+    ConfigurationError
+        A radius out of range, a normal without direction, weights of several drives, or a disc that
+        touches an element or reaches behind the array.
+    """
+    engine = NumpyEngine(source) if isinstance(source, AcousticModel) else source
+    return ReflectingDisc(engine, radius_m, normal).force_n(weights, centre_m)
+
+
+class ReflectingDisc:
+    """A totally reflecting disc: the force of drive after drive on it, :func:`force_on_disc_n`.
+
+    Parameters
+    ----------
+    engine : FieldEngine
+        What computes the field.
+    radius_m : float
+        Radius of the disc; at most 100 mm, which keeps the number of nodes bounded.
+    normal : (3,) array_like, optional
+        Which way the disc faces, of any length; that of the array's face (its own z) if not given.
+
+    Raises
+    ------
+    ConfigurationError
+        A radius out of range, or a normal without direction.
+    """
+
+    def __init__(
+        self,
+        engine: FieldEngine,
+        radius_m: float = DISC_RADIUS_M,
+        normal: ArrayLike | None = None,
+    ) -> None:
+        check_range("radius_m", radius_m, 1e-6, 0.1)
+        self._engine = engine
+        wavenumber, axes = engine.model.wavenumber, _disc_axes(engine.model.array, normal)
+        fine_m, self._areas_m2 = disc_nodes(radius_m, wavenumber)
+        coarse_m, self._coarse_m2 = disc_nodes(radius_m, wavenumber / _COARSE)
+        step_m = _STENCIL_RAD / wavenumber
+        stencil_m = step_m * np.concatenate([np.eye(3), -np.eye(3)])
+        around_m = (stencil_m[:, None] + coarse_m).reshape(-1, 3)
+        self._nodes_m = np.concatenate([fine_m, around_m]) @ axes
+
+    def force_n(self, weights: ArrayLike, centre_m: ArrayLike) -> float:
+        """Return the force, in newtons, of (N,) *weights* on the disc around (3,) *centre_m*.
+
+        Raises
+        ------
+        ConfigurationError
+            Weights of several drives, or a disc that touches an element or reaches behind the
+            array.
+        """
+        nodes_m = as_place("centre_m", centre_m) + self._nodes_m
+        pressure = self._engine.pressure(weights, nodes_m)
+        if pressure.ndim != 1:
+            raise ConfigurationError(f"{len(pressure)} drives, the force is that of one")
+        fine = len(self._areas_m2)
+        stress = radiation_pressure_pa(pressure[:fine], self._engine.model.medium)
+        return float(stress @ self._areas_m2) * self._incidence(pressure[fine:])
+
+    def _incidence(self, around: ComplexArray) -> float:
+        """Return cos^2 of the angle between the mean flow of energy and the normal.
+
+        *around* are the pressures ahead of the coarse nodes along x, y and z, then behind them.
+        """
+        ahead, behind = around.reshape(2, 3, -1)
+        # Im(conj(p) dp/d(kx)), twice the impedance times the flow: |p|^2 in a plane wave along x.
+        flow = (behind.conj() * ahead).imag @ self._coarse_m2 / (2.0 * _STENCIL_RAD)
+        square = float(flow @ flow)
+        plane = float((np.abs(ahead[2]) ** 2) @ self._coarse_m2)
+        return float(flow[2]) ** 2 / square if square > (_NO_FLOW * plane) ** 2 else 1.0
+
+
+def _disc_axes(array: TransducerArray, normal: ArrayLike | None) -> FloatArray:
+    """Return the (3, 3) axes of a disc, its normal last; without one, those of *array*."""
+    if normal is None:
+        return array.axes
+    given = as_place("normal", normal)
+    length = float(np.linalg.norm(given))
+    if length < _NO_LENGTH:
+        raise ConfigurationError(f"normal is {given.tolist()}, must have a direction")
+    unit = given / length
+    side = array.axes[int(np.abs(array.axes @ unit).argmin())]
+    side = side - (side @ unit) * unit
+    side = side / np.linalg.norm(side)
+    return np.stack([side, np.cross(unit, side), unit])
+
+
+def disc_nodes(radius_m: float, wavenumber: float) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights that integrate an intensity over a disc around the origin, in z = 0.
+
+    Gauss-Legendre in the squared radius, equal steps in the angle: both orders follow from the
+    shortest period that |p|^2 can have, half a wavelength (6 x 18 nodes for 10 mm at 40 kHz).
+
+    Returns
+    -------
+    offsets_m : (M, 3) numpy.ndarray
+        Nodes, in metres.
+    areas_m2 : (M,) numpy.ndarray
+        Their weights, which sum to the area.
+    """
+    reach = check_positive("wavenumber", wavenumber) * check_positive("radius_m", radius_m)
+    rings, spokes = 1 + math.ceil(reach / 1.6), 1 + math.ceil(2.3 * reach)
+    nodes, weights = np.polynomial.legendre.leggauss(rings)
+    radii = radius_m * np.sqrt((nodes + 1.0) / 2.0)
+    angles = 2.0 * np.pi * np.arange(spokes) / spokes
+    x, y = np.outer(radii, np.cos(angles)).ravel(), np.outer(radii, np.sin(angles)).ravel()
+    areas = np.repeat(weights / 2.0, spokes) * (np.pi * radius_m**2 / spokes)
+    return np.stack([x, y, np.zeros_like(x)], axis=1), areas

@@ -1,0 +1,153 @@
+"""The size of a focal spot, measured in the field and predicted from the geometry."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics._validation import FloatArray, as_place
+from haptogram.acoustics.field.reference import FieldEngine, level_in_front, propagators
+from haptogram.acoustics.levels.shift import direction_covariance
+from haptogram.acoustics.model.drive import as_drive
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.errors import ConfigurationError
+
+HALF_POWER: Final = 10.0 ** (-3.0 / 20.0)
+HALF_PRESSURE: Final = 10.0 ** (-6.0 / 20.0)
+
+# Where exp(-x^2 / 2) is 3 dB down.
+_GAUSSIAN_HALF_WIDTH: Final = math.sqrt(3.0 * math.log(10.0) / 10.0)
+_STEPS_PER_WAVELENGTH: Final = 32
+_LATERAL_REACH: Final = 8.0  # wavelengths
+_AXIAL_REACH: Final = 40.0
+
+
+@dataclass(frozen=True, slots=True)
+class FocalSpot:
+    """Full widths of a focus, in metres; NaN where the field does not fall that far.
+
+    Attributes
+    ----------
+    width_3db_m, width_6db_m, null_to_null_m : (float, float)
+        Along the array's own x and y through the target; relative to |p| at the target.
+    depth_3db_m : (float, float)
+        From the axial maximum toward the array and away from it, along the line from the array's
+        centre through the target.
+    axial_peak_m : float
+        Distance of the axial maximum from the target along that line; negative toward the array.
+    """
+
+    width_3db_m: tuple[float, float]
+    width_6db_m: tuple[float, float]
+    null_to_null_m: tuple[float, float]
+    depth_3db_m: tuple[float, float]
+    axial_peak_m: float
+
+
+def measure_spot(engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike) -> FocalSpot:
+    """Return the size of the focus that a drive makes at a target.
+
+    Sampled at 32 points per wavelength along three lines, with linear interpolation between them.
+
+    Raises
+    ------
+    ConfigurationError
+        No sound at the target, or as :func:`~haptogram.acoustics.field.reference.pressure`.
+    """
+    drive = as_drive(weights, engine.model.array.count)
+    target = as_place("target_m", target_m)
+    if not abs(engine.pressure(drive, target[None])[0]) > 0.0:
+        raise ConfigurationError(f"no sound at {target.tolist()} m: it is no focus")
+    sides = [_lateral(engine, drive, target, axis) for axis in engine.model.array.axes[:2]]
+    depth, peak = _axial(engine, drive, target)
+    (three_x, six_x, null_x), (three_y, six_y, null_y) = sides
+    return FocalSpot((three_x, three_y), (six_x, six_y), (null_x, null_y), depth, peak)
+
+
+def predict_width_m(model: AcousticModel, target_m: ArrayLike) -> tuple[float, float]:
+    """Return the -3 dB widths along the own x and y from the spread of directions of arrival.
+
+    2 x 0.831 / (k sqrt(C_xx)): the curvature of the main lobe, continued as a Gaussian.  Good to
+    4 % at 50 to 200 mm from a 16 x 16 array; infinite along an axis without elements.
+    """
+    target = as_place("target_m", target_m)
+    shares = np.abs(propagators(model, target[None]))[0]
+    axes = model.array.axes
+    covariance = axes @ direction_covariance(model, target, shares) @ axes.T
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    widths = [
+        2.0 * _GAUSSIAN_HALF_WIDTH / (model.wavenumber * s) if s > 0.0 else math.inf for s in spread
+    ]
+    return widths[0], widths[1]
+
+
+def _lateral(
+    engine: FieldEngine, drive: ArrayLike, target: FloatArray, axis: FloatArray
+) -> tuple[float, float, float]:
+    """Return the -3 dB, -6 dB and null-to-null widths along one axis through the target."""
+    steps, level = _line(engine, drive, target, axis, _LATERAL_REACH)
+    middle = len(steps) // 2
+    halves = [(steps[middle:], level[middle:]), (-steps[middle::-1], level[middle::-1])]
+    three = sum(_crossing(s, v, HALF_POWER * level[middle]) for s, v in halves)
+    six = sum(_crossing(s, v, HALF_PRESSURE * level[middle]) for s, v in halves)
+    return three, six, sum(_first_minimum(s, v) for s, v in halves)
+
+
+def _axial(
+    engine: FieldEngine, drive: ArrayLike, target: FloatArray
+) -> tuple[tuple[float, float], float]:
+    """Return the -3 dB depths on both sides of the axial maximum, and its distance."""
+    ray = target - engine.model.array.centre_m
+    distance = float(np.linalg.norm(ray))
+    steps, level = _line(
+        engine, drive, target, ray / distance, _AXIAL_REACH, nearest=-0.8 * distance
+    )
+    # The main lobe's own maximum: uphill from the target, past nothing.
+    top = int(np.argmin(np.abs(steps)))
+    while 0 < top < len(level) - 1 and level[top] < max(level[top - 1], level[top + 1]):
+        top += 1 if level[top + 1] > level[top - 1] else -1
+    limit = HALF_POWER * level[top]
+    below = _crossing(steps[top] - steps[top::-1], level[top::-1], limit)
+    above = _crossing(steps[top:] - steps[top], level[top:], limit)
+    return (below, above), float(steps[top])
+
+
+def _line(
+    engine: FieldEngine,
+    drive: ArrayLike,
+    target: FloatArray,
+    axis: FloatArray,
+    reach: float,
+    nearest: float = -math.inf,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the offsets along a line through the target, and |p| there."""
+    step = engine.model.wavelength_m / _STEPS_PER_WAVELENGTH
+    count = int(reach * _STEPS_PER_WAVELENGTH)
+    offsets = step * np.arange(-count, count + 1, dtype=np.float64)
+    offsets = offsets[offsets >= nearest]
+    return offsets, level_in_front(engine, drive, target + offsets[:, None] * axis)
+
+
+def _crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:
+    """Return the first step at which the level falls to the limit, NaN if it never does."""
+    low = np.flatnonzero(level < limit)
+    if not len(low):
+        return math.nan
+    i = int(low[0])
+    part = (level[i - 1] - limit) / (level[i - 1] - level[i])
+    return float(steps[i - 1] + part * (steps[i] - steps[i - 1]))
+
+
+def _first_minimum(steps: FloatArray, level: FloatArray) -> float:
+    """Return where |p|^2, a parabola near a null, is smallest for the first time."""
+    rising = np.flatnonzero(np.diff(level) > 0.0)
+    if not len(rising) or rising[0] == 0:
+        return math.nan
+    i = int(rising[0])
+    before, low, after = level[i - 1 : i + 2] ** 2
+    part = 0.5 * (before - after) / (before - 2.0 * low + after)
+    return float(steps[i] + part * (steps[1] - steps[0]))

@@ -1,0 +1,368 @@
+"""Where the transducers are and which way they face.
+
+Element n = ix * ny + iy; the origin of a grid is its centre and +z the emission side. Wherever an
+array is moved and however it is turned, limits and searches follow its own axes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Self, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics._validation import (
+    MAX_TRANSDUCERS,
+    FloatArray,
+    as_floats,
+    as_place,
+    as_points,
+    check_count,
+    check_magnitudes,
+    check_positive,
+    read_only,
+)
+from haptogram.acoustics.model.csv_rows import read_rows
+from haptogram.acoustics.model.own_axes import mean_direction, own_axes
+from haptogram.errors import ConfigurationError
+
+MIN_SPACING_M: Final = 0.1e-3
+MAX_COORDINATE_M: Final = 100.0  # keeps micrometres far inside an int32
+DEFAULT_PITCH_M: Final = 0.010
+_ROUNDING_M: Final = 1e-9  # a point of the plane of a turned array is not behind it
+_NO_ROTATION: Final = 1e-9  # of R R^T from 1: rounding of a rotation that was computed
+
+_GRID = re.compile(r"(\d{1,5})\s*[xX]\s*(\d{1,5})")
+_HEADERS = (["x", "y", "z"], ["x", "y", "z", "nx", "ny", "nz"])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TransducerArray:
+    """An array of transducers.
+
+    Attributes
+    ----------
+    positions_m : (N, 3) numpy.ndarray
+        Centres of the elements, in metres; read-only.
+    normals : (N, 3) numpy.ndarray
+        Unit vectors of the emission axes; read-only. Any non-zero length is accepted.
+    grid_shape : tuple of int or None
+        (nx, ny) of a rectangular grid with ``n = ix * ny + iy``.
+    pitch_m : float or None
+        Spacing of a rectangular grid, in metres.
+    bounds_m : (2, 3) numpy.ndarray
+        Least and largest coordinates of the element centres, in metres; read-only.
+    fronts : (U, 4) numpy.ndarray
+        The half-spaces that the elements face, one for each direction, the middle one first: a row
+        (n, d) holds the points where n x + d >= 0, in metres and with a nanometre to spare;
+        read-only.
+    axes : (3, 3) numpy.ndarray
+        The array's own x, y and z, a right-handed frame of unit vectors in the world; read-only.
+        z is the normal of the plane or line that the elements lie in, on the side they look to;
+        where they lie in none, or look along it, the mean of the normals. x runs along the rows, by
+        the numbers of a grid's elements; without rows, x and y are those of the world, turned by
+        the least angle that brings the world's z to this one. So an array that faces +z with its
+        rows along the world's axes has exactly those.
+
+    Raises
+    ------
+    ConfigurationError
+        No element or more than 1024, a value that is not finite or beyond 100 m, a zero normal, or
+        two elements closer than 0.1 mm.
+    """
+
+    positions_m: FloatArray
+    normals: FloatArray
+    grid_shape: tuple[int, int] | None = None
+    pitch_m: float | None = None
+    bounds_m: FloatArray = field(init=False, repr=False)
+    fronts: FloatArray = field(init=False, repr=False)
+    axes: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        positions = as_points("positions_m", self.positions_m).copy()
+        _check_count(len(positions))
+        if np.abs(positions).max() > MAX_COORDINATE_M:
+            worst = float(np.abs(positions).max())
+            raise ConfigurationError(
+                f"a coordinate is {worst:g} m, at most {MAX_COORDINATE_M:g} m from the origin"
+            )
+        normals = _unit_normals(as_points("normals", self.normals), len(positions))
+        _check_spacing(positions)
+        if self.grid_shape is not None and math.prod(self.grid_shape) != len(positions):
+            raise ConfigurationError(
+                f"grid {self.grid_shape} does not hold {len(positions)} elements"
+            )
+        for name, array in (
+            ("positions_m", positions),
+            ("normals", normals),
+            ("bounds_m", np.array([positions.min(axis=0), positions.max(axis=0)])),
+            ("fronts", _fronts(positions, normals)),
+            ("axes", own_axes(positions, normals, self.grid_shape)),
+        ):
+            read_only(array)
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def grid(cls, nx: int, ny: int, *, pitch_m: float = DEFAULT_PITCH_M) -> Self:
+        """Return a planar nx-by-ny grid, centred on the origin and facing +z."""
+        for side in (nx, ny):
+            check_count("side of the grid", side, 1, MAX_TRANSDUCERS)
+        _check_count(nx * ny)
+        check_positive("pitch_m", pitch_m)
+        ix, iy = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
+        x = (ix.ravel() - (nx - 1) / 2) * pitch_m
+        y = (iy.ravel() - (ny - 1) / 2) * pitch_m
+        positions = np.stack([x, y, np.zeros_like(x)], axis=1)
+        return cls(positions, _facing_up(nx * ny), (nx, ny), float(pitch_m))
+
+    @classmethod
+    def from_positions(cls, positions_m: ArrayLike, normals: ArrayLike | None = None) -> Self:
+        """Return an array of any shape; without *normals* every element faces +z."""
+        positions = as_points("positions_m", positions_m)
+        faces = _facing_up(len(positions)) if normals is None else as_points("normals", normals)
+        return cls(positions, faces)
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Self:
+        """Read a CSV file with the header ``x,y,z`` or ``x,y,z,nx,ny,nz``, one element per line.
+
+        Positions are in millimetres; normals may have any length. Blank lines and lines that start
+        with ``#`` are skipped.
+
+        Raises
+        ------
+        ConfigurationError
+            Names the file, and the line where there is one.
+        """
+        rows = _read_rows(Path(path))
+        table = np.array(rows, dtype=np.float64)
+        try:
+            return cls.from_positions(
+                table[:, :3] * 1e-3, table[:, 3:] if table.shape[1] == 6 else None
+            )
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from error
+
+    @classmethod
+    def parse(cls, text: str, *, pitch_m: float = DEFAULT_PITCH_M) -> Self:
+        """Return the grid that *text* names ("16x16"), else the array in the file of that name."""
+        match = _GRID.fullmatch(text.strip())
+        if match:
+            return cls.grid(int(match[1]), int(match[2]), pitch_m=pitch_m)
+        return cls.from_file(text)
+
+    def moved(self, rotation: ArrayLike, shift_m: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
+        """Return this array turned around the origin, then shifted; its own axes turn with it.
+
+        What has directions in the world beside the array, such as the width of a
+        :class:`.directivities.RectangularPiston`, has to be turned as well.
+
+        Parameters
+        ----------
+        rotation : (3, 3) array_like
+            R: a point x goes to R x + shift.
+        shift_m : (3,) array_like
+            In metres.
+
+        Raises
+        ------
+        ConfigurationError
+            A matrix that is no rotation, to 1e-9; a value that is not finite; an element beyond
+            100 m.
+        """
+        turn, shift = _as_rotation(rotation), as_place("shift_m", shift_m)
+        positions, normals = self.positions_m @ turn.T + shift, self.normals @ turn.T
+        array = type(self)(positions, normals, self.grid_shape, self.pitch_m)
+        return _with_axes(array, self.axes @ turn.T)
+
+    def measured(self, positions_m: ArrayLike) -> Self:
+        """Return this array with its elements at (N, 3) *positions_m*; its own axes stay.
+
+        Raises
+        ------
+        ConfigurationError
+            As of the class.
+        """
+        array = dataclasses.replace(self, positions_m=as_points("positions_m", positions_m))
+        return _with_axes(array, self.axes)
+
+    def local_m(self, points_m: FloatArray) -> FloatArray:
+        """Return (..., 3) points of the world along the array's own axes, from its centre."""
+        local: FloatArray = (points_m - self.centre_m) @ self.axes.T
+        return local
+
+    def world_m(self, local_m: FloatArray) -> FloatArray:
+        """Return the places in the world of (..., 3) points along the array's own axes."""
+        points: FloatArray = local_m @ self.axes + self.centre_m
+        return points
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether the array's own axes are those of the world."""
+        return bool((self.axes == np.eye(3)).all())
+
+    @property
+    def count(self) -> int:
+        """Number of transducers."""
+        return len(self.positions_m)
+
+    @property
+    def centre_m(self) -> FloatArray:
+        """(3,) centroid of the element centres, in metres."""
+        centre: FloatArray = self.positions_m.mean(axis=0)
+        return centre
+
+    @property
+    def facing(self) -> FloatArray:
+        """(3,) unit vector along the mean of the normals; the array's own z if they cancel out."""
+        direction = mean_direction(self.normals)
+        return self.axes[2] if direction is None else direction
+
+    @property
+    def half_extent_m(self) -> FloatArray:
+        """(3,) half of the span of the element centres along the array's own axes, in metres."""
+        half: FloatArray = np.ptp(self.positions_m @ self.axes.T, axis=0) / 2
+        return half
+
+    @property
+    def aperture_radius_m(self) -> float:
+        """Largest distance of an element centre from the centroid plus half a pitch, in metres.
+
+        An array without a pitch takes half the distance of its closest pair instead.
+        """
+        radius = float(np.linalg.norm(self.positions_m - self.centre_m, axis=1).max())
+        spacing = self.pitch_m if self.pitch_m is not None else _closest_pair(self.positions_m)[0]
+        return radius + (spacing / 2 if np.isfinite(spacing) else 0.0)
+
+    def positions_um(self) -> NDArray[np.int32]:
+        """Return the (N, 3) positions in micrometres, rounded: the form that the wire carries."""
+        return np.rint(self.positions_m * 1e6).astype(np.int32)
+
+    def on_wire(self) -> Self:
+        """Return the array as a host learns it: micrometres, and normals in 1/32767: HG-4.3/6."""
+        if self.grid_shape is not None and self.pitch_m is not None:
+            nx, ny = self.grid_shape
+            grid = type(self).grid(nx, ny, pitch_m=round(self.pitch_m * 1e6) / 1e6)
+            if grid.digest() == self.digest():
+                return grid
+        normals = np.rint(self.normals * 32767) / 32767
+        return type(self).from_positions(self.positions_um() / 1e6, normals)
+
+    def digest(self) -> int:
+        """Return the u32 CRC-32 over the elements in order, 18 bytes each.
+
+        An element is its position (um, '<i4') and its normal (x 32767, '<i2'): HG-4.3/6.
+        """
+        records = np.empty(self.count, dtype=[("position", "<i4", 3), ("normal", "<i2", 3)])
+        records["position"] = self.positions_um()
+        records["normal"] = np.rint(self.normals * 32767)
+        return zlib.crc32(records.tobytes())
+
+
+def _as_rotation(rotation: ArrayLike) -> FloatArray:
+    """Return *rotation* as a (3, 3) matrix, or raise unless it is a proper rotation."""
+    turn = as_floats("rotation", rotation)
+    if turn.shape != (3, 3):
+        raise ConfigurationError(f"rotation has shape {turn.shape}, must be (3, 3)")
+    check_magnitudes("rotation", turn, 2.0)
+    error = float(np.abs(turn @ turn.T - np.eye(3)).max())
+    if error > _NO_ROTATION:
+        raise ConfigurationError(
+            f"rotation R is none: R R^T is off 1 by {error:.3g}, must be {_NO_ROTATION:g} at most; "
+            "its rows must be unit vectors at right angles"
+        )
+    if np.linalg.det(turn) < 0.0:
+        raise ConfigurationError(
+            "rotation mirrors: its determinant is -1, must be 1; turn the sign of a row"
+        )
+    return turn
+
+
+_Array = TypeVar("_Array", bound=TransducerArray)
+
+
+def _with_axes(array: _Array, axes: FloatArray) -> _Array:
+    """Give a new *array* other axes of its own than its elements suggest."""
+    read_only(axes)
+    object.__setattr__(array, "axes", axes)
+    return array
+
+
+def _facing_up(count: int) -> FloatArray:
+    return np.tile(np.array([0.0, 0.0, 1.0]), (count, 1))
+
+
+def _check_count(count: int) -> None:
+    if not 1 <= count <= MAX_TRANSDUCERS:
+        raise ConfigurationError(f"array of {count} transducers, must be 1 to {MAX_TRANSDUCERS}")
+
+
+def _unit_normals(normals: FloatArray, count: int) -> FloatArray:
+    if normals.shape != (count, 3):
+        raise ConfigurationError(f"normals have shape {normals.shape}, must be ({count}, 3)")
+    lengths = np.linalg.norm(normals, axis=1)
+    if lengths.min() < 1e-9:
+        raise ConfigurationError(f"normal of element {int(lengths.argmin())} has no direction")
+    unit: FloatArray = normals / lengths[:, None]
+    return unit
+
+
+def _fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return a half-space for each direction: of parallel elements, that of the rearmost."""
+    planes = np.column_stack([normals, _ROUNDING_M - (normals * positions).sum(axis=1)])
+    rear_first = planes[np.argsort(-planes[:, 3], kind="stable")]
+    _, first = np.unique(np.round(rear_first[:, :3], 9) + 0.0, axis=0, return_index=True)
+    fronts = rear_first[first]
+    middle_first = np.argsort(-(fronts[:, :3] @ normals.sum(axis=0)), kind="stable")
+    return np.ascontiguousarray(fronts[middle_first])
+
+
+def _closest_pair(positions: FloatArray) -> tuple[float, int, int]:
+    """Return the distance (infinite for one element) and the indices of the closest pair."""
+    best = (np.inf, 0, 0)
+    for n in range(1, len(positions)):  # one row at a time: 1024 x 1024 x 3 would take 25 MB
+        squares = ((positions[:n] - positions[n]) ** 2).sum(axis=1)
+        other = int(squares.argmin())
+        if squares[other] < best[0]:
+            best = (float(squares[other]), other, n)
+    return (float(np.sqrt(best[0])), best[1], best[2])
+
+
+def _check_spacing(positions: FloatArray) -> None:
+    distance, first, second = _closest_pair(positions)
+    if distance <= MIN_SPACING_M:
+        raise ConfigurationError(
+            f"elements {first} and {second} are {distance * 1e3:.3g} mm apart, "
+            f"must be more than {MIN_SPACING_M * 1e3:g} mm"
+        )
+
+
+def _read_rows(path: Path) -> list[list[float]]:
+    lines = read_rows(path, f"array '{path}' is neither NXxNY nor a readable file")
+    if not lines:
+        raise ConfigurationError(f"{path}: no elements")
+    (number, header), body = lines[0], lines[1:]
+    if [name.lower() for name in header] not in _HEADERS:
+        raise ConfigurationError(
+            f"{path}:{number}: header is {','.join(header)!r}, must be x,y,z or x,y,z,nx,ny,nz"
+        )
+    if not body:
+        raise ConfigurationError(f"{path}: no elements")
+    return [_read_row(f"{path}:{number}", cells, len(header)) for number, cells in body]
+
+
+def _read_row(where: str, cells: list[str], width: int) -> list[float]:
+    if len(cells) != width:
+        raise ConfigurationError(f"{where}: {len(cells)} values, must be {width}")
+    try:
+        values = [float(cell) for cell in cells]
+        return [float(value) for value in as_floats("value", values)]
+    except ValueError as error:
+        raise ConfigurationError(f"{where}: {error}") from error

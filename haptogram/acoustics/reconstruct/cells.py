@@ -1,0 +1,132 @@
+"""The steering volume, divided into cells so small that one start in each finds any focus there."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics._validation import FloatArray
+from haptogram.acoustics.field.reference import in_front
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.solvers.focus import (
+    MAX_TARGET_DISTANCE_M,
+    MIN_TARGET_DISTANCE_M,
+    steering_reach_m,
+)
+from haptogram.errors import ConfigurationError
+
+_COARSE_CELL_M: Final = 0.040
+_CELL_SPREAD_RAD: Final = 1.2  # RMS phase change to a corner: coherence exp(-0.72) there
+_CELLS_PER_CHUNK: Final = 32  # temporaries stay in the cache
+
+
+def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
+    """Return the centres of cells that cover everything `check_target` lets through.
+
+    From the centre of a cell to a corner, the phases at the elements change by 1.2 rad RMS at most.
+
+    Parameters
+    ----------
+    positions : (N, 3) numpy.ndarray
+        The elements that will be asked, in metres.
+
+    Returns
+    -------
+    (M, 3) numpy.ndarray
+        In metres.
+
+    Raises
+    ------
+    ConfigurationError
+        All of it is behind the array.
+    """
+    axes = model.array.axes
+    centres, halves = _coarse_cells(model)
+    places, finished = positions @ axes.T, []
+    while len(centres):
+        spread = model.wavenumber * _ray_spread(centres, places) * halves
+        split = np.linalg.norm(spread, axis=1) > _CELL_SPREAD_RAD
+        finished.append(centres[~split])
+        centres, halves = _halve(centres[split], halves[split], spread[split].argmax(axis=1))
+    cells: FloatArray = np.concatenate(finished) @ axes
+    usable = _clearance_m(cells, positions) >= 0.75 * MIN_TARGET_DISTANCE_M
+    usable &= in_front(model, cells)
+    if not usable.any():
+        raise ConfigurationError(
+            f"the elements face {np.round(model.array.facing, 3).tolist()} on the whole: nothing "
+            f"that is {MIN_TARGET_DISTANCE_M * 1e3:g} mm or more above their centre, along "
+            f"{np.round(axes[2], 3).tolist()}, is in front of them"
+        )
+    return cells[usable]
+
+
+def cell_phasors(
+    model: AcousticModel, cells: FloatArray, positions: FloatArray
+) -> NDArray[np.complex64]:
+    """Return e^{j k r} from N positions to M cells, (M, N).
+
+    In single precision, since only the order of the cells needs it.
+    """
+    phasors = np.empty((len(cells), len(positions)), dtype=np.complex64)
+    for n, position in enumerate(positions):
+        turns = np.linalg.norm(cells - position, axis=1) / model.wavelength_m
+        phasors[:, n] = np.exp(2j * np.pi * (turns - np.rint(turns)))
+    return phasors
+
+
+def _coarse_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
+    """Return centres and half-sizes of a division of the steering volume, along the own axes.
+
+    The origin is that of the world.
+    """
+    reach = steering_reach_m(model)
+    thin = model.array.half_extent_m < 1e-6
+    # A line of elements cannot tell y from z (or x from z): look only straight above the line.
+    lateral = [0.0 if thin[i] and not thin[1 - i] else reach[i] for i in (0, 1)]
+    spans = [(-lateral[0], lateral[0]), (-lateral[1], lateral[1])]
+    spans.append((MIN_TARGET_DISTANCE_M, MAX_TARGET_DISTANCE_M))
+    axes, halves = zip(*(_intervals(low, high) for low, high in spans), strict=True)
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    middle = model.array.centre_m @ model.array.axes.T
+    return centres + middle, np.tile(np.array(halves), (len(centres), 1))
+
+
+def _intervals(low: float, high: float) -> tuple[FloatArray, float]:
+    count = max(1, math.ceil((high - low) / _COARSE_CELL_M))
+    half = (high - low) / count / 2.0
+    centres = low + half * np.arange(1.0, 2.0 * count, 2.0, dtype=np.float64)
+    return centres, half
+
+
+def _ray_spread(centres: FloatArray, positions: FloatArray) -> FloatArray:
+    """Return the standard deviation, over the elements, of the unit vectors to each centre."""
+    spread = np.empty_like(centres)
+    for first in range(0, len(centres), _CELLS_PER_CHUNK):
+        part = slice(first, first + _CELLS_PER_CHUNK)
+        rays = centres[part, :, None] - positions.T
+        distance = np.sqrt(np.einsum("min,min->mn", rays, rays))
+        rays /= np.maximum(distance, 1e-6)[:, None, :]  # a cell may sit on top of an element
+        rays -= rays.mean(axis=2, keepdims=True)
+        spread[part] = np.sqrt(np.einsum("min,min->mi", rays, rays) / len(positions))
+    return spread
+
+
+def _halve(
+    centres: FloatArray, halves: FloatArray, axes: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """Return both halves of each cell, cut across its given axis."""
+    rows = np.arange(len(centres))
+    smaller, shift = halves.copy(), np.zeros_like(halves)
+    smaller[rows, axes] /= 2.0
+    shift[rows, axes] = smaller[rows, axes]
+    return np.concatenate([centres - shift, centres + shift]), np.concatenate([smaller, smaller])
+
+
+def _clearance_m(cells: FloatArray, positions: FloatArray) -> FloatArray:
+    clearance = np.full(len(cells), np.inf)
+    for position in positions:
+        clearance = np.minimum(clearance, np.linalg.norm(cells - position, axis=1))
+    return clearance

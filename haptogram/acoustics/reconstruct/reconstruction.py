@@ -1,0 +1,366 @@
+"""From a drive back to the focus that it makes: no target and no wire enter here.
+
+A drive is a single focus if one point explains the phase of every active element to within half a
+step of the phase code, in the root mean square. A correct drive never fails this: the target itself
+leaves at most half a step on each element, and the fit can only do better.
+
+Where numba is installed, the compiled search of :mod:`.tracking` says where to start. What is
+answered comes from the fit in double precision all the same: where one point alone explains the
+phases, positions with and without numba agree to a nanometre. A few elements, or few bits, can suit
+several points, and which of them is found depends on where the search began. The force comes from
+the fast field engine (1e-4 of it).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.field.engines.compiled import load_kernels
+from haptogram.acoustics.field.engines.engine import choose_engine
+from haptogram.acoustics.field.reference import FieldEngine, in_front, propagators
+from haptogram.acoustics.levels.radiation import ReflectingDisc, level_db_spl
+from haptogram.acoustics.model.drive import (
+    MAX_PHASE_BITS,
+    Drive,
+    as_weights,
+    check_phase_bits,
+    phase_step_rad,
+    quantise_phase,
+)
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.acquisition import HOPELESS_RAD, Acquisition
+from haptogram.acoustics.reconstruct.estimates import (
+    NoFocus,
+    NotSingle,
+    Reconstruction,
+    SingleFocus,
+    Vector,
+)
+from haptogram.acoustics.reconstruct.tracking import FocusTracker
+from haptogram.acoustics.solvers.focus import (
+    MAX_TARGET_DISTANCE_M,
+    MIN_TARGET_DISTANCE_M,
+    PhaseFit,
+    fit_focus,
+)
+from haptogram.errors import ConfigurationError
+
+_MIN_TRACKED: Final = 4
+_QUICK_MARGIN_RAD: Final = 1e-3  # the rounding of the quick fit, and of phases between two codes
+_SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude step
+_MAX_STARTS: Final = 12
+_TRIM_ROUNDS: Final = 6
+_MIN_AGREEING: Final = 8  # twice the unknowns: fewer would agree on some point by chance
+_CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M  # a fit nearer to an element is no focus
+_REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a plane wave
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Radiated:
+    """A complex drive, and what the fit needs of it."""
+
+    weights: ComplexArray
+    phases_rad: FloatArray
+    active: BoolArray
+    phase_bits: int
+    codes: NDArray[np.uint8] | None  # of 8 bits; None if some that can be heard are silent
+    slack_rad: float
+
+    @property
+    def limit_rad(self) -> float:
+        """Half a phase step, and the slack: the largest RMS residual of a drive that focuses."""
+        return phase_step_rad(self.phase_bits) / 2.0 + 1e-9 + self.slack_rad
+
+
+class Reconstructor:
+    """Reconstructs the focus of drive after drive of one array.
+
+    It remembers the last focus and starts there; the first drive, and any that jumped too far, is
+    searched for in the whole volume that :func:`check_target` lets through.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        The array and the medium that the drives act in.
+    phase_bits : int
+        Resolution of the phases of complex weights; a `Drive` of fewer bits counts by its own.
+    engine : FieldEngine, optional
+        What computes the field on the disc; the fastest that serves the model if not given.
+    """
+
+    def __init__(
+        self,
+        model: AcousticModel,
+        phase_bits: int = MAX_PHASE_BITS,
+        engine: FieldEngine | None = None,
+    ) -> None:
+        check_phase_bits(phase_bits)
+        self._model = model
+        self._phase_bits = phase_bits
+        self._engine = choose_engine(model) if engine is None else engine
+        self._disc = ReflectingDisc(self._engine)
+        self._heard = None if model.calibration is None else model.calibration.heard
+        self._heard_count = model.array.count if self._heard is None else int(self._heard.sum())
+        self._acquisition: Acquisition | None = None
+        self._last_focus: FloatArray | None = None
+
+    def warm_up(self) -> None:
+        """Do now what the first drive would wait for: search volumes, machine code."""
+        tracker = self._tracker
+        if tracker is None:
+            self._acquisition_for(np.ones(self._model.array.count, dtype=np.bool_))
+        else:
+            tracker.warm_up()
+        ahead = self._model.array.world_m(np.array([0.0, 0.0, 0.1]))
+        self._disc.force_n(np.ones(self._model.array.count), ahead)
+
+    def reset(self) -> None:
+        """Forget the last focus: the next drive is searched for."""
+        self._last_focus = None
+
+    def reconstruct(
+        self,
+        drive: Drive,
+        *,
+        ramping: bool = False,
+        phase_bits: int | None = None,
+        slack_rad: float = 0.0,
+    ) -> Reconstruction:
+        """Return what *drive* radiates; *ramping* says that its amplitude is still changing.
+
+        Parameters
+        ----------
+        phase_bits : int, optional
+            Resolution to judge by, if the codes were once coarser than they are now.
+        slack_rad : float
+            RMS residual that a focus may leave on top of half a phase step, in radians.
+
+        Raises
+        ------
+        ConfigurationError
+            The drive is not one of this array.
+        """
+        if drive.count != self._model.array.count:
+            raise ConfigurationError(
+                f"drive of {drive.count}, array of {self._model.array.count} elements"
+            )
+        if drive.is_muted and not ramping:
+            return NoFocus("muted")
+        bits = min(drive.phase_bits, self._phase_bits, phase_bits or MAX_PHASE_BITS)
+        return self._reconstruct(drive.weights(), bits, ramping=ramping, slack_rad=slack_rad)
+
+    def reconstruct_weights(self, weights: ArrayLike, *, ramping: bool = False) -> Reconstruction:
+        """Return what (N,) complex *weights* radiate: a drive after correction, ceiling, faults.
+
+        Raises
+        ------
+        ConfigurationError
+            Weights that are not finite or not one per element.
+        """
+        return self._reconstruct(as_weights(weights), self._phase_bits, ramping=ramping)
+
+    def _reconstruct(
+        self, weights: ComplexArray, phase_bits: int, *, ramping: bool, slack_rad: float = 0.0
+    ) -> Reconstruction:
+        if weights.shape != (self._model.array.count,):
+            raise ConfigurationError(
+                f"drive has shape {weights.shape}, array has {self._model.array.count} elements"
+            )
+        if ramping:
+            return NoFocus("ramping")
+        active = np.abs(weights) > _SILENT
+        if self._heard is not None:
+            active &= self._heard
+        if not active.any():
+            return NoFocus("zero amplitude")
+        phases = np.angle(weights)
+        everything = np.count_nonzero(active) == self._heard_count
+        codes = quantise_phase(phases, MAX_PHASE_BITS) if everything else None
+        return self._locate(_Radiated(weights, phases, active, phase_bits, codes, slack_rad))
+
+    def _locate(self, radiated: _Radiated) -> Reconstruction:
+        """Try where the compiled search says; if that is nowhere, look with all means."""
+        start, way = self._quick_search(radiated)
+        if start is not None:
+            fit = self._fit(radiated, start, radiated.active)
+            if self._explains(fit, radiated):
+                return self._single(fit, radiated, way)
+        return self._locate_step_by_step(radiated)
+
+    @cached_property
+    def _tracker(self) -> FocusTracker | None:
+        """The compiled search: needs numba, and four elements for four unknowns."""
+        if load_kernels() is None or self._heard_count < _MIN_TRACKED:
+            return None
+        return FocusTracker(self._model)
+
+    def _quick_search(
+        self, radiated: _Radiated
+    ) -> tuple[FloatArray | None, Literal["warm", "global"]]:
+        """Return where the compiled search finds a focus, if it does, and from where."""
+        if self._tracker is None or radiated.codes is None:
+            return None, "global"
+        limit_rad = radiated.limit_rad + _QUICK_MARGIN_RAD
+        if self._last_focus is not None:
+            fix = self._tracker.fit(radiated.codes, _vector(self._last_focus))
+            if self._tracker.explains(fix, limit_rad):
+                return np.array(fix.position_m), "warm"
+        fix = self._tracker.acquire(radiated.codes, limit_rad)
+        found = self._tracker.explains(fix, limit_rad)
+        return (np.array(fix.position_m) if found else None), "global"
+
+    def _locate_step_by_step(self, radiated: _Radiated) -> Reconstruction:
+        """Try the last focus, then every other place; then let some elements be wrong."""
+        tried: list[PhaseFit] = []
+        if self._last_focus is not None:
+            tried.append(self._fit(radiated, self._last_focus, radiated.active))
+            if self._explains(tried[0], radiated):
+                return self._single(tried[0], radiated, "warm")
+            jumped = self._acquisition_for(radiated.active).widening_fit(
+                radiated.phases_rad, radiated.active, radiated.phase_bits, self._last_focus
+            )
+            if self._explains(jumped, radiated):
+                return self._single(jumped, radiated, "warm")
+            partial = self._fit_most(tried[0], radiated)
+            if partial is not None:
+                return self._all_or_most(partial, radiated)
+        return self._search(tried, radiated)
+
+    def _search(self, tried: list[PhaseFit], radiated: _Radiated) -> Reconstruction:
+        acquisition = self._acquisition_for(radiated.active)
+        for fit in acquisition.fits(
+            radiated.phases_rad, radiated.active, radiated.phase_bits, _MAX_STARTS
+        ):
+            if self._explains(fit, radiated):
+                return self._single(fit, radiated, "global")
+            tried.append(fit)
+        # Only when no start explains all elements may some be wrong: from a bad start, a correct
+        # drive looks like one with outliers.
+        for fit in tried:
+            partial = self._fit_most(fit, radiated)
+            if partial is not None:
+                return self._all_or_most(partial, radiated)
+        starts = acquisition.starts(radiated.phases_rad, radiated.active)[:_MAX_STARTS]
+        return self._not_single(tried, starts, radiated)
+
+    def _all_or_most(self, partial: PhaseFit, radiated: _Radiated) -> Reconstruction:
+        """Return what the focus of most elements says, once all have been asked again from it."""
+        whole = self._fit(radiated, partial.position_m, radiated.active)
+        if self._explains(whole, radiated):
+            return self._single(whole, radiated, "global")
+        return self._mostly_single(partial, radiated)
+
+    def _acquisition_for(self, active: BoolArray) -> Acquisition:
+        """Return the search volume; a new one if the drive leaves the array's middle silent."""
+        if self._acquisition is None:
+            everything = np.ones(self._model.array.count, dtype=np.bool_)
+            self._acquisition = Acquisition(self._model, everything)
+        if active[self._acquisition.subarray].mean() < 0.5:
+            self._acquisition = Acquisition(self._model, active)
+        return self._acquisition
+
+    def _fit(self, radiated: _Radiated, start: FloatArray, used: BoolArray) -> PhaseFit:
+        return fit_focus(
+            self._model, radiated.phases_rad, start, phase_bits=radiated.phase_bits, active=used
+        )
+
+    def _fit_most(self, fit: PhaseFit, radiated: _Radiated) -> PhaseFit | None:
+        """Return a fit that all but some outliers agree on, or None.
+
+        The elements that stick out by far are left out, and the fit is done again, until the
+        others are within half a step. At least half of them always stay: the limit is above their
+        median.
+        """
+        if fit.residual_rms_rad > HOPELESS_RAD:
+            return None
+        for _ in range(_TRIM_ROUNDS):
+            deviation = np.abs(fit.residual_rad)
+            typical = float(np.median(deviation[radiated.active]))
+            used = radiated.active & (deviation <= max(2.0 * radiated.limit_rad, 3.0 * typical))
+            if used.sum() < _MIN_AGREEING:
+                return None
+            fit = self._fit(radiated, fit.position_m, used)
+            if self._explains(fit, radiated):
+                return fit
+        return None
+
+    def _explains(self, fit: PhaseFit, radiated: _Radiated) -> bool:
+        return fit.residual_rms_rad <= radiated.limit_rad and self._in_front(fit.position_m)
+
+    def _in_front(self, position: FloatArray) -> bool:
+        array = self._model.array
+        offsets = array.positions_m - position
+        nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
+        height_m = float(array.axes[2] @ (position - array.centre_m))
+        above = height_m > 0.0 and _CLEARANCE_M <= nearest <= _REACH_M
+        return bool(above and in_front(self._model, position[None])[0])
+
+    def _single(
+        self, fit: PhaseFit, radiated: _Radiated, acquired: Literal["warm", "global"]
+    ) -> SingleFocus:
+        self._last_focus = fit.position_m
+        pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
+        return SingleFocus(
+            position_m=_vector(fit.position_m),
+            std_m=_vector(fit.std_m),
+            bound_m=_vector(fit.bound_m),
+            observable=(bool(fit.observable[0]), bool(fit.observable[1]), bool(fit.observable[2])),
+            residual_rms_rad=fit.residual_rms_rad,
+            coherence=coherence,
+            pressure_rms_pa=pressure,
+            level_db_spl=level_db_spl(pressure),
+            force_n=self._force_n(radiated.weights, fit.position_m),
+            acquired=acquired,
+        )
+
+    def _force_n(self, weights: ComplexArray, position: FloatArray) -> float:
+        """Return the force on a disc around a focus; infinite where the disc leaves the field."""
+        try:
+            return self._disc.force_n(weights, position)
+        except ConfigurationError:  # low beside the array: the disc reaches behind it
+            return math.inf
+
+    def _mostly_single(self, fit: PhaseFit, radiated: _Radiated) -> NotSingle:
+        self._last_focus = fit.position_m
+        residual = fit.residual_rad[radiated.active]
+        pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
+        wrong = radiated.active & (np.abs(fit.residual_rad) > 2.0 * radiated.limit_rad)
+        return NotSingle(
+            residual_rms_rad=math.sqrt(float(np.mean(residual**2))),
+            position_m=_vector(fit.position_m),
+            pressure_rms_pa=pressure,
+            coherence=coherence,
+            outliers=tuple(int(n) for n in np.flatnonzero(wrong)),
+        )
+
+    def _not_single(
+        self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _Radiated
+    ) -> NotSingle:
+        points = [fit.position_m for fit in tried if self._in_front(fit.position_m)] + starts
+        loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
+        loudest = points[int(loudness.argmax())]
+        pressure, coherence = self._pressure_rms_pa(loudest, radiated)
+        return NotSingle(
+            residual_rms_rad=min(fit.residual_rms_rad for fit in tried),
+            position_m=_vector(loudest),
+            pressure_rms_pa=pressure,
+            coherence=coherence,
+        )
+
+    def _pressure_rms_pa(self, point: FloatArray, radiated: _Radiated) -> tuple[float, float]:
+        """Return the RMS pressure and the coherence at a point."""
+        arrivals = radiated.weights * propagators(self._model, point[None, :])[0]
+        total, largest = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())
+        return total / math.sqrt(2.0), (total / largest if largest > 0.0 else 0.0)
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,377 @@
+"""Drives that make several foci at once.
+
+All solvers but the naive one know how the foci disturb each other. `G` is the (F, N) matrix of
+propagators from elements to foci, `a` the wanted relative amplitudes, `w` the drive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics._validation import (
+    ComplexArray,
+    FloatArray,
+    as_points,
+    as_vector,
+    check_count,
+    check_range,
+)
+from haptogram.acoustics.field.engines.compiled import load_kernels
+from haptogram.acoustics.field.reference import propagators
+from haptogram.acoustics.model.drive import as_drive, saturated
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.solvers.focus import check_target, superpose
+from haptogram.errors import ConfigurationError
+
+Method: TypeAlias = Literal["naive", "ibp", "gs", "wgs", "gspat", "gradient"]
+METHODS: Final[tuple[Method, ...]] = get_args(Method)
+MAX_FOCI: Final = 256
+MAX_ROUNDS: Final = 10_000
+_LARGEST_WEIGHT: Final = 2.0**40  # a point that cannot be served gains weight in every round
+_LEVELS: Final = (1e-6, 1e6)  # of amplitudes: their squares are single precision's
+
+
+def solve(
+    model: AcousticModel,
+    points_m: ArrayLike,
+    amplitudes: ArrayLike | None = None,
+    *,
+    method: Method = "wgs",
+    rounds: int = 50,
+) -> ComplexArray:
+    """Return a drive that makes foci of given relative amplitudes.
+
+    Parameters
+    ----------
+    points_m : (F, 3) array_like
+        Foci, in metres; at most 256.
+    amplitudes : (F,) array_like, optional
+        Their relative amplitudes, 1e-6 to 1e6; all equal if not given.
+    method : {"naive", "ibp", "gs", "wgs", "gspat", "gradient"}
+        Superposition, scaled so that the largest weight is 1; iterative backpropagation (A. Marzo
+        and B. W. Drinkwater, PNAS 116(1), 2019); Gerchberg-Saxton, and its weighted form (R. Di
+        Leonardo, F. Ianni and G. Ruocco, Opt. Express 15(4), 2007); GS-PAT (D. Martinez Plasencia
+        et al., ACM Trans. Graph. 39(4), 2020); least squares by L-BFGS.
+    rounds : int
+        Iterations, 1 to 10 000; the naive method has none.
+
+    Returns
+    -------
+    (N,) numpy.ndarray of complex128
+        Weights, magnitudes at most 1: exactly 1 for gs, wgs and gradient.
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown method; no focus or too many; foci out of reach (:func:`.focus.check_target`);
+        amplitudes or rounds out of range; a focus that no element reaches.
+    """
+    points = as_points("points_m", points_m)
+    if method not in METHODS:
+        raise ConfigurationError(f"method is {method!r}, must be one of {', '.join(METHODS)}")
+    if not 1 <= len(points) <= MAX_FOCI:
+        raise ConfigurationError(f"{len(points)} foci, must be 1 to {MAX_FOCI}")
+    check_count("rounds", rounds, 1, MAX_ROUNDS)
+    for point in points:
+        check_target(model, point)
+    wanted = np.ones(len(points)) if amplitudes is None else amplitudes
+    levels = as_vector("amplitudes", wanted, len(points))
+    _check_levels(levels)
+    start = superpose(model, points, levels, np.zeros(len(points)))
+    start /= np.abs(start).max()
+    matrix = _propagators(model, points)
+    return start if method == "naive" else _SOLVERS[method](matrix, levels, start, rounds)
+
+
+def weights_for_foci(
+    model: AcousticModel,
+    points_m: ArrayLike,
+    amplitudes: ArrayLike,
+    phases_rad: ArrayLike,
+    *,
+    method: Method = "naive",
+) -> ComplexArray:
+    """Return the drive that makes foci: of a solver where there are several, else superposition.
+
+    Parameters
+    ----------
+    points_m : (F, 3) array_like
+        Foci, in metres.
+    amplitudes, phases_rad : (F,) array_like
+        Of the foci; a solver makes relative amplitudes, and chooses the phases itself.
+
+    Returns
+    -------
+    (N,) numpy.ndarray of complex128
+        Weights; magnitudes above 1 are cut to 1 (:func:`.drive.saturated`).
+
+    Raises
+    ------
+    ConfigurationError
+        As :func:`.focus.superpose` and :func:`solve`.
+    """
+    if method == "naive" or len(as_points("points_m", points_m)) == 1:
+        return saturated(superpose(model, points_m, amplitudes, phases_rad))
+    return solve(model, points_m, amplitudes, method=method)
+
+
+def _iterative_backpropagation(
+    matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
+) -> ComplexArray:
+    """Send the wanted pressures back; what an element cannot do is cut off."""
+    back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
+    scale = _reachable(matrix, wanted)
+    for _ in range(rounds):
+        drive = _clip(back @ (scale * wanted * _phasor(matrix @ drive)))
+    return drive
+
+
+def _gerchberg_saxton(
+    matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
+) -> ComplexArray:
+    for _ in range(rounds):
+        drive = _phasor(matrix.conj().T @ (wanted * _phasor(matrix @ drive)))
+    return drive
+
+
+def _weighted_gerchberg_saxton(
+    matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
+) -> ComplexArray:
+    kernels = load_kernels()
+    if kernels is None:
+        return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
+    scaled = matrix / np.abs(matrix).max()
+    unit = _phasor(drive)
+    parts = [np.ascontiguousarray(part, dtype=np.float32) for part in (
+        scaled.real, scaled.imag, wanted, unit.real, unit.imag
+    )]  # fmt: skip
+    kernels.weighted_gerchberg_saxton(*parts[:3], rounds, *parts[3:])
+    result: ComplexArray = parts[3].astype(np.float64) + 1j * parts[4].astype(np.float64)
+    return _phasor(result)
+
+
+def weighted_gerchberg_saxton(
+    matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
+) -> ComplexArray:
+    """Return the phase-only drive of weighted Gerchberg-Saxton, in numpy: the reference.
+
+    Parameters
+    ----------
+    matrix : (F, N) numpy.ndarray of complex
+        Propagators.
+    wanted : (F,) numpy.ndarray
+        Relative amplitudes.
+    drive : (N,) numpy.ndarray of complex
+        Where to start; only its phases count.
+    rounds : int
+        Iterations.
+    """
+    weight, drive = wanted.copy(), _phasor(drive)
+    back = matrix.conj().T.copy()
+    for _ in range(rounds):
+        pressure = matrix @ drive
+        level = np.abs(pressure) + np.finfo(pressure.real.dtype).tiny
+        weight = weight * ((level / wanted).mean() * wanted / level)
+        if weight.max() > _LARGEST_WEIGHT:
+            weight = weight / _LARGEST_WEIGHT
+        drive = _phasor(back @ (weight * (pressure / level)))
+    return drive
+
+
+def _gs_pat(
+    matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
+) -> ComplexArray:
+    """Iterate on the F foci alone: the elements appear only in the F x F matrix G B."""
+    back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
+    between = matrix @ back
+    scale = _reachable(matrix, wanted)
+    pressure = matrix @ drive
+    for _ in range(rounds):
+        pressure = scale * wanted * _phasor(between @ pressure)
+    # The last step of the paper: amplitudes squared over what came out, to even out the foci.
+    reached = between @ pressure
+    return _clip(back @ ((scale * wanted) ** 2 * reached / np.maximum(np.abs(reached) ** 2, 1e-30)))
+
+
+def _gradient(
+    matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
+) -> ComplexArray:
+    """Minimise the squared misses of |p| from somewhat more than can be reached."""
+    from scipy.optimize import minimize  # slow to import, and only this solver needs it
+
+    goal = _reachable(matrix, wanted) * wanted
+    unit = float((goal**2).sum())
+
+    def misfit(phases: FloatArray) -> tuple[float, FloatArray]:
+        waves = np.exp(1j * phases)
+        pressure = matrix @ waves
+        level = np.maximum(np.abs(pressure), 1e-30)
+        miss = level - goal
+        # d|p_i| / d phi_n = Im(conj(g_in w_n) p_i) / |p_i|
+        slope = (((miss / level) * pressure) @ matrix.conj() * waves.conj()).imag
+        return float((miss**2).sum()) / unit, 2.0 * slope / unit
+
+    found = minimize(
+        misfit, np.angle(drive), jac=True, method="L-BFGS-B", options={"maxiter": rounds}
+    )
+    result: ComplexArray = np.exp(1j * found.x)
+    return result
+
+
+_Solver: TypeAlias = Callable[[ComplexArray, FloatArray, ComplexArray, int], ComplexArray]
+_SOLVERS: Final[dict[str, _Solver]] = {
+    "ibp": _iterative_backpropagation,
+    "gs": _gerchberg_saxton,
+    "wgs": _weighted_gerchberg_saxton,
+    "gspat": _gs_pat,
+    "gradient": _gradient,
+}
+
+
+def _propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
+    """Return the matrix of foci that each get sound from some element, or raise."""
+    matrix = propagators(model, points)
+    silent = np.flatnonzero(~matrix.any(axis=1))
+    if silent.size:
+        raise ConfigurationError(
+            f"focus {silent[0]} gets no sound: the directivity of every element is 0 towards it"
+        )
+    return matrix
+
+
+def _check_levels(levels: FloatArray) -> None:
+    for level in (levels.min(), levels.max()):
+        check_range("an amplitude", level, *_LEVELS)
+
+
+def _reachable(matrix: ComplexArray, wanted: FloatArray) -> float:
+    """Return the common factor that uses the whole power if the foci do not overlap."""
+    largest = np.abs(matrix).sum(axis=1)
+    return float(1.0 / np.sqrt(((wanted / largest) ** 2).sum()))
+
+
+def _phasor(values: ComplexArray) -> ComplexArray:
+    level = np.abs(values)
+    phasors: ComplexArray = values / np.where(level > 0.0, level, 1.0)
+    return phasors
+
+
+def _clip(drive: ComplexArray) -> ComplexArray:
+    """Return *drive* with magnitudes of at most 1."""
+    clipped: ComplexArray = drive / np.maximum(np.abs(drive), 1.0)
+    return clipped
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How well a drive makes its foci.
+
+    Attributes
+    ----------
+    efficiency : float
+        sum_i (|p_i| / sum_n |g_in|)^2: 1 is all the power of one perfect focus.
+    uniformity : float
+        1 - (max - min) / (max + min) of (|p_i| / a_i)^2: 1 if all are as wanted.
+    """
+
+    efficiency: float
+    uniformity: float
+
+
+def quality(
+    model: AcousticModel, weights: ArrayLike, points_m: ArrayLike, amplitudes: ArrayLike
+) -> Quality:
+    """Return efficiency and uniformity of a drive (R. Di Leonardo et al., 2007, eq. 2).
+
+    Raises
+    ------
+    ConfigurationError
+        Shapes that do not fit each other or the array; no focus, one that no element reaches, or
+        no sound at any; amplitudes out of range.
+    """
+    points = as_points("points_m", points_m)
+    wanted = as_vector("amplitudes", amplitudes, len(points))
+    check_count("number of foci", len(points), 1, MAX_FOCI)
+    _check_levels(wanted)
+    drive, matrix = as_drive(weights, model.array.count), _propagators(model, points)
+    level = np.abs(matrix @ drive)
+    if not level.max() > 0.0:
+        raise ConfigurationError("no sound at any focus")
+    intensity = (level / wanted) ** 2
+    spread = float(np.ptp(intensity)) / float(intensity.max() + intensity.min())
+    return Quality(float(((level / np.abs(matrix).sum(axis=1)) ** 2).sum()), 1.0 - spread)
+
+
+@dataclass(frozen=True, slots=True)
+class SolverRow:
+    """One line of the table of :func:`compare`: medians over the sets of foci."""
+
+    method: Method
+    foci: int
+    efficiency: float
+    uniformity: float
+    time_us: float
+
+
+def compare(
+    model: AcousticModel,
+    now_ns: Callable[[], int],
+    *,
+    counts: Iterable[int] = (1, 2, 4, 8, 16, 32),
+    methods: Iterable[Method] = METHODS,
+    sets: int = 5,
+    rounds: int = 50,
+    seed: int = 1,
+) -> list[SolverRow]:
+    """Return efficiency, uniformity and time of the solvers for random foci.
+
+    Parameters
+    ----------
+    now_ns : callable
+        The clock, in nanoseconds.
+    counts : iterable of int
+        Numbers of foci.
+    sets : int
+        Sets of foci for each number: uniform in |x|, |y| <= 60 mm, z = 150 mm along the array's own
+        axes, at least 12 mm apart from each other.
+    """
+    rng = np.random.default_rng(seed)
+    rows = []
+    for count in counts:
+        foci = [model.array.world_m(spread_foci(rng, count)) for _ in range(sets)]
+        rows += [_row(model, now_ns, method, foci, rounds) for method in methods]
+    return rows
+
+
+def _row(
+    model: AcousticModel,
+    now_ns: Callable[[], int],
+    method: Method,
+    sets: list[FloatArray],
+    rounds: int,
+) -> SolverRow:
+    solve(model, sets[0], method=method, rounds=1)  # code is loaded outside of the timed window
+    results = []
+    for points in sets:
+        started = now_ns()
+        weights = solve(model, points, method=method, rounds=rounds)
+        elapsed_us = (now_ns() - started) / 1e3
+        reached = quality(model, weights, points, np.ones(len(points)))
+        results.append((reached.efficiency, reached.uniformity, elapsed_us))
+    efficiency, uniformity, time_us = np.median(np.array(results), axis=0).tolist()
+    return SolverRow(method, len(sets[0]), efficiency, uniformity, time_us)
+
+
+def spread_foci(rng: np.random.Generator, count: int) -> FloatArray:
+    """Return (F, 3) random foci on one plane, none within 12 mm of another, in metres."""
+    foci: list[FloatArray] = []
+    while len(foci) < count:
+        point = np.append(rng.uniform(-0.060, 0.060, 2), 0.150)
+        if all(np.linalg.norm(point - other) >= 0.012 for other in foci):
+            foci.append(point)
+    return np.array(foci)

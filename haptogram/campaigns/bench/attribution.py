@@ -1,0 +1,196 @@
+"""Whose fault a late frame was.  Pure: stamps in, causes out.
+
+The lateness of a frame is parted, without rest, into what came before its tick (the tick before it
+was still at work), host scheduling (the loop slept on, at its tick or when the line had room
+again), host work (encode ahead and write), line (it had no room yet, or other bytes were before it)
+and board (from the line to a complete frame).
+
+What came before is in turn parted as the lateness of the frame before it was, so that all frames of
+a burst after one stall are put down to that stall, and a backlog that several causes have built up
+to all of them.  So is the wait, in a backlog, for a line that is busy with the frame before: not
+the line has caused that.  A late frame is put down to the largest sum.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.driver.line.link import BURST_NS
+from haptogram.driver.timing.realtime import TickLog
+
+Times = NDArray[np.int64]
+
+
+class Cause(enum.StrEnum):
+    """Who kept a frame."""
+
+    SCHEDULING = "host scheduling"
+    WORK = "host work"
+    LINE = "line"
+    BOARD = "board"
+
+
+CAUSES: Final = tuple(Cause)
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The lateness of n frames in nanoseconds, beyond their own time on the line.
+
+    Attributes
+    ----------
+    before, scheduling, work, room, queue, board : (n,) numpy.ndarray of int
+        They sum up to the lateness.  The line is ``room`` (until it had room for the frame) and
+        ``queue`` (other bytes that were still before it).
+    transmission : (n,) numpy.ndarray of int
+        Time of each frame itself on the line, no part of its lateness.
+    """
+
+    before: Times
+    scheduling: Times
+    work: Times
+    room: Times
+    queue: Times
+    board: Times
+    transmission: Times
+
+    @property
+    def total_ns(self) -> Times:
+        """Lateness of each frame, (n,)."""
+        return self.at_port_ns + self.queue + self.board
+
+    @property
+    def at_port_ns(self) -> Times:
+        """Lateness of each frame when the port had taken it, (n,)."""
+        return self.before + self.scheduling + self.work + self.room
+
+    @property
+    def line(self) -> Times:
+        """Time that each frame waited for the line, (n,)."""
+        return self.room + self.queue
+
+    def at_port(self) -> Parts:
+        """Return the same without what happens after the port."""
+        nothing = np.zeros_like(self.board)
+        return dataclasses.replace(self, queue=nothing, board=nothing)
+
+
+def part(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> Parts:
+    """Part the lateness of every tick.
+
+    Parameters
+    ----------
+    ticks : TickLog
+        Stamps of n ticks.
+    transmission_ns : (n,) numpy.ndarray of int
+        Time of each frame on the line; 0 for a frame that was skipped.
+    board_ns : (n,) numpy.ndarray of int
+        From the end of its line time to the complete frame at the board; 0 where nobody saw it.
+    """
+    deadline, idle, wake, ready, room, done, line_free = (
+        ticks.stamp_ns(name)
+        for name in ("deadline", "idle", "wake", "ready", "room", "done", "line_free")
+    )
+    # Idle since before the deadline: nothing came before.  A loop that is early has no lateness.
+    begun = np.clip(idle, deadline, np.maximum(wake, deadline))
+    sent = transmission_ns > 0
+    queue = np.where(sent, np.maximum(0, line_free - done - transmission_ns), 0)
+    # The line had room again before all was sent (Link.make_room); from then on the loop slept on.
+    unsent_ns = np.maximum(transmission_ns, BURST_NS - transmission_ns)
+    free_before = np.concatenate([room[:1] + unsent_ns[:1], line_free[:-1]])
+    overslept = room - np.clip(free_before - unsent_ns, ready, room)
+    return Parts(
+        before=begun - deadline,
+        scheduling=np.maximum(wake, deadline) - begun + overslept,
+        work=(ready - wake) + (done - room),
+        room=room - ready - overslept,
+        queue=queue,
+        board=np.maximum(0, board_ns),
+        transmission=transmission_ns,
+    )
+
+
+def shares(parts: Parts) -> Times:
+    """Return how many ns of the lateness of each frame are down to which cause: (n, causes)."""
+    behind = parts.before > 0
+    # In a backlog the line is busy with the frame before: as long as that takes, nothing is new.
+    old_room = np.where(behind, np.minimum(parts.room, parts.transmission), 0)
+    old_queue = np.where(behind, np.minimum(parts.queue, parts.transmission), 0)
+    own = (parts.scheduling, parts.work, parts.room - old_room, np.zeros_like(parts.board))
+    carried = np.stack(own, axis=1).astype(np.float64)  # to the next tick: not queue, nor board
+    found = np.zeros_like(carried)
+    for place in np.flatnonzero(behind):
+        inherited = _proportions(carried[place - 1] if place else None)
+        carried[place] += (parts.before[place] + old_room[place]) * inherited
+        found[place] = old_queue[place] * inherited
+    found += carried
+    found[:, CAUSES.index(Cause.LINE)] += parts.queue - old_queue
+    found[:, CAUSES.index(Cause.BOARD)] += parts.board
+    whole: Times = np.rint(found).astype(np.int64)
+    return whole
+
+
+def _proportions(before: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    total = 0.0 if before is None else float(before.sum())
+    if before is None or total <= 0.0:
+        # What ran into the tick and was no tick itself is work of the host: it served the port.
+        return np.array([cause is Cause.WORK for cause in CAUSES], dtype=np.float64)
+    proportions: NDArray[np.float64] = before / total
+    return proportions
+
+
+def attribute(parts: Parts) -> NDArray[np.int64]:
+    """Return for each of the n frames the place of its cause in :data:`CAUSES`."""
+    causes: NDArray[np.int64] = np.argmax(shares(parts), axis=1)
+    return causes
+
+
+@dataclass(frozen=True, slots=True)
+class Misses:
+    """Frames that were later than a limit.
+
+    Attributes
+    ----------
+    limit_us : float
+        The limit.
+    count : int
+        How many, of *frames*.
+    frames : int
+        How many there were.
+    by_cause : dict of Cause to int
+        Sums up to *count*.
+    machine : int
+        Of those put down to scheduling: how many while the control loop was stalled too.
+    """
+
+    limit_us: float
+    count: int
+    frames: int
+    by_cause: dict[Cause, int]
+    machine: int
+
+
+def count_misses(
+    late_ns: Times, causes: NDArray[np.int64], *, limit_us: float, stalled: NDArray[np.bool_]
+) -> Misses:
+    """Count the frames that were later than *limit_us*, by cause.
+
+    Parameters
+    ----------
+    stalled : (n,) numpy.ndarray of bool
+        Whether the control loop was stalled while the frame was late.
+    """
+    missed = late_ns > limit_us * 1e3
+    by_cause = {
+        cause: int((missed & (causes == place)).sum()) for place, cause in enumerate(CAUSES)
+    }
+    scheduling = missed & (causes == CAUSES.index(Cause.SCHEDULING))
+    return Misses(
+        limit_us, int(missed.sum()), len(late_ns), by_cause, int((scheduling & stalled).sum())
+    )

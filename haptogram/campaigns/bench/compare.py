@@ -1,0 +1,137 @@
+"""What changed from one run to another, beyond the noise of both.
+
+The noise of a percentile is how much it varies between the ten tenths of its own run; what the
+machine changed shows in the control loop that ran beside each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.campaigns.bench.percentiles import Percentiles
+
+_LEVELS: Final = ("p50", "p90", "p99")  # a tenth of a run holds too few frames for p99.9
+_SIGMAS: Final = 4.0  # of three dozen comparisons none should differ by chance
+_MAD_TO_SIGMA: Final = 1.4826  # for a normal distribution
+_MEDIAN_LOSS: Final = 1.2533  # a median varies so much more than a mean
+_LEAST_US: Final = 1.0  # resolution of the board's clock
+_CONTROL: Final = "control"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """How one percentile of one stage differs between two runs.
+
+    Attributes
+    ----------
+    stage, level : str
+        Which.
+    before_us, after_us : float
+        Medians of the ten tenths of each run.
+    noise_us : float
+        Difference that chance explains.
+    machine : bool
+        Whether the control loop changed the same way by at least half as much.
+    """
+
+    stage: str
+    level: str
+    before_us: float
+    after_us: float
+    noise_us: float
+    machine: bool = False
+
+    @property
+    def beyond_noise(self) -> bool:
+        """Whether chance does not explain it."""
+        return abs(self.after_us - self.before_us) > self.noise_us
+
+    def __str__(self) -> str:
+        difference = self.after_us - self.before_us
+        word = "slower" if difference > 0 else "faster"
+        blame = ", as the control loop: the machine changed" if self.machine else ""
+        return (
+            f"{self.stage} {self.level}: {self.before_us:.1f} -> {self.after_us:.1f} us, "
+            f"{abs(difference):.1f} us {word} (noise {self.noise_us:.1f}){blame}"
+        )
+
+
+def compare(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
+    """Return every comparison that two results allow, those beyond the noise first.
+
+    Parameters
+    ----------
+    old, new : mapping
+        Results as :func:`haptogram.campaigns.bench.result.as_dict` makes them.
+    """
+    before, after = _percentiles(old), _percentiles(new)
+    control = {
+        level: _change(_CONTROL, level, before[_CONTROL], after[_CONTROL])
+        for level in _LEVELS
+        if _CONTROL in before and _CONTROL in after
+    }
+    found = []
+    for stage in before:
+        for level in _LEVELS:
+            change = _change(stage, level, before[stage], after.get(stage))
+            if change is not None:
+                found.append(_blamed(change, control.get(level)))
+    return sorted(found, key=lambda change: not change.beyond_noise)
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Return what was set or installed differently: then a change is no surprise."""
+    lines = []
+    for part in ("configuration", "environment"):
+        one, other = _flat(old.get(part, {})), _flat(new.get(part, {}))
+        lines += [
+            f"{part}: {name} was {one.get(name)}, is {other.get(name)}"
+            for name in sorted(one.keys() | other.keys())
+            if one.get(name) != other.get(name) and name != "load_1_min"
+        ]
+    return lines
+
+
+def _percentiles(result: Mapping[str, Any]) -> dict[str, Percentiles]:
+    return {name: Percentiles.from_dict(stage) for name, stage in result["stages"].items()}
+
+
+def _change(
+    stage: str, level: str, before: Percentiles, after: Percentiles | None
+) -> Change | None:
+    if after is None or not before.blocks or not after.blocks:
+        return None
+    one, other = before.blocks[level], after.blocks[level]
+    noise_us = _SIGMAS * math.hypot(_error_us(one), _error_us(other)) + _LEAST_US
+    return Change(stage, level, float(np.median(one)), float(np.median(other)), noise_us)
+
+
+def _error_us(values: list[float]) -> float:
+    """Return the standard error of the median of *values*, robust against single stalls."""
+    deviation = float(np.median(np.abs(np.array(values) - np.median(values))))
+    return _MEDIAN_LOSS * _MAD_TO_SIGMA * deviation / math.sqrt(len(values))
+
+
+def _blamed(change: Change, control: Change | None) -> Change:
+    if control is None or change.stage == _CONTROL or not control.beyond_noise:
+        return change
+    own, machine = change.after_us - change.before_us, control.after_us - control.before_us
+    same = own * machine > 0 and abs(machine) >= abs(own) / 2
+    return Change(
+        change.stage, change.level, change.before_us, change.after_us, change.noise_us, same
+    )
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found |= _flat(value, f"{prefix}{name}.")
+        else:
+            found[f"{prefix}{name}"] = value
+    return found

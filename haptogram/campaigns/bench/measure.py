@@ -1,0 +1,274 @@
+"""One run: a stream to a board, a control loop beside it, and every frame's way put together."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.campaigns.bench.attribution import Misses, Parts, attribute, count_misses, part
+from haptogram.campaigns.bench.control import ControlLoop
+from haptogram.campaigns.bench.focus_error import FocusError, focus_error
+from haptogram.campaigns.bench.percentiles import Percentiles
+from haptogram.driver.driver import Driver
+from haptogram.driver.line.budget import frame_bytes, transmission_ns
+from haptogram.driver.stream import StreamReport
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.boards import PortBoard
+from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.machine.fingerprint import cpu_share, cpu_times, fingerprint
+from haptogram.records.frame import Intended
+from haptogram_protocol.messages import unwrap
+
+LIMITS_US: Final = (100.0, 1000.0)
+MAX_FRAMES: Final = 300_000
+_RADIUS_M: Final = 0.03
+_HEIGHT_M: Final = 0.12
+_REVOLUTIONS_HZ: Final = 5.0
+_SETTLING_S: Final = 5.0  # the control outlasts the stream by this at most
+
+#: By unwrapped sequence number: device time of arrival (None: not known) and of the latch.
+Latches: TypeAlias = dict[int, tuple[int | None, int]]
+
+
+@dataclass(frozen=True, slots=True)
+class BenchConfig:
+    """What is measured.
+
+    Attributes
+    ----------
+    port : str or None
+        Where the board is; None: a virtual board on a pty, in a process of its own.
+    rate_hz, seconds : float
+        Frames per second, and for how long.
+    lead_us : int or None
+        As in :meth:`haptogram.driver.driver.Driver.stream`, like the next three.
+    spin_us : int
+        How long to watch the clock before a deadline.
+    realtime, trim : bool
+        Whether to ask for fixed priority, and whether to trim the lead.
+    """
+
+    port: str | None = None
+    rate_hz: float = 1000.0
+    seconds: float = 10.0
+    baudrate: int = 3_000_000
+    phase_bits: int = 8
+    lead_us: int | None = None
+    spin_us: int = 0
+    realtime: bool = False
+    trim: bool = False
+
+    def __post_init__(self) -> None:
+        if not 100.0 <= self.rate_hz <= 10_000.0:
+            raise ConfigurationError(f"rate is {self.rate_hz:g} Hz, must be 100 to 10000")
+        if not 0.0 < self.rate_hz * self.seconds <= MAX_FRAMES:
+            raise ConfigurationError(
+                f"{self.seconds:g} s at {self.rate_hz:g} Hz are {self.rate_hz * self.seconds:g} "
+                f"frames, must be 1 to {MAX_FRAMES}"
+            )
+        if self.spin_us < 0:
+            raise ConfigurationError(f"spin is {self.spin_us} us, must be 0 or more")
+
+
+@dataclass(frozen=True, slots=True)
+class BenchRun:
+    """What a run gave.
+
+    Attributes
+    ----------
+    board : str
+        What it ran on.
+    stages_us : dict of str to (n,) numpy.ndarray
+        Microseconds of every frame by stage, nan where nobody saw it.
+    misses : list of Misses
+        By limit; ``at_port`` and ``at_board`` as in :class:`Parts`.
+    latched : int
+        Frames that were latched.
+    """
+
+    config: BenchConfig
+    board: str
+    report: StreamReport
+    stages_us: dict[str, NDArray[np.float64]]
+    misses: dict[str, list[Misses]]
+    focus: FocusError
+    latched: int
+    environment: dict[str, Any]
+    processors: dict[str, float]
+    warnings: list[str]
+
+    def percentiles(self) -> dict[str, Percentiles]:
+        """Return the percentiles of every stage."""
+        return {name: Percentiles.of(values) for name, values in self.stages_us.items()}
+
+
+def circle(frames: int, rate_hz: float) -> NDArray[np.float64]:
+    """Return (frames, 3) points in metres: a circle of 30 mm, five times a second."""
+    angle = 2.0 * np.pi * _REVOLUTIONS_HZ * np.arange(frames) / rate_hz
+    height = np.full(frames, _HEIGHT_M)
+    return np.column_stack([_RADIUS_M * np.cos(angle), _RADIUS_M * np.sin(angle), height])
+
+
+def run_bench(config: BenchConfig) -> BenchRun:
+    """Measure a stream.
+
+    Raises
+    ------
+    ConfigurationError
+        A rate that line or board cannot carry, before the first frame.
+    LinkError
+        The link broke.
+    """
+    targets_m = circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
+    with _board(config) as (label, url, prepare, collect):
+        with Driver(
+            url, baudrate=config.baudrate, phase_bits=config.phase_bits, keep=len(targets_m)
+        ) as driver:
+            prepare(driver)
+            driver.arm()
+            control = ControlLoop(round(1e9 / config.rate_hz), config.seconds + _SETTLING_S)
+            before = cpu_times()
+            with control:
+                report = driver.stream(
+                    targets_m,
+                    config.rate_hz,
+                    lead_us=config.lead_us,
+                    trim=config.trim,
+                    spin_us=config.spin_us,
+                    realtime=config.realtime,
+                )
+            processors = cpu_share(before, cpu_times())
+        latches = collect(driver)
+    return _put_together(config, label, driver, report, control, latches, targets_m, processors)
+
+
+_Collect: TypeAlias = Callable[[Driver], Latches]
+_Board: TypeAlias = tuple[str, str, Callable[[Driver], None], _Collect]
+
+
+@contextlib.contextmanager
+def _board(config: BenchConfig) -> Iterator[_Board]:
+    """Yield a board: its name, its place, and how it is made to tell what it latches."""
+    if config.port is not None:
+        told = PortBoard(
+            config.port, baudrate=config.baudrate, rate_hz=config.rate_hz, board_computes=False
+        )
+        yield config.port, config.port, told.prepare, _self_reported
+        return
+    with VirtualBoard(reconstruct=False) as board:
+
+        def collect(driver: Driver) -> Latches:
+            board.settle(driver.intended)
+            return {
+                record["index"]: (record["t_received_us"], record["t_latch_us"])
+                for record in board.records()
+                if record["kind"] == "latch" and record["session"] == driver.session
+            }
+
+        label = "virtual board, on a pty without a baud rate, in a process of its own"
+        yield label, board.url, lambda _: None, collect
+
+
+def _self_reported(driver: Driver) -> Latches:
+    return {seen.key.index: (None, seen.t_latch_us) for seen in driver.observations}
+
+
+def _put_together(
+    config: BenchConfig,
+    label: str,
+    driver: Driver,
+    report: StreamReport,
+    control: ControlLoop,
+    latches: Latches,
+    targets_m: NDArray[np.float64],
+    processors: dict[str, float],
+) -> BenchRun:
+    ticks, paced = report.ticks, config.port is not None
+    due_us = np.array([i.t_apply_us for i in driver.intended], dtype=np.int64)
+    received_us, latched_us = _device_times(driver.intended, latches)
+    sent = np.ones(report.frames, dtype=bool)
+    sent[list(report.skipped)] = False
+    transmission_ns = np.where(sent, _transmission_ns(config, driver), 0)
+    left_ns = ticks.stamp_ns("line_free" if paced else "done")
+    received_ns = _host_times(driver, received_us)
+    board_ns = received_ns - left_ns
+    parts = part(ticks, transmission_ns, np.nan_to_num(board_ns).astype(np.int64))
+    stages = _stages(parts, ticks.lateness_us(), transmission_ns, sent)
+    stages["board"] = np.maximum(0.0, board_ns) / 1e3
+    stages["complete"] = np.where(np.isnan(board_ns), np.nan, parts.total_ns / 1e3)
+    stages["margin"] = due_us - received_us
+    stages["latch"] = latched_us - due_us
+    stages["control"] = control.lateness_us
+    stalled = control.stalled(ticks.stamp_ns("deadline"), ticks.stamp_ns("done"))
+    return BenchRun(
+        config=config,
+        board=label,
+        report=report,
+        stages_us=stages,
+        misses=_misses(parts, stalled),
+        focus=focus_error(
+            targets_m, due_us, latched_us, carrier_us=1_000_000 // driver.identity.carrier_hz
+        ),
+        latched=int((~np.isnan(latched_us)).sum()),
+        environment=fingerprint(),
+        processors=processors,
+        warnings=list(driver.warnings),
+    )
+
+
+def _stages(
+    parts: Parts,
+    lateness_us: NDArray[np.float64],
+    transmission_ns: NDArray[np.int64],
+    sent: NDArray[np.bool_],
+) -> dict[str, NDArray[np.float64]]:
+    """Return the host's stages of every frame; those of a skipped one are nan beyond its wake."""
+    unsent = np.where(sent, 0.0, np.nan)
+    return {
+        "wake": lateness_us,
+        "overslept": parts.scheduling / 1e3,
+        "work": parts.work / 1e3 + unsent,
+        "at_port": parts.at_port_ns / 1e3,
+        "line": (parts.line + transmission_ns) / 1e3 + unsent,
+    }
+
+
+def _misses(parts: Parts, stalled: NDArray[np.bool_]) -> dict[str, list[Misses]]:
+    return {
+        place: [
+            count_misses(some.total_ns, attribute(some), limit_us=limit_us, stalled=stalled)
+            for limit_us in LIMITS_US
+        ]
+        for place, some in (("at_port", parts.at_port()), ("at_board", parts))
+    }
+
+
+def _device_times(
+    intended: Sequence[Intended], latches: Latches
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (n,) device times of arrival and latch on the clock of *intended*, nan: not seen."""
+    received, latched = np.full((2, len(intended)), np.nan)
+    for place, wanted in enumerate(intended):
+        seen = latches.get(wanted.key.index)
+        if seen is None or wanted.t_apply_us is None:
+            continue
+        latched[place] = unwrap(seen[1] & 0xFFFFFFFF, wanted.t_apply_us, 32)
+        if seen[0] is not None:
+            received[place] = unwrap(seen[0] & 0xFFFFFFFF, wanted.t_apply_us, 32)
+    return received, latched
+
+
+def _host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.array(
+        [np.nan if np.isnan(us) else driver.clock.to_host_ns(int(us)) for us in device_us]
+    )
+
+
+def _transmission_ns(config: BenchConfig, driver: Driver) -> int:
+    payload = 2 + -(-driver.identity.transducers * config.phase_bits // 8)
+    return transmission_ns(frame_bytes(payload), config.baudrate)

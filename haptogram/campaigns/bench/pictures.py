@@ -1,0 +1,63 @@
+"""Histograms of a run (needs the extra ``report``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.report.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_BINS: Final = np.geomspace(0.1, 1e6, 141)  # microseconds
+_SHOWN: Final = (
+    ("wake", "wake, from the intended time", BLUE),
+    ("work", "encode and write", ORANGE),
+    ("board", "complete at the board, after the line", GREEN),
+    ("complete", "all of it, from the intended time", VERMILION),
+    ("control", "control loop beside it", BLACK),
+)
+
+
+# Above the axes: what a loop does can lie anywhere within them.
+_LEGEND: Final[Any] = {"loc": "outside upper center", "ncols": 2}
+
+
+def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
+    """Draw how often each stage took how long; both axes logarithmic, so that the tail is seen."""
+    figure = new_figure(7.0, 4.6)
+    with styled():
+        axes = figure.add_subplot()
+        for name, label, colour in _SHOWN:
+            values = stages_us[name][~np.isnan(stages_us[name])]
+            if len(values):
+                width = 1.0 if name == "control" else 1.6
+                axes.hist(
+                    np.clip(values, _BINS[0], _BINS[-1]),
+                    _BINS.tolist(),
+                    histtype="step",
+                    color=colour,
+                    linewidth=width,
+                    label=f"{label} (n = {len(values)})",
+                )
+        axes.set(xscale="log", yscale="log", xlabel="time / µs", ylabel="frames")
+        figure.legend(**_LEGEND)
+    return figure
+
+
+def draw_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: float) -> Figure:
+    """Draw the lateness of every frame and of the control loop over time."""
+    figure = new_figure(7.0, 3.2)
+    with styled():
+        axes = figure.add_subplot()
+        for name, label, colour in (_SHOWN[4], _SHOWN[3]):
+            values = stages_us[name]
+            times_s = np.arange(len(values)) / rate_hz
+            axes.plot(times_s, np.maximum(values, 0.1), ".", ms=1.5, color=colour, label=label)
+        axes.set(yscale="log", xlabel="time / s", ylabel="lateness / µs")
+        figure.legend(**_LEGEND, markerscale=4.0)
+    return figure

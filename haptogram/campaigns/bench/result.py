@@ -1,0 +1,87 @@
+"""A run as a dictionary, for JSON and for what is printed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from haptogram.campaigns.bench.attribution import Misses
+from haptogram.campaigns.bench.measure import BenchRun
+from haptogram.errors import ConfigurationError
+
+FORMAT: Final = "haptogram-bench"
+VERSION: Final = 1
+
+#: What each stage is, in the order of a frame's way.
+STAGES: Final = {
+    "wake": "the loop was there, after the intended time",
+    "overslept": "of that: with nothing else to do",
+    "work": "encode and write",
+    "at_port": "the port had taken it, after the intended time",
+    "line": "queue and own bytes, from the baud rate",
+    "board": "complete at the board, after the line",
+    "complete": "all of that but its own bytes, after the intended time",
+    "margin": "complete before its time to apply",
+    "latch": "latched, after its time to apply",
+    "control": "a loop that does nothing, in its own process, beside it",
+}
+
+
+def as_dict(run: BenchRun) -> dict[str, Any]:
+    """Return *run* for JSON: every percentile with its n, every miss with its cause."""
+    report = run.report
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "board": run.board,
+        "configuration": dataclasses.asdict(run.config),
+        "frames": {
+            "due": report.frames,
+            "skipped": len(report.skipped),
+            "latched": run.latched,
+            "write_stalls": report.write_stalls,
+            "dropped_late": report.status.counters.dropped_late,
+            "lead_us": report.lead_us,
+            "lead_moves": report.lead_moves,
+        },
+        "clock_uncertainty_us": report.clock_uncertainty_us,
+        "stages": {name: found.as_dict() for name, found in run.percentiles().items()},
+        "misses": {place: [_miss(miss) for miss in misses] for place, misses in run.misses.items()},
+        "focus_error": run.focus.as_dict(),
+        "processors": run.processors,
+        "environment": run.environment,
+        "warnings": run.warnings,
+    }
+
+
+def _miss(miss: Misses) -> dict[str, Any]:
+    return {
+        "limit_us": miss.limit_us,
+        "count": miss.count,
+        "n": miss.frames,
+        "by_cause": {str(cause): count for cause, count in miss.by_cause.items()},
+        "control_stalled_too": miss.machine,
+    }
+
+
+def read_result(path: Path) -> dict[str, Any]:
+    """Return a result that was written before.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is none.
+    """
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    if not isinstance(result, dict) or result.get("format") != FORMAT:
+        raise ConfigurationError(f"{path}: not a result of haptogram bench")
+    if result.get("version") != VERSION:
+        raise ConfigurationError(
+            f"{path}: version {result.get('version')} of the format, this program reads {VERSION}"
+        )
+    return result

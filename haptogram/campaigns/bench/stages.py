@@ -1,0 +1,182 @@
+"""Where the time of one frame goes: each stage measured here and now, in a fraction of a second."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+import tty
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from haptogram.driver.line.budget import frame_bytes, highest_rate_hz, transmission_ns
+from haptogram.driver.line.stuffing import fastest_cobs
+from haptogram.driver.timing.realtime import PeriodicLoop
+from haptogram.errors import ConfigurationError
+from haptogram.machine.process import real_time
+from haptogram_protocol import FrameDecoder, encode_frame
+from haptogram_protocol.framing import Stuffing
+from haptogram_protocol.messages import (
+    Drives,
+    FocalPoint,
+    Message,
+    PhaseFormat,
+    Phases,
+    Points,
+    build_body,
+    pack_phases,
+    parse_body,
+)
+
+_TIMES: Final = 400  # each stage is done so often, and its median taken
+_TICKS: Final = 100
+_SETTLE: Final = 20  # of these, to warm up
+CARRIER_NS: Final = 25_000  # a frame waits for the next period of a 40 kHz carrier at most
+
+
+@dataclass(frozen=True, slots=True)
+class FrameBudget:
+    """What one frame costs, in nanoseconds, and how often it can be sent.
+
+    Attributes
+    ----------
+    name : str
+        Format of the frame.
+    size : int
+        Most bytes on the line.
+    encode_ns, write_ns, decode_ns : int
+        Median on this machine.
+    wire_ns : int
+        Time on the line, from the baud rate.
+    line_hz : float
+        Rate at which the line is full.
+    host_hz : float
+        Rate at which encoding and writing leave the host no time.
+    """
+
+    name: str
+    size: int
+    encode_ns: int
+    write_ns: int
+    wire_ns: int
+    decode_ns: int
+    line_hz: float
+    host_hz: float
+
+    @property
+    def highest_hz(self) -> float:
+        """The highest rate that fits: stages overlap, so the slowest one decides."""
+        return min(self.line_hz, self.host_hz)
+
+    def latency_ns(self, wake_ns: int) -> int:
+        """Return the time from the intended moment to the latch, at most one carrier later."""
+        parts = (wake_ns, self.encode_ns, self.write_ns, self.wire_ns, self.decode_ns, CARRIER_NS)
+        return sum(parts)
+
+
+def frame_formats(transducers: int) -> dict[str, Message]:
+    """Return a message of every frame format, filled with what a focus would be filled with."""
+    codes = np.random.default_rng(0).integers(0, 256, transducers, dtype=np.uint8)
+    formats: dict[str, Message] = {
+        f"phases, {bits} bit": Phases(
+            PhaseFormat(bits), 0, pack_phases((codes >> (8 - bits)).tobytes(), bits)
+        )
+        for bits in (8, 6, 5)
+    }
+    formats["phases and amplitudes"] = Drives(PhaseFormat.BITS_8, 0, codes.tobytes() * 2)
+    for count in (1, 8):
+        point = FocalPoint(12_345, -23_456, 150_000, 65_535, 0)
+        name = "1 focal point" if count == 1 else f"{count} focal points"
+        formats[name] = Points((point,) * count)
+    return formats
+
+
+def measure_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget:
+    """Measure what a frame of *message* costs.
+
+    Raises
+    ------
+    ConfigurationError
+        If *baudrate* is not positive.
+    """
+    if baudrate < 1:
+        raise ConfigurationError(f"baud is {baudrate}; it is 1 or more")
+    cobs = fastest_cobs()
+    wire = _encode(message, cobs.encode)
+    encode_ns = _median_ns(lambda: _encode(message, cobs.encode))
+    decoder = FrameDecoder(cobs)
+    decode_ns = _median_ns(lambda: _decode(decoder, wire))
+    with _drained_pty() as (fd, drain):
+        write_ns = _median_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
+    size = frame_bytes(len(build_body(message, flags=0, seq=0, time_us=0, session=1)) - 10)
+    return FrameBudget(
+        name=name,
+        size=size,
+        encode_ns=encode_ns,
+        write_ns=write_ns,
+        wire_ns=transmission_ns(size, baudrate),
+        decode_ns=decode_ns,
+        line_hz=highest_rate_hz(size, baudrate),
+        host_hz=1e9 / (encode_ns + write_ns),
+    )
+
+
+def measure_wake_ns(rate_hz: float) -> int:
+    """Return the median lateness of a sleeping loop at *rate_hz*, on this machine now."""
+    period_ns = round(1e9 / rate_hz)
+    period_ns = min(period_ns, 5_000_000)  # not to wait long for a slow one
+    loop = PeriodicLoop(time.monotonic_ns, sleep_until, period_ns=period_ns)
+    with real_time():
+        start_ns = time.monotonic_ns() + period_ns
+        ticks = list(loop.ticks(start_ns, start_ns + (_TICKS + _SETTLE) * period_ns))
+    return int(np.median([tick.wake_ns - tick.deadline_ns for tick in ticks[_SETTLE:]]))
+
+
+def sleep_until(deadline_ns: int) -> None:
+    """Sleep until *deadline_ns* of the monotonic clock, on a loop that serves nothing."""
+    wait_ns = deadline_ns - time.monotonic_ns()
+    if wait_ns > 0:
+        time.sleep(wait_ns / 1e9)
+
+
+def _encode(message: Message, stuff: Stuffing) -> bytes:
+    body = build_body(message, flags=0, seq=4711, time_us=123_456_789, session=77)
+    return encode_frame(body, stuff)
+
+
+def _decode(decoder: FrameDecoder, wire: bytes) -> None:
+    for body in decoder.feed(wire):
+        assert isinstance(body, bytes)
+        parse_body(body)
+
+
+def _median_ns(work: Callable[[], object], between: Callable[[], object] | None = None) -> int:
+    clock, taken = time.perf_counter_ns, []
+    for _ in range(_SETTLE + _TIMES):
+        begin_ns = clock()
+        work()
+        taken.append(clock() - begin_ns)
+        if between is not None:
+            between()
+    return int(np.median(taken[_SETTLE:]))
+
+
+@contextlib.contextmanager
+def _drained_pty() -> Iterator[tuple[int, Callable[[int], None]]]:
+    """Yield a pseudo-terminal to write to, and what takes the bytes out at the other end."""
+    master, slave = os.openpty()
+    try:
+        for fd in (master, slave):
+            tty.setraw(fd)
+
+        def drain(size: int) -> None:
+            while size > 0:  # what was written comes out whole, a little later
+                size -= len(os.read(master, size))
+
+        yield slave, drain
+    finally:
+        os.close(slave)
+        os.close(master)

@@ -1,0 +1,269 @@
+"""A soak from its first segment to its last: in parallel, in several sittings, interrupted."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Self, TypeAlias
+
+from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.machine.files import write_atomically
+
+from .memory import Memory, resident_bytes
+from .segment import MakeBoard, run_segment
+from .tally import Tally
+
+VERSION: Final = 1
+SEGMENT_S: Final = 600.0  # long enough for what goes wrong slowly, or only with high numbers
+_S_PER_HOUR: Final = 3600
+_MOST_RATE: Final = 0.2  # above it, what must come through at times would not
+
+#: Called with the virtual seconds that are done, of this segment and those before it.
+Progress: TypeAlias = Callable[[float], None]
+_Done: TypeAlias = tuple[Tally, int, int]  # with process id and memory
+
+
+class Interrupted(HaptogramError):
+    """The soak was interrupted between two segments; what is done is kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What is run: the same setup gives the same account.
+
+    Attributes
+    ----------
+    hours : float
+        Virtual time.
+    fault_rate : float
+        Share of the frames that are hit, in each direction.
+    seed : int
+        Of all chance.
+    segment_s : float
+        Virtual length of a segment.
+    mutant : str or None
+        What is wrong with the board.
+    """
+
+    hours: float
+    fault_rate: float = 1e-2
+    seed: int = 0
+    segment_s: float = SEGMENT_S
+    mutant: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.hours <= 1e5:
+            raise ConfigurationError(f"--hours is {self.hours:g}, must be above 0, up to 100000")
+        if not 0 <= self.fault_rate <= _MOST_RATE:
+            raise ConfigurationError(
+                f"--fault-rate is {self.fault_rate:g}, must be 0 to {_MOST_RATE:g}"
+            )
+        if not 0 <= self.seed < 2**63:
+            raise ConfigurationError(f"--seed is {self.seed}, must be 0 to 2^63 - 1")
+
+    @property
+    def seconds(self) -> float:
+        """Virtual time in seconds."""
+        return self.hours * _S_PER_HOUR
+
+    @property
+    def segments(self) -> int:
+        """How many segments there are; the last one may be shorter."""
+        return max(1, math.ceil(self.seconds / self.segment_s - 1e-9))
+
+    def start_s(self, number: int) -> float:
+        """Return when segment *number* begins."""
+        return min(number * self.segment_s, self.seconds)
+
+    def length_s(self, number: int) -> float:
+        """Return how long segment *number* is."""
+        return self.start_s(number + 1) - self.start_s(number)
+
+
+@dataclass(slots=True)
+class Campaign:
+    """A soak and how far it has come.
+
+    Attributes
+    ----------
+    setup : Setup
+    done : int
+        Segments that are in the account: the first ones.
+    tally : Tally
+        The account.
+    memory : Memory
+        Of every process that took part.
+    spent_s : float
+        Wall-clock time, all sittings together.
+    """
+
+    setup: Setup
+    done: int = 0
+    tally: Tally = field(default_factory=Tally)
+    memory: Memory = field(default_factory=Memory)
+    spent_s: float = 0.0
+
+    @classmethod
+    def load(cls, path: Path, setup: Setup) -> Self:
+        """Go on with what *path* holds; begin anew if there is no such file.
+
+        Raises
+        ------
+        ConfigurationError
+            If it holds something else, or another soak.
+        """
+        try:
+            state = json.loads(path.read_bytes())
+            known = state["kind"], state["version"]
+        except FileNotFoundError:
+            return cls(setup)
+        except OSError as error:
+            reason = error.strerror
+            raise ConfigurationError(f"cannot read the checkpoint {path}: {reason}") from error
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigurationError(f"{path} is no checkpoint of a soak") from error
+        if known != ("haptogram soak", VERSION):
+            raise ConfigurationError(f"{path} is no checkpoint of a soak of version {VERSION}")
+        for name, value in dataclasses.asdict(setup).items():
+            if state["setup"].get(name) != value:
+                before = state["setup"].get(name)
+                raise ConfigurationError(f"{path} is of another soak: {name} {before}, not {value}")
+        return cls(
+            setup,
+            state["done"],
+            Tally.from_dict(state["tally"]),
+            Memory.from_dict(state["memory"]),
+            state["spent_s"],
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as JSON can hold it."""
+        return {
+            "kind": "haptogram soak",
+            "version": VERSION,
+            "setup": dataclasses.asdict(self.setup),
+            "segments": self.setup.segments,
+            "done": self.done,
+            "spent_s": round(self.spent_s, 3),
+            "times_real_time": round(self.times_real_time, 3),
+            "memory": self.memory.as_dict(),
+            "tally": self.tally.as_dict(),
+        }
+
+    def save(self, path: Path) -> None:
+        """Write the checkpoint: as a whole, or not at all."""
+        write_atomically(path, json.dumps(self.as_dict(), indent=1).encode() + b"\n")
+
+    @property
+    def done_s(self) -> float:
+        """Virtual time that is in the account."""
+        return self.setup.start_s(self.done)
+
+    @property
+    def times_real_time(self) -> float:
+        """Speed over all sittings."""
+        return self.done_s / self.spent_s if self.spent_s else 0.0
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every segment is in the account."""
+        return self.done == self.setup.segments
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """What must not have happened, by name."""
+        grown = {"memory grew": 1} if self.memory.grown_bytes is not None else {}
+        return dict(sorted(self.tally.violations.items())) | grown
+
+    def run(
+        self,
+        make_board: MakeBoard,
+        *,
+        jobs: int = 1,
+        checkpoint: Path | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """Run the segments that are left.
+
+        Parameters
+        ----------
+        make_board : callable
+            Powers a board up; another process must be able to import it.
+        jobs : int
+            Processes.
+        checkpoint : Path or None
+            Written after every segment.
+
+        Raises
+        ------
+        Interrupted
+            At a KeyboardInterrupt; the segments under way are lost, those before are kept.
+        """
+        self.memory.begin_sitting()
+        try:
+            with self._segments(make_board, jobs, progress) as segments:
+                since_s = time.monotonic()
+                for tally, process, resident in segments:
+                    merged = self.tally.plus(tally)  # an interrupt finds the one or the other
+                    self.tally, self.done = merged, self.done + 1
+                    self.memory.add(process, resident)
+                    now_s = time.monotonic()
+                    self.spent_s, since_s = self.spent_s + now_s - since_s, now_s
+                    if checkpoint is not None:
+                        self.save(checkpoint)
+                    if progress is not None:
+                        progress(self.done_s)
+        except KeyboardInterrupt as interrupt:
+            raise Interrupted from interrupt
+
+    @contextmanager
+    def _segments(
+        self, make_board: MakeBoard, jobs: int, progress: Progress | None
+    ) -> Iterator[Iterator[_Done]]:
+        """Give the results of the segments that are left, in order."""
+        numbers = range(self.done, self.setup.segments)
+        if jobs == 1:
+            yield (_run(make_board, self.setup, number, progress) for number in numbers)
+            return
+        # Spawned, not forked: no process inherits threads or memory of this one.
+        with multiprocessing.get_context("spawn").Pool(jobs, _leave_interrupts) as pool:
+            yield pool.imap(_Work(make_board, self.setup), numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class _Work:
+    """What a process of the pool does."""
+
+    make_board: MakeBoard
+    setup: Setup
+
+    def __call__(self, number: int) -> _Done:
+        return _run(self.make_board, self.setup, number, None)
+
+
+def _run(make_board: MakeBoard, setup: Setup, number: int, progress: Progress | None) -> _Done:
+    start_s = setup.start_s(number)
+    tally = run_segment(
+        make_board,
+        seed=setup.seed,
+        number=number,
+        seconds=setup.length_s(number),
+        start_s=start_s,
+        fault_rate=setup.fault_rate,
+        progress=None if progress is None else lambda done_s: progress(start_s + done_s),
+    )
+    return tally, os.getpid(), resident_bytes()
+
+
+def _leave_interrupts() -> None:
+    """Leave Ctrl-C to the process that owns the pool."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,1 @@
+"""``haptogram conform``: arguments -> one run of the conformance suite."""

@@ -1,0 +1,168 @@
+"""``haptogram conform``: whether a board does what SPEC.md demands, clause by clause."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import functools
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, TypeAlias
+
+from .options import EXAMPLES, PULSE, add_options, check, is_virtual
+
+if TYPE_CHECKING:
+    from haptogram.conformance.case import Case
+    from haptogram.conformance.run.access import Access
+    from haptogram.conformance.run.runner import Progress
+    from haptogram.conformance.verdict import SuiteResult
+
+#: Given URL (None: the default board), line rate and seed, returns a board in this program.
+Virtual: TypeAlias = "Callable[[str | None, int, int], Access]"
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser], virtual: Virtual) -> None:
+    """Add the command; *virtual* makes a board inside this program."""
+    from haptogram.conformance.verdict import meaning_table
+
+    conform = commands.add_parser(
+        "conform",
+        help="judge a board, or a firmware build, by every clause of the protocol",
+        description="Run a case or more for every clause of SPEC.md against a board on any serial "
+        "URL, a pty, TCP, or the virtual board.  The board is driven at full output: keep clear "
+        "of it.",
+        epilog=f"{EXAMPLES}\nverdicts:\n{meaning_table()}\n\nThe exit status is 1 if any case "
+        "says so, else 3 if any does, else 0.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    conform.set_defaults(run=functools.partial(run, virtual=virtual))
+    add_options(conform)
+
+
+def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
+    """Run the cases, write and print the result, and return the exit status."""
+    from haptogram.conformance.cases import all_cases, select
+    from haptogram.errors import ConfigurationError
+
+    if arguments.compare:
+        return _compare(arguments)
+    for name in arguments.clause:
+        if not any(select(all_cases(), [name])):
+            raise ConfigurationError(f"--clause {name}: there is no such case")
+    cases = tuple(select(all_cases(), arguments.clause))
+    if arguments.list:
+        return _list(cases)
+    suite = _run_cases(arguments, cases, virtual)
+    from haptogram.report.conformance.text import render
+
+    print(render(suite, verbose=arguments.verbose), flush=True)  # whatever becomes of the files
+    _write(arguments, suite)
+    return suite.exit_status
+
+
+def _run_cases(
+    arguments: argparse.Namespace, cases: tuple[Case, ...], virtual: Virtual
+) -> SuiteResult:
+    from haptogram.conformance.cases import all_cases
+    from haptogram.conformance.run.baseline import load_baseline
+    from haptogram.conformance.run.runner import Options, Runner
+
+    check(arguments)
+    expected = load_baseline(arguments.baseline, all_cases()) if arguments.baseline else {}
+    options = Options(
+        timeout_s=arguments.timeout,
+        seed=_seed(arguments),
+        repeat=arguments.repeat,
+        strict=arguments.strict,
+        expected=expected,
+    )
+    with _progress(quiet=arguments.quiet) as progress:
+        return Runner(_access(arguments, virtual), options, progress).run(cases)
+
+
+def _seed(arguments: argparse.Namespace) -> int:
+    """Return the seed; on a port another one each time, lest a nonce be the one still open."""
+    if arguments.seed is not None:
+        return int(arguments.seed)
+    return 0 if is_virtual(arguments) else int.from_bytes(os.urandom(4))
+
+
+def _access(arguments: argparse.Namespace, virtual: Virtual) -> Access:
+    from haptogram.conformance.run.access import PortAccess
+    from haptogram.conformance.run.spawning import DEFAULT_PORT_REGEX, SpawnAccess
+
+    if arguments.spawn is not None:
+        return SpawnAccess(
+            arguments.spawn,
+            port_regex=arguments.port_regex or DEFAULT_PORT_REGEX,
+            boot_timeout_s=arguments.boot_timeout,
+            baudrate=arguments.link_baud,
+        )
+    if is_virtual(arguments):
+        return virtual(arguments.port, arguments.link_baud, _seed(arguments))
+    lines = {"dtr": arguments.dtr, "rts": arguments.rts}
+    held = {name: state == "1" for name, state in lines.items() if state in ("0", "1")}
+    return PortAccess(
+        arguments.port,
+        baudrate=arguments.link_baud,
+        reset_command=arguments.reset_cmd,
+        boot_timeout_s=arguments.boot_timeout,
+        dtr=held.get("dtr"),
+        rts=held.get("rts"),
+        pulse=next((name for name, state in lines.items() if state == PULSE), None),
+    )
+
+
+@contextlib.contextmanager
+def _progress(*, quiet: bool) -> Iterator[Progress | None]:
+    """Show on standard error which case runs."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    tqdm.monitor_interval = 0
+    with tqdm(desc="conform", unit=" cases", leave=False, dynamic_ncols=True) as bar:
+
+        def show(done: int, total: int, name: str) -> None:
+            bar.total = total
+            bar.set_postfix_str(name, refresh=False)
+            bar.update(done - bar.n)
+
+        yield show
+
+
+def _list(cases: tuple[Case, ...]) -> int:
+    for case in cases:
+        kind = "" if case.body else " (not observable)"
+        print(f"{case.id:<20} {case.evidence:<14} {case.what}{kind}")
+    return 0
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    from haptogram.errors import ConfigurationError
+    from haptogram.report.conformance.machine import read_json
+    from haptogram.report.conformance.page import write_matrix
+
+    if arguments.html is None:
+        raise ConfigurationError("--compare writes a page: name it with --html")
+    write_matrix(arguments.html, [read_json(path) for path in arguments.compare])
+    print(f"wrote {arguments.html}", file=sys.stderr)
+    return 0
+
+
+def _write(arguments: argparse.Namespace, suite: SuiteResult) -> None:
+    from haptogram.conformance.run.baseline import write_baseline
+    from haptogram.report.conformance.machine import write_json, write_junit
+    from haptogram.report.conformance.page import write_page
+
+    for path, write in (
+        (arguments.json, write_json),
+        (arguments.junit, write_junit),
+        (arguments.html, write_page),
+        (arguments.write_baseline, write_baseline),
+    ):
+        if path is not None:
+            write(path, suite)
+            print(f"wrote {path}", file=sys.stderr)

@@ -1,0 +1,1 @@
+"""``haptogram field``: arguments -> a field, its levels and its pictures."""

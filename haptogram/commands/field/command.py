@@ -1,0 +1,196 @@
+"""``haptogram field``: what a focus, an object or a drive does in the air, as a picture."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+
+from haptogram.settings.verify_config import MESH_SUFFIXES, MODULATIONS, SHAPES, VerifyConfig
+
+from ..shell.exit_status import PASS
+from ..shell.output_files import check_file, write_picture
+from ..shell.places import Place, place_mm
+from ..system import add_system
+
+VIEWS: Final = ("plane", "cuts", "isosurface")
+PLANES: Final = ("xy", "xz", "yz")
+QUANTITIES: Final = ("pressure", "phase", "force")
+EAR_MM: Final[Place] = (0.0, -300.0, 400.0)  # someone who sits before an array that looks up
+
+_EPILOG: Final = """\
+examples:
+  haptogram field --focus-mm 20,0,120
+      |p| in the plane y = 0 through a focus, as field.png, and the figures of the focus as text
+  haptogram field --focus-mm 20,0,120 --plane xy --quantity phase --output phase.svg
+  haptogram field --preset autd3 --view isosurface
+  haptogram field --object circle --radius-mm 20 --plane xy
+      what a hand feels over one pass: mean square over the sequence, with narrow transducers
+  haptogram field --ear-mm --modulation am
+      what reaches an ear: ultrasound in dB SPL, what is audible of a 200 Hz modulation in dB(A)
+  haptogram field --drive drive.csv --plane xy
+      a drive as codes: a header phase,amplitude and one line for each element
+
+exit status:
+  0  the picture was written
+  2  usage or environment error
+"""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command."""
+    field = commands.add_parser(
+        "field",
+        help="draw the field of a focus, an object or a drive",
+        description="Draw the sound field of a focus, of a tactile object or of a drive: |p|, its "
+        "phase or the radiation pressure on a plane, cuts through the focus, or surfaces around "
+        "it. Axes are in mm; the target is marked by a cross, the peak by a ring. What a "
+        "modulation makes of a focus is shown by 'haptogram modulation'.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_source(field)
+    add_system(field.add_argument_group("array and air"))
+    _add_picture(field)
+    field.set_defaults(run=run)
+
+
+def _add_source(field: argparse.ArgumentParser) -> None:
+    default = VerifyConfig()
+    group = field.add_argument_group("what sounds")
+    source = group.add_mutually_exclusive_group()
+    source.add_argument(
+        "--focus-mm",
+        type=place_mm,
+        metavar="X,Y,Z",
+        help="one focus [0,0,150, or that of the preset]",
+    )
+    source.add_argument(
+        "--object",
+        metavar="SHAPE",
+        help=f"a sequence: {', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}, in mm) "
+        "[one focus]",
+    )
+    source.add_argument(
+        "--drive", type=Path, metavar="FILE", help="codes of every element as CSV [one focus]"
+    )
+    for name, unit, text, value in (
+        ("--resolution-mm", "MM", "spacing of the points of an object", default.resolution_mm),
+        ("--radius-mm", "MM", "radius of an object; half the length of a line", default.radius_mm),
+        ("--rate-hz", "HZ", "points or frames per second", default.rate_hz),
+    ):
+        group.add_argument(
+            name, type=float, metavar=unit, default=value, help=f"{text} [{value:g}]"
+        )
+    group.add_argument(
+        "--center-mm",
+        type=place_mm,
+        metavar="X,Y,Z",
+        default=default.center_mm,
+        help="centre of an object [0,0,100]",
+    )
+    group.add_argument(
+        "--phase-bits",
+        type=int,
+        metavar="BITS",
+        default=default.phase_bits,
+        help=f"resolution of the phases, 1 to 8 [{default.phase_bits}]",
+    )
+    group.add_argument(
+        "--modulation",
+        choices=MODULATIONS,
+        default="am",
+        help="for what is audible at --ear-mm: amplitude, lateral, or spatio-temporal along a "
+        "circle [am]",
+    )
+    group.add_argument(
+        "--modulation-hz",
+        type=float,
+        metavar="HZ",
+        default=200.0,
+        help="its frequency; rounds per second for stm [200]",
+    )
+
+
+def _add_picture(field: argparse.ArgumentParser) -> None:
+    group = field.add_argument_group("picture")
+    group.add_argument("--view", choices=VIEWS, default="plane", help="kind of picture [plane]")
+    group.add_argument("--plane", choices=PLANES, default="xz", help="axes of a plane [xz]")
+    group.add_argument(
+        "--quantity",
+        choices=QUANTITIES,
+        default="pressure",
+        help="RMS pressure, phase, or radiation pressure on a reflecting wall [pressure]",
+    )
+    group.add_argument(
+        "--half-width-mm",
+        type=float,
+        metavar="MM",
+        default=60.0,
+        help="how far a picture reaches around the target [60; isosurface: half of it]",
+    )
+    group.add_argument(
+        "--step-mm",
+        type=float,
+        metavar="MM",
+        default=0.75,
+        help="spacing of the samples [0.75; isosurface: 1.5 at least]",
+    )
+    group.add_argument(
+        "--output",
+        type=Path,
+        metavar="FILE",
+        default=Path("field.png"),
+        help=".png, .svg or .pdf [field.png]",
+    )
+    group.add_argument(
+        "--ear-mm",
+        type=place_mm,
+        nargs="?",
+        const=EAR_MM,
+        metavar="X,Y,Z",
+        help="also print the levels at an ear [0,-300,400: before the array, bent over it]: of the "
+        "ultrasound, next to a guideline, and of what is audible; a focus is modulated",
+    )
+    group.add_argument("--quiet", action="store_true", help="no progress and no text")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw, write and print; return the exit status."""
+    from haptogram.report.figures import check_format
+
+    from .levels import describe_levels
+    from .scene import Scene
+    from .views import describe, draw
+
+    check_format(arguments.output)
+    check_file(arguments.output)
+    scene = Scene.from_arguments(arguments)
+    levels = [] if arguments.quiet else list(describe_levels(arguments, scene))
+    lines = [] if arguments.quiet else [*describe(scene), *levels]
+    with _bar(quiet=arguments.quiet) as progress:
+        figure = draw(arguments, scene, progress)
+    write_picture(arguments.output, figure)
+    if not arguments.quiet:
+        sys.stdout.write("\n".join([*lines, f"written: {arguments.output}"]) + "\n")
+    return PASS
+
+
+@contextlib.contextmanager
+def _bar(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+    """Show a progress bar on standard error, if that is a terminal."""
+    if quiet:
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(desc="field", unit=" points", leave=False, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show

@@ -1,0 +1,80 @@
+"""What a person hears of an array, and what reaches the ear: the levels of ``haptogram field``."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import textwrap
+from collections.abc import Iterator
+from typing import Final
+
+from haptogram.acoustics import (
+    Resonator,
+    choose_engine,
+    demodulated_level_db_a,
+    exposure_at,
+    switching_level_db_a,
+)
+from haptogram.acoustics.levels.exposure import GUIDELINE, STATEMENT, worst_place
+from haptogram.acoustics.solvers.focus import MIN_TARGET_DISTANCE_M
+from haptogram.errors import ConfigurationError
+
+from ..shell.places import metres, text_mm
+from .scene import ComplexArray, Scene, modulated
+
+_LISTENER_M: Final = 0.5
+
+
+def describe_levels(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
+    """Yield the levels at the loudest place half a metre away and, if asked for, at an ear."""
+    engine = choose_engine(scene.model)
+    worst = worst_place(engine, scene.weights, _LISTENER_M, scene.frame_s)
+    yield (
+        f"loudest {_LISTENER_M:g} m from the centre: {worst.equivalent_db_spl:.1f} dB SPL at "
+        f"({text_mm(worst.position_m)}) mm"
+    )
+    yield from textwrap.wrap(STATEMENT, 98, initial_indent="  ", subsequent_indent="  ")
+    if arguments.ear_mm is not None:
+        yield from _describe_ear(arguments, scene)
+
+
+def _describe_ear(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
+    engine, lag = choose_engine(scene.model), Resonator.from_bandwidth()
+    ear = metres(arguments.ear_mm)
+    distance_m = math.dist(ear, scene.model.array.centre_m)
+    if distance_m < MIN_TARGET_DISTANCE_M:
+        raise ConfigurationError(
+            f"--ear-mm is within the array, {distance_m * 1e3:.1f} mm from its centre; "
+            f"it can be from {MIN_TARGET_DISTANCE_M * 1e3:g} mm on"
+        )
+    weights, what = _sequence(arguments, scene)
+    exposure = exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
+    yield f"at an ear at ({text_mm(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre; {what}:"
+    yield (
+        f"  ultrasound: {exposure.maximum_db_spl:.1f} dB SPL at most, "
+        f"{exposure.equivalent_db_spl:.1f} dB SPL on average (Leq)"
+    )
+    yield from textwrap.wrap(GUIDELINE, 98, initial_indent="    ", subsequent_indent="    ")
+    switching = switching_level_db_a(engine, weights, ear, scene.frame_s, lag)
+    yield f"  audible, by the steps from drive to drive: {_audible(switching)}"
+    hum = demodulated_level_db_a(engine, weights, distance_m, scene.frame_s, lag)
+    yield (
+        f"  audible, demodulated by the air: {_audible(hum)} at most "
+        "(Berktay's law, on the axis of the beam)"
+    )
+
+
+def _sequence(arguments: argparse.Namespace, scene: Scene) -> tuple[ComplexArray, str]:
+    """Return the drives that are repeated, and what they are."""
+    if scene.is_sequence or not len(scene.targets_m):
+        count = len(scene.weights)
+        return scene.weights, (
+            f"{count} drives of {scene.frame_s * 1e3:g} ms" if count > 1 else "a steady drive"
+        )
+    name = arguments.modulation.upper()
+    what = f"{name} at {arguments.modulation_hz:g} Hz, {arguments.rate_hz:g} frames/s"
+    return modulated(arguments, scene).weights(scene.model), what
+
+
+def _audible(level_db_a: float) -> str:
+    return f"{level_db_a:.1f} dB(A)" if level_db_a >= 0.0 else "below 0 dB(A)"

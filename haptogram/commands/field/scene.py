@@ -1,0 +1,166 @@
+"""What ``haptogram field`` draws: a model, its drives, and where to look."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, check_target, focus_phases
+from haptogram.acoustics._climb import STEPS, climb
+from haptogram.acoustics.field.reference import level_in_front
+from haptogram.acoustics.model.csv_rows import read_rows
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.run_record import sample_object
+from haptogram.objects.modulation import FocusFrames, Modulation
+from haptogram.objects.shapes import Circle
+from haptogram.published.presets import find_preset
+from haptogram.settings.verify_config import VerifyConfig
+
+from ..shell.places import metres
+from ..system import system_model
+
+FloatArray: TypeAlias = NDArray[np.float64]
+ComplexArray: TypeAlias = NDArray[np.complex128]
+
+_PATH_RADIUS_M: Final = 0.020
+_PATH_STEP_M: Final = 1e-3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scene:
+    """One model and what drives it.
+
+    Attributes
+    ----------
+    model : AcousticModel
+        The array in its air.
+    weights : (F, N) numpy.ndarray
+        Its drives, with rounded phases and amplitudes; one unless it is an object.
+    targets_m : (T, 3) numpy.ndarray
+        Foci that were asked for; none for a drive from a file.
+    look_m : (float, float, float)
+        Where the picture is centred.
+    frame_s : float
+        Duration of a drive.
+    """
+
+    model: AcousticModel
+    weights: ComplexArray
+    targets_m: FloatArray
+    look_m: tuple[float, float, float]
+    frame_s: float
+
+    @classmethod
+    def from_arguments(cls, arguments: argparse.Namespace) -> Scene:
+        """Return the scene that the command line asks for."""
+        model = system_model(arguments)
+        frame_s = _frame_s(arguments.rate_hz)
+        if arguments.drive:
+            drive = read_drive(arguments.drive, model.array.count, arguments.phase_bits)
+            look = _peak_of(model, drive.weights())
+            return cls(model, drive.weights()[None], np.empty((0, 3)), look, frame_s)
+        if arguments.object:
+            targets = sample_object(_object_config(arguments))
+            look = metres(arguments.center_mm)
+        else:
+            look = _focus(arguments)
+            targets = np.array([look])
+        for target in targets:
+            check_target(model, target)
+        phases = focus_phases(model, targets)
+        drives = [Drive.from_weights(np.exp(1j * row), arguments.phase_bits) for row in phases]
+        return cls(model, np.stack([drive.weights() for drive in drives]), targets, look, frame_s)
+
+    @property
+    def is_sequence(self) -> bool:
+        """Whether there is more than one drive."""
+        return len(self.weights) > 1
+
+
+def modulated(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
+    """Return a pass of the focus as it is modulated.
+
+    Raises
+    ------
+    ConfigurationError
+        A drive from a file, which has no focus; a frequency or a rate out of range.
+    """
+    if not len(scene.targets_m):
+        raise ConfigurationError("a modulation needs a focus; a drive from a file has none")
+    points = np.array([scene.look_m])
+    if arguments.modulation == "stm":
+        points = Circle(_PATH_RADIUS_M, scene.look_m).sample(_PATH_STEP_M)
+    modulation = Modulation(arguments.modulation, arguments.modulation_hz)
+    return modulation.frames(points, arguments.rate_hz)
+
+
+def read_drive(path: Path, count: int, phase_bits: int) -> Drive:
+    """Read the codes of *count* elements from a CSV file with the header ``phase,amplitude``.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the file, and the line where there is one.
+    """
+    rows = read_rows(path, f"drive '{path}' cannot be read")
+    if not rows or rows[0][1] != ["phase", "amplitude"]:
+        raise ConfigurationError(f"{path}: the first line must be phase,amplitude")
+    codes = np.array([_codes(f"{path}:{number}", cells) for number, cells in rows[1:]], dtype=int)
+    if len(codes) != count:
+        raise ConfigurationError(f"{path}: {len(codes)} elements, the array has {count}")
+    try:
+        return Drive(codes[:, 0], codes[:, 1], phase_bits)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+
+
+def _codes(where: str, cells: list[str]) -> tuple[int, int]:
+    try:
+        phase, amplitude = (int(cell) for cell in cells)
+    except ValueError as error:
+        raise ConfigurationError(f"{where}: {','.join(cells)!r} is not two codes") from error
+    return phase, amplitude
+
+
+def _focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
+    if arguments.focus_mm is None and arguments.preset:
+        return find_preset(arguments.preset).focus_m
+    return metres(arguments.focus_mm or (0.0, 0.0, 150.0))
+
+
+def _object_config(arguments: argparse.Namespace) -> VerifyConfig:
+    return VerifyConfig(
+        object=arguments.object,
+        resolution_mm=arguments.resolution_mm,
+        radius_mm=arguments.radius_mm,
+        center_mm=arguments.center_mm,
+        rate_hz=arguments.rate_hz,
+    )
+
+
+def _frame_s(rate_hz: float) -> float:
+    if not 1.0 <= rate_hz <= 40_000.0:
+        raise ConfigurationError(f"rate_hz is {rate_hz:g}, must be 1 to 40000")
+    return 1.0 / rate_hz
+
+
+def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
+    """Return where a drive is loudest, on a coarse grid over the array, along its own axes."""
+    reach = float(model.array.half_extent_m[:2].max())
+    side = np.linspace(-reach, reach, 25)
+    heights = np.linspace(0.03, 0.30, 46)
+    points = np.stack(np.meshgrid(side, side, heights, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = model.array.world_m(points)
+    engine = NumpyEngine(model)
+    level = level_in_front(engine, weights, points)
+    best = points[[int(np.argmax(level))]]
+    spacing = max(side[1] - side[0], heights[1] - heights[0])
+    steps = STEPS @ model.array.axes
+    top, _ = climb(lambda places: level_in_front(engine, weights, places), best, spacing, steps)
+    x, y, z = (np.round(top, 5) + 0.0).tolist()  # a hundredth of a millimetre, and no minus zero
+    return x, y, z

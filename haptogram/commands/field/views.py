@@ -1,0 +1,203 @@
+"""The pictures of ``haptogram field``, and the figures of a focus as text."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics import (
+    NoFocus,
+    NumpyEngine,
+    Reconstructor,
+    SingleFocus,
+    force_on_disc_n,
+    level_db_spl,
+)
+from haptogram.acoustics.field.engines.engine import choose_engine, why_not_compiled
+from haptogram.acoustics.levels.dynamics import Resonator
+from haptogram.acoustics.levels.lobes import largest_secondary_lobe
+from haptogram.acoustics.levels.shift import find_peak, predict_focal_shift
+from haptogram.acoustics.levels.spot import measure_spot
+from haptogram.errors import ConfigurationError
+from haptogram.report.figures import (
+    Plane,
+    draw_cuts,
+    draw_isosurfaces,
+    draw_plane,
+    sample_mean,
+    sample_plane,
+)
+
+from ..shell.places import text_mm
+from .scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Progress: TypeAlias = Callable[[int, int], None]
+FloatArray: TypeAlias = NDArray[np.float64]
+
+_NO_FOCUS: Final = 0.25  # of the target's distance: a maximum that far off is not its focus
+
+
+def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
+    """Return the picture that the command line asks for.
+
+    Raises
+    ------
+    ConfigurationError
+        A view that needs one focus, for an object; sizes out of range; no matplotlib.
+    """
+    half_m, step_m = arguments.half_width_mm / 1e3, arguments.step_mm / 1e3
+    if arguments.view == "plane":
+        return _draw_plane(arguments, scene, progress)
+    if scene.is_sequence:
+        raise ConfigurationError(
+            f"view {arguments.view!r} shows one focus; take --view plane for an object"
+        )
+    engine = choose_engine(scene.model)
+    if arguments.view == "cuts":
+        return draw_cuts(
+            engine,
+            scene.weights[0],
+            scene.look_m,
+            half_m,
+            title=_title(arguments, scene),
+            quantity=arguments.quantity,
+            place="target" if len(scene.targets_m) else "loudest place",
+        )
+    step = max(step_m, 1.5e-3)
+    return draw_isosurfaces(
+        engine,
+        scene.weights[0],
+        scene.look_m,
+        half_m / 2.0,
+        step,
+        title=_title(arguments, scene),
+        quantity=arguments.quantity,
+    )
+
+
+def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
+    engine = choose_engine(scene.model)
+    plane = _plane(arguments, scene)
+    if scene.is_sequence:
+        resonator = Resonator.from_bandwidth()
+        field = sample_mean(
+            engine, scene.weights, plane, scene.frame_s, resonator, progress=progress
+        )
+    else:
+        field = sample_plane(engine, scene.weights[0], plane, progress)
+    return draw_plane(
+        engine,
+        field,
+        quantity=arguments.quantity,
+        targets_m=scene.targets_m,
+        title=_title(arguments, scene),
+    )
+
+
+def _plane(arguments: argparse.Namespace, scene: Scene) -> Plane:
+    """Return the plane around the place to look at, along the axes of the world.
+
+    Over a place above all elements it starts 5 mm above them.
+    """
+    half = arguments.half_width_mm / 1e3
+    ranges = {
+        name: (value - half, value + half) for name, value in zip("xyz", scene.look_m, strict=True)
+    }
+    floor = float(scene.model.array.bounds_m[1, 2]) + 0.005
+    if floor < scene.look_m[2]:
+        ranges["z"] = (floor, max(ranges["z"][1], floor + 0.01))
+    first, second = arguments.plane
+    return Plane(
+        arguments.plane, scene.look_m, ranges[first], ranges[second], arguments.step_mm / 1e3
+    )
+
+
+def _title(arguments: argparse.Namespace, scene: Scene) -> str:
+    """Return what sounds, in a line."""
+    array = arguments.preset or f"{scene.model.array.count} elements"
+    if arguments.drive:
+        return f"{array}, drive of {arguments.drive.name}"
+    if scene.is_sequence:
+        frames = f"mean over {len(scene.weights)} frames of {scene.frame_s * 1e3:g} ms"
+        return f"{array}, {Path(arguments.object).name}: {frames}"
+    return f"{array}, focus at ({text_mm(scene.targets_m[0])}) mm"
+
+
+def describe(scene: Scene) -> Iterator[str]:
+    """Yield the figures of the focus, or of the sequence, line by line."""
+    engine = NumpyEngine(scene.model)
+    yield f"array: {scene.model.array.count} elements, k = {scene.model.wavenumber:.2f} rad/m"
+    slower = why_not_compiled(scene.model)
+    if slower is not None:
+        yield slower
+    if scene.is_sequence:
+        share = Resonator.from_bandwidth().dwell_mean_square(scene.frame_s)
+        yield (
+            f"sequence: {len(scene.weights)} points of {scene.frame_s * 1e3:g} ms; from rest, a "
+            f"transducer of 2 kHz bandwidth delivers {share:.0%} of the static force in a dwell"
+        )
+    elif len(scene.targets_m):
+        yield from _describe_focus(engine, scene)
+    else:
+        yield _describe_drive(scene)
+
+
+def _describe_drive(scene: Scene) -> str:
+    """Return what the phases of a drive from a file say of its focus."""
+    found = Reconstructor(scene.model).reconstruct_weights(scene.weights[0])
+    if isinstance(found, NoFocus):
+        return f"no focus: {found.reason}"
+    place = text_mm(found.position_m)
+    what = "focus" if isinstance(found, SingleFocus) else "no single focus; best explained from"
+    return f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
+
+
+def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
+    target, weights = scene.targets_m[0], scene.weights[0]
+    rms = float(np.abs(engine.pressure(weights, [target])[0])) / math.sqrt(2.0)
+    yield f"target ({text_mm(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
+    yield _describe_peak(engine, weights, target)
+    spot = measure_spot(engine, weights, target)
+    across = " x ".join(_size(width_m) for width_m in spot.width_6db_m)
+    yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_size(sum(spot.depth_3db_m))} mm"
+    force = force_on_disc_n(engine, weights, target)
+    yield (
+        "force on a reflecting disc of 20 mm diameter, parallel to the array's face: "
+        f"{force * 1e3:.2f} mN"
+    )
+    lobe = largest_secondary_lobe(engine, weights, target)
+    if lobe is not None:
+        yield (
+            f"largest secondary lobe in the plane of that disc: {lobe.level_db:.1f} dB at "
+            f"({text_mm(lobe.position_m)}) mm"
+        )
+
+
+def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) -> str:
+    try:
+        peak = find_peak(engine, weights, target)
+    except ConfigurationError as error:
+        return f"no focus: {error}"
+    shift_m = float(np.linalg.norm(peak - target))
+    expected = predict_focal_shift(engine.model, target, np.abs(weights))
+    if shift_m > _NO_FOCUS * np.linalg.norm(target - engine.model.array.centre_m):
+        why = "the aperture is too small to focus there"
+    elif expected.valid:
+        expected_m = float(np.linalg.norm(expected.offset_m))
+        why = f"expected about {expected_m * 1e3:.2f} mm, by diffraction"
+    else:
+        why = "by diffraction; too far for a prediction, as the aperture is small for this distance"
+    return f"maximum ({text_mm(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
+
+
+def _size(size_m: float) -> str:
+    return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"

@@ -1,0 +1,1 @@
+"""``haptogram modulation``: arguments -> what a modulated focus makes felt."""

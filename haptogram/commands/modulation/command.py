@@ -1,0 +1,167 @@
+"""``haptogram modulation``: what a modulated focus makes at the skin, in time and as a spectrum."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from haptogram.settings.verify_config import MESH_SUFFIXES, SHAPES, VerifyConfig, load_config
+
+from ..shell.exit_status import PASS
+from ..shell.output_files import check_file, write_json, write_picture
+from ..shell.places import metres, place_mm
+from ..system import add_system, system_model
+from .options import add_modulation
+
+if TYPE_CHECKING:
+    pass
+
+HOLD: Final = "dwell"
+KINDS: Final = ("am", "lm", "stm", HOLD)
+DEFAULT_BANDWIDTH_HZ: Final = 2000.0
+_CENTER_MM: Final = (0.0, 0.0, 150.0)
+_RADIUS_MM: Final = 20.0
+_EPILOG: Final = """\
+examples:
+  haptogram modulation am
+      a standing focus, full depth, 200 Hz at 1000 frames/s: what of it arrives, and what else
+  haptogram modulation am --depth 0.5 --rate-hz 8000 --output am.png
+  haptogram modulation lm --shift-mm 0,4,0
+  haptogram modulation stm --modulation-hz 50 --object circle --radius-mm 20
+      a circle, 50 rounds per second
+  haptogram modulation dwell --object circle --dwell-ms 5
+  haptogram modulation am --frames am.csv
+      the frames, for any other program: time, focus and amplitude
+  haptogram verify --object point --center-mm 0,0,150 --modulation am --mode points --repeat 200
+      the same, sent to a board, frame by frame verified
+
+exit status:
+  0  the figures were printed
+  2  usage or environment error
+"""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command."""
+    modulation = commands.add_parser(
+        "modulation",
+        help="what a modulated focus makes at the skin: levels, spectrum, images of the frame rate",
+        description="Sample a modulation to frames and print what they make at a point on the "
+        "skin: mean and swing of the radiation pressure (on a totally reflecting surface), every "
+        "line of its spectrum, and which of them come from the steps between frames.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    modulation.add_argument(
+        "kind",
+        choices=KINDS,
+        help="amplitude, lateral, spatio-temporal along the object, or each of its points held",
+    )
+    add_modulation(modulation.add_argument_group("modulation"))
+    _add_object(modulation)
+    _add_skin(modulation)
+    _add_outputs(modulation)
+    modulation.set_defaults(run=run)
+
+
+def _add_object(modulation: argparse.ArgumentParser) -> None:
+    default = VerifyConfig()
+    shape = modulation.add_argument_group("what is modulated")
+    shape.add_argument(
+        "--object",
+        metavar="SHAPE",
+        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}, in mm) "
+        "[point; stm and dwell: circle]",
+    )
+    for name, metavar, text, value in (
+        ("--radius-mm", "MM", "radius of the object; half the length of a line", _RADIUS_MM),
+        ("--resolution-mm", "MM", "spacing of its points", default.resolution_mm),
+        ("--rate-hz", "HZ", "frames per second", default.rate_hz),
+    ):
+        shape.add_argument(name, type=float, metavar=metavar, help=f"{text} [{value:g}]")
+    shape.add_argument(
+        "--center-mm", type=place_mm, metavar="X,Y,Z", help="its centre above the array [0,0,150]"
+    )
+
+
+def _add_skin(modulation: argparse.ArgumentParser) -> None:
+    skin = modulation.add_argument_group("array, air and skin")
+    add_system(skin)
+    skin.add_argument(
+        "--bandwidth-hz",
+        type=float,
+        metavar="HZ",
+        default=DEFAULT_BANDWIDTH_HZ,
+        help="of the transducers, at -6 dB: how fast they follow a frame "
+        f"[{DEFAULT_BANDWIDTH_HZ:g}]",
+    )
+    skin.add_argument(
+        "--at-mm", type=place_mm, metavar="X,Y,Z", help="where it is felt [the first focus]"
+    )
+
+
+def _add_outputs(modulation: argparse.ArgumentParser) -> None:
+    result = modulation.add_argument_group("result")
+    result.add_argument(
+        "--output", type=Path, metavar="FILE", help="picture: .png, .svg or .pdf [none]"
+    )
+    result.add_argument(
+        "--frames",
+        type=Path,
+        metavar="FILE",
+        help="frames as CSV: time_s, x_mm, y_mm, z_mm, amplitude [none]",
+    )
+    result.add_argument(
+        "--json", metavar="FILE", help="figures and spectrum as JSON; - is standard output [none]"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compute, print and write; return the exit status."""
+    from haptogram.acoustics import NumpyEngine, Resonator
+    from haptogram.evidence.run_record import frames_to_show
+    from haptogram.machine.files import write_atomically
+    from haptogram.report.figures import check_format
+
+    from .result import Felt, as_csv, as_dict, describe, draw
+
+    if arguments.output is not None:
+        check_format(arguments.output)
+    for path in (arguments.output, arguments.frames, arguments.json):
+        check_file(path)
+    config = _config(arguments)
+    lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
+    frames = frames_to_show(config)
+    place = None if arguments.at_mm is None else metres(arguments.at_mm)
+    felt = Felt.of(NumpyEngine(system_model(arguments)), config, frames, lag, place)
+    if arguments.json != "-":
+        sys.stdout.write("\n".join(describe(felt, arguments.bandwidth_hz)) + "\n")
+    if arguments.output is not None:
+        write_picture(arguments.output, draw(felt))
+    if arguments.frames is not None:
+        write_atomically(arguments.frames, as_csv(frames).encode("ascii"))
+    if arguments.json is not None:
+        write_json(arguments.json, as_dict(felt, arguments.bandwidth_hz))
+    return PASS
+
+
+def _config(arguments: argparse.Namespace) -> VerifyConfig:
+    """Return the settings of a run that would display it."""
+    held = arguments.kind in ("stm", HOLD)
+    defaults = {
+        "object": "circle" if held else "point",
+        "radius_mm": _RADIUS_MM,
+        "center_mm": _CENTER_MM,
+        "mode": "points",
+    }
+    names = {field.name for field in dataclasses.fields(VerifyConfig)}
+    given = {
+        name: value
+        for name, value in vars(arguments).items()
+        if name in names and name != "json" and value is not None
+    }
+    kind = None if arguments.kind == HOLD else arguments.kind
+    return load_config(None, defaults | given | {"modulation": kind})

@@ -1,0 +1,41 @@
+"""The options of a modulation, which ``haptogram verify`` and ``haptogram modulation`` share."""
+
+from __future__ import annotations
+
+import argparse
+
+from haptogram.settings.verify_config import VerifyConfig
+
+from ..shell.places import place_mm
+
+
+def add_modulation(group: argparse._ArgumentGroup) -> None:
+    """Add them; one that is not given is None."""
+    default = VerifyConfig()
+    group.add_argument(
+        "--modulation-hz",
+        type=float,
+        metavar="HZ",
+        help="frequency of am and lm; rounds per second of stm; at most half the frame rate "
+        f"[{default.modulation_hz:g}]",
+    )
+    group.add_argument(
+        "--depth",
+        type=float,
+        metavar="SHARE",
+        help="of am: 1 swings between full force and none, 0 not at all; a sine in the force, not "
+        f"in the pressure [{default.depth:g}]",
+    )
+    group.add_argument(
+        "--shift-mm",
+        type=place_mm,
+        metavar="X,Y,Z",
+        help="of lm: how far and which way the focus swings to both sides "
+        f"[{','.join(f'{value:g}' for value in default.shift_mm)}]",
+    )
+    group.add_argument(
+        "--dwell-ms",
+        type=float,
+        metavar="MS",
+        help="how long each point is held, in whole frames [one frame]",
+    )

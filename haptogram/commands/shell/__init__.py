@@ -1,0 +1,1 @@
+"""What all commands share: exit status, interrupts, output files, places, standard streams."""

@@ -1,0 +1,1 @@
+"""``haptogram verify``: arguments -> one run and its verdict."""

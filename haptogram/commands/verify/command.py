@@ -1,0 +1,293 @@
+"""``haptogram verify``: display an object, learn where every focus really was."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import functools
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+
+from haptogram.errors import (
+    ConfigurationError,
+    DeviceError,
+    HaptogramError,
+    LinkError,
+    VersionMismatchError,
+    WrongProtocolError,
+)
+from haptogram.settings.verify_config import VerifyConfig, load_config
+
+from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
+from .options import add_options
+
+if TYPE_CHECKING:
+    from haptogram.evidence.boards import BoardUnderTest
+    from haptogram.evidence.run_record import Measured, Progress
+    from haptogram.verification import RunVerdict
+
+
+class PlannedFaults(NamedTuple):
+    """What goes wrong with the virtual board on purpose, as it is written, and the seed of that."""
+
+    plan: tuple[str, ...]
+    seed: int
+
+
+class _BrokenByPlanError(HaptogramError):
+    """The planned faults let no session come up: nothing could be judged."""
+
+
+#: Looks at what concerns the virtual board, before anything starts.
+Prepare: TypeAlias = "Callable[[VerifyConfig], PlannedFaults]"
+InProcess: TypeAlias = "Callable[[VerifyConfig], AbstractContextManager[BoardUnderTest]]"
+
+_LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
+_EXAMPLES: Final = """\
+examples:
+  haptogram verify
+      the hemisphere at 1 kHz on a virtual board, over a pty
+  haptogram verify --virtual-time --resolution-mm 2
+      the same job, finer, without a wall clock: exact and repeatable
+  haptogram verify --port /dev/ttyUSB0
+      a real board, by its own trace
+  haptogram verify --object shape.stl --mode sequence --report out.html
+      a mesh, uploaded once and played on the board's clock
+  haptogram verify --object point --modulation am --mode points --repeat 200
+      a standing focus, modulated by 200 Hz, for a second
+  haptogram verify --fault "line.flip ber=1e-5" --fault "device.stuck column=3 from=2s"
+      what a bad line and a broken column do to the focus
+"""
+
+
+def add(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    prepare: Prepare,
+    in_process: InProcess,
+) -> None:
+    """Add the command; *in_process* makes the virtual board that has no wall clock."""
+    verify = commands.add_parser(
+        "verify",
+        help="display a tactile object and verify where every focus really is",
+        description="Display a tactile object point by point and verify, frame by frame, where the "
+        "focus of what the board latched really is.",
+        epilog=_EXAMPLES + "\n" + EXIT_STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verify.set_defaults(run=functools.partial(run, prepare=prepare, in_process=in_process))
+    add_options(verify)
+
+
+def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) -> int:
+    """Run the job, write and print its result, and return the exit status."""
+    from haptogram import report
+    from haptogram.evidence.run_record import measure
+    from haptogram.verification import tolerance_of, uncertainty_of, verify_run
+
+    names = {field.name for field in dataclasses.fields(VerifyConfig)}
+    given = {name: value for name, value in vars(arguments).items() if name in names}
+    config = load_config(arguments.config, given)
+    planned = prepare(config)
+    quiet = arguments.quiet
+    try:
+        with (
+            _board(config, in_process) as board,
+            _bar("displaying", quiet=quiet) as progress,
+            _bar("waiting for what the board saw", quiet=quiet) as settling,
+            _blaming(planned, board),
+        ):
+            found = measure(config, board, progress, settling, faulty=bool(planned.plan))
+    except _BrokenByPlanError as error:
+        print(f"haptogram: {error}", file=sys.stderr)
+        return INCONCLUSIVE
+    with _bar("verifying", quiet=quiet) as progress:
+        verdict = verify_run(
+            found.intended,
+            found.observations,
+            model=found.model,
+            min_verified=config.least_verified,
+            cut=found.cut,
+            unseen=found.unseen,
+            silences=found.silences,
+            tolerance=tolerance_of(config),
+            uncertainty=uncertainty_of(config),
+            progress=progress,
+        )
+    result = report.result_dict(
+        verdict,
+        configuration=config.job(),
+        seed=config.seed,
+        board=_board_dict(found),
+        warnings=found.warnings,
+        cut_short=None if found.cut is None else found.cut.reason,
+        faults=_faults_dict(planned, found.fault_counts) if config.port is None else None,
+        troubles=found.troubles,
+        host=None if config.virtual_time else _host_dict(found),
+        environment=None if config.virtual_time else report.environment(),
+    )
+    print(verdict)  # before the files: a full disk must not cost the result
+    for line in report.faults_and_troubles(result):
+        print(f"  {line}")
+    for warning in found.warnings:
+        print(f"  warning   {warning}")
+    if not _write(config, verdict, result, found):
+        return USAGE
+    status = verdict.exit_status
+    return INTERRUPTED if found.interrupted and status == INCONCLUSIVE else status
+
+
+@contextlib.contextmanager
+def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTest]:
+    """Give the board that the settings ask for, and clean up after it."""
+    from haptogram.evidence.boards import PortBoard, ProcessBoard
+    from haptogram.evidence.virtual_board import VirtualBoard
+
+    if config.port is not None:
+        yield PortBoard(
+            config.port,
+            baudrate=config.link_baud,
+            rate_hz=config.rate_hz,
+            board_computes=config.frame_kind == "points",
+        )
+    elif config.virtual_time:
+        with in_process(config) as board:
+            yield board
+    else:
+        with VirtualBoard(
+            config.virtual_array,
+            pitch_mm=config.pitch_mm,
+            temperature_c=config.air_over_board_c,
+            calibration=config.calibration,
+            seed=config.seed,
+            baudrate=None,  # the driver paces itself; twice would count every stall twice
+            faults=config.fault,
+            fault_plan=config.fault_plan,
+        ) as virtual:
+            try:
+                yield ProcessBoard(virtual)
+            except LinkError as error:
+                if (fate := virtual.how_it_ended(_LAST_MOMENTS_S)) is None:
+                    raise
+                raise LinkError(f"{error}; {fate}") from error
+
+
+@contextlib.contextmanager
+def _blaming(planned: PlannedFaults, board: BoardUnderTest) -> Iterator[None]:
+    """Say of a session that did not come up, or broke, that the planned faults did it.
+
+    Not of a board that has died, nor if no fault has fired: then something else did it.
+    """
+    try:
+        yield
+    except (LinkError, DeviceError) as error:
+        if not planned.plan or not board.give_up():
+            raise
+        fired = board.fault_counts
+        if fired is not None and not any(fired.values()):
+            raise
+        raise _BrokenByPlanError(_plan_text(error, _faults_dict(planned, fired))) from error
+
+
+def _plan_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
+    from haptogram import report
+
+    told = next(report.faults_and_troubles({"faults": faults, "troubles": {}}))
+    # What is at the other end is known: no guess at another device or version.
+    is_guess = isinstance(error, WrongProtocolError | VersionMismatchError)
+    seen = "no frame came whole" if is_guess else error
+    return f"inconclusive: the fault plan broke the session ({seen}); {told}"
+
+
+@contextlib.contextmanager
+def _bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
+    """Show a progress bar on standard error, from the thread that works, 20 times a second."""
+    if quiet:
+        yield None
+        return
+    from tqdm import tqdm
+
+    # No monitor thread: it would run beside the 1 kHz loop.
+    tqdm.monitor_interval = 0
+    bar: Any = None  # until there is something to show
+
+    def show(done: int, total: int) -> None:
+        nonlocal bar
+        if bar is None:
+            bar = tqdm(desc=what, unit=" frames", leave=False, dynamic_ncols=True, disable=None)
+        bar.total = total
+        bar.update(done - bar.n)
+
+    try:
+        yield show
+    finally:
+        if bar is not None:
+            bar.close()
+
+
+def _board_dict(found: Measured) -> dict[str, object]:
+    return {
+        "is": found.board,
+        "firmware": found.identity.firmware,
+        "protocol": f"{found.identity.major}.{found.identity.minor}",
+        "transducers": found.identity.transducers,
+        "carrier_hz": found.identity.carrier_hz,
+        "sound_speed_m_s": found.model.medium.sound_speed_m_s,
+    }
+
+
+def _faults_dict(planned: PlannedFaults, fired: dict[str, int] | None) -> dict[str, object] | None:
+    """Return the faults on purpose, and how often each fired (None: the board did not tell)."""
+    if not planned.plan:
+        return None
+    return {"plan": list(planned.plan), "seed": planned.seed, "fired": fired}
+
+
+def _host_dict(found: Measured) -> dict[str, object] | None:
+    """Return how the host's side went, if the run came to its end."""
+    from haptogram.driver.stream import StreamReport
+
+    if not isinstance(found.report, StreamReport):
+        return None
+    lateness = found.report.lateness_us
+    return {
+        "skipped": list(found.report.skipped),
+        "late_ticks": found.report.late_ticks,
+        "tick_lateness_us_max": float(lateness.max()),
+        "write_stalls": found.report.write_stalls,
+        "clock_uncertainty_us": found.report.clock_uncertainty_us,
+    }
+
+
+def _write(
+    config: VerifyConfig, verdict: RunVerdict, result: dict[str, object], found: Measured
+) -> bool:
+    """Write every file that was asked for; tell of those that could not be written."""
+    from haptogram import report
+
+    outputs = ((o.key, o.radiated or o.drive) for o in found.observations)
+    seen = {key: drive for key, drive in outputs if drive is not None}
+    drives = {i.number: seen[i.key] for i in found.intended if i.key in seen}
+    writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
+        (config.frames, lambda path: report.write_frames(path, verdict)),
+        (config.json, lambda path: report.write_json(path, result)),
+        (config.junit, lambda path: report.write_junit(path, verdict, result)),
+        (
+            config.report,
+            lambda path: report.write_html(path, verdict, result, found.model, drives=drives),
+        ),
+    )
+    written = True
+    for path, write in writers:
+        if path is None:
+            continue
+        try:
+            write(path)
+            print(f"wrote {path}", file=sys.stderr)
+        except ConfigurationError as error:
+            print(f"haptogram: {error}", file=sys.stderr)
+            written = False
+    return written

@@ -1,0 +1,163 @@
+"""Drives onto a board, and what the board says that it latched."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram_protocol.messages import (
+    DriveKind,
+    DriveReply,
+    Feature,
+    Flag,
+    Header,
+    Message,
+    ReadDrive,
+    ReadTrace,
+    Trace,
+    TraceDrive,
+    TraceMode,
+    TracePlayback,
+    TraceReply,
+)
+
+from ..outcome import check, unimplemented
+from .board_client import Bench
+
+FULL: Final = 255
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A drive that a board shows: codes of the registers, or of what is radiated.
+
+    Attributes
+    ----------
+    phases, amplitudes : bytes
+        One code per transducer.
+    reply : DriveReply
+        Where they come from.
+    """
+
+    phases: bytes
+    amplitudes: bytes
+    reply: DriveReply
+
+    @property
+    def loudest(self) -> int:
+        """The largest amplitude code."""
+        return max(self.amplitudes, default=0)
+
+    @property
+    def crc(self) -> int:
+        """CRC-32 of the drive, as trace has it."""
+        return zlib.crc32(self.phases + self.amplitudes)
+
+
+def shown_in(reply: DriveReply) -> Shown:
+    """Return the drive in a read-back of all transducers."""
+    half = len(reply.data) // 2
+    return Shown(reply.data[:half], reply.data[half:], reply)
+
+
+def read_back(bench: Bench, kind: DriveKind = DriveKind.LATCHED) -> Shown:
+    """Ask for the drive of all transducers; UNIMPLEMENTED without the capability."""
+    latched = kind is DriveKind.LATCHED
+    bench.need(Feature.READ_LATCHED if latched else Feature.READ_RADIATED)
+    count = bench.identity.transducers
+    shown = shown_in(bench.call(ReadDrive(kind, 0, count), DriveReply))
+    check(
+        len(shown.phases) == count,
+        f"DRIVE_REPLY shows {len(shown.phases)} transducers; asked for were {count}",
+    )
+    return shown
+
+
+def radiated(bench: Bench) -> Shown:
+    """Ask for what is radiated."""
+    return read_back(bench, DriveKind.RADIATED)
+
+
+def is_silent(bench: Bench) -> bool:
+    """Tell whether the board says that it radiates nothing."""
+    return radiated(bench).loudest == 0
+
+
+def latch_now(bench: Bench, message: Message) -> int:
+    """Send a stream frame to be latched as soon as complete; return its unwrapped number."""
+    index = bench.stream_next
+    wire = bench.stream_wire(message)
+    bench.send(wire)
+    bench.rest(len(wire))
+    return index
+
+
+def full_drive(registers: bytes) -> bytes:
+    """Return N phase codes and N amplitude codes of a drive at full amplitude."""
+    return registers + bytes([FULL]) * len(registers)
+
+
+@dataclass(frozen=True, slots=True)
+class Latched:
+    """One latch as a trace tells it."""
+
+    index: int
+    t_us: int
+    crc: int
+    late: bool
+    sequence: int = 0
+    loop: int = 0
+
+
+def watch(bench: Bench) -> TraceMode:
+    """Switch on whatever trace tells of every latch; UNIMPLEMENTED if there is none."""
+    for feature, mode in (
+        (Feature.TRACE, TraceMode.CRC),
+        (Feature.TRACE_RING, TraceMode.RING),
+        (Feature.TRACE_DRIVE, TraceMode.DRIVE),
+    ):
+        if bench.has(feature | Feature.CONFIG):
+            bench.configure(trace_mode=mode)
+            return mode
+    unimplemented("the board advertises no trace that can be switched on")
+
+
+def latches(bench: Bench, since: int, mode: TraceMode) -> list[Latched]:
+    """Return the latches that came as events since, or lie in the ring."""
+    bench.barrier()
+    if mode is TraceMode.RING:
+        return _ring(bench)
+    found = []
+    for piece in bench.wire.received[since:]:
+        if piece.header is not None and piece.message is not None:
+            latched = _latched(bench, piece.header, piece.message)
+            found += [latched] if latched else []
+    return found
+
+
+def _latched(bench: Bench, header: Header, message: Message) -> Latched | None:
+    t_us, late = bench.unwrap(header.time_us), bool(header.flags & Flag.LATE)
+    if isinstance(message, Trace):
+        return Latched(message.index, t_us, message.crc, late)
+    if isinstance(message, TracePlayback):
+        key = message.key
+        return Latched(key.index, t_us, message.crc, late, key.sequence, key.loop)
+    if isinstance(message, TraceDrive):
+        key, crc = message.key, zlib.crc32(message.data)
+        return Latched(key.index, t_us, crc, late, key.sequence, key.loop)
+    return None
+
+
+def _ring(bench: Bench) -> list[Latched]:
+    found: list[Latched] = []
+    first = 0
+    while True:
+        reply = bench.call(ReadTrace(first, 0xFFFF), TraceReply)
+        for item in reply.records:
+            t_us, late = bench.unwrap(item.t_latch_us), bool(item.flags & Flag.LATE)
+            key = item.key
+            found.append(Latched(key.index, t_us, item.crc, late, key.sequence, key.loop))
+        if not reply.records or reply.records[-1].number + 1 >= reply.next:
+            return found
+        first = reply.records[-1].number + 1

@@ -1,0 +1,114 @@
+"""Bytes that no well-behaved host sends, and frames at the edges of what is allowed."""
+
+from __future__ import annotations
+
+import random
+import zlib
+from typing import Final
+
+from haptogram_protocol.framing import cobs_encode
+from haptogram_protocol.messages import Mute
+
+from .board_client import Bench
+
+BLOCK: Final = 254  # HG-2.2: longest piece of COBS without a zero
+
+
+def framed(data: bytes) -> bytes:
+    """Return *data* stuffed and between delimiters: it must bring its own CRC."""
+    return b"\x00" + cobs_encode(data) + b"\x00"
+
+
+def with_crc(body: bytes) -> bytes:
+    """Return a body and its CRC-32."""
+    return body + zlib.crc32(body).to_bytes(4, "little")
+
+
+def with_wrong_crc(body: bytes, flip: int = 1) -> bytes:
+    """Return a body and a CRC that is not its own."""
+    return body + (zlib.crc32(body) ^ flip).to_bytes(4, "little")
+
+
+def noise(source: random.Random, size: int) -> bytes:
+    """Return bytes that are no zero: they can end no frame."""
+    return bytes(source.randrange(1, 256) for _ in range(size))
+
+
+def mute_of(bench: Bench, payload: bytes) -> tuple[bytes, int]:
+    """Return body and number of a MUTE that carries *payload*.
+
+    MUTE is carried out whatever its payload is (HG-6.4/1): its reply proves that a frame of any
+    length and content has come through.
+    """
+    seq = bench.next_seq()
+    return bench.body(Mute.TYPE, payload, seq=seq), seq
+
+
+def mute_with_run(bench: Bench, run: int) -> tuple[bytes, int]:
+    """Return a MUTE with its CRC that ends with exactly *run* bytes that are not zero."""
+    for filler in range(1, 256):
+        payload = bytes([0] + [filler] * (run - 4))
+        body, seq = mute_of(bench, payload)
+        if 0 not in with_crc(body)[-4:]:
+            return with_crc(body), seq
+    raise AssertionError("one of 255 checksums has no zero byte")
+
+
+def mute_of_encoded_size(bench: Bench, size: int) -> tuple[bytes, int]:
+    """Return the stuffed bytes, *size* of them, of a MUTE, and its number."""
+    payload = noise(bench.random, size)
+    for length in range(size - 60, size):
+        body, seq = mute_of(bench, payload[:length])
+        encoded = cobs_encode(with_crc(body))
+        if len(encoded) == size:
+            return encoded, seq
+    raise AssertionError(f"no frame of {size} bytes was found")
+
+
+# --- Other checksums, to name the one that a board has instead --------------------------------
+
+
+def crc16(data: bytes, polynomial: int, start: int, *, reflected: bool) -> int:
+    """Return a CRC of 16 bits, bit by bit."""
+    register = start
+    for byte in data:
+        register ^= byte if reflected else byte << 8
+        for _ in range(8):
+            if reflected:
+                register = register >> 1 ^ (polynomial if register & 1 else 0)
+            else:
+                register = register << 1 ^ (polynomial if register & 0x8000 else 0)
+    return register & 0xFFFF
+
+
+def crc32c(data: bytes) -> int:
+    """Return the CRC-32 of Castagnoli, bit by bit."""
+    register = 0xFFFFFFFF
+    for byte in data:
+        register ^= byte
+        for _ in range(8):
+            register = register >> 1 ^ (0x82F63B78 if register & 1 else 0)
+    return register ^ 0xFFFFFFFF
+
+
+def other_checksums(body: bytes) -> dict[str, bytes]:
+    """Return *body* with checksums that boards may have in place of CRC-32, by name."""
+    right = zlib.crc32(body)
+    ccitt = crc16(body, 0x1021, 0xFFFF, reflected=False)
+    xmodem = crc16(body, 0x1021, 0, reflected=False)
+    arc = crc16(body, 0xA001, 0, reflected=True)
+    ends = {
+        "CRC-16/CCITT in 2 bytes": ccitt.to_bytes(2, "little"),
+        "CRC-16/CCITT in 4 bytes": ccitt.to_bytes(4, "little"),
+        "CRC-16/CCITT twice": ccitt.to_bytes(2, "little") * 2,
+        "CRC-16/XMODEM in 2 bytes": xmodem.to_bytes(2, "little"),
+        "CRC-16/XMODEM in 4 bytes": xmodem.to_bytes(4, "little"),
+        "CRC-16/ARC in 2 bytes": arc.to_bytes(2, "little"),
+        "CRC-16/ARC in 4 bytes": arc.to_bytes(4, "little"),
+        "CRC-32C": crc32c(body).to_bytes(4, "little"),
+        "CRC-32 with the highest byte first": right.to_bytes(4, "big"),
+        "CRC-32 without the final XOR": (right ^ 0xFFFFFFFF).to_bytes(4, "little"),
+        "the low 16 bits of CRC-32": (right & 0xFFFF).to_bytes(4, "little"),
+        "no checksum": b"\x00\x00\x00\x00",
+    }
+    return {name: body + end for name, end in ends.items() if body + end != with_crc(body)}

@@ -1,0 +1,258 @@
+"""Requests and stream frames of which every field can be chosen, and their answers."""
+
+from __future__ import annotations
+
+import random
+from typing import Any, Final, TypeVar
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    FIRST_STREAM_SEQ,
+    Error,
+    ErrorCode,
+    Flag,
+    Header,
+    Message,
+    MessageType,
+    Ping,
+    Pong,
+)
+
+from ..outcome import check, fail
+from .recording import summary, type_name
+from .wire import Received, Wire
+
+_M = TypeVar("_M", bound=Message)
+_ECHO_BITS: Final = 64
+
+
+class Exchange:
+    """Sequence numbers and session of the host, without any rule that a host has to keep.
+
+    Parameters
+    ----------
+    wire : Wire
+        Open port.
+    random_source : random.Random
+        Where nonces and contents come from: the same seed gives the same bytes.
+
+    Attributes
+    ----------
+    session : int
+        What goes into the header of the next frame.
+    seq : int
+        Number of the last request, unwrapped.
+    stream_next : int
+        Unwrapped number of the next stream frame.
+    """
+
+    def __init__(self, wire: Wire, random_source: random.Random) -> None:
+        self.wire = wire
+        self.random = random_source
+        self.session = 0
+        self.seq = 0
+        self.stream_next = FIRST_STREAM_SEQ
+
+    # --- frames --------------------------------------------------------------------------------
+
+    def body(
+        self,
+        kind: int,
+        payload: bytes = b"",
+        *,
+        seq: int,
+        flags: int = 0,
+        time_us: int = 0,
+        session: int | None = None,
+    ) -> bytes:
+        """Return header and payload of a frame."""
+        session = self.session if session is None else session
+        header = Header(kind, flags, seq & 0xFFFF, time_us & 0xFFFFFFFF, session)
+        return header.pack() + payload
+
+    def request_wire(
+        self, message: Message, *, seq: int | None = None, **header: Any
+    ) -> tuple[bytes, int]:
+        """Return the bytes of a request, and its number: the next one unless *seq* is given."""
+        seq = self.next_seq() if seq is None else seq
+        return encode_frame(
+            self.body(message.TYPE, message.serialize(), seq=seq, **header)
+        ), seq & 0xFFFF
+
+    def stream_wire(self, message: Message, at_us: int | None = None, **header: Any) -> bytes:
+        """Return the bytes of a stream frame: for *at_us*, or as soon as complete.
+
+        It takes the next stream number unless *seq* is given.
+        """
+        return self.stream_raw(message.TYPE, message.serialize(), at_us, **header)
+
+    def stream_raw(
+        self,
+        kind: int,
+        payload: bytes,
+        at_us: int | None = None,
+        *,
+        seq: int | None = None,
+        flags: int | None = None,
+        session: int | None = None,
+    ) -> bytes:
+        """Return the bytes of any stream frame; see :meth:`stream_wire`."""
+        if seq is None:
+            seq, self.stream_next = self.stream_next, self.stream_next + 1
+        if flags is None:
+            flags = Flag.IMMEDIATE if at_us is None else 0
+        time_us = at_us or 0
+        return encode_frame(
+            self.body(kind, payload, seq=seq, flags=flags, time_us=time_us, session=session)
+        )
+
+    def next_seq(self) -> int:
+        """Return the number of the next request."""
+        self.seq += 1
+        return self.seq & 0xFFFF
+
+    def send(self, *wires: bytes) -> None:
+        """Hand over frames, or bytes that are none, without a pause."""
+        self.wire.send(b"".join(wires))
+
+    # --- requests and answers ------------------------------------------------------------------
+
+    def ask(self, message: Message, **header: Any) -> Received:
+        """Send a request and return its answer, whatever it is; FAILED if none comes."""
+        return self.ask_raw(message.TYPE, message.serialize(), **header)
+
+    def ask_raw(
+        self, kind: int, payload: bytes = b"", *, seq: int | None = None, **header: Any
+    ) -> Received:
+        """Send any request and return its answer; FAILED if none comes."""
+        seq = self.next_seq() if seq is None else seq & 0xFFFF
+        wire = encode_frame(self.body(kind, payload, seq=seq, **header))
+        since = self.mark()
+        self.send(wire)
+        return self.answer_to(kind, seq, since, self.wire.line_us(len(wire)))
+
+    def answer_to(self, kind: int, seq: int, since: int, extra_us: int = 0) -> Received:
+        """Return the answer to the request *seq* among what came since; FAILED if none does."""
+        found = self.try_answer(seq, since, extra_us)
+        if found is None:
+            fail(f"no answer to {type_name(kind)} (seq {seq}) within {self._patience(extra_us)}")
+        return found
+
+    def try_answer(self, seq: int, since: int, extra_us: int = 0) -> Received | None:
+        """Return the answer to the request *seq*, None if none comes in time."""
+        timeout_us = self.wire.limits.answer_us + self.wire.backlog_us + extra_us
+
+        def answers(piece: Received) -> bool:
+            return piece.header is not None and piece.is_response and piece.header.seq == seq
+
+        return self.wire.wait_for(answers, since, timeout_us)
+
+    def _patience(self, extra_us: int) -> str:
+        return f"{(self.wire.limits.answer_us + extra_us) / 1e6:g} s"
+
+    def call(self, message: Message, reply: type[_M], **header: Any) -> _M:
+        """Send a request and return its reply; FAILED if it is refused or not answered."""
+        return self.reply_in(self.ask(message, **header), reply, message.TYPE)
+
+    def reply_in(self, answer: Received, reply: type[_M], kind: int) -> _M:
+        """Return the reply that *answer* is; FAILED if it is something else."""
+        if isinstance(answer.message, reply):
+            return answer.message
+        if answer.message is None:
+            fail(f"the answer to {type_name(kind)} cannot be read: {answer.fault}")
+        fail(
+            f"{type_name(kind)} was answered by {type_name(answer.message.TYPE)} "
+            f"({self.words(answer)}) instead of {reply.TYPE.name}"
+        )
+
+    def refused(
+        self,
+        message: Message,
+        code: ErrorCode,
+        detail: int | None = None,
+        **header: Any,
+    ) -> Error:
+        """Send a request and return the ERROR; FAILED unless it has this code and detail."""
+        return self.refused_raw(message.TYPE, message.serialize(), code, detail, **header)
+
+    def refused_raw(
+        self,
+        kind: int,
+        payload: bytes,
+        code: ErrorCode,
+        detail: int | None = None,
+        **header: Any,
+    ) -> Error:
+        """Send any request and return the ERROR; FAILED unless it has this code and detail."""
+        return self.error_in(self.ask_raw(kind, payload, **header), kind, code, detail)
+
+    def error_in(
+        self, answer: Received, kind: int, code: ErrorCode, detail: int | None = None
+    ) -> Error:
+        """Return the ERROR that *answer* is; FAILED unless it has this code and detail."""
+        wanted = f"ERROR({code.name})" + ("" if detail is None else f", detail {detail:#x}")
+        message = answer.message
+        if not isinstance(message, Error):
+            fail(f"{type_name(kind)} should be refused with {wanted}; got {self.words(answer)}")
+        same = (message.request, message.code) == (kind, code)
+        check(
+            same and detail in (None, message.detail),
+            f"{type_name(kind)} should be refused with {wanted}; got {self.words(answer)}",
+        )
+        return message
+
+    @staticmethod
+    def words(answer: Received) -> str:
+        """Return in words what an answer is."""
+        if answer.message is None:
+            return answer.fault or "nothing"
+        if isinstance(answer.message, Error):
+            known = ErrorCode._value2member_map_.get(answer.message.code)
+            name = known.name if isinstance(known, ErrorCode) else str(answer.message.code)
+            return (
+                f"ERROR({name}) to {type_name(answer.message.request)}, "
+                f"detail {answer.message.detail:#x}"
+            )
+        return f"{type_name(answer.message.TYPE)} ({summary(answer.message)})"
+
+    # --- what came -----------------------------------------------------------------------------
+
+    def mark(self) -> int:
+        """Return a place in what came, for the methods below."""
+        return len(self.wire.received)
+
+    def barrier(self) -> None:
+        """Wait until everything sent so far has been judged: frames are taken in order."""
+        echo = self.random.getrandbits(_ECHO_BITS)
+        check(self.call(Ping(echo), Pong).echo == echo, "PONG does not carry the number of PING")
+
+    def events(self, kind: type[_M], since: int = 0) -> list[tuple[Header, _M]]:
+        """Return the events of one kind that came, with their headers."""
+        return [
+            (piece.header, piece.message)
+            for piece in self.wire.received[since:]
+            if piece.header is not None and isinstance(piece.message, kind)
+        ]
+
+    def responses(self, since: int) -> list[Received]:
+        """Return the responses that came since."""
+        return [piece for piece in self.wire.received[since:] if piece.is_response]
+
+    def unanswered(self, what: str, *wires: bytes) -> None:
+        """Send what must not be answered, and FAILED if it is."""
+        since = self.mark()
+        self.send(*wires)
+        self.barrier()
+        answers = self.responses(since)[:-1]  # the last one is the barrier's
+        check(not answers, f"{what} is answered by {self.words(answers[0]) if answers else ''}")
+
+    def await_event(self, kind: type[_M], since: int, timeout_us: int) -> tuple[Header, _M] | None:
+        """Return the first event of a kind since; None if none comes in time."""
+        found = self.wire.wait_for(lambda piece: isinstance(piece.message, kind), since, timeout_us)
+        if found is None or found.header is None or not isinstance(found.message, kind):
+            return None
+        return found.header, found.message
+
+    def type_of(self, answer: Received) -> int:
+        """Return the type byte of an answer."""
+        return answer.header.type if answer.header is not None else MessageType.ERROR

@@ -1,0 +1,274 @@
+"""Raw frames out and in through a transport; every wait has an end.
+
+Time is that of the transport.  Nothing here knows a session or a sequence number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, NoReturn
+
+from haptogram.driver.line.port import Transport
+from haptogram.errors import LinkLostError
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode, decode_frame
+from haptogram_protocol.messages import EVENT_RANGE, RESPONSE_RANGE, Header, Message, parse_body
+
+from ..outcome import fail, inconclusive
+from .recording import Direction, Recording
+
+_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
+_FLOOD_BYTES: Final = 2 << 20  # more than this in one case is no board that one can talk to
+_FLOOD_FRAMES: Final = 50_000
+_PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How long things may take, on the clock of the transport.
+
+    Attributes
+    ----------
+    answer_us : int
+        How long an answer may take.
+    case_us : int
+        How long a case may take.
+    slack_us : int
+        What the host's own scheduling may add to a wait: 0 in virtual time.
+    lead_us : int
+        How long before its time a frame is sent.
+    """
+
+    answer_us: int
+    case_us: int
+    slack_us: int
+    lead_us: int
+
+    @classmethod
+    def of(cls, timeout_s: float, *, virtual: bool) -> Limits:
+        """Return the limits for a transport in virtual time, or in wall time."""
+        answer_us = round(timeout_s * 1e6)
+        if virtual:
+            return cls(answer_us, 300_000_000, slack_us=0, lead_us=3_000)
+        return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=60_000)
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """What came between two delimiters.
+
+    Attributes
+    ----------
+    t_us : int
+        When it was read, on the clock of the transport.
+    piece : bytes
+        As it was on the line, without delimiters.
+    shared : bool
+        Whether only one delimiter stood between it and the piece before.
+    header : Header or None
+        None: it is no frame.
+    message : Message or None
+        None: no frame, or one whose payload cannot be read.
+    body : bytes
+        Header and payload; empty if it is no frame.
+    fault : str
+        What is wrong with it, empty if nothing is.
+    reason : str
+        ``cobs``, ``crc``, ``short``, ``bad_length``, ...; empty if nothing is wrong.
+    """
+
+    t_us: int
+    piece: bytes
+    shared: bool
+    header: Header | None = None
+    message: Message | None = None
+    body: bytes = b""
+    fault: str = ""
+    reason: str = ""
+
+    @property
+    def is_response(self) -> bool:
+        """Whether it is a frame of the responses."""
+        return self.header is not None and self.header.type in RESPONSE_RANGE
+
+    @property
+    def is_event(self) -> bool:
+        """Whether it is a frame of the events."""
+        return self.header is not None and self.header.type in EVENT_RANGE
+
+    @property
+    def unstuffed(self) -> bytes:
+        """What COBS gives for the piece, empty if it is none."""
+        try:
+            return cobs_decode(self.piece)
+        except RemoteProtocolError:
+            return b""
+
+
+class Wire:
+    """An open port and everything that came from it since the case began.
+
+    Attributes
+    ----------
+    limits : Limits
+        Of every wait.
+    baudrate : int
+        Rate of the line, to tell how long bytes take.
+    received : list of Received
+        Pieces since :meth:`begin_case`.
+    heard : int
+        Bytes since :meth:`begin_case`.
+    held_up_us : int
+        The longest time since :meth:`begin_case` in which the host neither sent nor listened.
+    """
+
+    def __init__(self, transport: Transport, limits: Limits, *, baudrate: int) -> None:
+        self.limits = limits
+        self.baudrate = baudrate
+        self.received: list[Received] = []
+        self.recording = Recording()
+        self.heard = 0
+        self._transport = transport
+        self.held_up_us = 0
+        self._left_us = self.now_us()  # when the host last sent or listened
+        self._partial = b""
+        self._zeros = 2  # delimiters since the last piece
+        self._deadline_us = self.now_us() + limits.case_us
+        self._busy_until_us = 0
+
+    def begin_case(self) -> None:
+        """Forget what came, and give the next case its time."""
+        self.received, self.heard = [], 0
+        self.held_up_us, self._left_us = 0, self.now_us()
+        self.recording = Recording()
+        self._deadline_us = self.now_us() + self.limits.case_us
+
+    def now_us(self) -> int:
+        """Return the time of the transport."""
+        return self._transport.now_ns() // 1000
+
+    def line_us(self, size: int) -> int:
+        """Return how long *size* bytes take on the line, rounded up."""
+        return -(-size * 10_000_000 // self.baudrate)
+
+    @property
+    def backlog_us(self) -> int:
+        """How long the line still takes to carry what was handed over."""
+        return max(0, self._busy_until_us - self.now_us())
+
+    # --- out -----------------------------------------------------------------------------------
+
+    def send(self, data: bytes) -> None:
+        """Hand over all of *data*, reading meanwhile if the port takes it in pieces.
+
+        Raises
+        ------
+        LinkLostError
+            If the port is gone, or took no byte for the time of an answer.
+        """
+        self._come_back()
+        self.recording.add(self.now_us(), Direction.HOST, data)
+        self._busy_until_us = self.now_us() + self.backlog_us + self.line_us(len(data))
+        patience_us = self.limits.answer_us + self.backlog_us
+        stuck_us = self.now_us() + patience_us
+        rest = memoryview(data)
+        while rest:
+            written = self._transport.write_some(bytes(rest[:MAX_ENCODED_BYTES]))
+            rest = rest[written:]
+            if written:
+                stuck_us = self.now_us() + patience_us
+            elif self.now_us() > stuck_us:
+                raise LinkLostError(f"the port took no byte for {patience_us / 1e6:g} s")
+            if rest:
+                self._read(self._transport.now_ns() + (_RETRY_NS if not written else 0))
+        self._left_us = self.now_us()
+
+    # --- in ------------------------------------------------------------------------------------
+
+    def wait(self, until: Callable[[], bool], timeout_us: int) -> bool:
+        """Read until *until* holds or the time is over; return whether it holds."""
+        end_us = self.now_us() + timeout_us
+        while not until():
+            if self.now_us() >= end_us:
+                return False
+            self._read(end_us * 1000)
+        return True
+
+    def wait_for(
+        self, wanted: Callable[[Received], bool], since: int, timeout_us: int
+    ) -> Received | None:
+        """Return the first piece from number *since* on that is *wanted*, None if none comes."""
+        looked_at = since
+        found: Received | None = None
+
+        def there() -> bool:
+            nonlocal looked_at, found
+            while found is None and looked_at < len(self.received):
+                piece = self.received[looked_at]
+                looked_at += 1
+                found = piece if wanted(piece) else None
+            return found is not None
+
+        self.wait(there, timeout_us)
+        return found
+
+    def idle(self, duration_us: int) -> None:
+        """Let time pass, and take what comes."""
+        self.wait(lambda: False, duration_us)
+
+    def _read(self, deadline_ns: int) -> None:
+        if self.now_us() > self._deadline_us:
+            inconclusive(f"the case was not over after {self.limits.case_us / 1e6:g} s")
+        self._come_back()
+        data = self._transport.read_available(deadline_ns)
+        self._left_us = max(self._left_us, min(deadline_ns // 1000, self.now_us()))
+        if data:
+            self._left_us = self.now_us()
+            self._take(data)
+
+    def _come_back(self) -> None:
+        """Take note of how long the host was away; it listened up to the end of its last wait."""
+        self.held_up_us = max(self.held_up_us, self.now_us() - self._left_us)
+
+    def _take(self, data: bytes) -> None:
+        now_us = self.now_us()
+        self.recording.add(now_us, Direction.BOARD, data)
+        self.heard += len(data)
+        *ended, rest = data.split(DELIMITER)
+        for number, part in enumerate(ended):
+            piece = self._partial + part if number == 0 else part
+            self._partial = b"" if number == 0 else self._partial
+            if piece:
+                self.received.append(_received(now_us, piece, shared=self._zeros == 1))
+                self._zeros = 0
+            self._zeros += 1
+        self._keep(rest)
+        if self.heard > _FLOOD_BYTES or len(self.received) > _FLOOD_FRAMES:
+            self._flooded()
+
+    def _flooded(self) -> NoReturn:
+        text = f"the line is flooded: {self.heard} bytes in one case"
+        if any(piece.header is not None for piece in self.received):
+            fail(text)
+        inconclusive(f"{text}, and no frame among them: not a board")
+
+    def _keep(self, rest: bytes) -> None:
+        """Keep what no delimiter has ended yet, in bounded memory."""
+        if len(self._partial) < _PARTIAL_BYTES:
+            self._partial += rest
+
+
+def _received(t_us: int, piece: bytes, *, shared: bool) -> Received:
+    try:
+        body = decode_frame(piece)
+    except RemoteProtocolError as error:
+        return Received(t_us, piece, shared, fault=str(error), reason=error.reason)
+    header = Header.unpack(body[: Header.LAYOUT.size])
+    try:
+        _, message = parse_body(body)
+    except RemoteProtocolError as error:
+        return Received(
+            t_us, piece, shared, header, None, body, fault=str(error), reason=error.reason
+        )
+    return Received(t_us, piece, shared, header, message, body)

@@ -1,0 +1,1 @@
+"""Judgements that cases share: drives and foci against the intended ones, recovery after a case."""

@@ -1,0 +1,96 @@
+"""Frames for foci, and whether what was latched makes them: numpy only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import AcousticModel, Drive, superpose
+from haptogram.driver.frames import Frame, FrameBuilder, Mode, as_foci
+from haptogram.records.frame import Evidence, FrameKey, Observation
+from haptogram.verification import FrameStatus, Judge
+from haptogram_protocol.messages import FocalPoint, HelloReply
+
+from ..client.latching import Shown
+from ..outcome import fail
+
+_STEPS = 256
+_LATCHED_US = 0
+
+
+def host_frames(
+    model: AcousticModel,
+    identity: HelloReply,
+    targets_m: Sequence[tuple[float, float, float]],
+    bits: int,
+    mode: Mode = "phases",
+) -> list[Frame]:
+    """Return a frame per target, as a host computes it."""
+    builder = FrameBuilder(model, identity, bits if mode == "phases" else _any_format(identity))
+    return builder.build(as_foci(list(targets_m)), mode)
+
+
+def _any_format(identity: HelloReply) -> int:
+    return next(bits for bits, bit in ((8, 1), (6, 2), (5, 4)) if identity.phase_formats & bit)
+
+
+def judge_of(model: AcousticModel) -> Judge:
+    """Return what judges drives of one array; it remembers where the last focus was."""
+    return Judge(model, carrier_us=round(1e6 / model.frequency_hz))
+
+
+def check_focus(judge: Judge, frame: Frame, shown: Shown) -> None:
+    """FAILED, with the fault by its name, unless the focus of what is shown lies on its target."""
+    key = FrameKey(session=0, sequence=0, loop=0, index=0)
+    latched = Drive(
+        np.frombuffer(shown.phases, np.uint8), np.frombuffer(shown.amplitudes, np.uint8)
+    )
+    observation = Observation(key, _LATCHED_US, False, Evidence.SELF_REPORTED, latched)
+    verdict = judge.judge(frame.intended(0, key, None), observation)
+    if verdict.status in (FrameStatus.ON_TARGET, FrameStatus.NOT_VERIFIED) and not verdict.faults:
+        return
+    where = ", ".join(f"{1e3 * value:.1f}" for value in frame.foci[0].position_m)
+    found = "no focus"
+    if verdict.measured_m is not None:
+        place = ("?" if value is None else f"{1e3 * value:.1f}" for value in verdict.measured_m)
+        found = "(" + ", ".join(place) + ") mm"
+    named = "; ".join(verdict.faults) or verdict.status.value
+    fail(f"{named}: focus commanded to ({where}) mm, found {found} ({frame.phase_bits} bits)")
+
+
+def _weights(model: AcousticModel, points: tuple[FocalPoint, ...]) -> NDArray[np.complex128]:
+    positions = np.array([(p.x_um, p.y_um, p.z_um) for p in points]) * 1e-6
+    levels = np.array([p.amplitude for p in points]) / 65_535
+    lags = np.array([p.phase for p in points]) * (2 * np.pi / 65_536)
+    return superpose(model, positions, levels, lags)
+
+
+def phase_errors(
+    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], Shown]]
+) -> NDArray[np.float64]:
+    """Return latched phase codes less the exact phases, in steps, of every transducer.
+
+    Where the weight all but vanishes its phase means nothing: below one amplitude code it is
+    left out.
+    """
+    errors = []
+    for points, shown in found:
+        weights = _weights(model, points)
+        exact = np.angle(weights) / (2 * np.pi) * _STEPS
+        codes = np.frombuffer(shown.phases, np.uint8).astype(np.float64)
+        difference = (codes - exact + _STEPS / 2) % _STEPS - _STEPS / 2
+        errors.append(difference[np.abs(weights) > 1 / 255])
+    return np.concatenate(errors)
+
+
+def amplitude_errors(
+    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], Shown]]
+) -> NDArray[np.float64]:
+    """Return latched amplitude codes less the exact ones, of every transducer."""
+    errors = []
+    for points, shown in found:
+        exact = 255 * np.minimum(1.0, np.abs(_weights(model, points)))
+        errors.append(np.frombuffer(shown.amplitudes, np.uint8) - exact)
+    return np.concatenate(errors)

@@ -1,0 +1,109 @@
+"""Whether a drive came into the registers as it was sent, and what is wrong with it by name."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram_protocol.messages import Feature, GeometryReply, GetGeometry, TraceMode
+
+from ..client.board_client import Bench
+from ..client.latching import FULL, Shown, latches, read_back, watch
+from ..outcome import check, fail, unimplemented
+
+_SHOWN: Final = 4  # transducers named in a message
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """What can tell which drive was latched.
+
+    Attributes
+    ----------
+    bench : Bench
+        Where it is asked.
+    mode : TraceMode or None
+        The trace that tells; None: the read-back does.
+    """
+
+    bench: Bench
+    mode: TraceMode | None
+
+    @classmethod
+    def of(cls, bench: Bench) -> Witness:
+        """Return the best one; UNIMPLEMENTED if there is none."""
+        if bench.has(Feature.READ_LATCHED):
+            return cls(bench, None)
+        if not bench.has(Feature.CONFIG):
+            unimplemented("the board shows no drive: neither READ_LATCHED nor a trace")
+        return cls(bench, watch(bench))
+
+    def expect(
+        self, registers: bytes, amplitudes: bytes | None = None, *, bits: int = 8, since: int = 0
+    ) -> None:
+        """FAILED unless the last latch brought this drive into the registers."""
+        amplitudes = bytes([FULL]) * len(registers) if amplitudes is None else amplitudes
+        if self.mode is None:
+            expect_shown(self.bench, read_back(self.bench), registers, amplitudes, bits=bits)
+            return
+        seen = latches(self.bench, since, self.mode)
+        check(bool(seen), "no latch is traced")
+        due = zlib.crc32(registers + amplitudes)
+        check(
+            seen[-1].crc == due,
+            f"the trace has CRC-32 {seen[-1].crc:#010x} of the drive, due is {due:#010x}",
+        )
+
+
+def expect_shown(
+    bench: Bench, shown: Shown, registers: bytes, amplitudes: bytes, *, bits: int = 8
+) -> None:
+    """FAILED, by name, unless a drive is the one that was sent."""
+    if (shown.phases, shown.amplitudes) == (registers, amplitudes):
+        return
+    wrong = [
+        f"{number}: {found} instead of {due}"
+        for number, (found, due) in enumerate(
+            zip(
+                zip(shown.phases, shown.amplitudes, strict=True),
+                zip(registers, amplitudes, strict=True),
+                strict=False,
+            )
+        )
+        if found != due
+    ]
+    named = ", ".join(names_of(bench, shown, registers, amplitudes, bits))
+    fail(
+        f"{named or 'another drive'}: {len(wrong)} transducers differ "
+        f"((phase, amplitude) of {'; '.join(wrong[:_SHOWN])})"
+    )
+
+
+def names_of(
+    bench: Bench, shown: Shown, registers: bytes, amplitudes: bytes, bits: int
+) -> tuple[str, ...]:
+    """Return what is wrong with a drive, by name, from the array's geometry."""
+    # Late: only a drive that is wrong pays for the acoustics.
+    import numpy as np
+
+    from haptogram.acoustics import Drive
+    from haptogram.verification import name_faults
+
+    from .array_model import intended_drive, model_of_board
+
+    latched = Drive(
+        np.frombuffer(shown.phases, np.uint8), np.frombuffer(shown.amplitudes, np.uint8)
+    )
+    model = model_of_board(bench, read_elements(bench))
+    return name_faults(model, intended_drive(registers, amplitudes, bits), latched)
+
+
+def read_elements(bench: Bench) -> list[tuple[int, ...]]:
+    """Return position and normal of every transducer as the wire has them."""
+    elements: list[tuple[int, ...]] = []
+    while len(elements) < bench.identity.transducers:
+        reply = bench.call(GetGeometry(len(elements), 0xFFFF), GeometryReply)
+        check(bool(reply.elements), f"GET_GEOMETRY from {len(elements)} shows nothing")
+        elements += [(e.x_um, e.y_um, e.z_um, e.nx, e.ny, e.nz) for e in reply.elements]
+    return elements

@@ -1,0 +1,187 @@
+"""Ways to a board: one in this program, or behind a port that is there; a reset."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable
+from typing import Final, Protocol
+
+import serial
+
+from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, open_transport
+from haptogram.errors import ConfigurationError, LinkError
+
+_POLL_S: Final = 0.02
+_PULSE_S: Final = 0.1
+
+
+class Access(Protocol):
+    """A way to one board.
+
+    Attributes
+    ----------
+    url : str
+        Its name in reports.
+    baudrate : int
+        Rate of the line.
+    virtual : bool
+        Whether its time is virtual.
+    can_reset : bool
+        Whether :meth:`reset` can restart it.
+    boots : bool
+        Whether :meth:`open` finds a board that has just started.
+    """
+
+    url: str
+    baudrate: int
+    virtual: bool
+    can_reset: bool
+    boots: bool
+
+    def open(self) -> Transport:
+        """Open the port; :class:`HaptogramError` if that cannot be done."""
+        ...
+
+    def reset(self) -> Transport:
+        """Restart the board and open its port; the one that was open is closed."""
+        ...
+
+    def close(self) -> None:
+        """End what was started for it."""
+        ...
+
+
+class VirtualAccess:
+    """A virtual board that starts whenever its port is opened.
+
+    Parameters
+    ----------
+    url : str
+        Its name.
+    start : callable
+        Given how often it was started before, returns its port.
+    """
+
+    can_reset = True
+    boots = True
+
+    def __init__(
+        self, url: str, start: Callable[[int], Transport], *, baudrate: int, virtual: bool
+    ) -> None:
+        self.url, self.baudrate, self.virtual = url, baudrate, virtual
+        self._start = start
+        self._starts = 0
+
+    def open(self) -> Transport:
+        """Power the board up."""
+        self._starts += 1
+        return self._start(self._starts - 1)
+
+    def reset(self) -> Transport:
+        """Power another board up, as the same one after a reset."""
+        return self.open()
+
+    def close(self) -> None:
+        """Do nothing: a port that is closed is a board without power."""
+
+
+class PortAccess:
+    """A board behind a port that is there.
+
+    Parameters
+    ----------
+    url : str
+        Anything that pyserial opens.
+    reset_command : str or None
+        Shell command that restarts the board.
+    boot_timeout_s : float
+        How long it may take until its port is there again.
+    dtr, rts : bool or None
+        State of the modem lines while the suite runs; None: as the system leaves them.
+    pulse : str or None
+        ``"dtr"`` or ``"rts"``: the line whose pulse restarts the board.
+    """
+
+    virtual = False
+    boots = False
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        baudrate: int = DEFAULT_BAUDRATE,
+        reset_command: str | None = None,
+        boot_timeout_s: float = 5.0,
+        dtr: bool | None = None,
+        rts: bool | None = None,
+        pulse: str | None = None,
+    ) -> None:
+        self.url, self.baudrate = url, baudrate
+        self.can_reset = reset_command is not None or pulse is not None
+        self._reset_command, self._boot_timeout_s = reset_command, boot_timeout_s
+        self._lines = {
+            name: state for name, state in (("dtr", dtr), ("rts", rts)) if state is not None
+        }
+        self._pulse = pulse
+
+    def open(self) -> Transport:
+        """Open the port."""
+        self._set_lines(self._lines)
+        return open_transport(self.url, baudrate=self.baudrate)
+
+    def reset(self) -> Transport:
+        """Restart the board and wait until its port opens."""
+        if self._pulse is not None:
+            self._set_lines({self._pulse: True}, then={self._pulse: False})
+        if self._reset_command is not None:
+            _run(self._reset_command, self._boot_timeout_s)
+        return when_there(self.open, self._boot_timeout_s)
+
+    def _set_lines(self, states: dict[str, bool], then: dict[str, bool] | None = None) -> None:
+        if not states:
+            return
+        try:
+            with serial.serial_for_url(self.url, baudrate=self.baudrate) as port:
+                for name, state in states.items():
+                    setattr(port, name, state)
+                if then is not None:
+                    time.sleep(_PULSE_S)
+                    for name, state in then.items():
+                        setattr(port, name, state)
+        except (OSError, ValueError) as error:
+            raise LinkError(f"{self.url}: modem lines cannot be set: {error}") from error
+
+    def close(self) -> None:
+        """Do nothing: the board is not ours."""
+
+
+def _run(command: str, timeout_s: float) -> None:
+    """Run a shell command of the user; :class:`ConfigurationError` if it fails."""
+    try:
+        done = subprocess.run(
+            command,
+            shell=True,
+            timeout=max(timeout_s, 1.0),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise ConfigurationError(f"--reset-cmd took more than {timeout_s:g} s") from error
+    if done.returncode:
+        said = " ".join(done.stdout.decode(errors="replace").split())[-200:]
+        raise ConfigurationError(f"--reset-cmd ended with status {done.returncode}: {said}")
+
+
+def when_there(open_port: Callable[[], Transport], timeout_s: float) -> Transport:
+    """Open a port as soon as it is there."""
+    end_s = time.monotonic() + timeout_s
+    while True:
+        try:
+            return open_port()
+        except LinkError:
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(_POLL_S)

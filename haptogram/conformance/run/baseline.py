@@ -1,0 +1,53 @@
+"""Failures that are expected: a firmware that fails today need not fail its CI for that.
+
+::
+
+    [expected]
+    "HG-6.11/2" = "FAILED"          # a clause, with all of its cases
+    "HG-3.6/1-time" = "FAILED"      # one case
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from haptogram.errors import ConfigurationError
+from haptogram.machine.files import write_atomically
+
+from ..case import Case
+from ..verdict import Behaviour, SuiteResult
+
+
+def load_baseline(path: Path, cases: tuple[Case, ...]) -> dict[str, str]:
+    """Return the verdicts that are expected, by case or clause.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, names a case that there is not, or a verdict that is none.
+    """
+    try:
+        found = tomllib.loads(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    if set(found) != {"expected"} or not isinstance(found["expected"], dict):
+        raise ConfigurationError(f"{path}: one table [expected] is due, found {sorted(found)}")
+    known = {case.id for case in cases} | {case.clause for case in cases}
+    verdicts = {behaviour.value for behaviour in Behaviour}
+    for name, verdict in found["expected"].items():
+        if name not in known:
+            raise ConfigurationError(f"{path}: there is no case {name!r}")
+        if verdict not in verdicts:
+            raise ConfigurationError(f"{path}: {name} is {verdict!r}; {sorted(verdicts)} are known")
+    return dict(found["expected"])
+
+
+def write_baseline(path: Path, suite: SuiteResult) -> None:
+    """Write the failures of a run as those that are expected from now on."""
+    rows = [
+        f'"{result.case}" = "{result.behaviour}"  # {" ".join(result.detail.split())[:100]}'
+        for result in suite.results
+        if result.is_failure
+    ]
+    write_atomically(path, "\n".join(["[expected]", *rows, ""]).encode())

@@ -1,0 +1,82 @@
+"""Which array a board has: its geometry, and whether it is the one that the host assumes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.driver.line.link import Link
+from haptogram.errors import ConfigurationError, WrongProtocolError
+from haptogram_protocol.messages import Element, GeometryReply, GetGeometry, HelloReply
+
+
+def read_array(link: Link, identity: HelloReply) -> TransducerArray:
+    """Return the board's array: from the grid that HELLO names, else read element by element.
+
+    Raises
+    ------
+    WrongProtocolError
+        If what was read has not the hash that HELLO named.
+    """
+    if identity.grid_nx and identity.grid_ny:
+        pitch_m = identity.pitch_um / 1e6
+        grid = TransducerArray.grid(identity.grid_nx, identity.grid_ny, pitch_m=pitch_m)
+        if grid.digest() == identity.geometry_hash:
+            return grid
+    return read_geometry(link, identity)
+
+
+def read_geometry(link: Link, identity: HelloReply) -> TransducerArray:
+    """Return the board's array, read element by element; see :func:`read_array`."""
+    elements: list[Element] = []
+    while len(elements) < identity.transducers:
+        request = GetGeometry(len(elements), identity.transducers - len(elements))
+        reply = link.request(request, GeometryReply)
+        if reply.first != len(elements) or not reply.elements:
+            raise WrongProtocolError(
+                f"{link.url}: GET_GEOMETRY from {len(elements)} gave {len(reply.elements)} "
+                f"transducers from {reply.first}"
+            )
+        elements += reply.elements
+    positions = np.array([(e.x_um, e.y_um, e.z_um) for e in elements]) / 1e6
+    normals = np.array([(e.nx, e.ny, e.nz) for e in elements]) / 32767
+    array = TransducerArray.from_positions(positions, normals)
+    if array.digest() != identity.geometry_hash:
+        raise WrongProtocolError(
+            f"{link.url}: geometry hash {array.digest():08x} of what was read; HELLO named "
+            f"{identity.geometry_hash:08x}"
+        )
+    return array
+
+
+def model_of(
+    array: TransducerArray, identity: HelloReply, medium: Medium | None = None
+) -> AcousticModel:
+    """Return the model of a board's array in *medium*, by default air of 20 C."""
+    transducer = Transducer(frequency_hz=float(identity.carrier_hz))
+    air = medium or Medium.air(frequency_hz=transducer.frequency_hz)
+    return AcousticModel(array, air, transducer)
+
+
+def check_model(model: AcousticModel, identity: HelloReply) -> list[str]:
+    """Return what differs between the model given and the board, although they can work together.
+
+    Raises
+    ------
+    ConfigurationError
+        If they have not as many transducers, or another carrier frequency.
+    """
+    if model.array.count != identity.transducers:
+        raise ConfigurationError(
+            f"the model has {model.array.count} transducers, the board {identity.transducers}"
+        )
+    if model.frequency_hz != identity.carrier_hz:
+        raise ConfigurationError(
+            f"the model's carrier is {model.frequency_hz:g} Hz, the board's {identity.carrier_hz}"
+        )
+    if model.array.digest() != identity.geometry_hash:
+        return [
+            f"geometry hash {identity.geometry_hash:08x} of the board is not that of the model, "
+            f"{model.array.digest():08x}: their transducers are not in the same places"
+        ]
+    return []

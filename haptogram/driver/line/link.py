@@ -1,0 +1,282 @@
+"""Connection + transport: the pump that everything between host and board goes through.
+
+All waiting of the driver happens in :meth:`Link.turn`, with a deadline; so nothing can hang, and
+the same code runs on the wall clock and in virtual time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, TypeAlias, TypeVar
+
+from haptogram.driver.line.budget import LineModel, transmission_ns
+from haptogram.driver.line.port import Transport
+from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
+from haptogram_protocol import NEED_DATA, HostConnection
+from haptogram_protocol.connection import (
+    EventReceived,
+    FrameDropped,
+    ReplyReceived,
+    RequestRefused,
+    RequestTimedOut,
+)
+from haptogram_protocol.messages import ErrorCode, Message, UploadChunk
+
+NS_PER_S: Final = 1_000_000_000
+BURST_NS: Final = 1_800_000  # of line time that may be unsent: two frames of 276 B at 3 Mbaud
+_STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
+
+_UNASKED: Final = (EventReceived, FrameDropped)
+_Outcome: TypeAlias = ReplyReceived | RequestRefused | RequestTimedOut
+Handler: TypeAlias = Callable[[EventReceived | ReplyReceived | FrameDropped], None]
+#: Called with what is done and the total.
+Progress: TypeAlias = Callable[[int, int], None]
+_M = TypeVar("_M", bound=Message)
+
+
+class Link:
+    """An open port and the protocol on it.
+
+    Parameters
+    ----------
+    transport : Transport
+        Open port; the link closes it.
+    connection : HostConnection
+        The protocol's state.
+    baudrate : int
+        Rate of the line, bits per second.
+    timeout_s : float
+        How long the port may refuse to take a byte, and the board to answer.
+
+    Attributes
+    ----------
+    handler : callable
+        Is given events of the board, damaged frames, and replies that nobody waits for.
+    stalls : int
+        How often the port did not take all bytes that it was offered.
+    idle_since_ns : int
+        When it last had nothing to do but wait for bytes.
+    now_ns : callable
+        Returns the time on the port's clock.
+    """
+
+    def __init__(
+        self, transport: Transport, connection: HostConnection, *, baudrate: int, timeout_s: float
+    ) -> None:
+        self.connection = connection
+        self.line = LineModel(baudrate)
+        self._burst_bytes = self.line.bytes_in(BURST_NS)
+        self.handler: Handler = _ignore
+        self.stalls = 0
+        self.idle_since_ns = 0
+        self.now_ns = transport.now_ns  # the very method: it is called a dozen times a frame
+        self._transport = transport
+        self._timeout_ns = int(timeout_s * NS_PER_S)
+        self._unwritten = b""
+        self._refusing_since_ns: int | None = None
+        self._awaited: dict[int, _Outcome | None] = {}
+
+    @property
+    def url(self) -> str:
+        """What the port was opened by."""
+        return self._transport.url
+
+    @property
+    def timeout_ns(self) -> int:
+        """How long the board may take to answer."""
+        return self._timeout_ns
+
+    def now_us(self) -> int:
+        """Return the same time in microseconds: the clock of the connection."""
+        return self.now_ns() // 1000
+
+    # --- the pump ------------------------------------------------------------------------------
+
+    def run_until(self, deadline_ns: int) -> None:
+        """Serve the line until *deadline_ns*, at least once."""
+        self.turn(deadline_ns)
+        while self.now_ns() < deadline_ns:
+            self.turn(deadline_ns)
+
+    def turn(self, deadline_ns: int) -> None:
+        """Send what is due, wait for bytes until *deadline_ns* at the latest, and act on them.
+
+        Raises
+        ------
+        LinkLostError
+            If the port is gone, or took no byte for the timeout.
+        """
+        self._push()
+        self.idle_since_ns = self.now_ns()
+        data = self._transport.read_available(self._wake_ns(deadline_ns))
+        now_us = self.now_us()
+        if data:
+            self.connection.receive_data(data, now_us)
+        self.connection.advance_to(now_us)
+        self._dispatch()
+        self._push()
+
+    def _wake_ns(self, deadline_ns: int) -> int:
+        due_us = self.connection.next_deadline_us()
+        if due_us is not None:
+            deadline_ns = min(deadline_ns, due_us * 1000)
+        if self._unwritten:
+            deadline_ns = min(deadline_ns, self.now_ns() + _STALL_RETRY_NS)
+        return deadline_ns
+
+    def _push(self) -> None:
+        """Offer the port what waits: the rest of a frame first, then requests."""
+        data = self._unwritten + self.connection.data_to_send()
+        if data:
+            self._offer(data, self.now_ns())
+
+    def _offer(self, data: bytes, now_ns: int) -> None:
+        written = self._transport.write_some(data)
+        self._unwritten = data[written:]
+        self.line.add(written, now_ns)
+        if not self._unwritten:
+            self._refusing_since_ns = None
+            return
+        self.stalls += 1
+        if written or self._refusing_since_ns is None:
+            self._refusing_since_ns = now_ns
+        if now_ns - self._refusing_since_ns > self._timeout_ns:
+            raise LinkLostError(
+                f"{self.url}: the port has taken no byte for {self._timeout_ns / NS_PER_S:g} s"
+            )
+
+    def _dispatch(self) -> None:
+        while (event := self.connection.next_event()) is not NEED_DATA:
+            if isinstance(event, _UNASKED):
+                self.handler(event)
+            elif event.seq in self._awaited:
+                self._awaited[event.seq] = event
+            elif isinstance(event, ReplyReceived):
+                self.handler(event)
+            else:
+                self._reply_of(event)  # raises: nobody else would tell
+
+    # --- stream --------------------------------------------------------------------------------
+
+    def write_frame(self, wire: bytes) -> int:
+        """Send a stream frame, once there is room for it, and return when there was.
+
+        There is room when *wire* would be no more than the second frame unsent, or 1.8 ms of the
+        line.  What lies in the port cannot be overtaken: with more in it, a MUTE would come too
+        late.  With less, a host that catches up would sleep once a frame, and oversleep as often.
+        """
+        unsent = max(len(wire), self._burst_bytes - len(wire))
+        now_ns = self.now_ns()
+        while self._unwritten or self.line.unsent_bytes(now_ns) > unsent:
+            wait_ns = _STALL_RETRY_NS if self._unwritten else 1
+            self.turn(max(self.line.room_at_ns(unsent), now_ns + wait_ns))
+            now_ns = self.now_ns()
+        self._offer(wire, now_ns)
+        return now_ns
+
+    def transmission_ns(self, wire: bytes) -> int:
+        """Return how long *wire* takes on the line."""
+        return transmission_ns(len(wire), self.line.baudrate)
+
+    # --- requests ------------------------------------------------------------------------------
+
+    def request(
+        self, message: Message, reply: type[_M], *, t_apply_us: int = 0, immediate: bool = False
+    ) -> _M:
+        """Send a request and return its reply, which is of the type *reply*.
+
+        Raises
+        ------
+        DeviceError
+            The board refused it.
+        NoAnswerError
+            It was not answered in time.
+        LinkLostError
+            The port is gone.
+        """
+        deadline_ns = self.now_ns() + self._timeout_ns
+        self.settle(deadline_ns)
+        seq = self.send(message, t_apply_us=t_apply_us, immediate=immediate)
+        return self.wait_for(seq, reply, deadline_ns)
+
+    def send(self, message: Message, *, t_apply_us: int = 0, immediate: bool = False) -> int:
+        """Send a request without waiting: the handler gets its reply, unless somebody waits."""
+        seq = self.connection.send_request(
+            message, self.now_us(), t_apply_us=t_apply_us, immediate=immediate
+        )
+        self._push()
+        return seq
+
+    def mute(self, reply: type[_M], timeout_ns: int) -> _M:
+        """Mute the board before anything else that waits, and return its reply."""
+        # The rest of a frame that was cut off here ends at the MUTE's first delimiter, damaged.
+        self._unwritten = b""
+        self._awaited.clear()
+        self.connection.data_to_send()
+        seq = self.connection.send_mute(self.now_us())
+        return self.wait_for(seq, reply, self.now_ns() + timeout_ns)
+
+    def settle(self, deadline_ns: int) -> None:
+        """Wait until no request waits for its answer."""
+        while self.connection.outstanding:
+            self._check_time(deadline_ns, "a request")
+            self.turn(deadline_ns)
+
+    def send_chunk(self, chunk: UploadChunk) -> int:
+        """Send a part of an upload and return its number; a full window is the caller's affair."""
+        seq = self.connection.send_chunk(chunk, self.now_us())
+        self._awaited[seq] = None
+        self._push()
+        return seq
+
+    def answered(self, seq: int) -> bool:
+        """Tell whether an awaited request has its answer."""
+        return self._awaited.get(seq) is not None
+
+    def wait_for(self, seq: int, reply: type[_M], deadline_ns: int) -> _M:
+        """Return the reply to the request *seq*; see :meth:`request`."""
+        self._awaited.setdefault(seq, None)
+        try:
+            while (outcome := self._awaited[seq]) is None:
+                self._check_time(deadline_ns, "the last request")
+                self.turn(deadline_ns)
+        finally:
+            del self._awaited[seq]
+        message = self._reply_of(outcome).message
+        assert isinstance(message, reply)  # the connection pairs requests with their replies
+        return message
+
+    def _check_time(self, deadline_ns: int, what: str) -> None:
+        if self.now_ns() >= deadline_ns:
+            raise NoAnswerError(
+                f"{self.url}: {what} was not answered within {self._timeout_ns / NS_PER_S:g} s"
+            )
+
+    def _reply_of(self, outcome: _Outcome) -> ReplyReceived:
+        if isinstance(outcome, RequestTimedOut):
+            raise NoAnswerError(
+                f"{self.url}: {outcome.request.name} was sent {outcome.attempts} times and not "
+                "answered"
+            )
+        if isinstance(outcome, RequestRefused):
+            error = outcome.error
+            raise DeviceError(
+                f"{outcome.request.name} was refused: {error_name(error.code)}, "
+                f"detail {error.detail}",
+                code=error.code,
+                detail=error.detail,
+            )
+        return outcome
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        self._transport.close()
+
+
+def error_name(code: int) -> str:
+    """Return the name of an error code, its number if this version does not know it."""
+    return ErrorCode(code).name if code in ErrorCode._value2member_map_ else f"error {code}"
+
+
+def _ignore(_: EventReceived | ReplyReceived | FrameDropped) -> None:
+    """Take an event that nobody asked for."""

@@ -1,0 +1,267 @@
+"""Bytes to and from a port, with bounded waits and the port's own clock.
+
+A :class:`Transport` is the one place where the host waits.  Whether its time is that of the wall or
+the virtual time of an emulated board, the caller cannot tell and does not need to.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+import time
+from collections.abc import Iterator
+from typing import Any, Final, Protocol
+
+import serial
+
+from haptogram.errors import (
+    ConfigurationError,
+    LinkError,
+    LinkLostError,
+    PortBusyError,
+    PortNotFoundError,
+)
+from haptogram.machine.waiter import Waiter
+from haptogram.settings.arguments import check_whole
+
+DEFAULT_BAUDRATE: Final = 3_000_000
+MOST_BAUDRATE: Final = 1_000_000_000  # a line without a rate, such as a pty, can be taken as fast
+_CHUNK: Final = 65_536
+_GONE: Final = (OSError, ValueError, TypeError)  # the last two: closed under our feet
+_BUSY: Final = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
+_ABSENT: Final = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
+_UNREACHED: Final = frozenset({errno.EHOSTUNREACH, errno.ENETUNREACH})
+
+
+class Transport(Protocol):
+    """A port that is open."""
+
+    @property
+    def url(self) -> str:
+        """What the port was opened by."""
+        ...
+
+    def now_ns(self) -> int:
+        """Return the time on the clock of this port: monotonic, nanoseconds."""
+        ...
+
+    def read_available(self, deadline_ns: int) -> bytes:
+        """Return what has come in as soon as there is anything, ``b""`` at the deadline.
+
+        Raises
+        ------
+        LinkLostError
+            If the port is gone.
+        """
+        ...
+
+    def write_some(self, data: bytes) -> int:
+        """Hand over as many bytes as the port takes at once; return how many these were.
+
+        Raises
+        ------
+        LinkLostError
+            If the port is gone.
+        """
+        ...
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        ...
+
+
+class FdTransport:
+    """A port with a file descriptor: opened by pyserial, read and written directly.
+
+    pyserial's own ``read`` and ``write`` cost up to three system calls each and can report a
+    timeout for bytes that were written; the descriptor costs one.
+
+    Parameters
+    ----------
+    port : serial.SerialBase
+        Open, non-blocking port.
+    url : str
+        Its name, for messages.
+    """
+
+    def __init__(self, port: serial.SerialBase, url: str) -> None:
+        self._port = port
+        self._fd = int(port.fileno())
+        self._waiter = Waiter()
+        self.url = url
+
+    def now_ns(self) -> int:
+        """Return the time of the monotonic clock."""
+        return time.monotonic_ns()
+
+    def read_available(self, deadline_ns: int) -> bytes:
+        """Return what has come in; see :class:`Transport`."""
+        wait_s = max(0, deadline_ns - time.monotonic_ns()) / 1e9
+        try:
+            if not self._waiter.wait([self._fd], timeout_s=wait_s):
+                return b""
+            data = os.read(self._fd, _CHUNK)
+        except _GONE as error:
+            raise _lost(self.url, error) from error
+        if not data:
+            raise LinkLostError(f"{self.url}: the other end closed the port")
+        return data
+
+    def write_some(self, data: bytes) -> int:
+        """Hand over what the port takes; see :class:`Transport`."""
+        try:
+            return os.write(self._fd, data)
+        except BlockingIOError:
+            return 0
+        except _GONE as error:
+            raise _lost(self.url, error) from error
+
+    def close(self) -> None:
+        """Close the port."""
+        self._fd = -1
+        _close(self._port)
+
+
+class PyserialTransport:
+    """A port without a file descriptor, through pyserial's own methods.
+
+    A port that has a method ``now_ns`` brings its own clock (virtual time): there, a blocking read
+    is what makes time pass.
+
+    Parameters
+    ----------
+    port : serial.SerialBase
+        Open port.
+    url : str
+        Its name, for messages.
+    """
+
+    def __init__(self, port: Any, url: str) -> None:  # the stubs of SerialBase lack in_waiting
+        self._port = port
+        self._port.write_timeout = 0
+        clock = getattr(port, "now_ns", None)
+        self._now_ns = clock if callable(clock) else time.monotonic_ns
+        self.url = url
+
+    def now_ns(self) -> int:
+        """Return the time of the port's clock, of the monotonic one if it has none."""
+        return int(self._now_ns())
+
+    def read_available(self, deadline_ns: int) -> bytes:
+        """Return what has come in; see :class:`Transport`."""
+        with _loss(self.url):
+            data = self._read(self._port.in_waiting)
+            while not data and (wait_ns := deadline_ns - self.now_ns()) > 0:
+                self._port.timeout = wait_ns / 1e9
+                data = self._read(1)
+            return data + self._read(self._port.in_waiting) if data else b""
+
+    def _read(self, size: int) -> bytes:
+        return bytes(self._port.read(size)) if size else b""
+
+    def write_some(self, data: bytes) -> int:
+        """Hand over what the port takes; see :class:`Transport`."""
+        with _loss(self.url):
+            try:
+                # Some handlers return nothing, and mean that they took everything.
+                written = self._port.write(data)
+            except serial.SerialTimeoutException:
+                return 0
+            return len(data) if written is None else int(written)
+
+    def close(self) -> None:
+        """Close the port."""
+        _close(self._port)
+
+
+def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
+    """Open a port for this program alone.
+
+    Parameters
+    ----------
+    url : str
+        Anything that ``serial.serial_for_url`` takes: ``/dev/ttyUSB0``, ``/dev/pts/7``,
+        ``socket://host:port``, ``haptogram://`` (once registered).
+    baudrate : int
+        Bits per second; a port without a line takes no notice.
+
+    Raises
+    ------
+    PortNotFoundError
+        There is no such port, or nothing listens there.
+    PortBusyError
+        Another program holds it.
+    LinkError
+        It cannot be opened for another reason (permission, not a serial port).
+    ConfigurationError
+        *url* or *baudrate* make no sense.
+    """
+    check_whole("baudrate", baudrate, 1, MOST_BAUDRATE)
+    port = _open_port(url, baudrate)
+    try:
+        port.fileno()
+    except (AttributeError, OSError):  # io.UnsupportedOperation is an OSError
+        return PyserialTransport(port, url)
+    return FdTransport(port, url)
+
+
+def _open_port(url: str, baudrate: int) -> Any:
+    try:
+        # exclusive: a second program that asks for the lock gets PortBusyError, not half the bytes.
+        return serial.serial_for_url(url, baudrate=baudrate, timeout=0, exclusive=True)
+    except OSError as error:  # SerialException is one
+        raise _opening_error(url, error) from error
+    except ConfigurationError:
+        raise
+    except ValueError as error:
+        raise ConfigurationError(f"{url} at {baudrate} baud: {_one_line(error)}") from error
+
+
+def _opening_error(url: str, error: OSError) -> LinkError:
+    """Return the error that says why *url* did not open."""
+    codes = {found.errno for found in _chain(error) if isinstance(found, OSError)}
+    if codes & _BUSY:
+        return PortBusyError(f"{url}: another program holds this port")
+    if errno.ECONNREFUSED in codes:
+        return PortNotFoundError(f"{url}: nothing listens there: the connection was refused")
+    if codes & _UNREACHED:
+        return PortNotFoundError(f"{url}: that host cannot be reached")
+    if any(isinstance(found, socket.gaierror) for found in _chain(error)):
+        return PortNotFoundError(f"{url}: there is no such host")
+    if codes & _ABSENT:
+        return PortNotFoundError(f"{url}: there is no such port")
+    named = next((os.strerror(code) for code in codes if code), _one_line(error))
+    return LinkError(f"{url}: the port cannot be opened: {named}")
+
+
+def _chain(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield *error* and what it was raised from: some handlers hide the cause in the context."""
+    while error is not None:
+        yield error
+        error = error.__context__ if error.__cause__ is None else error.__cause__
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())
+
+
+@contextlib.contextmanager
+def _loss(url: str) -> Iterator[None]:
+    """Turn what the system says of a port that is gone into :class:`LinkLostError`."""
+    try:
+        yield
+    except LinkError:
+        raise
+    except _GONE as error:
+        raise _lost(url, error) from error
+
+
+def _lost(url: str, error: BaseException) -> LinkLostError:
+    return LinkLostError(f"{url}: the port is gone: {_one_line(error)}")
+
+
+def _close(port: Any) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        port.close()

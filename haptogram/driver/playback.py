@@ -1,0 +1,216 @@
+"""Playback of an uploaded sequence on the board's clock.  SPEC.md chapter 7."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram.driver.frames import Frame
+from haptogram.driver.line.link import Link, Progress
+from haptogram.driver.timing.clock import next_boundary_us
+from haptogram.driver.timing.pings import PING_PERIOD_NS, Pinger
+from haptogram.driver.timing.schedule import LEAST_RATE_HZ
+from haptogram.driver.upload import SequenceData, upload
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import FrameKey, Intended
+from haptogram.records.kept import Kept
+from haptogram.settings.arguments import check_number, check_whole
+from haptogram_protocol.connection import EventReceived
+from haptogram_protocol.messages import HelloReply, Play, PlaybackEnded, PlayReply, StatusReply
+
+SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
+US_PER_S: Final = 1_000_000
+_TURN_NS: Final = 100_000_000
+MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz
+_LEAST_UNATTENDED_MS: Final = 2 * PING_PERIOD_NS // 1_000_000
+
+
+def playback_period_us(rate_hz: float, identity: HelloReply) -> int:
+    """Return the period of *rate_hz* in whole microseconds, as PLAY carries it.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not whole, or the board does not play as fast.
+    """
+    check_number("rate_hz", rate_hz, LEAST_RATE_HZ, 1e6)
+    if rate_hz > identity.max_playback_rate_hz:
+        raise ConfigurationError(
+            f"rate is {rate_hz:g} Hz; the board plays up to {identity.max_playback_rate_hz} "
+            "frames/s"
+        )
+    period_us = round(US_PER_S / rate_hz)
+    if abs(US_PER_S / period_us - rate_hz) > 1e-9 * rate_hz:
+        raise ConfigurationError(
+            f"rate is {rate_hz:g} Hz, a period of {US_PER_S / rate_hz:.6g} us; playback takes "
+            f"whole microseconds: {period_us} us are {US_PER_S / period_us:.9g} Hz"
+        )
+    return period_us
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """When the frames of a sequence are due.
+
+    Attributes
+    ----------
+    period_us : int
+        From one frame to the next.
+    loops : int
+        How often the sequence is played.
+    lead_us : int
+        From the request to the first frame.
+    unattended_ms : int
+        How long the board plays on without hearing from the host.
+    """
+
+    period_us: int
+    loops: int
+    lead_us: int
+    unattended_ms: int
+
+    def check(self, identity: HelloReply) -> None:
+        """Refuse, before the first byte, what the board does not play."""
+        check_whole("loops", self.loops, 1, MOST_PLAYED)
+        check_whole("lead_us", self.lead_us, 1, identity.max_horizon_us)
+        least_ms = _LEAST_UNATTENDED_MS  # two pings of the host
+        check_whole("unattended_ms", self.unattended_ms, least_ms, identity.max_unattended_ms)
+
+
+@dataclass(frozen=True, slots=True)
+class PlayReport:
+    """How a playback went.
+
+    Attributes
+    ----------
+    frames : int
+        Frames that were due.
+    latched : int or None
+        Frames that the board says it latched; None: it did not tell.
+    t0_us : int
+        Unwrapped device time at which the first frame was due.
+    clock_uncertainty_us : float
+        Stated error of the device clock at the end.
+    status : StatusReply
+        The board's own counts, after the last frame.
+    """
+
+    frames: int
+    latched: int | None
+    t0_us: int
+    clock_uncertainty_us: float
+    status: StatusReply
+
+
+@dataclass(slots=True)
+class _Score:
+    """A playback under way: what is due when, and how much of it is noted as intended."""
+
+    frames: list[Frame]
+    timing: Timing
+    t0_us: int
+    session: int
+    intended: Kept[Intended]
+    noted: int = 0
+
+    @property
+    def total(self) -> int:
+        """How many frames will be due."""
+        return self.timing.loops * len(self.frames)
+
+    def due_us(self, place: int) -> int:
+        """Return when frame *place* is due."""
+        return self.t0_us + place * self.timing.period_us
+
+    def note(self, due: int) -> None:
+        """Note the first *due* frames, but for those that are."""
+        while self.noted < due:
+            loop, index = divmod(self.noted, len(self.frames))
+            key = FrameKey(self.session, SEQUENCE_ID, loop, index)
+            due_us, number = self.due_us(self.noted), self.intended.total
+            self.noted += 1
+            self.intended.append(self.frames[index].intended(number, key, due_us))
+
+
+class Player:
+    """Uploads and plays over a link.
+
+    Parameters
+    ----------
+    link : Link
+    pinger : Pinger
+        Its clock has an estimate.
+    identity : HelloReply
+        The board's limits, carrier and session.
+    events : Kept of EventReceived
+        What the board reports while the link is served: among it the end of playback.
+    """
+
+    def __init__(
+        self, link: Link, pinger: Pinger, identity: HelloReply, *, events: Kept[EventReceived]
+    ) -> None:
+        self._link = link
+        self._pinger = pinger
+        self._identity = identity
+        self._events = events
+        self._news = 0  # where the events since the start of playback begin
+
+    def store(self, data: SequenceData) -> None:
+        """Upload the sequence to play."""
+        points = data.points_per_frame
+        upload(self._link, data.kind, SEQUENCE_ID, data.data, points_per_frame=points)
+
+    def play(
+        self,
+        frames: list[Frame],
+        timing: Timing,
+        intended: Kept[Intended],
+        progress: Progress | None,
+    ) -> tuple[int, PlaybackEnded | None]:
+        """Play what was stored and wait for the end; return t0 and the board's own account.
+
+        *intended* grows by what falls due; at the end by what is left, unless the wait is cut
+        short.
+        """
+        self._news = self._events.total
+        score = _Score(frames, timing, self._start(timing), self._identity.nonce, intended)
+        try:
+            end = self._follow(score, progress)
+        except BaseException:
+            score.note(self._due(score))
+            raise
+        score.note(score.total)
+        return score.t0_us, end
+
+    def _start(self, timing: Timing) -> int:
+        """Start playback and return when: unwrapped device time."""
+        now_us = self._pinger.clock.to_device_us(self._link.now_ns())
+        t0_us = next_boundary_us(now_us + timing.lead_us, self._identity.carrier_hz)
+        play = Play(SEQUENCE_ID, timing.period_us, timing.loops, timing.unattended_ms)
+        self._link.request(play, PlayReply, t_apply_us=t0_us)
+        return t0_us
+
+    def _follow(self, score: _Score, progress: Progress | None) -> PlaybackEnded | None:
+        """Wait for the end of playback, and keep the lease meanwhile."""
+        total, end_us = score.total, score.due_us(score.total)
+        last_ns = self._pinger.clock.to_host_ns(end_us) + self._link.timeout_ns
+        while (end := self._ended()) is None and (now_ns := self._link.now_ns()) < last_ns:
+            due = self._due(score)
+            score.note(due)
+            if progress is not None:
+                progress(due, total)
+            self._pinger.keep()
+            self._link.turn(min(now_ns + _TURN_NS, last_ns))
+        if progress is not None:
+            progress(total, total)
+        return end
+
+    def _ended(self) -> PlaybackEnded | None:
+        """Return what the board said of the end, among its events since the start."""
+        news = (event.message for event in self._events.since(self._news))
+        return next((m for m in news if isinstance(m, PlaybackEnded)), None)
+
+    def _due(self, score: _Score) -> int:
+        """Return how many frames were due by now."""
+        since_us = self._pinger.clock.to_device_us(self._link.now_ns()) - score.t0_us
+        return min(max(0, since_us // score.timing.period_us + 1), score.total)

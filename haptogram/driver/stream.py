@@ -1,0 +1,320 @@
+"""Frames at a steady rate: each has its device time, and leaves a lead before it.
+
+A frame is due when its :class:`~haptogram.driver.timing.schedule.Schedule` says.  What became late
+on the host is sent at once while it can still be complete at the board before it is due, and
+skipped otherwise.  A skipped frame has used its sequence number, and stays among what was intended.
+
+The bytes of a frame are there long before its tick: the first 256 before the first tick, every
+other one encoded while the loop has nothing else to do.  A tick is one write.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.driver.frames import Frame
+from haptogram.driver.line.link import Link, Progress
+from haptogram.driver.timing.clock import next_boundary_us
+from haptogram.driver.timing.lead import LeadTrim, Reserve
+from haptogram.driver.timing.pings import Pinger
+from haptogram.driver.timing.realtime import PeriodicLoop, TickLog, can_arrive
+from haptogram.driver.timing.schedule import Schedule
+from haptogram.errors import LinkError
+from haptogram.machine.process import real_time
+from haptogram.records.frame import FrameKey, Intended
+from haptogram.records.kept import Kept
+from haptogram_protocol.messages import HelloReply, Status, StatusReply
+
+_PROGRESS_HZ: Final = 20
+_SETTLING_NS: Final = 5_000_000  # between the last latch and the question how it went
+_START_NS: Final = 2_000_000  # from the last preparation to the first frame
+_AHEAD: Final = 256  # frames that are encoded before they are due
+_ENCODING_NS: Final = 40_000  # for one of them, on a busy machine
+_TOLERATED_JUMP_US: Final = 1000  # of the board's clock: every lead is longer
+_WATCH_NS: Final = 100_000_000  # a wait is cut into pieces no longer than this, to keep the clock
+
+_Encoded: TypeAlias = tuple[Frame, int, int, bytes]  # with index and due time in us
+
+
+@dataclass(frozen=True, slots=True)
+class StreamReport:
+    """How the host's side of a stream went.
+
+    Attributes
+    ----------
+    frames : int
+        Frames that were due.
+    skipped : tuple of int
+        Numbers (:attr:`Intended.number`) of those that could no longer be in time.
+    lateness_us : (n,) numpy.ndarray
+        How late the host was at each tick, in microseconds.
+    late_ticks : int
+        Ticks that were late by a period or more.
+    write_stalls : int
+        How often the port did not take all bytes at once.
+    lead_us : int
+        How long before its time the last frame was sent.
+    lead_moves : int
+        How often the trim changed that.
+    ticks : TickLog
+        What happened when at each tick.
+    not_permitted : tuple of str
+        What a real-time loop asked for and did not get.
+    clock_uncertainty_us : float
+        Stated error of the device clock at the end.
+    t0_us : int
+        Unwrapped device time at which the first frame was due.
+    status : StatusReply
+        The board's own counts, after the last frame.
+    """
+
+    frames: int
+    skipped: tuple[int, ...]
+    lateness_us: NDArray[np.float64]
+    late_ticks: int
+    write_stalls: int
+    lead_us: int
+    lead_moves: int
+    ticks: TickLog
+    not_permitted: tuple[str, ...]
+    clock_uncertainty_us: float
+    t0_us: int
+    status: StatusReply
+
+    @property
+    def sent(self) -> int:
+        """Frames that were handed to the port."""
+        return self.frames - len(self.skipped)
+
+
+@dataclass(frozen=True, slots=True)
+class Pacing:
+    """How the loop keeps its deadlines.
+
+    Attributes
+    ----------
+    spin_us : int
+        How long before a deadline to watch the clock instead of sleeping; a quarter of the period
+        at most.
+    strict : bool
+        Whether to ask for fixed priority, locked memory and a frozen collector.
+    trim : LeadTrim or None
+        Moves the lead; None: it stays.
+    """
+
+    spin_us: int = 0
+    strict: bool = False
+    trim: LeadTrim | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Streamed:
+    """What came of a stream: ticks, numbers skipped, t0, last lead, what was not permitted."""
+
+    ticks: TickLog
+    skipped: list[int]
+    t0_us: int
+    lead_us: int
+    not_permitted: tuple[str, ...]
+
+
+class Streamer:
+    """Sends frames over a link, on a schedule.
+
+    Parameters
+    ----------
+    link : Link
+    pinger : Pinger
+        Its clock has an estimate.
+    identity : HelloReply
+        Session and carrier of the board.
+    intended : Kept of Intended
+        Grows by every frame that was sent or skipped, at that moment.
+    status : callable
+        Returns the newest STATUS of the board, None before the first.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        pinger: Pinger,
+        identity: HelloReply,
+        *,
+        intended: Kept[Intended],
+        status: Callable[[], Status | None],
+    ) -> None:
+        self._link = link
+        self._pinger = pinger
+        self._identity = identity
+        self._intended = intended
+        self._status = status
+
+    def send_now(self, frame: Frame) -> Intended:
+        """Send one frame that is latched as soon as it is complete."""
+        return self.send_for(frame, None)
+
+    def send_for(self, frame: Frame, due_us: int | None) -> Intended:
+        """Send one frame that is due at the unwrapped device time *due_us*; None: at once."""
+        index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=due_us)
+        intended = self._note(frame, index, due_us)
+        self._link.write_frame(wire)
+        return intended
+
+    def stream(
+        self,
+        frames: list[Frame],
+        schedule: Schedule,
+        pacing: Pacing,
+        progress: Progress | None,
+    ) -> Streamed:
+        """Send *frames*.
+
+        Raises
+        ------
+        LinkError
+            The link broke, or the board's clock jumped: the frames would come at wrong times.
+        """
+        with real_time(strict=pacing.strict) as refused:
+            run = _Run(self._link, self._pinger, schedule, pacing, self._status, len(frames))
+            t0_us = self._start_us(schedule, len(frames))
+            coming = self._encoded(frames, schedule, t0_us)
+            ready = deque(islice(coming, _AHEAD))
+            stride = max(1, int(schedule.rate_hz / _PROGRESS_HZ))
+            for number in range(1, len(frames) + 1):
+                frame, index, due_us, wire = ready.popleft()
+                run.wait(due_us)
+                sent = run.send(wire, due_us)
+                noted = self._note(frame, index, due_us)
+                if not sent:
+                    run.skipped.append(noted.number)
+                ready.extend(islice(coming, 1))
+                if progress is not None and number % stride == 0:
+                    progress(number, len(frames))
+            run.settle(due_us)
+        if progress is not None:
+            progress(len(frames), len(frames))
+        return Streamed(run.ticks, run.skipped, t0_us, run.lead_us, tuple(refused))
+
+    def _start_us(self, schedule: Schedule, count: int) -> int:
+        """Return when the first frame is due: late enough to encode what is encoded before it."""
+        begin_ns = self._link.now_ns() + preparation_ns(count)
+        begin_us = self._pinger.clock.to_device_us(begin_ns)
+        return next_boundary_us(begin_us + schedule.lead_us, self._identity.carrier_hz)
+
+    def _encoded(self, frames: list[Frame], schedule: Schedule, t0_us: int) -> Iterator[_Encoded]:
+        for number, frame in enumerate(frames):
+            due_us = t0_us + schedule.offset_us(number)
+            index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=due_us)
+            yield frame, index, due_us, wire
+
+    def _note(self, frame: Frame, index: int, due_us: int | None) -> Intended:
+        key = FrameKey.of_stream(self._identity.nonce, index)
+        intended = frame.intended(self._intended.total, key, due_us)
+        self._intended.append(intended)
+        return intended
+
+
+def preparation_ns(count: int) -> int:
+    """Return how long before its lead a stream of *count* frames begins."""
+    return _START_NS + min(count, _AHEAD) * _ENCODING_NS
+
+
+class _Run:
+    """The ticks of one stream."""
+
+    def __init__(
+        self,
+        link: Link,
+        pinger: Pinger,
+        schedule: Schedule,
+        pacing: Pacing,
+        status: Callable[[], Status | None],
+        ticks: int,
+    ) -> None:
+        self.ticks, self.skipped = TickLog(ticks), list[int]()
+        self.lead_us = schedule.lead_us
+        self._link, self._pinger = link, pinger
+        self._trim, self._status = pacing.trim, status
+        self._seen = status()
+        self._jumps = pinger.clock.jumps
+        self._loop = PeriodicLoop(
+            link.now_ns,
+            link.run_until,
+            period_ns=int(schedule.period_us * 1000),
+            spin_ns=pacing.spin_us * 1000,
+        )
+        self._reserve = Reserve(pinger.clock.uncertainty_us)
+        self._deadline_ns = self._wake_ns = 0
+        self._lead_changed = True  # until the first report that began with this stream
+
+    def wait(self, due_us: int) -> None:
+        """Wait until it is time to send what is due at *due_us*."""
+        self._pinger.keep()
+        self._read_status()
+        while (now_ns := self._link.now_ns()) + _WATCH_NS < self._at_ns(due_us):
+            self._link.run_until(now_ns + _WATCH_NS)
+            self._pinger.keep()
+        # From the newest estimate, so that the lead stays what it is while the clocks drift.
+        self._deadline_ns = self._at_ns(due_us)
+        self._wake_ns = self._loop.wait(self._deadline_ns)
+
+    def _at_ns(self, due_us: int) -> int:
+        clock = self._pinger.clock
+        if clock.jumps != self._jumps and abs(clock.jump_us) > _TOLERATED_JUMP_US:
+            raise LinkError(
+                f"{self._link.url}: the board's clock jumped by {clock.jump_us} us, noticed after "
+                f"{self.ticks.count} frames: what is queued and to come has wrong times"
+            )
+        return clock.to_host_ns(due_us - self.lead_us)
+
+    def send(self, wire: bytes, due_us: int) -> bool:
+        """Send what is due at *due_us*, unless it can no longer be in time; tell which."""
+        link = self._link
+        ready_ns = room_ns = link.now_ns()
+        in_time = can_arrive(
+            now_ns=ready_ns,
+            line_free_ns=link.line.free_ns,
+            transmission_ns=link.transmission_ns(wire),
+            due_ns=self._pinger.clock.to_host_ns(due_us) - self._reserve.ns,
+        )
+        if in_time:
+            room_ns = link.write_frame(wire)
+        elif self._trim is not None:
+            late_ns = ready_ns - self._deadline_ns + link.transmission_ns(wire)
+            self.lead_us = self._trim.add(late_ns // 1000, 1)
+        self.ticks.record(
+            deadline_ns=self._deadline_ns,
+            idle_ns=link.idle_since_ns,
+            wake_ns=self._wake_ns,
+            ready_ns=ready_ns,
+            room_ns=room_ns,
+            done_ns=link.now_ns(),
+            line_free_ns=link.line.free_ns,
+        )
+        return in_time
+
+    def settle(self, due_us: int) -> None:
+        """Wait until the last frame is latched."""
+        self._link.run_until(self._pinger.clock.to_host_ns(due_us) + _SETTLING_NS)
+
+    def _read_status(self) -> None:
+        """Take the newest report of arrival margins, once."""
+        status = self._status()
+        if status is None or status is self._seen:
+            return
+        changed, self._seen = self._lead_changed, status
+        self._lead_changed = False
+        if not status.margins:
+            return
+        self._reserve.take(status.margin_min_us, self._pinger.clock.uncertainty_us)
+        if self._trim is not None and not changed:  # else its frames had two different leads
+            lead_us = self._trim.add(self.lead_us - status.margin_min_us, status.margins)
+            self._lead_changed = lead_us != self.lead_us
+            self.lead_us = lead_us

@@ -1,0 +1,1 @@
+"""Time at the host: the device clock, deadlines, leads, and when each frame is due."""

@@ -1,0 +1,106 @@
+"""When each frame of a stream is due, and what of that line, board and timers cannot carry.
+
+Frame i is due at t0 + floor(i * period): from the exact period, never accumulated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Final
+
+from haptogram.driver.frames import Frame
+from haptogram.driver.line.budget import check_rate, frame_bytes
+from haptogram.driver.timing.lead import default_lead_us
+from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number, check_whole
+from haptogram_protocol.messages import Config, HelloReply
+
+US_PER_S: Final = 1_000_000
+LEAST_RATE_HZ: Final = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """When each frame of a stream is due.
+
+    Attributes
+    ----------
+    period_us : Fraction
+        Exact time from one frame to the next.
+    lead_us : int
+        How long before its time a frame is sent.
+    """
+
+    period_us: Fraction
+    lead_us: int
+
+    @classmethod
+    def at_rate(cls, rate_hz: float, lead_us: int | None, *, queue_depth: int) -> Schedule:
+        """Return the schedule of *rate_hz*, taken as the simplest fraction within 1e-9 of it.
+
+        Without a lead it gets :func:`~haptogram.driver.timing.lead.default_lead_us`.
+        """
+        exact_hz = Fraction(check_number("rate_hz", rate_hz, LEAST_RATE_HZ, US_PER_S))
+        period_us = US_PER_S / exact_hz.limit_denominator(1_000_000)
+        if lead_us is None:
+            lead_us = default_lead_us(period_us, queue_depth)
+        return cls(period_us, check_whole("lead_us", lead_us, 1, 2**31 - 1))
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second."""
+        return float(US_PER_S / self.period_us)
+
+    def offset_us(self, number: int) -> int:
+        """Return when frame *number* is due after the first, in whole microseconds."""
+        return number * self.period_us.numerator // self.period_us.denominator
+
+    def check(self, frames: list[Frame], identity: HelloReply, baudrate: int) -> None:
+        """Refuse, before the first byte, what line and board cannot carry.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming what was asked and the limit.
+        """
+        size = frame_bytes(max(frame.payload_bytes for frame in frames))
+        check_rate(size, baudrate=baudrate, rate_hz=self.rate_hz)
+        if self.rate_hz > identity.max_frame_rate_hz:
+            raise ConfigurationError(
+                f"rate is {self.rate_hz:g} Hz; the board latches up to "
+                f"{identity.max_frame_rate_hz} frames/s"
+            )
+        if self.lead_us > identity.max_horizon_us:
+            raise ConfigurationError(
+                f"lead is {self.lead_us} us; the board looks {identity.max_horizon_us} us ahead"
+            )
+        waiting = -(-self.lead_us // self.period_us)
+        if waiting > identity.queue_depth:
+            longest_us = int(identity.queue_depth * self.period_us)
+            raise ConfigurationError(
+                f"a lead of {self.lead_us} us at {self.rate_hz:g} Hz keeps {waiting} frames "
+                f"waiting; the board's queue holds {identity.queue_depth}: lead up to "
+                f"{longest_us} us"
+            )
+        least_us = -(-size * 10 * US_PER_S // baudrate)
+        if self.lead_us <= least_us:
+            raise ConfigurationError(
+                f"lead is {self.lead_us} us; {size} bytes at {baudrate} baud take {least_us} us"
+            )
+
+    def check_timers(self, config: Config) -> None:
+        """Refuse a rate so low that the board's timers would mute it between two frames.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming the timers.
+        """
+        period_ms = float(self.period_us) / 1000
+        if period_ms >= min(config.hold_ms, config.host_timeout_ms):
+            raise ConfigurationError(
+                f"rate is {self.rate_hz:g} Hz, a frame every {period_ms:g} ms; the board mutes "
+                f"itself after hold_ms = {config.hold_ms}, host_timeout_ms = "
+                f"{config.host_timeout_ms}: configure both to be longer"
+            )

@@ -1,0 +1,158 @@
+"""Uploads: a window of chunks under way, then one commit.  SPEC.md chapter 7."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram.driver.frames import Frame
+from haptogram.driver.line.link import Link, Progress
+from haptogram.errors import ConfigurationError
+from haptogram_protocol.messages import (
+    Feature,
+    HelloReply,
+    Points,
+    UploadBegin,
+    UploadBeginReply,
+    UploadChunk,
+    UploadChunkReply,
+    UploadCommit,
+    UploadCommitReply,
+    UploadKind,
+)
+
+_LARGEST_CHUNK: Final = 2048  # leaves room for header, CRC and stuffing in any frame
+_TURN_NS: Final = 100_000_000
+_NEEDS: Final = {
+    UploadKind.PHASES: Feature.SEQUENCE_PHASES,
+    UploadKind.POINTS: Feature.SEQUENCE_POINTS,
+    UploadKind.CORRECTION: Feature.CORRECTION,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceData:
+    """Frames as an upload holds them.
+
+    Attributes
+    ----------
+    kind : UploadKind
+        What each frame is.
+    points_per_frame : int
+        Focal points in every frame; 0 for phases.
+    data : bytes
+        All frames, one after the other.
+    frames : int
+        How many.
+    """
+
+    kind: UploadKind
+    points_per_frame: int
+    data: bytes
+    frames: int
+
+    @classmethod
+    def of(cls, frames: list[Frame]) -> SequenceData:
+        """Return *frames* as a sequence.
+
+        Raises
+        ------
+        ConfigurationError
+            If they are not all phases, or all points, or do not hold as many focal points.
+        """
+        modes = sorted({frame.mode for frame in frames})
+        if modes not in (["phases"], ["points"]):
+            raise ConfigurationError(
+                f"frames of the mode {', '.join(modes)}; sequences hold phases or points, not "
+                "drives and not both"
+            )
+        counts = {len(f.message.points) for f in frames if isinstance(f.message, Points)}
+        if not counts:
+            data = b"".join(frame.drive.phase_codes.tobytes() for frame in frames)
+            return cls(UploadKind.PHASES, 0, data, len(frames))
+        if len(counts) > 1:
+            raise ConfigurationError(
+                f"frames of {min(counts)} to {max(counts)} foci; those of a sequence have as many"
+            )
+        data = b"".join(frame.message.serialize() for frame in frames)
+        return cls(UploadKind.POINTS, counts.pop(), data, len(frames))
+
+    def check(self, identity: HelloReply) -> None:
+        """Refuse, before the first byte, what the board cannot hold."""
+        check_upload(identity, self.kind, len(self.data))
+        if self.frames > identity.max_sequence_frames:
+            raise ConfigurationError(
+                f"a sequence of {self.frames} frames; the board holds "
+                f"{identity.max_sequence_frames}"
+            )
+
+
+def check_upload(identity: HelloReply, kind: UploadKind, size: int) -> None:
+    """Refuse an upload that the board does not take.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming what was asked and the limit.
+    """
+    if not identity.features & _NEEDS[kind]:
+        raise ConfigurationError(f"the board takes no uploads of {kind.name.lower()}")
+    if size > identity.max_upload_bytes:
+        raise ConfigurationError(
+            f"an upload of {size} bytes; the board takes {identity.max_upload_bytes}"
+        )
+
+
+def upload(
+    link: Link,
+    kind: UploadKind,
+    target: int,
+    data: bytes,
+    *,
+    points_per_frame: int = 0,
+    progress: Progress | None = None,
+) -> UploadCommitReply:
+    """Transfer *data*, with as many chunks under way as the board allows, and commit it.
+
+    Raises
+    ------
+    DeviceError
+        The board refused it; what it held before stays.
+    """
+    begin = UploadBegin(kind, points_per_frame, target, len(data), zlib.crc32(data))
+    reply = link.request(begin, UploadBeginReply)
+    _send_chunks(link, data, min(reply.max_chunk, _LARGEST_CHUNK), progress)
+    return link.request(UploadCommit(target), UploadCommitReply)
+
+
+def _send_chunks(link: Link, data: bytes, size: int, progress: Progress | None) -> None:
+    """Send every chunk; the link sends again what was lost."""
+    waiting: list[int] = []
+    offsets = iter(range(0, len(data), size))
+    offset = next(offsets, None)
+    while offset is not None or waiting:
+        while offset is not None and _may_send(link, size):
+            waiting.append(link.send_chunk(UploadChunk(offset, data[offset:][:size])))
+            offset = next(offsets, None)
+        for seq in [seq for seq in waiting if link.answered(seq)]:
+            waiting.remove(seq)
+            reply = link.wait_for(seq, UploadChunkReply, link.now_ns())
+            if progress is not None:
+                progress(reply.received, len(data))
+        if offset is not None or waiting:
+            link.turn(_next_turn_ns(link, size, all_sent=offset is None))
+
+
+def _may_send(link: Link, size: int) -> bool:
+    """Tell whether window and line have room; a MUTE must not wait behind many chunks."""
+    unsent = link.line.unsent_bytes(link.now_ns())
+    return link.connection.chunks_free > 0 and unsent <= size
+
+
+def _next_turn_ns(link: Link, size: int, *, all_sent: bool) -> int:
+    """Return when to look again: when the line has room, if that is all that is missing."""
+    now_ns = link.now_ns()
+    if all_sent or link.connection.chunks_free == 0:
+        return now_ns + _TURN_NS
+    return max(link.line.room_at_ns(size), now_ns + 1)

@@ -1,0 +1,223 @@
+"""What a virtual board writes out of its back door, read as observations.
+
+The records are described in docs/backdoor.md.  They come from the board's latch and not over the
+line, so they are external evidence: no firmware vouches for itself here.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive, NoFocus, NotSingle, Reconstruction, SingleFocus
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import STREAM, Evidence, FrameKey, Intended, Observation
+from haptogram_protocol.messages import unwrap
+
+_KINDS: Final[Mapping[str, type[SingleFocus] | type[NoFocus] | type[NotSingle]]] = {
+    "single_focus": SingleFocus,
+    "no_focus": NoFocus,
+    "not_single": NotSingle,
+}
+
+
+_END: Final = "end"
+_ARMED: Final = "ARMED"
+
+
+class BackdoorFile:
+    """A file that a board appends records to while it runs.
+
+    Parameters
+    ----------
+    path : Path
+        It need not exist yet.
+
+    Attributes
+    ----------
+    records : list of dict
+        Everything that was read so far, in order.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.records: list[dict[str, Any]] = []
+        self._path = path
+        self._offset = 0
+
+    def read(self) -> int:
+        """Take the lines that are whole by now, and return how many records that made."""
+        if not self._path.exists():
+            return 0
+        with self._path.open("rb") as file:
+            file.seek(self._offset)
+            data = file.read()
+        whole = data[: data.rfind(b"\n") + 1]
+        self._offset += len(whole)
+        found = [json.loads(line) for line in whole.splitlines()]
+        self.records += found
+        return len(found)
+
+
+def observation_of(record: Mapping[str, Any]) -> Observation:
+    """Return the observation in a ``latch`` record.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no such record.
+    """
+    try:
+        return Observation(
+            key=_key(record),
+            t_latch_us=record["t_latch_us"],
+            late=record["late"],
+            evidence=Evidence.EXTERNAL,
+            drive=_drive(record),
+            drive_crc=record["drive_crc"],
+            reconstruction=_reconstruction(record["reconstruction"]),
+            radiated=None if record["radiated"] is None else _drive(record["radiated"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigurationError(f"not a latch record of a back door: {error!r}") from error
+
+
+def observations_of(
+    records: Iterable[Mapping[str, Any]], session: int | None = None
+) -> list[Observation]:
+    """Return the latches among *records*, of one session or of all, in order."""
+    return [
+        observation_of(record)
+        for record in records
+        if record["kind"] == "latch" and session in (None, record["session"])
+    ]
+
+
+def fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
+    """Return how often each fault has fired; None: the board has not ended, or had no faults."""
+    if not records or records[-1]["kind"] != _END:
+        return None
+    counts: dict[str, int] | None = records[-1].get("faults")
+    return counts
+
+
+def silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
+    """Return when the output fell silent: device times as the board counts them."""
+    return [
+        record["t_us"]
+        for record in records
+        if record["kind"] == "output"
+        and (
+            (record["event"] == "ramp_ended" and not record["restored"])
+            or (record["event"] == "state" and record["requested"] and record["state"] != _ARMED)
+        )
+    ]
+
+
+def why_incomplete(
+    records: Sequence[Mapping[str, Any]], session: int | None = None, last: FrameKey | None = None
+) -> str | None:
+    """Return why latches of *session* may be missing among *records*; None: none is.
+
+    Parameters
+    ----------
+    last : FrameKey, optional
+        A frame with which the records are taken to be whole, if the board has not ended.
+    """
+    numbers = [
+        record["number"]
+        for record in records
+        if record["kind"] == "latch" and session in (None, record["session"])
+    ]
+    end = records[-1] if records and records[-1]["kind"] == _END else None
+    gaps = max(numbers) + 1 - len(numbers) if numbers and session is not None else 0
+    missing = max(gaps, end["dropped"] if end else 0)
+    if missing:
+        return f"the back door lacks {missing} latches that found its queue full"
+    if end is not None:
+        return None if end["clean"] else "the board was killed before its last latches were told"
+    if last is not None and any(is_latch_of(record, last) for record in records):
+        return None
+    return "the back door fell silent before the last frame"
+
+
+def is_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
+    """Tell whether *record* is of the latch with this *key*."""
+    return record["kind"] == "latch" and key == _key(record)
+
+
+def without_dropped(
+    intended: Sequence[Intended], observations: Iterable[Observation]
+) -> list[Observation]:
+    """Return *observations* without those that may be of frames before the first of *intended*."""
+    wanted = {frame.key for frame in intended}
+    streamed = [key.index for key in wanted if key.sequence == STREAM]
+    first = min(streamed, default=None)
+    return [
+        o
+        for o in observations
+        if o.key in wanted
+        or (first is not None and o.key.sequence == STREAM and o.key.index >= first)
+    ]
+
+
+def on_the_clock_of(
+    intended: Sequence[Intended], observations: Sequence[Observation]
+) -> list[Observation]:
+    """Return *observations* with their times counted as those of *intended* are.
+
+    The board counts the wraps of its 32-bit clock from its start, the host from when it came: the
+    two are whole wraps apart, the same number for as long as the session lasts.
+    """
+    shift_us = _shift_us(intended, ((o.key, o.t_latch_us) for o in observations))
+    return [dataclasses.replace(o, t_latch_us=o.t_latch_us + shift_us) for o in observations]
+
+
+def silences_on_the_clock_of(
+    intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]
+) -> list[int]:
+    """Return :func:`silences_of` *records*, counted as the times of *intended* are."""
+    latches = (record for record in records if record["kind"] == "latch")
+    shift_us = _shift_us(intended, ((_key(latch), latch["t_latch_us"]) for latch in latches))
+    return [t_us + shift_us for t_us in silences_of(records)]
+
+
+def _shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:
+    """Return the whole wraps between two counts, from the first frame that was due and latched."""
+    due_us = {frame.key: frame.t_apply_us for frame in intended if frame.t_apply_us is not None}
+    for key, t_us in latched:
+        if key in due_us:
+            return unwrap(t_us, due_us[key], 32) - t_us
+    return 0
+
+
+def _key(record: Mapping[str, Any]) -> FrameKey:
+    return FrameKey(record["session"], record["sequence"], record["loop"], record["index"])
+
+
+def _drive(record: Mapping[str, Any]) -> Drive:
+    phases, amplitudes = (
+        np.frombuffer(base64.b64decode(record[name]), dtype=np.uint8)
+        for name in ("phase_codes", "amplitude_codes")
+    )
+    return Drive(phases, amplitudes, record["phase_bits"])
+
+
+def _reconstruction(fields: Mapping[str, Any] | None) -> Reconstruction | None:
+    if fields is None:
+        return None
+    values = {name: _value(value) for name, value in fields.items() if name != "kind"}
+    return _KINDS[fields["kind"]](**values)
+
+
+def _value(value: Any) -> Any:
+    """Return a JSON value as the reconstruction holds it: tuples, and infinity for null."""
+    if isinstance(value, list):
+        return tuple(_value(item) for item in value)
+    return math.inf if value is None else value

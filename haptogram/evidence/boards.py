@@ -1,0 +1,342 @@
+"""The boards that a verification can run on, behind one face: where they are, what they show."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Protocol, TypeAlias
+
+from haptogram.acoustics import AcousticModel
+from haptogram.driver.driver import Driver
+from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes
+from haptogram.driver.line.port import Transport
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.backdoor import (
+    fault_counts,
+    observations_of,
+    on_the_clock_of,
+    silences_on_the_clock_of,
+    why_incomplete,
+)
+from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.records.frame import Observation
+from haptogram_protocol.messages import Feature, HelloReply, StateChanged, TraceDrive, TraceMode
+from haptogram_protocol.state import OutputState
+
+Progress: TypeAlias = Callable[[int, int], None]
+
+_TRACE_SHARE: Final = 0.5  # of the line from the board, for full drives
+_AFTER_LAST_NS: Final = 5_000_000
+_LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as it likes
+_DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
+
+
+class BoardUnderTest(Protocol):
+    """A board to run on."""
+
+    @property
+    def label(self) -> str:
+        """What it is, for the report."""
+        ...
+
+    @property
+    def port(self) -> str | Transport:
+        """Where it is."""
+        ...
+
+    @property
+    def model(self) -> AcousticModel | None:
+        """Array and air that it radiates into; None: nobody knows better than the host."""
+        ...
+
+    def prepare(self, driver: Driver) -> None:
+        """Make it tell, or be ready to tell, what it latches."""
+        ...
+
+    def finish(self, driver: Driver) -> None:
+        """Take down what can only be asked while the session lasts."""
+        ...
+
+    def outlast(self, driver: Driver) -> None:
+        """Let what it was sent come to its time, after the link to it broke."""
+        ...
+
+    def give_up(self) -> bool:
+        """End it, if it is this program's own, without a session; return whether it still ran."""
+        ...
+
+    def observations(
+        self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
+    ) -> list[Observation]:
+        """Return what it latched in the session of *driver*, which is closed by now.
+
+        *progress* is called with what has come so far and what may come, if that takes time.  In a
+        *hurry* what takes time is left out.
+        """
+        ...
+
+    def silences(self, driver: Driver) -> list[int]:
+        """Return the device times at which its output fell silent, once the observations are there.
+
+        They are counted as those of what was intended.
+        """
+        ...
+
+    @property
+    def unseen(self) -> str | None:
+        """Why a frame may have been latched that nobody saw; None: everything is seen.
+
+        It is known once the observations are.
+        """
+        ...
+
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """How often each fault on purpose has fired, once the observations are there; or None."""
+        ...
+
+
+class ProcessBoard:
+    """The virtual board in a process of its own, on a pty, seen through its back door."""
+
+    def __init__(self, board: VirtualBoard) -> None:
+        self._board = board
+        self.label = "virtual board, on a pty, in a process of its own"
+        self.port = board.url
+        self.model = board.model
+        self.unseen: str | None = None
+
+    def prepare(self, driver: Driver) -> None:
+        """Nothing to do: the back door shows everything."""
+
+    def finish(self, driver: Driver) -> None:
+        """Nothing to do: the back door stays open."""
+
+    def outlast(self, driver: Driver) -> None:
+        """Wait, if the board is still there."""
+        if self._board.how_it_ended() is None:
+            time.sleep(max(0, _last_ns(driver, time.monotonic_ns()) - time.monotonic_ns()) / 1e9)
+
+    def give_up(self) -> bool:
+        """End the board, so that it tells what it counted."""
+        ran = self._board.how_it_ended() is None
+        self._board.finish(hurry=True)
+        return ran
+
+    def observations(
+        self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
+    ) -> list[Observation]:
+        """End the board, and return everything that came out of its back door."""
+        expected = driver.intended.total
+        show = None if progress is None else lambda done: progress(min(done, expected), expected)
+        fate = self._board.how_it_ended()
+        self._board.finish(show, hurry=hurry)
+        self.unseen = why_incomplete(self._board.records(), driver.session)
+        if self.unseen is not None and fate is not None:
+            self.unseen += f" ({fate})"
+        return on_the_clock_of(driver.intended, self._board.observations(driver.session))
+
+    def silences(self, driver: Driver) -> list[int]:
+        """Return what came out of the back door."""
+        return silences_on_the_clock_of(driver.intended, self._board.records())
+
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """What the board told at its end."""
+        return self._board.fault_counts
+
+
+class InProcessBoard:
+    """A virtual board in this program, in virtual time, seen through its back door.
+
+    Parameters
+    ----------
+    port : Transport
+        Open; a blocking read advances its time.
+    records : callable
+        Returns the records of the back door so far.
+    wait_until_ns : callable
+        Lets time pass up to a time of the port's clock.
+    model : AcousticModel
+        What it radiates with.
+    """
+
+    def __init__(
+        self,
+        port: Transport,
+        records: Callable[[], Sequence[Mapping[str, Any]]],
+        wait_until_ns: Callable[[int], None],
+        model: AcousticModel,
+    ) -> None:
+        self._records, self._wait_until_ns = records, wait_until_ns
+        self.label = "virtual board, in virtual time"
+        self.port = port
+        self.model = model
+
+    unseen = None
+
+    def prepare(self, driver: Driver) -> None:
+        """Nothing to do: the back door shows everything."""
+
+    def finish(self, driver: Driver) -> None:
+        """Nothing to do: the back door stays open."""
+
+    def outlast(self, driver: Driver) -> None:
+        """Let virtual time pass."""
+        self._wait_until_ns(_last_ns(driver, self.port.now_ns()))
+
+    def give_up(self) -> bool:
+        """Close its port: that ends it."""
+        self.port.close()
+        return True
+
+    def observations(
+        self,
+        driver: Driver,
+        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
+        *,
+        hurry: bool = False,  # noqa: ARG002  nor to leave out
+    ) -> list[Observation]:
+        """Return what came out of the back door."""
+        found = observations_of(self._records(), driver.session)
+        return on_the_clock_of(driver.intended, found)
+
+    def silences(self, driver: Driver) -> list[int]:
+        """Return what came out of the back door."""
+        return silences_on_the_clock_of(driver.intended, self._records())
+
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """What the board told when its port was closed."""
+        return fault_counts(self._records())
+
+
+def _last_ns(driver: Driver, now_ns: int) -> int:
+    """Return when the last frame is due on the host's clock, not much later than *now_ns*."""
+    due_us = driver.intended[-1].t_apply_us if driver.intended else None
+    due_ns = now_ns if due_us is None else driver.clock.to_host_ns(due_us) + _AFTER_LAST_NS
+    return min(due_ns, now_ns + _LONGEST_QUEUE_NS)
+
+
+class PortBoard:
+    """A board at a port, judged by its own word: trace events, trace ring, or a last read-back.
+
+    Parameters
+    ----------
+    url : str
+        Any pyserial URL.
+    rate_hz : float
+        Frames per second that it will be sent.
+    board_computes : bool
+        Whether it computes the drives; then a CRC says nothing, and drives are asked for.
+
+    Attributes
+    ----------
+    unseen : str or None
+        Why it may have latched what it did not show.
+    """
+
+    fault_counts = None  # it may have any, and does not say
+
+    def __init__(self, url: str, *, baudrate: int, rate_hz: float, board_computes: bool) -> None:
+        self.label = url
+        self.port = url
+        self.model = None
+        self.unseen: str | None = None
+        self._baudrate = baudrate
+        self._rate_hz = rate_hz
+        self._board_computes = board_computes
+        self._mode = TraceMode.OFF
+        self._dropped_before = 0
+        self._read_back: list[Observation] = []
+
+    def prepare(self, driver: Driver) -> None:
+        """Switch on the trace that says most and fits the line.
+
+        Raises
+        ------
+        ConfigurationError
+            If the board can show nothing at all: nothing could be verified.
+        """
+        features = Feature(driver.identity.features)
+        config = driver.config()
+        if Feature.CONFIG in features and (wanted := self._best_trace(features)) is not None:
+            divider = self._divider(driver.identity) if wanted is TraceMode.DRIVE else 1
+            config = driver.configure(trace_mode=wanted, trace_divider=divider)
+        self._mode = config.trace_mode  # without CONFIG: whatever the board does by itself
+        if self._mode is TraceMode.OFF and Feature.READ_LATCHED not in features:
+            raise ConfigurationError(
+                f"{self.port}: the board has neither trace nor read-back to verify it by"
+            )
+        self.unseen = self._gaps_of(self._mode, config.trace_divider)
+        self._dropped_before = driver.status().counters.trace_dropped
+
+    def _best_trace(self, features: Feature) -> TraceMode | None:
+        """Return the mode that tells most of what is sent; None: the board has none."""
+        by_feature = {
+            Feature.TRACE: TraceMode.CRC,
+            Feature.TRACE_DRIVE: TraceMode.DRIVE,
+            Feature.TRACE_RING: TraceMode.RING,
+        }
+        if self._board_computes:
+            by_feature = {Feature.TRACE_DRIVE: TraceMode.DRIVE} | by_feature
+        return next((mode for feature, mode in by_feature.items() if feature in features), None)
+
+    @staticmethod
+    def _gaps_of(mode: TraceMode, divider: int) -> str | None:
+        """Return what a trace in *mode* leaves out."""
+        if mode is TraceMode.OFF:
+            return "the board has no trace in force, and its last drive only was read back"
+        if mode is TraceMode.DRIVE and divider > 1:
+            return f"the board shows one drive in {divider}: more do not fit the line"
+        return None
+
+    def _divider(self, identity: HelloReply) -> int:
+        """Return k so that every k-th drive in full leaves half of the line free."""
+        size = frame_bytes(TraceDrive.LAYOUT.size + 2 * identity.transducers)
+        carried_hz = self._baudrate * _TRACE_SHARE / BITS_PER_BYTE / size
+        return max(1, math.ceil(self._rate_hz / carried_hz))
+
+    def finish(self, driver: Driver) -> None:
+        """Take down what the board kept, and see how much it did not keep or send."""
+        if self._mode is TraceMode.OFF:
+            self._read_back = [driver.read_drive()]
+        driver.collect_ring()  # what a run that was cut short has left there
+        dropped = driver.status().counters.trace_dropped - self._dropped_before
+        damaged = sum(driver.link_counters[name] for name in _DAMAGE)
+        kept = driver.identity.trace_ring
+        if dropped and self.unseen is None:
+            self.unseen = f"the board found no room on the line for {dropped} trace events"
+        if damaged and self.unseen is None:
+            self.unseen = "frames from the board were damaged or lost on the line"
+        if self._mode is TraceMode.RING and driver.intended.total > kept:
+            self.unseen = f"the board's trace ring keeps the last {kept} latches"
+        if driver.observations.dropped and self.unseen is None:
+            self.unseen = f"the driver keeps the last {len(driver.observations)} latches it is told"
+
+    def outlast(self, driver: Driver) -> None:
+        """Nothing to do: it cannot tell any more."""
+
+    def give_up(self) -> bool:
+        """Leave it alone: it is not ours."""
+        return True
+
+    def observations(
+        self,
+        driver: Driver,
+        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
+        *,
+        hurry: bool = False,  # noqa: ARG002  nor to leave out
+    ) -> list[Observation]:
+        """Return what the board said that it latched."""
+        return [*driver.observations, *self._read_back]
+
+    def silences(self, driver: Driver) -> list[int]:
+        """Return when the board said that it left ARMED; the ramp is not counted."""
+        return [
+            driver.time_of_event_us(event)
+            for event in driver.events
+            if isinstance(event.message, StateChanged)
+            and event.message.state is not OutputState.ARMED
+        ]

@@ -1,0 +1,217 @@
+"""What a driver records, written to a file as it comes and read back: a sink for long runs.
+
+JSON lines.  What frames have in common, foci and drive, is written once for as long as it repeats:
+``frame`` lines fill numbered slots, ``intended`` lines refer to the slot filled last.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self, TypeAlias
+
+import numpy as np
+
+from haptogram.acoustics.model.drive import Drive
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
+from haptogram.settings.arguments import check_kind
+
+_SLOTS: Final = 4096  # frames that are remembered: some 5 MB
+_Content: TypeAlias = tuple[tuple[Focus, ...], Drive, int, bool, str]
+
+
+class RecordFile:
+    """A sink of :class:`~haptogram.driver.driver.Driver` that writes a file.
+
+    Memory stays bounded.  :func:`read_records` reads the file back.
+
+    Parameters
+    ----------
+    path : str or Path
+        Is written anew.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be written.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        check_kind("path", path, (str, Path), "the name of a file")
+        try:
+            self._file = Path(path).open("w", encoding="utf-8")  # noqa: SIM115  closed by close()
+        except OSError as error:
+            raise ConfigurationError(f"{path}: {error.strerror}") from error
+        self._slots: dict[_Content, int] = {}
+        self._frames = self._entries = 0
+
+    def __call__(self, entry: Intended | Observation) -> None:
+        """Write *entry*."""
+        self._entries += 1
+        if isinstance(entry, Observation):
+            if entry.radiated is not None or entry.reconstruction is not None:
+                raise ConfigurationError(
+                    "an observation with what was radiated, or its field, is none of a driver: a "
+                    "record file holds latched drives only; the back door keeps its own file"
+                )
+            self._write("observation", **_of_observation(entry))
+            return
+        slot = self._slot_of(entry)
+        key = dataclasses.astuple(entry.key)
+        self._write("intended", number=entry.number, key=key, t=entry.t_apply_us, slot=slot)
+
+    def _slot_of(self, entry: Intended) -> int:
+        """Return the slot that holds what *entry* is, filled if it was not."""
+        content = (entry.foci, entry.drive, entry.phase_bits, entry.board_computed, entry.solver)
+        if (slot := self._slots.get(content)) is not None:
+            return slot
+        slot = self._frames % _SLOTS
+        self._frames += 1
+        if self._frames > _SLOTS:  # the oldest one was in this slot
+            del self._slots[next(iter(self._slots))]
+        self._slots[content] = slot
+        foci = [(*f.position_m, f.amplitude, f.phase_rad) for f in entry.foci]
+        self._write(
+            "frame",
+            slot=slot,
+            foci=foci,
+            drive=_of_drive(entry.drive),
+            phase_bits=entry.phase_bits,
+            board_computed=entry.board_computed,
+            solver=entry.solver,
+        )
+        return slot
+
+    def _write(self, kind: str, **fields: Any) -> None:
+        self._file.write(json.dumps({"kind": kind} | fields, separators=(",", ":")) + "\n")
+
+    def close(self) -> None:
+        """Write the end, without which the file does not count as whole; twice does no harm."""
+        if not self._file.closed:
+            self._write("end", entries=self._entries)
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+@dataclass(slots=True)
+class Records:
+    """What was in a file.
+
+    Attributes
+    ----------
+    intended : list of Intended
+    observations : list of Observation
+    """
+
+    intended: list[Intended] = field(default_factory=list)
+    observations: list[Observation] = field(default_factory=list)
+
+
+def read_records(path: str | Path) -> Records:
+    """Return what a :class:`RecordFile` wrote.
+
+    Raises
+    ------
+    ConfigurationError
+        A file that cannot be read, is not whole, or holds something else; names the line.
+    """
+    check_kind("path", path, (str, Path), "the name of a file")
+    reader = _Reader()
+    try:
+        with Path(path).open(encoding="utf-8") as file:
+            for line in file:
+                reader.take(line)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        where = f"{path}:{reader.lines}"
+        raise ConfigurationError(f"{where}: not a line of a record: {error!r}") from error
+    if not reader.whole:
+        raise ConfigurationError(
+            f"{path}:{reader.lines}: the record has no end: its writer was cut off"
+        )
+    return reader.records
+
+
+class _Reader:
+    def __init__(self) -> None:
+        self.records = Records()
+        self.whole = False
+        self.lines = 0
+        self._slots: dict[int, dict[str, Any]] = {}
+        self._kinds: Final[Mapping[str, Callable[..., None]]] = {
+            "frame": self._frame,
+            "intended": self._intended,
+            "observation": self._observation,
+            "end": self._end,
+        }
+
+    def take(self, text: str) -> None:
+        """Take a line."""
+        self.lines += 1
+        if self.whole:
+            raise ValueError("a line after the end")
+        line = json.loads(text)
+        if not isinstance(line, dict):
+            raise TypeError("no object")
+        self._kinds[line.pop("kind")](**line)
+
+    def _frame(self, slot: int, foci: list[list[float]], drive: Any, **others: Any) -> None:
+        found = tuple(Focus((x, y, z), level, lag) for x, y, z, level, lag in foci)
+        self._slots[slot] = {"foci": found, "drive": _drive(drive)} | others
+
+    def _intended(self, number: int, key: list[int], t: int | None, slot: int) -> None:
+        self.records.intended.append(Intended(number, FrameKey(*key), t, **self._slots[slot]))
+
+    def _observation(self, key: list[int], drive: Any, evidence: str, **others: Any) -> None:
+        seen = Observation(
+            FrameKey(*key), evidence=Evidence(evidence), drive=_drive(drive), **others
+        )
+        self.records.observations.append(seen)
+
+    def _end(self, entries: int) -> None:
+        found = len(self.records.intended) + len(self.records.observations)
+        if entries != found:
+            raise ValueError(f"{found} entries of {entries}")
+        self.whole = True
+
+
+def _of_observation(seen: Observation) -> dict[str, Any]:
+    return {
+        "key": dataclasses.astuple(seen.key),
+        "t_latch_us": seen.t_latch_us,
+        "late": seen.late,
+        "evidence": str(seen.evidence),
+        "drive": None if seen.drive is None else _of_drive(seen.drive),
+        "drive_crc": seen.drive_crc,
+    }
+
+
+def _of_drive(drive: Drive) -> tuple[str, str, int]:
+    codes = (drive.phase_codes, drive.amplitude_codes)
+    phases, amplitudes = (base64.b64encode(part.tobytes()).decode() for part in codes)
+    return phases, amplitudes, drive.phase_bits
+
+
+def _drive(fields: Any) -> Drive | None:
+    if fields is None:
+        return None
+    phases, amplitudes, bits = fields
+    codes = [np.frombuffer(base64.b64decode(part), dtype=np.uint8) for part in (phases, amplitudes)]
+    return Drive(codes[0], codes[1], bits)

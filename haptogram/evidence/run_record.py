@@ -1,0 +1,356 @@
+"""One verification run: object -> driver -> what was latched -> what to judge."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, TypeAlias, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
+from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, Driver
+from haptogram.driver.frames import Frame, Mode
+from haptogram.driver.playback import PlayReport
+from haptogram.driver.stream import StreamReport
+from haptogram.errors import ConfigurationError, DeviceError, LinkError
+from haptogram.evidence.boards import BoardUnderTest
+from haptogram.objects import shapes as tactile
+from haptogram.objects.modulation import FocusFrames, Modulation
+from haptogram.records.frame import STREAM, Focus, Intended, Observation
+from haptogram.settings.verify_config import VerifyConfig
+from haptogram.verification import Cut, check_tolerance, tolerance_of
+from haptogram_protocol.messages import Counters, HelloReply, StateChanged
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.solvers.several import Method
+
+Progress: TypeAlias = Callable[[int, int], None]
+
+#: A run keeps its frames, with what was seen of them: some 6 kB each.
+MOST_FRAMES: Final = 200_000
+_NO_TROUBLE: Final = frozenset({"frames", "latched", "requests"})
+_OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
+
+
+@dataclass(slots=True)
+class Measured:
+    """What a run gave, whole or interrupted.
+
+    Attributes
+    ----------
+    board : str
+        What it ran on.
+    model : AcousticModel
+        Array and air that it radiated into, as far as anybody knows.
+    intended, observations
+        To be joined by their keys.
+    identity : HelloReply
+        What the board said of itself.
+    report : StreamReport, PlayReport or None
+        The host's side; None if the run did not come to its end.
+    cut : Cut or None
+        How the run ended before its end.
+    interrupted : bool
+        Whether it was ended on purpose: nobody is to wait any longer than needed.
+    unseen : str or None
+        Why a frame may have been latched that nobody saw; None: everything was seen.
+    warnings : list of str
+        What was odd.
+    silences : list of int
+        Device times at which the output fell silent.
+    fault_counts : dict of str to int, or None
+        How often each fault on purpose has fired; None: there was none, or the board did not tell.
+    troubles : dict of str to dict of str to int
+        What ``board`` and ``host`` counted of frames that were damaged, lost or out of time, by the
+        names of SPEC.md chapter 9; the counts that are not 0.
+    """
+
+    board: str
+    model: AcousticModel
+    identity: HelloReply
+    intended: Sequence[Intended] = ()
+    observations: list[Observation] = field(default_factory=list)
+    report: StreamReport | PlayReport | None = None
+    cut: Cut | None = None
+    interrupted: bool = False
+    unseen: str | None = None
+    warnings: list[str] = field(default_factory=list)
+    silences: list[int] = field(default_factory=list)
+    fault_counts: dict[str, int] | None = None
+    troubles: dict[str, dict[str, int]] = field(default_factory=dict)
+
+
+def host_model(config: VerifyConfig, array: TransducerArray | None = None) -> AcousticModel:
+    """Return the array and the air that the host assumes; by default the virtual board's array."""
+    if array is None:
+        array = TransducerArray.parse(config.virtual_array, pitch_m=config.pitch_mm / 1e3)
+    transducer = Transducer()
+    air = Medium.air(config.temperature_c, frequency_hz=transducer.frequency_hz)
+    return AcousticModel(array, air, transducer)
+
+
+def frames_to_show(config: VerifyConfig) -> FocusFrames:
+    """Return the frames of one pass: the object's points, modulated and held as the settings say.
+
+    Raises
+    ------
+    ConfigurationError
+        As :func:`sample_object` and :meth:`haptogram.objects.modulation.Modulation.frames`.
+    """
+    x, y, z = (coordinate / 1e3 for coordinate in config.shift_mm)
+    modulation = Modulation(
+        config.modulation,
+        config.modulation_hz,
+        config.depth,
+        (x, y, z),
+        None if config.dwell_ms is None else config.dwell_ms / 1e3,
+    )
+    frames = modulation.frames(sample_object(config), config.rate_hz)
+    _check_kept(config, frames.count, "frames")
+    return frames
+
+
+def sample_object(config: VerifyConfig) -> NDArray[np.float64]:
+    """Return the (T, 3) points to display, in metres, in the order of one pass.
+
+    Raises
+    ------
+    ConfigurationError
+        A resolution that the object cannot have, a mesh that cannot be read, or more frames than
+        one run can keep.
+    """
+    points = _shape(config).sample(config.resolution_mm / 1e3)
+    _check_kept(config, len(points), "points")
+    return points
+
+
+def _check_kept(config: VerifyConfig, count: int, of_what: str) -> None:
+    if count * config.repeat > MOST_FRAMES:
+        raise ConfigurationError(
+            f"{config.repeat} times {count} {of_what} are {count * config.repeat} frames; "
+            f"a run keeps them all, and can have {MOST_FRAMES}"
+        )
+
+
+def _shape(config: VerifyConfig) -> tactile.TactileObject:
+    radius_m = config.radius_mm / 1e3
+    x, y, z = (coordinate / 1e3 for coordinate in config.center_mm)
+    center_m = (x, y, z)
+    match config.object:
+        case "point":
+            return tactile.Point(center_m)
+        case "line":
+            return tactile.Line((x - radius_m, y, z), (x + radius_m, y, z))
+        case "circle":
+            return tactile.Circle(radius_m, center_m)
+        case "sphere":
+            return tactile.Sphere(radius_m, center_m)
+        case "hemisphere":
+            return tactile.Hemisphere(radius_m, center_m)
+    return tactile.MeshSurface.from_file(config.object, center_m=center_m)
+
+
+def measure(
+    config: VerifyConfig,
+    board: BoardUnderTest,
+    progress: Progress | None,
+    settling: Progress | None = None,
+    *,
+    faulty: bool = False,
+) -> Measured:
+    """Display the object on *board* and collect what it latched.
+
+    An interrupt (Ctrl-C) or a link that breaks ends the run early, not in vain: what was measured
+    until then is returned, and says why it is not all.
+
+    Parameters
+    ----------
+    progress, settling : callable, optional
+        Called with what has been done and what there is to do: of the frames, and of what the board
+        has still to tell when they are over.
+    faulty : bool
+        Whether faults are planned: then a refusal of the board ends the run as a broken link does.
+    """
+    shown = frames_to_show(config)
+    model = host_model(config)
+    own_array = config.port is not None and config.array is None
+    elements = None if config.calibration is None else Calibration.from_file(config.calibration)
+    driver = Driver(
+        board.port,
+        baudrate=config.link_baud,
+        seed=config.seed if config.virtual_time else None,
+        phase_bits=config.phase_bits,
+        model=None if own_array else model,
+        medium=model.medium,
+        calibration=elements if config.compensate else None,
+        keep=MOST_FRAMES,
+    )
+    known = board.model or driver.model
+    found = Measured(board.label, known, driver.identity, warnings=driver.warnings)
+    found.intended = driver.intended
+    total = shown.count * config.repeat
+    try:
+        if elements is not None:
+            _calibrate(found, elements, driver)
+        check_tolerance(found.model, shown.points_m, tolerance_of(config))
+        with _cut_short(found, driver, board, total, faulty=faulty):
+            before = driver.status().counters
+            board.prepare(driver)
+            with _interrupted(found, driver, total):
+                frames = _frames(config, driver, shown)
+                driver.arm()  # now: the lease would run out while a solver is at work
+                found.report = _display(config, driver, frames, progress)
+            board.finish(driver)  # after an interrupt as well: the board is there
+            found.troubles = _troubles(driver, before, _OWN_MUTE if found.interrupted else ())
+    finally:
+        _say_goodbye(driver, found)
+    found.warnings += _state_changes(driver, found.report)
+    found.observations = board.observations(driver, settling, hurry=found.interrupted)
+    if found.cut is not None:
+        found.observations = _until_the_cut(found)
+    found.silences = board.silences(driver)
+    found.unseen, found.fault_counts = board.unseen, board.fault_counts
+    return found
+
+
+def _calibrate(found: Measured, elements: Calibration, driver: Driver) -> None:
+    """Let the judge know the elements, and the reader that the host does not.
+
+    Raises
+    ------
+    ConfigurationError
+        The calibration is not of this array.
+    """
+    found.model = found.model.calibrated(elements)
+    if driver.model.calibration is None:
+        found.warnings.append(
+            f"{elements.name}: {elements.describe(driver.model.array)}; the host does not "
+            "compensate for that"
+        )
+
+
+@contextlib.contextmanager
+def _interrupted(found: Measured, driver: Driver, total: int) -> Iterator[None]:
+    """Let an interrupt end what is done here, and nothing more; the board is mute at once."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        found.interrupted = True
+        sent, muted_us = driver.intended.total, driver.device_time_us()
+        found.cut = Cut(f"interrupted after {sent} of {total} frames", muted_us, total - sent)
+        driver.mute()
+
+
+@contextlib.contextmanager
+def _cut_short(
+    found: Measured, driver: Driver, board: BoardUnderTest, total: int, *, faulty: bool
+) -> Iterator[None]:
+    """Let a broken link, or an interrupt at any time, end what is done here.
+
+    A board that the host has lost still latches what it was sent.
+    """
+    try:
+        with _interrupted(found, driver, total):
+            yield
+    except (LinkError, DeviceError) as error:
+        if isinstance(error, DeviceError) and not faulty:
+            raise
+        if found.cut is None:
+            found.cut = Cut(str(error), not_sent=total - driver.intended.total)
+        board.outlast(driver)
+
+
+def _troubles(
+    driver: Driver, before: Counters, expected: Iterable[str]
+) -> dict[str, dict[str, int]]:
+    """Return what both sides of the line counted that should not have been."""
+    fine = _NO_TROUBLE.union(expected)
+    after = driver.status().counters
+    by_board = {
+        name: (getattr(after, name) - getattr(before, name)) % (1 << 32) for name in Counters.WIRE
+    }
+    sides = {"board": by_board, "host": driver.link_counters}
+    bad = {
+        side: {name: count for name, count in counts.items() if count and name not in fine}
+        for side, counts in sides.items()
+    }
+    return {side: counts for side, counts in bad.items() if counts}
+
+
+def _frames(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
+    foci = [
+        Focus.at(point, amplitude / config.foci)
+        for point, amplitude in zip(shown.points_m, shown.amplitudes, strict=True)
+    ]
+    targets = foci if config.foci == 1 else _at_once(foci, config.foci)
+    solver = cast("Method", config.solver_of_host)
+    return driver.frames(targets, mode=cast("Mode", config.frame_kind), solver=solver)
+
+
+def _display(
+    config: VerifyConfig, driver: Driver, frames: list[Frame], progress: Progress | None
+) -> StreamReport | PlayReport:
+    lead_us = None if config.lead_ms is None else round(config.lead_ms * 1e3)
+    if config.mode == "sequence":
+        return driver.play(
+            frames,
+            config.rate_hz,
+            loops=config.repeat,
+            lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
+            progress=progress,
+        )
+    return driver.stream(
+        frames,
+        config.rate_hz,
+        loops=config.repeat,
+        lead_us=lead_us,
+        progress=progress,
+    )
+
+
+def _at_once(foci: list[Focus], count: int) -> list[list[Focus]]:
+    """Return for every frame *count* of the foci, evenly apart along the pass.
+
+    Raises
+    ------
+    ConfigurationError
+        If the object has fewer points.
+    """
+    total = len(foci)
+    if count > total:
+        raise ConfigurationError(f"{count} foci at once, and the object has {total} points")
+    return [
+        [foci[(number + place * total // count) % total] for place in range(count)]
+        for number in range(total)
+    ]
+
+
+def _until_the_cut(found: Measured) -> list[Observation]:
+    """Leave out what a sequence played on by itself between the cut and the MUTE."""
+    wanted = {intended.key for intended in found.intended}
+    return [o for o in found.observations if o.key.sequence == STREAM or o.key in wanted]
+
+
+def _state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:
+    """Tell when the board changed its output by itself: it explains frames that were lost.
+
+    Not of the time before the first frame: while many are prepared the lease may run out, and the
+    driver arms the board again.
+    """
+    return [
+        f"the board went {event.message.state.name} by itself: {event.message.reason.name}"
+        for event in driver.events
+        if isinstance(event.message, StateChanged)
+        and (report is None or driver.time_of_event_us(event) >= report.t0_us)
+    ]
+
+
+def _say_goodbye(driver: Driver, found: Measured) -> None:
+    """Mute the board; if it does not answer, that is a warning and not the end of the results."""
+    try:
+        driver.close()
+    except LinkError as error:
+        found.warnings.append(str(error))

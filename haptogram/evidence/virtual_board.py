@@ -1,0 +1,438 @@
+"""A virtual board in a process of its own, on a pseudo-terminal.
+
+::
+
+    with VirtualBoard() as board, Driver(board.url) as driver:
+        driver.arm()
+        driver.stream(points, rate_hz=1000)
+        print(board.verify(driver.intended))
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import haptogram
+import haptogram_protocol
+from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
+from haptogram.driver.line.port import MOST_BAUDRATE
+from haptogram.errors import ConfigurationError, LinkLostError
+from haptogram.evidence.backdoor import (
+    BackdoorFile,
+    fault_counts,
+    is_latch_of,
+    observations_of,
+    on_the_clock_of,
+    silences_on_the_clock_of,
+    why_incomplete,
+    without_dropped,
+)
+from haptogram.machine.working_folder import WorkingFolder
+from haptogram.records.frame import Intended, Observation
+from haptogram.records.kept import Kept
+from haptogram.settings.arguments import (
+    MOST_SEED,
+    check_callable,
+    check_kind,
+    check_number,
+    check_whole,
+    shown,
+)
+
+if TYPE_CHECKING:
+    from haptogram.verification import RunVerdict, Tolerance, Uncertainty
+
+_READY: Final = "listening on "
+_START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy machine
+_STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
+_POLL_S: Final = 0.01
+_MOST_LATCHES: Final = 10**9
+_LONGEST_WAIT_S: Final = 1e7
+_QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
+_LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
+
+
+class VirtualBoard:
+    """Starts ``python -m sim_device`` and cleans up after it.
+
+    Parameters
+    ----------
+    array : str
+        Grid such as ``16x16``, or a CSV file of positions in mm.
+    pitch_mm : float
+        Pitch of a grid.
+    temperature_c : float
+        Air over the board.
+    calibration : Calibration or path, optional
+        How its elements really are, or the CSV file that says so. Neither its firmware nor its
+        host knows.
+    seed : int
+        Everything about the board that looks random follows from it.
+    baudrate : int or None
+        Rate at which its line carries bytes; None: as fast as they come.  A driver keeps to its
+        own rate in any case.  With a rate here, what piles up while the board's process has to
+        wait for a processor is slow to catch up, as it would not be in a real board.
+    reconstruct : bool
+        Whether it rebuilds the field of every latch.
+    faults : sequence of str
+        What goes wrong with its line, clock and transducers, such as ``"line.flip ber=1e-5"``; all
+        of them are in docs/faults.md.
+    fault_plan : path, optional
+        TOML file with faults, which come before those of *faults*.
+
+    Attributes
+    ----------
+    url : str
+        What a host opens.
+    model : AcousticModel
+        What the board radiates with, its calibration included.
+
+    Raises
+    ------
+    ConfigurationError
+        An argument that cannot be, before a process is started; or the board does not come up,
+        because of a fault that is not known for example: the text holds what it said.
+    """
+
+    def __init__(
+        self,
+        array: str = "16x16",
+        *,
+        pitch_mm: float = 10.0,
+        temperature_c: float = 20.0,
+        calibration: Calibration | str | Path | None = None,
+        seed: int = 0,
+        baudrate: int | None = None,
+        reconstruct: bool = True,
+        faults: Sequence[str] = (),
+        fault_plan: Path | None = None,
+    ) -> None:
+        check_kind("array", array, str, "NXxNY or the name of a file")
+        check_number("pitch_mm", pitch_mm, 1.0, 100.0)
+        check_number("temperature_c", temperature_c, -20.0, 50.0)
+        check_whole("seed", seed, 0, MOST_SEED)
+        if baudrate is not None:
+            check_whole("baudrate", baudrate, 1, MOST_BAUDRATE)
+        check_kind("reconstruct", reconstruct, bool, "True or False")
+        _check_faults(faults, fault_plan)
+        self.model = AcousticModel(
+            TransducerArray.parse(array, pitch_m=pitch_mm / 1000),
+            Medium.air(temperature_c),
+            Transducer(),
+        )
+        elements = None if calibration is None else Calibration.of(calibration)
+        if elements is not None:
+            self.model = self.model.calibrated(elements)
+        self._folder = WorkingFolder("haptogram-board-")
+        records = self._folder.path / "backdoor.jsonl"
+        self._backdoor = BackdoorFile(records)
+        self._log = self._folder.path / "log"
+        self.url = str(self._folder.path / "board")
+        options: dict[str, object] = {
+            "--link": self.url,
+            "--array": array,
+            "--pitch-mm": pitch_mm,
+            "--temperature-c": temperature_c,
+            "--seed": seed,
+            "--backdoor": records,
+        }
+        if baudrate is not None:
+            options["--baud"] = baudrate
+        if elements is not None:
+            options["--calibration"] = copy = self._folder.path / "calibration.csv"
+            elements.to_file(copy)
+        if fault_plan is not None:
+            options["--fault-plan"] = fault_plan
+        arguments = [str(part) for option in options.items() for part in option]
+        arguments += [f"--fault={fault}" for fault in faults]
+        self._process = self._start(arguments + ([] if reconstruct else ["--no-reconstruct"]))
+        try:
+            self._wait_until_ready()
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
+        # Into a file: a pipe that nobody empties would stop the board once it is full.
+        with self._log.open("wb") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", "sim_device", "--until-eof", *arguments],
+                stdin=subprocess.PIPE,  # never written to: it ends with us, whatever ends us
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=_environment(),
+                start_new_session=True,  # Ctrl-C is for the host: the board must hear its MUTE
+            )
+
+    def _wait_until_ready(self) -> None:
+        end_s = time.monotonic() + _START_S
+        while _READY not in self.log():
+            if self._process.poll() is not None:
+                raise ConfigurationError(self.how_it_ended())
+            if time.monotonic() > end_s:
+                raise ConfigurationError(
+                    f"the virtual board was not ready within {_START_S:g} s: {self.log().strip()}"
+                )
+            time.sleep(_POLL_S)
+
+    def how_it_ended(self, patience_s: float = 0.0) -> str | None:
+        """Return in one line how the board's process ended; None: it runs after *patience_s*."""
+        try:
+            status = self._process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            return None
+        if status < 0:
+            return f"the virtual board was ended by {signal.Signals(-status).name}"
+        *_, said = ["it said nothing", *self.log().split("\n")[:-1]]
+        return f"the virtual board ended with status {status}: {said}"
+
+    def log(self) -> str:
+        """Return what the board has printed so far."""
+        return self._log.read_text(errors="replace") if self._log.exists() else ""
+
+    # --- evidence ------------------------------------------------------------------------------
+
+    def records(self) -> list[dict[str, Any]]:
+        """Return everything that has come out of the back door; see docs/backdoor.md."""
+        self._backdoor.read()
+        return list(self._backdoor.records)
+
+    def wait_for(self, latches: int, timeout_s: float = 60.0) -> bool:
+        """Wait until the back door has shown so many latches; return whether it has."""
+        check_whole("latches", latches, 0, _MOST_LATCHES)
+        check_number("timeout_s", timeout_s, 0.0, _LONGEST_WAIT_S)
+        end_s = time.monotonic() + timeout_s
+        while sum(record["kind"] == "latch" for record in self.records()) < latches:
+            if time.monotonic() > end_s or self._closed_its_door:
+                return False
+            time.sleep(_POLL_S)
+        return True
+
+    def observations(self, session: int | None = None) -> list[Observation]:
+        """Return what was latched, in one session or in all of them."""
+        if session is not None:
+            check_whole("session", session, 0, 0xFFFF)
+        return observations_of(self.records(), session)
+
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """How often each fault has fired; None before the board has ended, or without faults."""
+        self._backdoor.read()
+        return fault_counts(self._backdoor.records)
+
+    def settle(self, intended: Sequence[Intended]) -> str | None:
+        """Wait until the back door shows the last of *intended*, is closed, or falls silent.
+
+        The board latches first and rebuilds the field later: its records lag behind, and go on
+        for a while after a board that was killed.
+
+        Returns
+        -------
+        str or None
+            Why a frame may have been latched that it does not show; None: it shows all.
+        """
+        _check_intended(intended)
+        if not intended:
+            return None
+        last, looked_at = intended[-1].key, 0
+
+        def is_there() -> bool:
+            nonlocal looked_at
+            new = self._backdoor.records[looked_at:]
+            looked_at += len(new)
+            return any(is_latch_of(record, last) for record in new)
+
+        self._read_until(is_there)
+        return why_incomplete(self._backdoor.records, last.session, last)
+
+    def finish(self, progress: Callable[[int], None] | None = None, *, hurry: bool = False) -> None:
+        """End the board in order, if it runs, and read its back door to the end.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with the number of records so far: the board may take a while to rebuild what it
+            still owes.
+        hurry : bool
+            Whether the last records shall come at once, without their field.
+        """
+        check_callable("progress", progress)
+        check_kind("hurry", hurry, bool, "True or False")
+        if hurry:
+            self._hurry()
+        else:
+            self._process.terminate()  # nothing, if it has ended
+        self._read_until(lambda: False, progress)
+
+    def _hurry(self) -> None:
+        """End the board as our own end would: it tells every latch, but rebuilds no field."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+
+    def _read_until(
+        self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
+    ) -> None:
+        """Read the back door until *enough*, or until no more is to be expected of it."""
+        quiet_since_s = time.monotonic()
+        while True:
+            if self._backdoor.read():
+                quiet_since_s = time.monotonic()
+                if progress is not None:
+                    progress(len(self._backdoor.records))
+            if enough() or self._closed_its_door:
+                return
+            patience_s = _QUIET_S if self._process.poll() is None else _LAST_WORDS_S
+            if time.monotonic() - quiet_since_s > patience_s:
+                return
+            time.sleep(_POLL_S)
+
+    def verify(
+        self,
+        intended: Sequence[Intended],
+        *,
+        model: AcousticModel | None = None,
+        min_verified: float = 0.9,
+        tolerance: Tolerance | None = None,
+        uncertainty: Uncertainty | None = None,
+    ) -> RunVerdict:
+        """Join what was intended with what was latched, and judge every frame.
+
+        The verdict is true for a pass only: ``assert board.verify(driver.intended)``.
+
+        Parameters
+        ----------
+        model : AcousticModel, optional
+            What the host assumes; by default what the board radiates with.
+        min_verified : float
+            Share of the frames that must be verified for the run to pass.
+        tolerance : Tolerance, optional
+            Which misses pass on top of what rounding of the phases makes; by default none.
+        uncertainty : Uncertainty, optional
+            How well the model is known, which the result tells in mm; by default exactly.
+
+        Returns
+        -------
+        RunVerdict
+            Of the frames in *intended*.  Where it is a :class:`~haptogram.records.kept.Kept` that
+            had to drop some, it can fail, but not pass, and ``counts["not_kept"]`` says how many.
+
+        Raises
+        ------
+        ConfigurationError
+            An argument that cannot be.
+        """
+        _check_intended(intended)
+        check_number("min_verified", min_verified, 0.0, 1.0)
+        if model is not None:
+            check_kind("model", model, AcousticModel, "an AcousticModel, or None")
+        # Late, because it is much: whoever only wants a board does not pay for it.
+        from haptogram.verification import Cut, Tolerance, Uncertainty, verify_run
+
+        if tolerance is not None:
+            check_kind("tolerance", tolerance, Tolerance, "a Tolerance, or None")
+        if uncertainty is not None:
+            check_kind("uncertainty", uncertainty, Uncertainty, "an Uncertainty, or None")
+        unseen = self.settle(intended)
+        session = intended[0].key.session if intended else None
+        observations = on_the_clock_of(intended, self.observations(session))
+        dropped = intended.dropped if isinstance(intended, Kept) else 0
+        run = verify_run(
+            intended,
+            without_dropped(intended, observations) if dropped else observations,
+            model=self.model if model is None else model,
+            min_verified=min_verified,
+            tolerance=tolerance,
+            uncertainty=uncertainty,
+            unseen=unseen,
+            silences=silences_on_the_clock_of(intended, self.records()),
+            cut=Cut(_not_kept(intended, dropped)) if dropped else None,
+        )
+        return dataclasses.replace(run, counts=run.counts | {"not_kept": dropped})
+
+    @property
+    def _closed_its_door(self) -> bool:
+        """Whether the last record has come: that of the end."""
+        records = self._backdoor.records
+        return bool(records) and records[-1]["kind"] == "end"
+
+    # --- life ----------------------------------------------------------------------------------
+
+    def kill(self) -> None:
+        """End the board at once, as a power cut would."""
+        self._process.kill()
+        self._process.wait(_STOP_S)
+
+    def stop(self) -> int:
+        """End the board in order, so that its last records are written; return its status."""
+        self._process.terminate()
+        try:
+            return self._process.wait(_STOP_S)
+        except subprocess.TimeoutExpired as error:
+            self.kill()
+            raise LinkLostError(f"the virtual board did not end within {_STOP_S:g} s") from error
+
+    def close(self) -> None:
+        """End the board and remove everything that it left behind."""
+        try:
+            if self._process.poll() is None:
+                self.stop()
+        finally:
+            self._hurry()  # closes the pipe; the board has ended
+            self._backdoor.read()
+            self._folder.remove()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if kind is not None:
+            self._hurry()  # nobody will ask for fields
+        self.close()
+
+
+def _check_faults(faults: Sequence[str], fault_plan: Path | None) -> None:
+    told = 'a sequence of texts, such as ["line.flip ber=1e-5"]'
+    if isinstance(faults, str):
+        raise ConfigurationError(f"faults is the text {shown(faults)}, must be {told}")
+    check_kind("faults", faults, Sequence, told)
+    for number, fault in enumerate(faults):
+        check_kind(f"faults[{number}]", fault, str, "a text")
+    if fault_plan is not None:
+        check_kind("fault_plan", fault_plan, (str, Path), "the path of a file, or None")
+
+
+def _check_intended(intended: Sequence[Intended]) -> None:
+    check_kind("intended", intended, Sequence, "a sequence of Intended, such as Driver.intended")
+    for number, entry in enumerate(intended):
+        if not isinstance(entry, Intended):
+            check_kind(f"intended[{number}]", entry, Intended, "an Intended, as of the driver")
+
+
+def _not_kept(intended: Sequence[Intended], dropped: int) -> str:
+    return (
+        f"{dropped} of {dropped + len(intended)} frames are not judged: the driver keeps the last "
+        f"{len(intended)}; give it a larger keep, or a sink"
+    )
+
+
+def _environment() -> dict[str, str]:
+    """Return an environment in which the child finds the packages that are running here."""
+    packages = (haptogram, haptogram_protocol)
+    places = {str(Path(str(package.__file__)).parent.parent): None for package in packages}
+    inherited = os.environ.get("PYTHONPATH", "")
+    paths = [*places, *inherited.split(os.pathsep)]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(path for path in paths if path)}

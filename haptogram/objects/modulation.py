@@ -1,0 +1,315 @@
+"""What makes a focus felt: a focus that stands still at constant pressure soon is not.
+
+Amplitude modulation varies the strength, lateral modulation shakes the focus, spatio-temporal
+modulation runs it along a closed path, dwell holds one point after the other.  Each is sampled to
+frames at the rate of the loop; what they make at a point is in :mod:`haptogram.objects.signals`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics import AcousticModel, focus_phases
+from haptogram.acoustics._validation import (
+    as_place,
+    as_points,
+    check_count,
+    check_positive,
+    check_range,
+)
+from haptogram.errors import ConfigurationError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+ComplexArray: TypeAlias = NDArray[np.complex128]
+
+KINDS: Final = ("am", "lm", "stm")
+DEFAULT_MODULATION_HZ: Final = 200.0  # skin feels vibration best around 200 Hz
+DEFAULT_SHIFT_M: Final = (3e-3, 0.0, 0.0)
+MAX_SHIFT_M: Final = 0.1
+MAX_FRAMES: Final = 200_000
+
+# How far off, in periods, a pass may end, and how many frames it may have: exactly, if that is not
+# long, else as well as anybody can feel.
+_SEAMS: Final = ((1e-9, 2_000), (1e-3, MAX_FRAMES))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FocusFrames:
+    """A focus sampled in time: one frame after the other, each held for 1 / rate.
+
+    Attributes
+    ----------
+    points_m : (F, 3) numpy.ndarray
+        Focus of each frame.
+    amplitudes : (F,) numpy.ndarray
+        Amplitude of each frame, 0 to 1, linear in pressure.
+    rate_hz : float
+        Frames per second.
+    """
+
+    points_m: FloatArray
+    amplitudes: FloatArray
+    rate_hz: float
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return len(self.amplitudes)
+
+    @property
+    def duration_s(self) -> float:
+        """How long one pass takes."""
+        return self.count / self.rate_hz
+
+    @property
+    def steps_m(self) -> FloatArray:
+        """How far the focus moves from each frame to the next, from the last to the first."""
+        steps: FloatArray = np.linalg.norm(
+            np.roll(self.points_m, -1, axis=0) - self.points_m, axis=1
+        )
+        return steps
+
+    def repeated(self, times: int) -> FocusFrames:
+        """Return the frames of several passes."""
+        points = np.tile(self.points_m, (times, 1))
+        return FocusFrames(points, np.tile(self.amplitudes, times), self.rate_hz)
+
+    def weights(self, model: AcousticModel) -> ComplexArray:
+        """Return the (F, N) weights that the frames ask for."""
+        phases = focus_phases(model, self.points_m)
+        weights: ComplexArray = self.amplitudes[:, None] * np.exp(1j * phases)
+        return weights
+
+
+@dataclass(frozen=True, slots=True)
+class Modulation:
+    """How the points of an object are shown.
+
+    Attributes
+    ----------
+    kind : str or None
+        One of :data:`KINDS`: "am" and "lm" modulate the points one after the other, "stm" runs
+        along them; None shows them as they are.
+    frequency_hz : float
+        Of "am" and "lm"; of "stm" rounds per second.
+    depth : float
+        Of "am", see :func:`modulate_amplitude`.
+    shift_m : (float, float, float)
+        Of "lm", see :func:`modulate_place`.
+    dwell_s : float or None
+        How long each point is held; None: one frame.  Not for "stm", which does not stop.
+    """
+
+    kind: str | None = "am"
+    frequency_hz: float = DEFAULT_MODULATION_HZ
+    depth: float = 1.0
+    shift_m: tuple[float, float, float] = DEFAULT_SHIFT_M
+    dwell_s: float | None = None
+
+    def frames(self, points_m: ArrayLike, rate_hz: float) -> FocusFrames:
+        """Return the frames of a pass that can be repeated without a seam.
+
+        It holds whole passes of the points and whole periods; where none of 2000 frames or fewer
+        does exactly, the frequency is rounded, by less than a thousandth of a period in the pass.
+
+        Raises
+        ------
+        ConfigurationError
+            As :func:`modulate_amplitude` and its likes; an unknown kind; a pass of more than
+            200 000 frames.
+        """
+        if self.kind not in (None, *KINDS):
+            raise ConfigurationError(
+                f"modulation is {self.kind!r}, must be one of {', '.join(KINDS)}"
+            )
+        rate_hz = check_positive("rate_hz", rate_hz)
+        if self.kind == "stm":
+            return self._along(points_m, rate_hz)
+        held_s = 1.0 / rate_hz if self.dwell_s is None else self.dwell_s
+        held = dwell(points_m, dwell_s=held_s, rate_hz=rate_hz)
+        if self.kind is None:
+            return held
+        passes, frequency_hz = self._seamless(held.count, rate_hz)
+        frames = held.repeated(passes)
+        if self.kind == "am":
+            return modulate_amplitude(frames, frequency_hz=frequency_hz, depth=self.depth)
+        return modulate_place(frames, frequency_hz=frequency_hz, shift_m=self.shift_m)
+
+    def _along(self, path_m: ArrayLike, rate_hz: float) -> FocusFrames:
+        if self.dwell_s is not None:
+            raise ConfigurationError(
+                f"a dwell of {self.dwell_s * 1e3:g} ms: stm moves on with every frame"
+            )
+        count, frequency_hz = self._seamless(1, rate_hz)
+        return spatio_temporal_modulation(
+            path_m, frequency_hz=frequency_hz, duration_s=count / rate_hz, rate_hz=rate_hz
+        )
+
+    def _seamless(self, count: int, rate_hz: float) -> tuple[int, float]:
+        """Return how often *count* frames come until the modulation is in step, and its frequency.
+
+        The frequency is the one asked for, but for the rounding.
+        """
+        frequency_hz = check_frequency(self.frequency_hz, rate_hz)
+        most = MAX_FRAMES // count
+        passes = np.arange(1, most + 1)
+        periods = passes * (count * frequency_hz / rate_hz)
+        off = np.where(periods > 0.5, np.abs(periods - np.round(periods)), 1.0)
+        for seam, frames in _SEAMS:
+            if (found := np.flatnonzero((off < seam) & (passes * count <= frames))).size:
+                chosen = int(found[0])
+                rounded = round(periods[chosen]) * rate_hz / (count * (chosen + 1))
+                return chosen + 1, min(rounded, rate_hz / 2.0)  # the last bit may round up
+        raise ConfigurationError(
+            f"{count} frames at {rate_hz:g} Hz and a modulation of {frequency_hz:.9g} Hz come "
+            f"into step again only after more than {MAX_FRAMES} frames; take a frequency of which "
+            "the rate is a multiple, or fewer points"
+        )
+
+
+def modulate_amplitude(
+    frames: FocusFrames, *, frequency_hz: float = DEFAULT_MODULATION_HZ, depth: float = 1.0
+) -> FocusFrames:
+    """Return the frames with a radiation pressure that varies as a sine.
+
+    The force goes with the square of the amplitude, A = sqrt((1 + m cos) / (1 + m)): a sine in the
+    force has no overtones, a sine in the amplitude would have one at twice the frequency.
+
+    Parameters
+    ----------
+    depth : float
+        m, 0 to 1: 1 swings between nothing and full force.
+
+    Raises
+    ------
+    ConfigurationError
+        A depth outside 0 to 1, or a frequency above half the rate.
+    """
+    depth = check_range("depth", depth, 0.0, 1.0)
+    force = (1.0 + depth * np.cos(_phase_rad(frames, frequency_hz))) / (1.0 + depth)
+    amplitudes = frames.amplitudes * np.sqrt(np.maximum(force, 0.0))
+    return FocusFrames(frames.points_m, amplitudes, frames.rate_hz)
+
+
+def modulate_place(
+    frames: FocusFrames,
+    *,
+    frequency_hz: float = DEFAULT_MODULATION_HZ,
+    shift_m: ArrayLike = DEFAULT_SHIFT_M,
+) -> FocusFrames:
+    """Return the frames with a focus that swings by *shift_m* (3,) to both sides of its point.
+
+    The force at the point itself varies at twice the frequency; skin beside it feels the frequency.
+
+    Raises
+    ------
+    ConfigurationError
+        A shift of no length or of more than 100 mm, or a frequency above half the rate.
+    """
+    shift = as_place("shift_m", shift_m)
+    length_m = float(np.linalg.norm(shift))
+    if not 0.0 < length_m <= MAX_SHIFT_M:
+        raise ConfigurationError(
+            f"the shift is {length_m * 1e3:g} mm long, must be above 0, at most "
+            f"{MAX_SHIFT_M * 1e3:g} mm"
+        )
+    swing = np.cos(_phase_rad(frames, frequency_hz))[:, None] * shift
+    return FocusFrames(frames.points_m + swing, frames.amplitudes, frames.rate_hz)
+
+
+def spatio_temporal_modulation(
+    path_m: ArrayLike,
+    *,
+    frequency_hz: float,
+    duration_s: float,
+    rate_hz: float,
+) -> FocusFrames:
+    """Return a focus that runs along a closed path at constant speed and full amplitude.
+
+    Parameters
+    ----------
+    path_m : (K, 3) array_like
+        Corners of the path; the last is joined to the first.
+    frequency_hz : float
+        Rounds per second.
+
+    Raises
+    ------
+    ConfigurationError
+        Fewer than two points, a path of no length, a frequency above half the rate, or frames out
+        of range.
+    """
+    corners = as_points("path_m", path_m)
+    if len(corners) < 2:
+        raise ConfigurationError(
+            f"number of points on the path is {len(corners)}, must be 2 at least"
+        )
+    closed = np.vstack([corners, corners[:1]])
+    lengths = np.linalg.norm(np.diff(closed, axis=0), axis=1)
+    travelled = np.concatenate([[0.0], np.cumsum(lengths)])
+    check_positive("length of the path", travelled[-1])
+    rate_hz = check_positive("rate_hz", rate_hz)
+    frequency_hz = check_frequency(frequency_hz, rate_hz)
+    count = _whole_frames(check_positive("duration_s", duration_s) * rate_hz)
+    place = np.mod(frequency_hz * (np.arange(count) / rate_hz), 1.0) * travelled[-1]
+    points = np.stack([np.interp(place, travelled, closed[:, axis]) for axis in range(3)], axis=1)
+    return FocusFrames(points, np.ones(count), rate_hz)
+
+
+def dwell(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> FocusFrames:
+    """Return each point held for *dwell_s*, rounded to whole frames, at full amplitude.
+
+    Raises
+    ------
+    ConfigurationError
+        Points that are not (K, 3), a dwell of half a frame or less, or frames out of range.
+    """
+    points = as_points("points_m", points_m)
+    check_count("number of points", len(points), 1, MAX_FRAMES)
+    rate_hz = check_positive("rate_hz", rate_hz)
+    frames = check_positive("dwell_s", dwell_s) * rate_hz
+    if frames <= 0.5:
+        raise ConfigurationError(
+            f"a dwell of {dwell_s * 1e3:g} ms is {frames:.3g} frames at {rate_hz:g} Hz, "
+            "must be more than half a frame"
+        )
+    per_point = _whole_frames(frames)
+    _whole_frames(per_point * len(points))
+    held = np.repeat(points, per_point, axis=0)
+    return FocusFrames(held, np.ones(len(held)), rate_hz)
+
+
+def check_frequency(frequency_hz: float, rate_hz: float) -> float:
+    """Return a modulation's frequency as a float if it is above 0, at most half the rate.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the value and the limit.
+    """
+    frequency_hz = check_positive("modulation_hz", frequency_hz)
+    if frequency_hz > rate_hz / 2.0:
+        raise ConfigurationError(
+            f"modulation_hz is {frequency_hz:g}, must be at most half of {rate_hz:g} frames a "
+            f"second, {rate_hz / 2.0:g}"
+        )
+    return frequency_hz
+
+
+def _whole_frames(frames: float) -> int:
+    """Return a number of frames, rounded, or raise if it is out of range or overflowed."""
+    count = round(min(frames, MAX_FRAMES + 1))
+    if not 1 <= count <= MAX_FRAMES:
+        raise ConfigurationError(f"{frames:.6g} frames, must be 1 to {MAX_FRAMES}")
+    return count
+
+
+def _phase_rad(frames: FocusFrames, frequency_hz: float) -> FloatArray:
+    periods = check_frequency(frequency_hz, frames.rate_hz) / frames.rate_hz
+    turns = np.arange(frames.count) * periods
+    phase: FloatArray = 2.0 * np.pi * np.mod(turns, 1.0)
+    return phase

@@ -1,0 +1,1 @@
+"""Published arrays and the paper's equations, with the figures that they give."""

@@ -1,0 +1,82 @@
+"""The open boards."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram.acoustics import AcousticModel, CircularPiston, Medium, PointSource, Transducer
+from haptogram.published.presets.arrays import SONICSURFACE_PITCH_M, autd_unit, sonicsurface
+from haptogram.published.presets.figures import (
+    Figure,
+    Preset,
+    element_count,
+    extent_mm,
+    pressure_rms_pa,
+    quantised_share,
+)
+
+# AUTD3 takes 4.386 Pa m peak for a T4010A1, which is 3.10 Pa m RMS: the strength of our default.
+_STRENGTH_PA_M: Final = 3.10
+
+SONICSURFACE: Final = Preset(
+    "sonicsurface",
+    "SonicSurface: open 16 x 16 board of 10.5 mm pitch, elements in the order of its wire",
+    "R. Morales et al., Appl. Sci. 11, 2981 (2021); github.com/upnalab/SonicSurface",
+    "element map of its repository, all 256 entries",
+    lambda: AcousticModel(sonicsurface(), Medium.air(), Transducer(CircularPiston(4.5e-3))),
+    (0.0, 0.0, 0.15),
+    (
+        element_count("256 (16 x 16)", "its repository"),
+        Figure(
+            "centre of the rows off the origin",
+            "2.0 mm",
+            "its repository",
+            lambda model: 1e3 * abs(float(model.array.centre_m[1])),
+            "mm",
+        ),
+        Figure(
+            "side of the array",
+            f"{16 * SONICSURFACE_PITCH_M * 1e3:g} mm (16 x 10.5)",
+            "its repository",
+            lambda model: extent_mm(0)(model) + 1e3 * SONICSURFACE_PITCH_M,
+            "mm",
+        ),
+        Figure(
+            "|p| with 8 phase steps",
+            "'diminishing returns beyond 8'",
+            "Appl. Sci. 11, 2981",
+            quantised_share((0.02, 0.01, 0.15), 3),
+            "of exact",
+        ),
+        Figure(
+            "|p| with its 32 phase steps",
+            "-",
+            "ours",
+            quantised_share((0.02, 0.01, 0.15), 5),
+            "of exact",
+        ),
+    ),
+)
+
+_AUTD: Final = "pyautd3_emulator 36.0.2, run"
+AUTD: Final = Preset(
+    "autd3",
+    "AUTD3: one unit of 249 elements at 10.16 mm",
+    "github.com/shinolab/autd3-rs",
+    "its source: 18 x 14 grid less three places",
+    lambda: AcousticModel(
+        autd_unit(), Medium(340.0, 1.2041), Transducer(PointSource(), _STRENGTH_PA_M)
+    ),
+    (0.0, 0.0, 0.15),
+    (
+        element_count("249", "its source"),
+        Figure(
+            "pressure at a focus 150 mm above",
+            "4727 Pa RMS",
+            _AUTD,
+            pressure_rms_pa((0.0, 0.0, 0.15)),
+            "Pa RMS",
+            "as there: no directivity, no absorption, c = 340 m/s",
+        ),
+    ),
+)

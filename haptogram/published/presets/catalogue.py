@@ -1,0 +1,244 @@
+"""The systems behind the paper, and the list of all presets.
+
+A figure without a source at hand says so: "recollection".
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.errors import ConfigurationError
+from haptogram.published.paper.equations import Constants, spot_eq9_corrected
+from haptogram.published.paper.hemisphere import hemisphere
+from haptogram.published.presets.arrays import autd_unit, autd_units
+from haptogram.published.presets.boards import AUTD, SONICSURFACE
+from haptogram.published.presets.figures import (
+    Figure,
+    Preset,
+    element_count,
+    extent_mm,
+    force_mn,
+    mean_force_mn,
+    mean_pressure_kpa,
+    several_foci_share,
+    sideband,
+    spot_mm,
+    strength_for_force_pa_m,
+)
+
+_HOSHI: Final = "T. Hoshi et al., IEEE Trans. Haptics 3(3), 155-165 (2010), abstract"
+_PAPER: Final = "Haptogram (2014)"
+_SCREEN_M: Final = 0.200
+_FOUR_POINTS: Final = (
+    (-0.025, -0.025, 0.2),
+    (-0.025, 0.025, 0.2),
+    (0.025, -0.025, 0.2),
+    (0.025, 0.025, 0.2),
+)
+
+
+def _in_air(array: TransducerArray) -> AcousticModel:
+    return AcousticModel(array, Medium.air(), Transducer())
+
+
+TACTILE_DISPLAY: Final = Preset(
+    "tactile-display",
+    "18 x 18 airborne tactile display, reference [16] of the paper",
+    _HOSHI,
+    "324 transducers: abstract; 10 mm pitch and 200 mm focal distance: recollection",
+    lambda: _in_air(TransducerArray.grid(18, 18)),
+    (0.0, 0.0, 0.2),
+    (
+        element_count("324", _HOSHI),
+        Figure(
+            "force at the focus",
+            "16 mN",
+            _HOSHI,
+            force_mn((0.0, 0.0, 0.2)),
+            "mN",
+            "on a reflecting disc of 20 mm diameter",
+        ),
+        Figure(
+            "source strength for 16 mN",
+            "-",
+            "derived",
+            strength_for_force_pa_m((0.0, 0.0, 0.2), 0.016),
+            "Pa m RMS",
+            f"default {Transducer().source_strength_pa_m:g}",
+        ),
+        Figure(
+            "diameter of the focus",
+            "20 mm",
+            _HOSHI,
+            spot_mm((0.0, 0.0, 0.2), lambda spot: spot.null_to_null_m[0]),
+            "mm",
+            "null to null",
+        ),
+        Figure(
+            "response at 1 kHz modulation",
+            "'up to 1 kHz'",
+            _HOSHI,
+            sideband(1000.0),
+            "of static",
+            "amplitude of a sideband; bandwidth of a common transducer",
+        ),
+    ),
+)
+
+TOUCH_SCREEN: Final = Preset(
+    "touch-screen",
+    "contactless touch screen, reference [14] of the paper",
+    _PAPER + ", section 2",
+    "assumed: one 249-element unit 200 mm behind an acoustically transparent screen; "
+    "no source for the arrangement at hand",
+    lambda: _in_air(autd_unit()),
+    (0.0, 0.0, _SCREEN_M + 0.020),
+    (
+        Figure(
+            "focus in front of the screen",
+            "10 ... 30 mm",
+            _PAPER,
+            lambda model: (
+                20.0 + spot_mm((0.0, 0.0, _SCREEN_M + 0.020), lambda spot: spot.axial_peak_m)(model)
+            ),
+            "mm",
+            "pressure maximum for a target at 20 mm: diffraction pulls it in",
+        ),
+        Figure(
+            "width of the focus at -6 dB",
+            "-",
+            "ours",
+            spot_mm((0.0, 0.0, _SCREEN_M + 0.020), lambda spot: spot.width_6db_m[0]),
+            "mm",
+        ),
+        Figure("force at the focus", "-", "ours", force_mn((0.0, 0.0, _SCREEN_M + 0.020)), "mN"),
+    ),
+)
+
+_HASEGAWA: Final = "K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 11(3) (2018), abstract"
+LARGE_APERTURE: Final = Preset(
+    "large-aperture",
+    "four-unit large-aperture array, after reference [17] of the paper",
+    _HASEGAWA,
+    "'four-unit array': abstract; 2 x 2 units of 249 elements edge to edge: assumed",
+    lambda: _in_air(autd_units(2, 2)),
+    (0.0, 0.0, 0.6),
+    (
+        Figure(
+            "force at 1 m",
+            "'perceivable' at 1 m",
+            _HASEGAWA,
+            force_mn((0.0, 0.0, 1.0)),
+            "mN",
+            "on a disc of 20 mm diameter",
+        ),
+        Figure(
+            "width of the focus at 1 m, -6 dB",
+            "-",
+            "ours",
+            spot_mm((0.0, 0.0, 1.0), lambda spot: spot.width_6db_m[0]),
+            "mm",
+        ),
+        Figure("force at 0.6 m", "-", "ours", force_mn((0.0, 0.0, 0.6)), "mN"),
+    ),
+)
+
+MULTI_POINT: Final = Preset(
+    "multi-point",
+    "UltraHaptics: 16 x 20 multi-point system, reference [18] of the paper",
+    "T. Carter et al., UIST 2013, doi 10.1145/2501988.2502018",
+    "16 x 20 elements at a pitch of 10 mm: recollection",
+    lambda: _in_air(TransducerArray.grid(16, 20)),
+    (0.0, 0.0, 0.2),
+    (
+        element_count("320 (16 x 20)", "recollection"),
+        Figure(
+            "size of a focus",
+            "8.6 mm (a wavelength)",
+            "recollection",
+            spot_mm((0.0, 0.0, 0.2), lambda spot: spot.width_6db_m[0]),
+            "mm",
+            "-6 dB along x at 200 mm; the aperture sets it, not the wavelength alone",
+        ),
+        Figure(
+            "weakest of four foci",
+            "'multiple localised points'",
+            "abstract",
+            several_foci_share(_FOUR_POINTS),
+            "of one",
+            "pressure; naive superposition, 50 mm apart at 200 mm",
+        ),
+    ),
+)
+
+PAPER_ARRAY: Final = Preset(
+    "paper",
+    "the paper's own 16 x 16 array",
+    _PAPER + ", section 4.1",
+    "16 x 16 housings of 10 mm side by side: section 4.1, which also says 180 x 180 mm",
+    AcousticModel.default,
+    (0.0, 0.0, 0.1),
+    (
+        element_count("256 (16 x 16)", _PAPER),
+        Figure("side of the array", "180 mm", _PAPER, extent_mm(0), "mm", "16 x 10 mm is 160 mm"),
+        Figure(
+            "w_f at r = 100 mm, equation (9)",
+            "1.075e-3 m^1.5 as printed",
+            _PAPER,
+            lambda _: 1e3 * spot_eq9_corrected(0.1, 256, Constants()),
+            "mm",
+            "as corrected",
+        ),
+        Figure(
+            "width of the focus, null to null",
+            "-",
+            "ours",
+            spot_mm((0.0, 0.0, 0.1), lambda spot: spot.null_to_null_m[0]),
+            "mm",
+            "(9) is paraxial: too narrow this close",
+        ),
+        Figure(
+            "mean force over the hemisphere",
+            "3.5 ... 4 mN",
+            _PAPER + ", Table 1 (128 elements)",
+            mean_force_mn(lambda: hemisphere(0.010)),
+            "mN",
+            "256 elements, disc of 20 mm diameter; the printed constants give no absolute value",
+        ),
+        Figure(
+            "mean pressure at the foci",
+            "2.65 kPa for 200 foci",
+            "G. Korres, M. Eid, IEEE Access 4, 7758 (2016), abstract",
+            mean_pressure_kpa(lambda: hemisphere(0.010)),
+            "kPa RMS",
+            "our hemisphere has 146 foci; the prototype has other tiles",
+        ),
+    ),
+)
+
+PRESETS: Final = (
+    PAPER_ARRAY,
+    TACTILE_DISPLAY,
+    TOUCH_SCREEN,
+    LARGE_APERTURE,
+    MULTI_POINT,
+    SONICSURFACE,
+    AUTD,
+)
+
+
+def find_preset(name: str) -> Preset:
+    """Return the preset of that name.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none; names those that there are.
+    """
+    for preset in PRESETS:
+        if preset.name == name:
+            return preset
+    raise ConfigurationError(
+        f"preset is {name!r}; known are {', '.join(preset.name for preset in PRESETS)}"
+    )

@@ -1,0 +1,202 @@
+"""What a preset is, and the quantities that its published figures are compared with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import (
+    AcousticModel,
+    NumpyEngine,
+    dequantise_phase,
+    focus_phases,
+    force_on_disc_n,
+    pressure,
+    quantise_phase,
+    superpose,
+)
+from haptogram.acoustics.levels.dynamics import Resonator
+from haptogram.acoustics.levels.spot import FocalSpot, measure_spot
+
+FloatArray: TypeAlias = NDArray[np.float64]
+Point: TypeAlias = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One published figure, and how to compute ours.
+
+    Attributes
+    ----------
+    quantity : str
+        What.
+    published : str
+        The published value with its unit, or a dash.
+    source : str
+        Where it is published; "recollection" where no source was at hand.
+    ours : callable
+        From the preset's model to a value in `unit`.
+    unit : str
+        Unit of `ours`.
+    remark : str
+        What to know when comparing.
+    """
+
+    quantity: str
+    published: str
+    source: str
+    ours: Callable[[AcousticModel], float]
+    unit: str
+    remark: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A system, ready to be modelled.
+
+    Attributes
+    ----------
+    name, title : str
+        Short name for the command line; what it is.
+    source : str
+        Publication or repository.
+    array_source : str
+        Where the geometry is from, and what of it is assumed.
+    build : callable
+        Makes the model.
+    focus_m : (float, float, float)
+        A focus that is typical of it.
+    figures : tuple of Figure
+        Its published figures.
+    """
+
+    name: str
+    title: str
+    source: str
+    array_source: str
+    build: Callable[[], AcousticModel]
+    focus_m: Point
+    figures: tuple[Figure, ...]
+
+
+def compare(preset: Preset) -> list[dict[str, Any]]:
+    """Return the published figures of a preset next to ours, as plain values."""
+    model = preset.build()
+    return [
+        {
+            "preset": preset.name,
+            "quantity": figure.quantity,
+            "published": figure.published,
+            "ours": float(figure.ours(model)),
+            "unit": figure.unit,
+            "source": figure.source,
+            "remark": figure.remark,
+        }
+        for figure in preset.figures
+    ]
+
+
+def element_count(published: str, source: str) -> Figure:
+    """Return the number of elements as a figure."""
+    return Figure("number of elements", published, source, lambda m: float(m.array.count), "")
+
+
+def focus_weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex128]:
+    """Return full amplitude on every element, in phase at the focus."""
+    weights: NDArray[np.complex128] = np.exp(1j * focus_phases(model, focus_m))
+    return weights
+
+
+def force_mn(focus_m: Point) -> Callable[[AcousticModel], float]:
+    """Return the force on a reflecting disc of 20 mm diameter at the focus, in mN."""
+    return lambda model: 1e3 * force_on_disc_n(model, focus_weights(model, focus_m), focus_m)
+
+
+def pressure_rms_pa(focus_m: Point) -> Callable[[AcousticModel], float]:
+    """Return the RMS pressure at the focus, in Pa."""
+
+    def compute(model: AcousticModel) -> float:
+        value = pressure(model, focus_weights(model, focus_m), [focus_m])[0]
+        return math.sqrt(0.5) * abs(complex(value))
+
+    return compute
+
+
+def strength_for_force_pa_m(focus_m: Point, force_n: float) -> Callable[[AcousticModel], float]:
+    """Return the RMS source strength, in Pa m, with which our model gives a force."""
+
+    def compute(model: AcousticModel) -> float:
+        ours = 1e-3 * force_mn(focus_m)(model)
+        return model.transducer.source_strength_pa_m * float(np.sqrt(force_n / ours))
+
+    return compute
+
+
+def spot_mm(focus_m: Point, part: Callable[[FocalSpot], float]) -> Callable[[AcousticModel], float]:
+    """Return a measure of the focal spot, in mm."""
+    return lambda model: (
+        1e3 * part(measure_spot(NumpyEngine(model), focus_weights(model, focus_m), focus_m))
+    )
+
+
+def extent_mm(axis: int) -> Callable[[AcousticModel], float]:
+    """Return the span of the centres along an axis, plus one pitch if there is one, in mm."""
+    return lambda model: (
+        1e3 * (2.0 * float(model.array.half_extent_m[axis]) + (model.array.pitch_m or 0.0))
+    )
+
+
+def mean_pressure_kpa(points: Callable[[], FloatArray]) -> Callable[[AcousticModel], float]:
+    """Return the RMS pressure at the focus, averaged over foci, in kPa."""
+
+    def compute(model: AcousticModel) -> float:
+        levels = [pressure_rms_pa((x, y, z))(model) for x, y, z in points().tolist()]
+        return 1e-3 * float(np.mean(levels))
+
+    return compute
+
+
+def mean_force_mn(points: Callable[[], FloatArray]) -> Callable[[AcousticModel], float]:
+    """Return the force at the focus, averaged over foci, in mN."""
+    return lambda model: float(
+        np.mean([force_mn((x, y, z))(model) for x, y, z in points().tolist()])
+    )
+
+
+def quantised_share(focus_m: Point, bits: int) -> Callable[[AcousticModel], float]:
+    """Return |p| at the focus with phases of 2^bits steps, over |p| with exact ones."""
+
+    def compute(model: AcousticModel) -> float:
+        exact = focus_phases(model, focus_m)
+        coarse = dequantise_phase(quantise_phase(exact, bits), bits)
+        levels = np.abs(pressure(model, np.exp(1j * np.stack([exact, coarse])), [focus_m]))[:, 0]
+        return float(levels[1] / levels[0])
+
+    return compute
+
+
+def several_foci_share(points_m: tuple[Point, ...]) -> Callable[[AcousticModel], float]:
+    """Return the weakest |p| of several simultaneous foci over that of a single one.
+
+    Naive superposition, all in phase, scaled to full amplitude of the strongest element.
+    """
+
+    def compute(model: AcousticModel) -> float:
+        count = len(points_m)
+        weights = superpose(model, points_m, np.ones(count), np.zeros(count))
+        weights = weights / np.abs(weights).max()
+        levels = np.abs(pressure(model, weights, points_m))
+        single = [pressure_rms_pa(point)(model) * math.sqrt(2.0) for point in points_m]
+        return float((levels / np.array(single)).min())
+
+    return compute
+
+
+def sideband(modulation_hz: float) -> Callable[[AcousticModel], float]:
+    """Return what a common transducer (2 kHz at -6 dB) lets through of a modulation."""
+    return lambda _: Resonator.from_bandwidth().modulation_response(modulation_hz)

@@ -1,0 +1,186 @@
+"""What was intended and what was observed: the records that a verdict joins, by their key.
+
+The driver writes :class:`Intended`; trace, read-back and the back door of the virtual board give
+:class:`Observation`.  Neither knows the other.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics.model.drive import Drive
+from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number, shown
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.reconstruct.estimates import Reconstruction
+    from haptogram.acoustics.solvers.several import Method
+
+MAX_PHASE_RAD: Final = 1e6  # of a focus
+STREAM: Final = 0  # sequence id of what came frame by frame
+
+
+class Evidence(enum.StrEnum):
+    """Who says that a drive was latched."""
+
+    WIRE = "wire"  # seen on the line
+    SELF_REPORTED = "self-reported"  # trace, read-back: the firmware's own word
+    EXTERNAL = "external"  # back door of the virtual board, capture of the drive pins
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class FrameKey:
+    """Which drive: the join key of host and board.
+
+    Attributes
+    ----------
+    session : int
+        Nonce of the session.
+    sequence : int
+        Sequence id, 0 for the stream.
+    loop : int
+        Pass of the sequence, from 0; stream: 0.
+    index : int
+        Frame of the sequence; stream: unwrapped sequence number.
+    """
+
+    session: int
+    sequence: int
+    loop: int
+    index: int
+
+    @classmethod
+    def of_stream(cls, session: int, index: int) -> Self:
+        """Return the key of the stream frame with the unwrapped sequence number *index*."""
+        return cls(session, STREAM, 0, index)
+
+
+@dataclass(frozen=True, slots=True)
+class Focus:
+    """One focal point that is wanted.
+
+    Attributes
+    ----------
+    position_m : tuple of 3 float
+        x, y, z from the array's centre, in metres.
+    amplitude : float
+        Share of the drive, 0 to 1.
+    phase_rad : float
+        Phase of the pressure at the point, lag positive, in radians.
+
+    Raises
+    ------
+    ConfigurationError
+        If *position_m* is not three finite numbers, *amplitude* not within 0 to 1, or *phase_rad*
+        not within a million radians.
+    """
+
+    position_m: tuple[float, float, float]
+    amplitude: float = 1.0
+    phase_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position_m", _as_position(self.position_m))
+        for name, low, high in (
+            ("amplitude", 0.0, 1.0),
+            ("phase_rad", -MAX_PHASE_RAD, MAX_PHASE_RAD),
+        ):
+            value = check_number(f"{name} of a focus", getattr(self, name), low, high)
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def at(cls, position_m: ArrayLike, amplitude: float = 1.0, phase_rad: float = 0.0) -> Self:
+        """Return the focus at *position_m* (3,), in metres."""
+        return cls(cast("tuple[float, float, float]", position_m), amplitude, phase_rad)
+
+
+def _as_position(position_m: ArrayLike) -> tuple[float, float, float]:
+    """Return *position_m* (3,) as three floats, or raise."""
+    try:
+        position = np.asarray(position_m)
+    except ValueError as error:  # rows of different lengths
+        raise ConfigurationError(f"target {shown(position_m)} is not x, y, z in metres") from error
+    if (
+        position.shape != (3,)
+        or position.dtype.kind not in "iuf"
+        or not np.isfinite(position).all()
+    ):
+        raise ConfigurationError(
+            f"target {shown(position_m)} is not three finite numbers, in metres"
+        )
+    x, y, z = position.tolist()
+    return float(x), float(y), float(z)
+
+
+@dataclass(frozen=True, slots=True)
+class Intended:
+    """One drive that the host wants to be latched.
+
+    Attributes
+    ----------
+    number : int
+        Place among everything that the host wanted, 0 to n - 1.
+    key : FrameKey
+        Join key.
+    t_apply_us : int or None
+        Unwrapped device time, microseconds; None: as soon as the frame is complete.
+    foci : tuple of Focus
+        What the drive is for.
+    drive : Drive
+        What the host expects in the registers, computed from the foci; 8-bit phase codes.
+    phase_bits : int
+        Resolution of the phases on the wire, in bits.
+    board_computed : bool
+        Whether the board computes the drive from the foci (as rounded on the wire).
+    solver : str
+        What the host made the drive of several foci with, see
+        :func:`haptogram.acoustics.solvers.several.solve`.
+    """
+
+    number: int
+    key: FrameKey
+    t_apply_us: int | None
+    foci: tuple[Focus, ...]
+    drive: Drive
+    phase_bits: int
+    board_computed: bool = False
+    solver: Method = "naive"
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """One latch that somebody saw.
+
+    Attributes
+    ----------
+    key : FrameKey
+        Join key.
+    t_latch_us : int
+        Device time of the latch, microseconds, unwrapped.
+    late : bool
+        Whether the board flagged it late.
+    evidence : Evidence
+        Who says so.
+    drive : Drive or None
+        Latched drive, 8-bit phase codes, where it was seen in full.
+    drive_crc : int or None
+        CRC-32 of that drive (:meth:`Drive.digest`), where only that was seen, or both.
+    reconstruction : Reconstruction or None
+        Field that somebody rebuilt from what was radiated.
+    radiated : Drive or None
+        What left the transducers, where somebody saw that it is not the latched drive.
+    """
+
+    key: FrameKey
+    t_latch_us: int
+    late: bool
+    evidence: Evidence
+    drive: Drive | None = None
+    drive_crc: int | None = None
+    reconstruction: Reconstruction | None = None
+    radiated: Drive | None = None

@@ -1,0 +1,98 @@
+"""What is printed at the end of a run."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Final
+
+from haptogram.conformance.verdict import Behaviour, Result, SuiteResult
+
+_TOLD = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
+_NAMED: Final = 3  # cases that are named where they have a reason in common
+_LINES: Final = 60  # of a transcript; the rest is in the JSON file
+
+
+def render(suite: SuiteResult, *, verbose: bool = False) -> str:
+    """Return the summary, with what is not as it should be in full."""
+    return "\n".join(_lines(suite, verbose=verbose))
+
+
+def _lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
+    common = _common_reasons(suite)
+    for result in suite.results:
+        if not verbose and (result.behaviour, result.detail) in common:
+            continue  # told once, in the summary
+        if verbose or result.behaviour in _TOLD or result.is_failure:
+            yield from _result(result)
+        elif result.is_unexpected_pass:
+            yield f"{result.case}  {result.behaviour}: {result.expected} was expected"
+    yield from _summary(suite)
+
+
+def _result(result: Result) -> Iterator[str]:
+    known = f" (expected: {result.expected})" if result.expected and result.is_failure else ""
+    yield f"{result.case}  {result.behaviour} [{result.evidence}]{known}"
+    yield f"    requirement  {result.requirement}"
+    yield f"    case         {result.what}"
+    if result.detail:
+        yield f"    found        {result.detail}"
+    if result.recovery is not None and not result.recovery.clean:
+        yield f"    recovery     {result.recovery}"
+    for line in result.transcript[:_LINES]:
+        yield f"    {line}"
+    if len(result.transcript) > _LINES:
+        yield f"    ... {len(result.transcript) - _LINES} lines more, in --json and --html"
+
+
+def _common_reasons(suite: SuiteResult) -> set[tuple[Behaviour, str]]:
+    """Return what many cases were inconclusive for, such as that a board was never found."""
+    reasons = Counter(
+        (result.behaviour, result.detail)
+        for result in suite.results
+        if result.behaviour is Behaviour.INCONCLUSIVE
+    )
+    return {reason for reason, count in reasons.items() if count > _NAMED}
+
+
+def _by_reason(suite: SuiteResult, behaviour: Behaviour) -> Iterator[tuple[str, str]]:
+    """Yield which cases, and why."""
+    reasons: dict[str, list[str]] = {}
+    for result in suite.results:
+        if result.behaviour is behaviour:
+            reasons.setdefault(result.detail, []).append(result.case)
+    for reason, cases in reasons.items():
+        yield ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases", reason
+
+
+def _summary(suite: SuiteResult) -> Iterator[str]:
+    device = suite.device
+    if device:
+        yield (
+            f"board        {device['firmware']}, protocol {device['protocol']}, "
+            f"{device['transducers']} transducers"
+        )
+    time = "virtual time" if suite.settings.get("virtual_time") else "wall time"
+    yield f"port         {suite.settings.get('port')} ({time}, seed {suite.settings.get('seed')})"
+    counts = [f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b)]
+    yield f"cases        {len(suite.results)}: {', '.join(counts)}"
+    # Why, as well: a number alone would look like a gap.
+    for which, reason in _by_reason(suite, Behaviour.NOT_OBSERVED):
+        yield f"not observed {which}: {reason}"
+    common = {reason for _, reason in _common_reasons(suite)}
+    for which, reason in _by_reason(suite, Behaviour.INCONCLUSIVE):
+        if reason in common:
+            yield f"inconclusive {which}: {reason}"
+    unclean = sum(not result.recovers for result in suite.results)
+    if unclean:
+        yield f"recovery     not clean after {unclean} cases"
+    known = sum(result.is_failure and not result.is_new_failure for result in suite.results)
+    if known:
+        yield f"baseline     {known} failures were expected"
+    if broken := [result.case for result in suite.results if result.traceback]:
+        named = ", ".join(broken) if len(broken) <= _NAMED else f"{len(broken)} cases"
+        yield f"case errors  {named}: not the board; tracebacks are in --json, --junit and --html"
+    if suite.cut_short:
+        yield f"cut short    {suite.cut_short}"
+    verdict = {0: "PASS", 1: "FAIL", 3: "INCONCLUSIVE"}[suite.exit_status]
+    yield f"verdict      {verdict} (exit status {suite.exit_status})"

@@ -1,0 +1,31 @@
+"""Pictures of fields: planes, cuts, iso-surfaces and spectra (needs the extra ``report``).
+
+Axes in millimetres, a unit on every colour bar, the target and the peak marked.  The colour maps
+keep their order for colour-blind readers and in grey print: cividis for magnitudes, twilight,
+which closes on itself, for phases.
+"""
+
+from haptogram.report.figures.cuts import draw_cuts
+from haptogram.report.figures.isosurface import draw_isosurfaces, isosurface
+from haptogram.report.figures.plane_picture import draw_plane
+from haptogram.report.figures.planes import Plane, PlaneField, sample_mean, sample_plane
+from haptogram.report.figures.quantities import QUANTITIES, shown_as
+from haptogram.report.figures.spectra import draw_spectrum
+from haptogram.report.figures.style import as_data_uri, check_format, render
+
+__all__ = [
+    "QUANTITIES",
+    "Plane",
+    "PlaneField",
+    "as_data_uri",
+    "check_format",
+    "draw_cuts",
+    "draw_isosurfaces",
+    "draw_plane",
+    "draw_spectrum",
+    "isosurface",
+    "render",
+    "sample_mean",
+    "sample_plane",
+    "shown_as",
+]

@@ -1,0 +1,108 @@
+"""Cuts: the field along the array's own three axes through a target."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics import FieldEngine
+from haptogram.errors import ConfigurationError
+from haptogram.report.figures.planes import pressure_or_nan
+from haptogram.report.figures.quantities import shown_as
+from haptogram.report.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    VERMILION,
+    new_figure,
+    styled,
+    two_lines,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+_NAMES: Final = "xyz"
+_LINES: Final = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-"))
+_SAMPLES: Final = 801
+
+
+def draw_cuts(
+    engine: FieldEngine,
+    weights: ArrayLike,
+    target_m: ArrayLike,
+    half_width_m: float = 0.050,
+    title: str = "",
+    quantity: str = "pressure",
+    place: str = "target",
+) -> Figure:
+    """Return a quantity along x and y through a target, and along z, in two panels.
+
+    The axes are the array's own; gaps are behind it and within 1 mm of an element.
+
+    Parameters
+    ----------
+    half_width_m : float
+        How far the cuts reach to both sides; along z they stay 20 mm off the array's centre.
+    quantity : str
+        As of :func:`draw_plane`.
+    place : str
+        What *target_m* is.
+
+    Raises
+    ------
+    ConfigurationError
+        A half-width that is not within 1 mm to 1 m, an unknown quantity, or no matplotlib.
+    """
+    if not 1e-3 <= half_width_m <= 1.0:
+        raise ConfigurationError(f"half_width_m is {half_width_m:g}, must be 0.001 to 1")
+    target = np.asarray(target_m, dtype=np.float64)
+    offsets = [_offsets(engine, target, half_width_m, axis) for axis in range(3)]
+    array = engine.model.array
+    own, whose = array.axes @ target, "" if array.is_upright else "the array's "
+    lines = [target + offsets[axis][:, None] * array.axes[axis] for axis in range(3)]
+    pressure = pressure_or_nan(engine, weights, np.concatenate(lines))
+    shown, label = shown_as(engine, pressure, quantity)
+    levels = np.split(shown, 3)
+    figure = new_figure(7.2, 3.3)
+    with styled():
+        lateral, axial = figure.subplots(1, 2, sharey=True)
+        for axis, axes in ((0, lateral), (1, lateral), (2, axial)):
+            colour, style = _LINES[axis]
+            from_m = own[axis] if axis == 2 else 0.0
+            axes.plot(
+                (from_m + offsets[axis]) * 1e3,
+                levels[axis],
+                style,
+                color=colour,
+                linewidth=1.5,
+                label=f"along {whose}{_NAMES[axis]}",
+            )
+        if quantity != "phase":
+            top = int(np.nanargmax(levels[2]))
+            top_mm = (own[2] + offsets[2][top]) * 1e3
+            axial.plot(top_mm, levels[2][top], "o", fillstyle="none", color=BLACK, label="peak")
+            lateral.set_ylim(bottom=0.0)
+        lateral.set_xlabel(f"distance from the {place} (mm)")
+        axial.set_xlabel(f"{whose}z (mm)")
+        lateral.set_ylabel(label)
+        lateral.axvline(0.0, color=BLACK, linewidth=0.8, linestyle=":", label=place)
+        axial.axvline(own[2] * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label=place)
+        for axes in (lateral, axial):
+            axes.grid(visible=True, linewidth=0.4, alpha=0.6)
+            axes.legend(loc="upper right")
+        place_text = ", ".join(f"{value * 1e3:g}" for value in target)
+        figure.suptitle(two_lines(title, f"cuts through ({place_text}) mm"), fontsize=10)
+    return figure
+
+
+def _offsets(engine: FieldEngine, target: FloatArray, half_width_m: float, axis: int) -> FloatArray:
+    """Return where the samples along an own axis lie, from the target, in metres."""
+    low = -half_width_m
+    if axis == 2:
+        low = max(low, 0.020 - float(engine.model.array.local_m(target)[2]))
+    return np.linspace(low, half_width_m, _SAMPLES)

@@ -1,0 +1,137 @@
+"""The picture of a plane of the field."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics import FieldEngine
+from haptogram.report.figures.planes import Plane, PlaneField
+from haptogram.report.figures.quantities import shown_as
+from haptogram.report.figures.style import (
+    MAGNITUDE_MAP,
+    PHASE_MAP,
+    mark,
+    new_figure,
+    styled,
+    two_lines,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+# A picture of a plane, without its bar and its labels; the legend needs the least width.
+_WIDEST_IN: Final = 5.0
+_TALLEST_IN: Final = 6.0
+_NARROWEST_IN: Final = 3.2
+_NEAR_M: Final = 2.5e-3
+_FEW_TARGETS: Final = 4
+_MANY_TARGETS: Final = 200
+
+
+def draw_plane(
+    engine: FieldEngine,
+    field: PlaneField,
+    *,
+    quantity: str = "pressure",
+    targets_m: ArrayLike = (),
+    title: str = "",
+    peak_m: ArrayLike | None = None,
+) -> Figure:
+    """Return the picture of a plane.
+
+    Parameters
+    ----------
+    quantity : str
+        "pressure" (RMS), "phase", or "force" (radiation pressure on a reflecting wall).
+    targets_m : (T, 3) array_like
+        Targets to mark: those within 2.5 mm of the plane, none if they are more than 200.
+    title : str
+        What it is a picture of; where the plane lies is said after it.
+    peak_m : (3,) array_like, optional
+        What to mark as the peak; by default the place of the largest value of the plane.
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown quantity, the phase of a time average, or no matplotlib.
+    """
+    values, label = shown_as(engine, field.values, quantity)
+    colours: str = PHASE_MAP if quantity == "phase" else MAGNITUDE_MAP
+    limits = (-math.pi, math.pi) if quantity == "phase" else (0.0, None)
+    figure = new_figure(*_size(field.plane))
+    figure.set_layout_engine("compressed")  # the aspect is fixed: no gaps beside it
+    with styled():
+        axes = figure.add_subplot()
+        across, up = field.plane.coordinates_m()
+        half = 0.5e3 * field.plane.step_m
+        image = axes.imshow(
+            values,
+            origin="lower",
+            extent=(
+                across[0] * 1e3 - half,
+                across[-1] * 1e3 + half,
+                up[0] * 1e3 - half,
+                up[-1] * 1e3 + half,
+            ),
+            cmap=colours,
+            vmin=limits[0],
+            vmax=limits[1],
+            interpolation="nearest",
+            aspect="equal",
+        )
+        bar = figure.colorbar(image, ax=axes, label=label, shrink=0.92)
+        if quantity == "phase":
+            bar.set_ticks([-math.pi, -math.pi / 2, 0, math.pi / 2, math.pi])
+            bar.set_ticklabels(["−π", "−π/2", "0", "π/2", "π"])
+        first, second = field.plane.axes
+        axes.set_xlabel(f"{'xyz'[first]} (mm)")
+        axes.set_ylabel(f"{'xyz'[second]} (mm)")
+        marked = _marked(field.plane, targets_m)
+        size = 6.0 if len(marked) > _FEW_TARGETS else None
+        for target in marked:
+            mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
+        place = np.asarray(field.peak_m() if peak_m is None else peak_m, dtype=np.float64)
+        mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
+        _legend(figure)
+        axes.set_title(_title(title, field.plane))
+    return figure
+
+
+def _size(plane: Plane) -> tuple[float, float]:
+    """Return the size of a figure, in inches, that fits the shape of the plane."""
+    (left, right), (low, high) = plane.horizontal_m, plane.vertical_m
+    ratio = (high - low) / (right - left)
+    width = min(_WIDEST_IN, _TALLEST_IN / ratio)
+    height = max(width * ratio, 1.2)
+    return max(width + 1.6, _NARROWEST_IN), height + 1.25
+
+
+def _marked(plane: Plane, targets_m: ArrayLike) -> list[list[float]]:
+    targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
+    distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
+    shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()
+    return shown if len(shown) <= _MANY_TARGETS else []
+
+
+def _legend(figure: Figure) -> None:
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    if unique:
+        figure.legend(
+            list(unique.values()),
+            list(unique.keys()),
+            loc="outside lower center",
+            ncols=2,
+            markerscale=0.7,
+        )
+
+
+def _title(title: str, plane: Plane) -> str:
+    axis = plane.normal_axis
+    return two_lines(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")

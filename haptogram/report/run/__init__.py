@@ -1,0 +1,1 @@
+"""The report of one verification run: page, pictures, JUnit, JSON."""

@@ -1,0 +1,191 @@
+"""The questions that a run answers, one for each way in which it can fail."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, TypeVar
+
+from haptogram.records.frame import FrameKey
+from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, Verdict, cut_text
+
+from .wording import count, describe
+
+NAMED_FRAMES: Final = 20  # the JSON names all
+
+_Item = TypeVar("_Item")
+
+
+class Outcome(enum.StrEnum):
+    """What came of a question."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    INCONCLUSIVE = "inconclusive"
+    NOT_JUDGED = "not judged"  # nothing was seen that could have answered it
+    NOTED = "noted"  # found, but it decides nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One question and its answer.
+
+    Attributes
+    ----------
+    name : str
+        Name of the fault, as in the counts of the run.
+    statement : str
+        What is true if it passed.
+    outcome : Outcome
+        Whether it is.
+    message : str
+        The answer in one line.
+    details : tuple of str
+        The frames that it concerns, at most `NAMED_FRAMES` of them.
+    """
+
+    name: str
+    statement: str
+    outcome: Outcome
+    message: str
+    details: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Fault:
+    """A fault of a frame: how it shows, and in how many frames it could have."""
+
+    name: str
+    statement: str
+    shows: Callable[[FrameVerdict], bool]
+    seen_in: str
+
+
+_FAULTS: Final = (
+    _Fault(
+        "off_target",
+        "no focus is off its target",
+        lambda frame: frame.status is FrameStatus.OFF_TARGET,
+        "verified",
+    ),
+    _Fault(
+        "wrong_drive",
+        "no wrong drive is radiated",
+        lambda frame: frame.status is FrameStatus.WRONG_DRIVE,
+        "verified",
+    ),
+    _Fault(
+        "corrupt",
+        "no damaged frame is latched",
+        lambda frame: frame.status is FrameStatus.CORRUPT,
+        "verified",
+    ),
+    _Fault("early", "no frame is latched before its time", lambda frame: frame.early, "latched"),
+    _Fault(
+        "duplicated",
+        "no frame is latched more than once",
+        lambda frame: frame.latches > 1,
+        "latched",
+    ),
+)
+
+
+def checks(run: RunVerdict, cut_short: str | None = None) -> list[Check]:
+    """Return every question with its answer, in a fixed order.
+
+    One has failed if and only if the verdict is fail; if none has, one is inconclusive if and only
+    if the verdict is.
+    """
+    return [
+        *(_of_fault(run, fault) for fault in _FAULTS),
+        _unexpected(run),
+        _lost(run),
+        _late(run),
+        _share_verified(run),
+        _complete(run, cut_short),
+    ]
+
+
+def _of_fault(run: RunVerdict, fault: _Fault) -> Check:
+    found = [frame for frame in run.frames if fault.shows(frame)]
+    judged = run.counts[fault.seen_in]
+    if found:
+        message = f"{len(found)} of {count(judged, f'{fault.seen_in} frame')}"
+        return Check(fault.name, fault.statement, Outcome.FAILED, message, _named(found))
+    if not judged:
+        message = f"no frame was {fault.seen_in}"
+        return Check(fault.name, fault.statement, Outcome.NOT_JUDGED, message)
+    message = f"none of {count(judged, f'{fault.seen_in} frame')}"
+    return Check(fault.name, fault.statement, Outcome.PASSED, message)
+
+
+def _unexpected(run: RunVerdict) -> Check:
+    statement = "nothing is latched that nobody intended"
+    keys = run.unexpected
+    if keys:
+        details = _listed(keys, _key)
+        message = f"{len(keys)} {'latch' if len(keys) == 1 else 'latches'} of an unknown frame"
+        return Check("unexpected", statement, Outcome.FAILED, message, details)
+    if not run.counts["latched"]:
+        return Check("unexpected", statement, Outcome.NOT_JUDGED, "no latch was seen at all")
+    return Check("unexpected", statement, Outcome.PASSED, "none")
+
+
+def _lost(run: RunVerdict) -> Check:
+    """Lost frames decide a run only where they leave too few that are verified."""
+    lost = [frame for frame in run.frames if frame.status is FrameStatus.LOST]
+    statement = "no frame is lost"
+    if not lost:
+        return Check("lost", statement, Outcome.PASSED, "every frame that was due was seen latched")
+    decisive = run.verdict is Verdict.INCONCLUSIVE and run.too_few
+    outcome = Outcome.INCONCLUSIVE if decisive else Outcome.NOTED
+    message = f"{len(lost)} of {count(len(run.frames), 'frame')}"
+    return Check("lost", statement, outcome, message, _named(lost))
+
+
+def _late(run: RunVerdict) -> Check:
+    late = [frame for frame in run.frames if frame.late]
+    statement = "no frame is late"
+    latched = run.counts["latched"]
+    if not latched:
+        return Check("late", statement, Outcome.NOT_JUDGED, "no frame was latched")
+    if not late:
+        return Check("late", statement, Outcome.PASSED, f"none of {count(latched, 'frame')}")
+    message = f"{len(late)} of {count(latched, 'latched frame')}"
+    return Check("late", statement, Outcome.NOTED, message, _named(late))
+
+
+def _share_verified(run: RunVerdict) -> Check:
+    statement = f"at least {100.0 * run.min_verified:.4g} % of the frames are verified"
+    message = f"{run.counts['verified']} of {run.due}"
+    if not run.too_few:
+        return Check("verified", statement, Outcome.PASSED, message)
+    missing = [frame for frame in run.frames if frame.status is FrameStatus.NOT_VERIFIED]
+    # Beside a fault that was proved, too few frames change nothing.
+    failed = run.verdict is Verdict.FAIL
+    outcome = Outcome.NOTED if failed else Outcome.INCONCLUSIVE
+    return Check("verified", statement, outcome, message, _named(missing))
+
+
+def _complete(run: RunVerdict, cut_short: str | None) -> Check:
+    statement = "the run comes to its end"
+    if cut_short is None:
+        return Check("complete", statement, Outcome.PASSED, "it did")
+    message = f"{cut_short}{cut_text(run.counts)}"
+    return Check("complete", statement, Outcome.INCONCLUSIVE, message)
+
+
+def _named(frames: list[FrameVerdict]) -> tuple[str, ...]:
+    return _listed(frames, describe)
+
+
+def _listed(items: list[_Item], describe_item: Callable[[_Item], str]) -> tuple[str, ...]:
+    lines = [describe_item(item) for item in items[:NAMED_FRAMES]]
+    if len(items) > NAMED_FRAMES:
+        lines.append(f"... and {len(items) - NAMED_FRAMES} more, in the JSON file")
+    return tuple(lines)
+
+
+def _key(key: FrameKey) -> str:
+    return f"session {key.session:#x}, sequence {key.sequence}, loop {key.loop}, index {key.index}"

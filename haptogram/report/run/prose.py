@@ -1,0 +1,111 @@
+"""What the page says in words: the verdict, what it rests on, and what it does not show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from haptogram.records.frame import Evidence
+from haptogram.verification import Tolerance, Verdict, cut_text, tolerance_text
+
+from .wording import count, host_delay
+
+HEADLINES: Final = {
+    Verdict.PASS: "Pass: every focus that was verified is on its target",
+    Verdict.FAIL: "Fail: the board did not radiate what it was asked for",
+    Verdict.INCONCLUSIVE: "Inconclusive: too little was seen for a verdict",
+}
+
+EVIDENCE: Final = {
+    Evidence.EXTERNAL: "External: what was radiated was recorded beside the board's own answers "
+    "(the back door of the virtual board, or a capture of the drive pins).",
+    Evidence.SELF_REPORTED: "Self-reported: the board's firmware says what it latched. A firmware "
+    "that reports one drive and outputs another would not be found out.",
+    Evidence.WIRE: "Wire: the frames were seen on the line. Whether the board latched them was not "
+    "seen.",
+}
+
+CRITERIA: Final = (
+    "S1: every latched phase is within half a step of the one that focuses on the target.",
+    "S2: the focus that was reconstructed, without knowing the target, is where the target is.",
+    "S3: the sound of all transducers arrives at the target in step (coherence).",
+    "S4: the peak of the pressure is where that of the ideal drive is: diffraction pulls both "
+    "towards the array.",
+    "S5: every latched amplitude is the intended one, within half a step.",
+    "Several foci in a frame: each against what the ideal drive for these foci makes of it. S1: "
+    "every phase; S2: the place of the pressure peak next to the target; S3: the pressure there.",
+    "Efficiency of several foci: the squares of their pressures, each over what the same output "
+    "would make of that focus alone, added up. 1: they share it without loss; less: they take from "
+    "each other; more: they are so near that one beam serves several.",
+)
+
+_LIMITS: Final = (
+    "The field is computed from the latched drive, in linear acoustics and a free field: no hand, "
+    "no reflections, no streaming, no nonlinear losses. No pressure was measured in air.",
+    "Every transducer is taken to be the one of the model, or of the calibration. How real ones "
+    "scatter in phase and level, or fail after the driver stage, does not show in the latched "
+    "drive.",
+    "Positions of the elements and the state of the air are those of the configuration or of the "
+    "board's own description.",
+    "The force is an estimate: the radiation pressure on a rigid, reflecting disc of 10 mm radius "
+    "at the focus. What a person feels is not part of it.",
+    "Times are those of the board's clock.",
+)
+
+
+def summary(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what the run came to, sentence by sentence."""
+    frames = result["frames"]
+    yield (
+        f"{count(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
+        f"{frames['verified']} verified, {frames['on_target']} of them on target"
+        f"{cut_text(frames)}."
+    )
+    if result["reasons"]:
+        yield f"Why: {'; '.join(result['reasons'])}."
+    lateral, axial = result["lateral_error_mm"]["max"], result["axial_error_mm"]["max"]
+    if lateral is not None:
+        along = "" if axial is None else f" and {axial:.3f} mm along the beam"
+        yield f"The largest distance from a target was {lateral:.3f} mm across{along}."
+    if result["smallest_miss_mm"] is not None:
+        yield (
+            f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: so much could "
+            f"come of the rounding of the phases{_and_tolerance(result)}."
+        )
+    if (delay := host_delay(result)) is not None:
+        yield f"{delay[0].upper()}{delay[1:]}."
+    if frames["lost"] or frames["late"]:
+        yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
+
+
+def _and_tolerance(result: Mapping[str, Any]) -> str:
+    stated = tolerance_text(Tolerance(**result["tolerance"]))
+    return " alone" if stated == "none" else f", on top of a tolerance of {stated}"
+
+
+def evidence(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what the verdict rests on."""
+    found = result["evidence"]
+    kinds = [found] if isinstance(found, str) else found
+    if not kinds:
+        yield "None: nobody saw what the board latched."
+    yield from (EVIDENCE[Evidence(kind)] for kind in kinds)
+
+
+def limits(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what the result does not show, what belongs to this run first."""
+    frames = result["frames"]
+    due = frames["sent"] - frames["cancelled"]
+    unseen = due - frames["verified"]
+    if unseen:
+        yield f"{count(unseen, 'frame')} of {due} could not be verified at all."
+    if result["cut_short"] is not None:
+        yield f"What would have come later: the run was {result['cut_short']}."
+    if result["smallest_miss_mm"] is not None:
+        yield (
+            f"A miss of less than {result['smallest_miss_mm']:.2f} mm cannot be told from what "
+            "rounding of the phases makes."
+        )
+    if result["axial_error_mm"]["max"] is None and result["lateral_error_mm"]["max"] is not None:
+        yield "The error along the beam: this array cannot observe it."
+    yield from _LIMITS

@@ -1,0 +1,148 @@
+"""The result of a run as JSON: what was found, and all that is needed to find it again."""
+
+from __future__ import annotations
+
+import enum
+import importlib.metadata
+import json
+import math
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.machine.files import write_atomically
+from haptogram.verification import RunVerdict, Verdict
+
+_PACKAGES: Final = ("haptogram", "numpy", "scipy", "pyserial")
+
+
+def result_dict(
+    run: RunVerdict,
+    *,
+    configuration: Mapping[str, Any],
+    seed: int,
+    board: Mapping[str, Any],
+    warnings: list[str],
+    cut_short: str | None,
+    host: Mapping[str, Any] | None,
+    environment: Mapping[str, Any] | None,
+    faults: Mapping[str, Any] | None = None,
+    troubles: Mapping[str, Mapping[str, int]] | None = None,
+) -> dict[str, Any]:
+    """Return the result for JSON, in a fixed order, of JSON types only.
+
+    Parameters
+    ----------
+    run : RunVerdict
+        What was found.
+    configuration : mapping
+        What was asked for.
+    seed : int
+        Seed of everything random.
+    board : mapping
+        What the board said of itself.
+    warnings : list of str
+        What was odd.
+    cut_short : str or None
+        Why the run did not come to its end.
+    host : mapping or None
+        How the host's side went; None leaves it out.
+    environment : mapping or None
+        :func:`environment`; None leaves it out: in virtual time the result must not know where it
+        was made.
+
+    faults : mapping or None
+        Faults on purpose: ``plan``, ``seed``, and how often each ``fired``; None leaves it out.
+    troubles : mapping or None
+        What ``board`` and ``host`` counted of frames that were damaged, lost or out of time.
+
+    Raises
+    ------
+    ValueError
+        If a run that was cut short passed: ``verify_run`` was not told.
+    """
+    if cut_short is not None and run.verdict is Verdict.PASS:
+        raise ValueError(f"a run that was cut short ({cut_short}) cannot pass")
+    result = run.as_dict() | {
+        "cut_short": cut_short,
+        "warnings": warnings,
+        "seed": seed,
+        "board": board,
+        "troubles": troubles or {},
+        "configuration": configuration,
+    }
+    optional = {"faults": faults, "host": host, "environment": environment}
+    result |= {name: value for name, value in optional.items() if value is not None}
+    plain: dict[str, Any] = _plain(result)
+    return plain
+
+
+def environment() -> dict[str, str | int | None]:
+    """Return the versions and the machine; no host name, no user, no date."""
+    return {
+        "python": platform.python_version(),
+        **{name: _version(name) for name in _PACKAGES},
+        "platform": platform.platform(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+    }
+
+
+def write_json(path: Path, result: Mapping[str, Any]) -> None:
+    """Write *result*, indented by 2; a number that is not finite becomes null.
+
+    Raises
+    ------
+    ConfigurationError
+        If *path* cannot be written.
+    """
+    text = json.dumps(_plain(result), indent=2, allow_nan=False)
+    write_atomically(path, f"{text}\n".encode("ascii"))
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _plain(value: Any) -> Any:
+    """Return *value* in JSON's own types: JSON knows no numpy, no tuple and no NaN."""
+    match value:
+        case None | bool():
+            return value
+        case enum.Enum():
+            return _plain(value.value)
+        case str():
+            return str(value)
+        case int() | np.integer():
+            return int(value)
+        case float() | np.floating():
+            return float(value) if math.isfinite(value) else None
+        case np.bool_():
+            return bool(value)
+        case np.ndarray():
+            return _plain(value.tolist())
+        case Mapping():
+            return {str(name): _plain(item) for name, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case set() | frozenset():
+            return sorted(_plain(item) for item in value)
+    return str(value)
+
+
+def write_frames(path: Path, run: RunVerdict) -> None:
+    """Write a line for each frame: what became of it, and what that rests on.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be written.
+    """
+    write_atomically(path, "".join(f"{frame}\n" for frame in run.frames).encode())

@@ -1,0 +1,1 @@
+"""Consequences of late and lost frames: how long which focus was held, and what was felt."""

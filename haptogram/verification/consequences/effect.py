@@ -1,0 +1,193 @@
+"""What it did in space that frames were lost, late or wrong: how long, how far, how much pressure.
+
+Over the device time of a run: frame i is what should be radiated from its time to that of the next,
+or to the end of its stream.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ..verdict import FrameStatus, FrameVerdict
+
+_US_PER_MS: Final = 1e3
+_ELSEWHERE: Final = (FrameStatus.OFF_TARGET, FrameStatus.WRONG_DRIVE)
+_PAUSE: Final = 2  # periods: a stream ended before a gap that is longer; rounding makes none such
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """A time in which something else was radiated than was intended.
+
+    Pressures are those at the intended point; None where nobody knows.
+    """
+
+    begin_us: int
+    end_us: int
+    away_mm: float | None
+    silent: bool
+    radiated_pa: float | None
+    intended_pa: float | None
+
+    @property
+    def length_us(self) -> int:
+        return self.end_us - self.begin_us
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What faults did to the focus, over a whole run.
+
+    Attributes
+    ----------
+    away_ms : float
+        Time in which the focus was not where it should have been, or there was none.
+    longest_ms : float
+        The longest such time without a break.
+    silent_ms : float
+        Of the whole, the time in silence: before the first latch, or after a latch of silence.
+    farthest_mm : float or None
+        Largest distance of the focus from where it should have been; None: there was no such focus.
+    radiated_pa, intended_pa : float or None
+        RMS pressure at the intended points, and as it should have been: averages over that time.
+    """
+
+    away_ms: float
+    longest_ms: float
+    silent_ms: float
+    farthest_mm: float | None
+    radiated_pa: float | None
+    intended_pa: float | None
+
+    @classmethod
+    def of(cls, frames: Sequence[FrameVerdict], silences: Sequence[int] = ()) -> Effect | None:
+        """Return the effect of what is wrong with *frames*; None: nothing, in those with a time.
+
+        Parameters
+        ----------
+        frames : sequence of FrameVerdict
+            In their order.
+        silences : sequence of int
+            Device times, ascending, at which the output fell silent: the end of a stream.
+        """
+        stretches = [s for s in _stretches(frames, silences) if s.length_us > 0]
+        if not stretches:
+            return None
+        known = [s for s in stretches if s.radiated_pa is not None]
+        return cls(
+            away_ms=_total_ms(stretches),
+            longest_ms=max(map(_total_ms, _unbroken(stretches))),
+            silent_ms=_total_ms([s for s in stretches if s.silent]),
+            farthest_mm=max((s.away_mm for s in stretches if s.away_mm is not None), default=None),
+            radiated_pa=_mean(known, [s.radiated_pa or 0.0 for s in known]),
+            intended_pa=_mean(known, [s.intended_pa or 0.0 for s in known]),
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return {
+            "away_ms": self.away_ms,
+            "longest_ms": self.longest_ms,
+            "silent_ms": self.silent_ms,
+            "farthest_mm": self.farthest_mm,
+            "pressure_rms_pa": {"radiated": self.radiated_pa, "intended": self.intended_pa},
+        }
+
+    def __str__(self) -> str:
+        """Return it in one line."""
+        times = f"{self.away_ms:.1f} ms, {self.longest_ms:.1f} ms at a time"
+        parts = [f"not where it should be for {times}"]
+        if self.farthest_mm is not None:
+            parts.append(f"up to {self.farthest_mm:.2f} mm away")
+        if self.silent_ms:
+            parts.append(f"silent for {self.silent_ms:.1f} ms")
+        if self.radiated_pa is not None:
+            pressures = f"{self.radiated_pa:.0f} Pa instead of {self.intended_pa:.0f} Pa"
+            parts.append(f"{pressures} at the targets meanwhile")
+        return ", ".join(parts)
+
+
+def _stretches(frames: Sequence[FrameVerdict], silences: Sequence[int]) -> Iterator[_Stretch]:
+    due = (frame for frame in frames if frame.status is not FrameStatus.CANCELLED)
+    timed = [frame for frame in due if frame.t_apply_us is not None]
+    begins = [frame.t_apply_us or 0 for frame in timed]
+    for frame, begin_us, end_us in zip(timed, begins, _ends(begins, silences), strict=True):
+        # One that is not late latches within a carrier period of its time: no time of its own.
+        latched_us = max(begin_us, frame.t_latch_us or 0) if frame.late else begin_us
+        if frame.status is FrameStatus.LOST:
+            yield _before_the_latch(frame, begin_us, end_us)
+        elif frame.late:
+            yield _before_the_latch(frame, begin_us, min(latched_us, end_us))
+        if frame.status in _ELSEWHERE or _is_another(frame):
+            yield _after_the_latch(frame, latched_us, end_us)
+
+
+def _ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
+    """Yield until when each frame is due."""
+    neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
+    for before_us, begin_us, next_us in neighbours:
+        period_us = None if before_us is None else begin_us - before_us
+        if period_us and next_us is not None and next_us - begin_us <= _PAUSE * period_us:
+            yield next_us  # the stream goes on, even if the board mutes itself
+            continue
+        # The last of a stream is due for as long as the one before it, if nobody ended it sooner.
+        quiet_us = next((t_us for t_us in silences if t_us > begin_us), None)
+        over_us = None if period_us is None else begin_us + period_us
+        yield min((t for t in (next_us, over_us, quiet_us) if t is not None), default=begin_us)
+
+
+def _is_another(frame: FrameVerdict) -> bool:
+    """Tell whether another drive was latched of which only the CRC was seen: nothing is judged."""
+    return frame.status is FrameStatus.CORRUPT and not frame.criteria
+
+
+def _before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _Stretch:
+    """Return the time in which something older was held."""
+    held = frame.consequence
+    if held is None:
+        return _Stretch(begin_us, end_us, None, silent=False, radiated_pa=None, intended_pa=None)
+    return _Stretch(
+        begin_us,
+        end_us,
+        held.focus_error_mm,
+        silent=held.focus_error_mm is None,
+        radiated_pa=held.pressure_rms_pa,
+        intended_pa=held.intended_pressure_rms_pa,
+    )
+
+
+def _after_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _Stretch:
+    """Return the time in which a wrong drive was radiated; of an unseen one nothing is known."""
+    return _Stretch(
+        begin_us,
+        end_us,
+        frame.error_mm,
+        silent=frame.coherence == 0.0,
+        radiated_pa=frame.target_pressure_rms_pa,
+        intended_pa=frame.intended_pressure_rms_pa,
+    )
+
+
+def _unbroken(stretches: list[_Stretch]) -> Iterator[list[_Stretch]]:
+    """Yield the runs of stretches that follow each other without a break."""
+    joined: list[_Stretch] = []
+    for stretch in stretches:
+        if joined and stretch.begin_us > joined[-1].end_us:
+            yield joined
+            joined = []
+        joined.append(stretch)
+    yield joined
+
+
+def _total_ms(stretches: Sequence[_Stretch]) -> float:
+    return sum(stretch.length_us for stretch in stretches) / _US_PER_MS
+
+
+def _mean(stretches: list[_Stretch], values: list[float]) -> float | None:
+    """Return the average of *values* over the time of *stretches*."""
+    if not stretches:
+        return None
+    lengths = [stretch.length_us for stretch in stretches]
+    return sum(v * t for v, t in zip(values, lengths, strict=True)) / sum(lengths)

@@ -1,0 +1,118 @@
+"""What a board goes on radiating while the due frame is lost or late, and what that does."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, Drive, pressure
+from haptogram.records.frame import FrameKey, Intended, Observation
+
+from ..frame.peaks import Floats
+from ..verdict import JUDGED, Consequence, FrameVerdict, Vector
+
+_MM: Final = 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """What the board goes on radiating until the next latch.
+
+    Attributes
+    ----------
+    drive : Drive or None
+        None: another one than intended, and not seen.
+    focus_m : tuple
+        Where its focus was found; where that cannot be observed, or was not, where it was wanted.
+    t_latch_us : float
+        Device time since when: a silence after it ends it. Infinite: nobody knows.
+    """
+
+    drive: Drive | None
+    focus_m: Vector
+    t_latch_us: float
+
+    @classmethod
+    def after(cls, intended: Intended, observation: Observation, verdict: FrameVerdict) -> Held:
+        """Return what is held once the frame of *verdict* has been latched."""
+        unseen = (None, None, None)
+        x, y, z = (
+            wanted if bound is None or found is None else found
+            for wanted, found, bound in zip(
+                verdict.target_m,
+                verdict.measured_m or unseen,
+                verdict.bound_mm or unseen,
+                strict=True,
+            )
+        )
+        by_crc = verdict.status in JUDGED and not verdict.faults
+        drive = observation.radiated or observation.drive or (intended.drive if by_crc else None)
+        return cls(drive, (x, y, z), observation.t_latch_us)
+
+
+class Due(NamedTuple):
+    """When a frame should have been latched: not before the one, not after the other."""
+
+    earliest_us: float
+    latest_us: float
+
+
+def dues(
+    intended: Sequence[Intended], seen: Mapping[FrameKey, Sequence[Observation]]
+) -> Iterator[Due]:
+    """Yield when each frame was due: without a time, between those known of its neighbours."""
+    latched = (seen.get(wanted.key) for wanted in intended)
+    known = [
+        latches[0].t_latch_us if latches else wanted.t_apply_us
+        for wanted, latches in zip(intended, latched, strict=True)
+    ]
+    before = itertools.accumulate((-math.inf if t is None else t for t in known), max)
+    after = itertools.accumulate((math.inf if t is None else t for t in reversed(known)), min)
+    bounds = zip(intended, before, reversed(list(after)), strict=True)
+    for wanted, earliest_us, latest_us in bounds:
+        due_us = wanted.t_apply_us
+        yield Due(earliest_us, latest_us) if due_us is None else Due(due_us, due_us)
+
+
+def still_held(held: Held | None, due: Due, quiet_us: Sequence[int]) -> Held | None:
+    """Return what is left of *held* when a frame is due; None: silence."""
+    if held is None or _fell_silent(quiet_us, held.t_latch_us, due.earliest_us):
+        return None
+    if _fell_silent(quiet_us, due.earliest_us, due.latest_us):
+        return dataclasses.replace(held, drive=None)  # before the frame or after it: who knows?
+    return held
+
+
+def _fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
+    """Tell whether the output fell silent after the one time, and not after the other."""
+    return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
+
+
+def consequence(model: AcousticModel, intended: Intended, held: Held | None) -> Consequence | None:
+    """Return what it did that *intended* was not latched while *held* still was.
+
+    None as *held*: nothing had been latched yet.  None in return: nobody knows the drive.
+    """
+    position = np.array(intended.foci[0].position_m)
+    wanted = _pressure_rms_pa(model, intended.drive, position)
+    if held is None:
+        return Consequence(None, 0.0, wanted)
+    if held.drive is None:
+        return None
+    pressure_rms_pa = _pressure_rms_pa(model, held.drive, position)
+    if held.drive.is_muted:
+        return Consequence(None, pressure_rms_pa, wanted)
+    away_m = float(np.linalg.norm(position - np.array(held.focus_m)))
+    return Consequence(_MM * away_m, pressure_rms_pa, wanted)
+
+
+def _pressure_rms_pa(model: AcousticModel, drive: Drive, position: Floats) -> float:
+    found = pressure(model, drive.weights(), position[None, :])
+    return abs(complex(found[0])) / math.sqrt(2.0)

@@ -1,0 +1,250 @@
+"""The drive that several foci ask for, and what rounding and tolerance may make of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.records.frame import Intended
+
+from ..tolerance import PlaceUncertainty, Uncertainty
+from . import criteria
+from .peaks import WITHIN_LOBE_RAD, Complexes, ExpectedPeak, Floats, expected_peak
+from .target import Bools, TargetField, place_uncertainty
+
+#: Codes of an amplitude below which a board that computes may round a phase as it likes: the waves
+#: of the foci all but cancel there, and the phase of next to nothing means nothing.
+LEAST_AMPLITUDE_CODE: Final = 4
+_HALF: Final = 0.5 + 1e-6  # of an amplitude step
+_MARGIN: Final = 1.15  # between the tolerated drives, a change is not quite in proportion
+_FAINT: Final = 0.1  # of the loudest: the pressure of a fainter focus is compared with that
+#: The least that a solver makes of foci.  Random phases reach an efficiency of F / N, solvers 0.5
+#: and more; their weakest focus of many has a third of the mean, a missing one next to none.
+LEAST_EFFICIENCY: Final = 0.25
+LEAST_BALANCE: Final = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class IdealDrive:
+    """The drive that makes several foci, before its phases are rounded.
+
+    Attributes
+    ----------
+    targets : sequence of TargetField
+        One for each focus.
+    placed : sequence of TargetField
+        Those of the foci that shall be heard: the others have no place.
+    weights : (N,) numpy.ndarray of complex
+        Ideal phases with the intended amplitudes.
+    asked : (N,) numpy.ndarray of complex
+        Weights that the foci ask for; of magnitude 1 where the drive has phases only.
+    tolerated : sequence of (N,) numpy.ndarray of complex
+        The same in the warmest and the coldest air that is tolerated, and for foci that are off by
+        the tolerated miss.
+    has_amplitudes : bool
+        Whether the drive has amplitudes, and not only phases.
+    allowed_codes : int
+        By how many codes a board that computes may differ.
+    """
+
+    targets: Sequence[TargetField]
+    placed: Sequence[TargetField]
+    weights: Complexes
+    asked: Complexes
+    tolerated: Sequence[Complexes]
+    has_amplitudes: bool
+    allowed_codes: int
+
+    @classmethod
+    def of(
+        cls,
+        intended: Intended,
+        targets: Sequence[TargetField],
+        asked: Complexes,
+        tolerated: Sequence[Complexes],
+    ) -> IdealDrive:
+        """Return the ideal drive of a frame whose foci ask for the weights *asked*."""
+        codes, allowed = intended.drive.amplitude_codes, criteria.allowed_codes(intended)
+        pairs = zip(targets, intended.foci, strict=True)
+        placed = [target for target, focus in pairs if focus.amplitude > 0.0]
+        if (codes == FULL_AMPLITUDE).all():
+            in_full, *others = (np.exp(1j * np.angle(drive)) for drive in (asked, *tolerated))
+            return cls(targets, placed, in_full, in_full, others, False, allowed)
+        weights = codes / FULL_AMPLITUDE * np.exp(1j * np.angle(asked))
+        return cls(targets, placed, weights, asked, tolerated, True, allowed)
+
+    @cached_property
+    def peaks(self) -> list[ExpectedPeak | None]:
+        """The peak next to each target; None where none has a place that this array observes."""
+        return [self._peak(target) for target in self.placed]
+
+    def _peak(self, target: TargetField) -> ExpectedPeak | None:
+        if not target.observable.all():
+            return None
+        return expected_peak(
+            target.model,
+            self.weights,
+            target.position_m,
+            target.direction(np.eye(3)),
+            target.phase_limit_rad,
+            WITHIN_LOBE_RAD,
+        )
+
+    @cached_property
+    def levels(self) -> Floats:
+        """(F,) |p| at each target."""
+        return self._levels_of(self.weights)
+
+    @cached_property
+    def level_limits(self) -> Floats:
+        """(F,) S3: how far rounding can change |p| at each target.
+
+        To first order only what is in quadrature to the sum counts, sum_n |Im(q_n / u)| d with u
+        the phasor of the sum; the second order is at most sum_n |q_n| d^2 / 2.
+        """
+        return np.array([self._rounding_of_level(target) for target in self.targets])
+
+    @cached_property
+    def tolerated_levels(self) -> Floats:
+        """(F,) S3: how far the tolerance can change |p| at each target, on top of rounding."""
+        return self._tolerated_change(self._levels_of)
+
+    @cached_property
+    def tolerated_amplitudes(self) -> Floats:
+        """(N,) S5: how far the tolerance can change each amplitude, 0 to 1."""
+        return self._tolerated_change(np.abs)
+
+    def _tolerated_change(self, measure: Callable[[Complexes], Floats]) -> Floats:
+        """Return how far a measure of the drive differs within the tolerance."""
+        asked = measure(self.asked)
+        changes = [np.abs(measure(drive) - asked) for drive in self.tolerated]
+        tolerated: Floats = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
+        return tolerated
+
+    def _rounding_of_level(self, target: TargetField) -> float:
+        parts = target.arrivals * self.weights
+        total, error_rad = complex(parts.sum()), target.phase_limit_rad
+        quadrature = np.abs((parts * (total.conjugate() / abs(total) if total else 1.0)).imag)
+        limit = quadrature.sum() * error_rad + np.abs(parts).sum() * error_rad**2 / 2.0
+        limit += self.allowed_codes * criteria.AMPLITUDE_STEP * np.abs(target.arrivals).sum()
+        return float(limit)
+
+    def _levels_of(self, weights: Complexes) -> Floats:
+        levels: Floats = np.abs([target.arrivals @ weights for target in self.targets])
+        return levels
+
+    def phase_error_rad(self, latched: Drive, active: Bools) -> float:
+        """S1: half the range of the phase errors over the active elements, common phase out."""
+        if not active.any():
+            return math.pi
+        error = np.angle(latched.weights()[active]) - np.angle(self.weights[active])
+        return criteria.common_phase_error_rad(error)
+
+    def distance(self, latched: Drive, active: Bools) -> tuple[bool, float]:
+        """Return a key by which the ideal drive that suits a latched one best comes first."""
+        error_rad = self.phase_error_rad(latched, active)
+        suits = error_rad <= self.targets[0].phase_limit_rad and self.amplitudes_ok(
+            latched, tolerant=False
+        )
+        return not suits, error_rad
+
+    def offsets_m(self, latched: Complexes) -> list[Floats | None]:
+        """S2: return (3,) the offset of each peak from its place; None where there is none."""
+        return [
+            None if peak is None else peak.offset_m(target.model, latched)
+            for target, peak in zip(self.placed, self.peaks, strict=True)
+        ]
+
+    def in_place(self, offsets_m: Sequence[Floats | None]) -> bool:
+        """S2: tell whether every peak that has a place is within its limit of it."""
+        return all(
+            offset is not None and bool((np.abs(offset) <= peak.rounding_m).all())
+            for peak, offset in zip(self.peaks, offsets_m, strict=True)
+            if peak is not None
+        )
+
+    def excess_level(self, latched: Complexes, *, tolerant: bool) -> float:
+        """S3: return the share by which |p| at a target is off beyond its limit; 0: none is."""
+        limits = self.level_limits + (self.tolerated_levels if tolerant else 0.0)
+        excess = np.abs(self._levels_of(latched) - self.levels) - limits
+        loudest = max(float(self.levels.max()), 1e-300)
+        return max(0.0, float((excess / np.maximum(self.levels, _FAINT * loudest)).max()))
+
+    def amplitudes_ok(self, latched: Drive, *, tolerant: bool) -> bool:
+        """S5: tell whether no amplitude is off from what the foci ask for by more than rounding."""
+        if not self.has_amplitudes:
+            return True
+        tolerated = self.tolerated_amplitudes if tolerant else 0.0
+        steps = np.abs(latched.amplitude_codes - FULL_AMPLITUDE * np.abs(self.asked))
+        allowed = _HALF + self.allowed_codes + FULL_AMPLITUDE * tolerated
+        return bool((steps <= allowed).all())
+
+    def limits_m(self) -> list[Floats] | None:
+        """Return (3,) how far each focus may be off; None where a miss of one never shows."""
+        pairs = list(zip(self.placed, self.peaks, strict=True))
+        limits = [peak.rounding_m + target.tolerated_m for target, peak in pairs if peak]
+        return limits if len(limits) == len(pairs) else None
+
+    def place_uncertainty(self, known: Uncertainty) -> PlaceUncertainty | None:
+        """Return how well the place of the least known focus is known; None: it is not."""
+        found = [
+            place_uncertainty(target.model, target.position_m, peak.response, known)
+            for target, peak in zip(self.placed, self.peaks, strict=True)
+            if peak is not None
+        ]
+        whole = len(found) == len(self.placed)
+        return max(found, key=lambda one: one.total, default=None) if whole else None
+
+
+def meaningful(intended: Intended, latched: Drive) -> Bools:
+    """Return (N,) the elements that sound and whose phase means something."""
+    least = LEAST_AMPLITUDE_CODE if intended.board_computed and len(intended.foci) > 1 else 1
+    sounding: Bools = (intended.drive.amplitude_codes >= least) & (latched.amplitude_codes > 0)
+    return sounding
+
+
+@dataclass(frozen=True, slots=True)
+class FociLevels:
+    """What reaches several foci of one frame.
+
+    Attributes
+    ----------
+    efficiency : float
+        sum_i (|p(t_i)| / sum_n |a_n g_n(t_i)|)^2, a_n the intended amplitudes: each focus over what
+        the same output would make of it alone.  1 if they share it without loss; less of
+        foci that take from each other; more of foci so near that one beam serves several.
+    balance : float
+        The least |p(t_i)| / A_i over the mean of them, A_i the wanted amplitudes.
+    """
+
+    efficiency: float
+    balance: float
+
+    @classmethod
+    def of(
+        cls, intended: Intended, latched: Complexes, targets: Sequence[TargetField]
+    ) -> FociLevels:
+        """Return the levels of the foci of *intended* under the drive *latched*."""
+        arrivals = np.array([target.arrivals for target in targets])
+        levels = np.abs(arrivals @ latched)
+        alone = np.abs(arrivals) @ np.abs(intended.drive.weights())
+        wanted = np.array([focus.amplitude for focus in intended.foci])
+        asked = wanted > 0.0
+        shares = levels[asked] / wanted[asked]
+        mean = float(shares.mean()) if asked.any() else 0.0
+        return cls(
+            float(((levels / alone) ** 2).sum()),
+            float(shares.min()) / mean if mean > 0.0 else 0.0,
+        )
+
+    @property
+    def made(self) -> bool:
+        """Whether every focus that a solver was asked for is there."""
+        return self.efficiency >= LEAST_EFFICIENCY and self.balance >= LEAST_BALANCE

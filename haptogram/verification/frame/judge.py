@@ -1,0 +1,283 @@
+"""From one intended frame and what was seen of it to a verdict."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics import (
+    AcousticModel,
+    Drive,
+    NoFocus,
+    NotSingle,
+    Reconstruction,
+    Reconstructor,
+    SingleFocus,
+)
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.driver.frames import sound_speed_mm_s, weights_of_foci, with_sound_speed
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Focus, FrameKey, Intended, Observation
+
+from ..faults import name_faults
+from ..tolerance import Tolerance, Uncertainty
+from ..verdict import FrameStatus, FrameVerdict
+from . import criteria
+from .ideal_drive import IdealDrive
+from .peaks import Complexes, Floats
+from .several import judge_several
+from .single import SingleFrame, judge_silence, not_radiated
+from .target import TargetField
+
+# Of targets, and as many drives of solvers and verdicts: a pass that repeats costs nothing new.
+_REMEMBERED_BYTES: Final = 1 << 27
+_CACHES: Final = 3
+_BYTES: Final = 6000  # of an entry, besides those per element
+_BYTES_PER_ELEMENT: Final = 160  # of a target: phases, pressures, the responses of focus and peaks
+_ANY: Final = FrameKey(0, 0, 0, 0)
+_ITS_OWN: Final = ("number", "key", "t_apply_us", "t_latch_us", "late", "early")
+_EXACT_RAD: Final = 1e-7  # positions that are whole micrometres, but for the arithmetic
+
+
+class Judge:
+    """Judges frame after frame of one array.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air that the frames were radiated in: the truth, which the host may have missed.
+    carrier_us : int
+        Carrier period: a frame latches on the first of its multiples at or after its time.
+    tolerance : Tolerance
+        Which misses pass on top of what rounding makes; by default none.
+    uncertainty : Uncertainty
+        How well *model* is known; by default exactly.
+    """
+
+    def __init__(
+        self,
+        model: AcousticModel,
+        *,
+        carrier_us: int,
+        tolerance: Tolerance | None = None,
+        uncertainty: Uncertainty | None = None,
+    ) -> None:
+        self._model = model
+        self._carrier_us = carrier_us
+        self.tolerance = Tolerance() if tolerance is None else tolerance
+        self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
+        self._grain_rad = criteria.position_grain_rad(model)
+        self._reconstructors: dict[int, Reconstructor] = {}
+        entry = _BYTES + _BYTES_PER_ELEMENT * model.array.count
+        remembered = _REMEMBERED_BYTES // (_CACHES * entry)
+        self._target = functools.lru_cache(remembered)(self._make_target)
+        self._ideals = functools.lru_cache(remembered)(self._make_ideals)
+        self._judged = functools.lru_cache(remembered)(self._judge)
+
+    def _make_target(
+        self, position_m: tuple[float, float, float], amplitude_codes: bytes, limit_rad: float
+    ) -> TargetField:
+        codes = np.frombuffer(amplitude_codes, np.uint8)
+        amplitudes, place = codes / FULL_AMPLITUDE, np.array(position_m)
+        target = TargetField(self._model, place, amplitudes, limit_rad, self.tolerance)
+        if not self.tolerance.is_strict and target.active.any():
+            target.check_tolerance()
+        return target
+
+    def _targets(self, intended: Intended) -> list[TargetField]:
+        codes = intended.drive.amplitude_codes.tobytes()
+        limit_rad = criteria.phase_limit_rad(intended, self._grain_rad)
+        return [self._target(focus.position_m, codes, limit_rad) for focus in intended.foci]
+
+    def _make_ideals(self, intended: Intended) -> list[IdealDrive]:
+        """Return the drives that the foci ask for: of the array as it is, and as the wire says.
+
+        An array for which the solver refuses the foci is left out.
+        """
+        targets, found = self._targets(intended), []
+        for model in self._known_models(board_computed=intended.board_computed):
+            with contextlib.suppress(ConfigurationError):  # a focus at the edge of its reach
+                asked = weights_of_foci(model, intended.foci, intended.solver)
+                tolerated = list(self._tolerated(model, intended))
+                found.append(IdealDrive.of(intended, targets, asked, tolerated))
+        return found
+
+    def _tolerated(self, model: AcousticModel, intended: Intended) -> Iterator[Complexes]:
+        """Yield the drives for these foci in the warmest and coldest air, and displaced."""
+        share = self.tolerance.speed_share(model.medium)
+        for factor in (1.0 + share, 1.0 - share) if share else ():
+            other = model.with_sound_speed(model.medium.sound_speed_m_s / factor)
+            yield weights_of_foci(other, intended.foci, intended.solver)
+        miss_m = self.tolerance.miss_mm / 1e3
+        for way in (*np.eye(3), *-np.eye(3)) if miss_m else ():
+            yield weights_of_foci(model, _displaced(intended.foci, miss_m * way), intended.solver)
+
+    def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
+        """Yield the array and air that foci may have been solved with.
+
+        The wire carries the array in whole micrometres and the speed of sound in whole mm/s.
+        """
+        model = self._model
+        if board_computed:
+            model = with_sound_speed(model, sound_speed_mm_s(model))
+        yield model
+        if self._grain_rad > _EXACT_RAD:
+            yield dataclasses.replace(model, array=model.array.on_wire())
+
+    def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
+        """Return what became of a frame that was latched."""
+        seen = self._seen(intended, observation)
+        found = self._judged(
+            _without_identity(intended),
+            dataclasses.replace(observation, key=_ANY, t_latch_us=0, late=False),
+        )
+        return dataclasses.replace(found, **{name: getattr(seen, name) for name in _ITS_OWN})
+
+    def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
+        """Return the verdict of all frames and latches that differ in key and times only."""
+        seen = self._seen(intended, observation)
+        if _crc_differs(intended, observation):
+            return dataclasses.replace(
+                seen, status=FrameStatus.CORRUPT, faults=(_crc_fault(intended, observation),)
+            )
+        latched, note = self._latched_drive(intended, observation)
+        seen = dataclasses.replace(seen, note=note)
+        if latched is None:
+            return seen
+        found = observation.reconstruction
+        if isinstance(found, NoFocus) and found.reason == "ramping":
+            return dataclasses.replace(seen, note="the output was ramping down when it was latched")
+        # The field is that of what was radiated, so that is what is judged where somebody saw it.
+        output = observation.radiated or latched
+        faults = self._faults(intended, latched, output)
+        if intended.drive.is_muted:
+            heard = isinstance(found, SingleFocus | NotSingle)
+            return judge_silence(seen, intended, output, faults, heard=heard)
+        if isinstance(found, NoFocus) and len(intended.foci) > 1:
+            faults = faults or (not_radiated(found),)
+            return dataclasses.replace(seen, status=FrameStatus.WRONG_DRIVE, faults=faults)
+        targets = self._targets(intended)
+        if not targets[0].active.any():
+            note = "the calibration gives every element that shall sound a gain of 0"
+            return dataclasses.replace(seen, faults=faults, note=note)
+        if len(intended.foci) > 1:
+            ideals = self._ideals(_without_identity(intended))
+            if not ideals:
+                note = f"the solver {intended.solver} refuses these foci for the array of the board"
+                return dataclasses.replace(seen, faults=faults, note=note)
+            return judge_several(
+                seen, intended, output, faults, ideals, self.tolerance, self.uncertainty
+            )
+        (target,) = targets
+        if found is None or (isinstance(found, NotSingle) and _is_undecided(found, target)):
+            found = self._reconstruct(output, intended, target)
+        one = SingleFrame(intended, output, target)
+        return one.judge(seen, found, faults, self.uncertainty)
+
+    def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
+        """Name what is wrong with the latched drive or, if it is right, with the output."""
+        faults = name_faults(self._model, intended, latched)
+        if faults or output is latched:
+            return faults
+        radiated = name_faults(self._model, intended, output)
+        return tuple(f"{fault}, at the output: the latched drive is right" for fault in radiated)
+
+    def _latched_drive(
+        self, intended: Intended, observation: Observation
+    ) -> tuple[Drive | None, str]:
+        """Return the drive that was latched, as far as it was seen, and what to say about that."""
+        drive, crc, count = observation.drive, observation.drive_crc, self._model.array.count
+        if drive is None and crc is None:
+            return None, "the latch was seen, but nothing of its drive"
+        if drive is None and intended.board_computed:
+            return None, "the board computed the drive, and only its CRC was seen"
+        if drive is None:
+            return intended.drive, "by the CRC of the drive, which is that of the intended one"
+        for seen in (drive, observation.radiated or drive):
+            if seen.count != count:
+                return None, f"a drive of {seen.count} elements; the array has {count}"
+        if isinstance(observation.reconstruction, NotSingle):
+            wrong = [number for number in observation.reconstruction.outliers if number >= count]
+            if wrong:
+                return None, f"a field with an element {wrong[0]}; the array has {count}"
+        if crc not in (None, drive.digest()):
+            return None, f"the drive that was seen has the CRC {drive.digest():08x}, not {crc:08x}"
+        return drive, ""
+
+    def _seen(self, intended: Intended, observation: Observation) -> FrameVerdict:
+        lateness_us = (
+            0 if intended.t_apply_us is None else observation.t_latch_us - intended.t_apply_us
+        )
+        return dataclasses.replace(
+            lost(intended),
+            status=FrameStatus.NOT_VERIFIED,
+            evidence=observation.evidence,
+            t_latch_us=observation.t_latch_us,
+            late=observation.late or lateness_us >= self._carrier_us,
+            early=lateness_us < 0,
+            latches=1,
+        )
+
+    def _reconstruct(
+        self, latched: Drive, intended: Intended, target: TargetField
+    ) -> Reconstruction:
+        # The registers have 8 bits; how well the phases fit a focus depends on those of the wire.
+        bits = intended.phase_bits
+        if bits not in self._reconstructors:
+            self._reconstructors[bits] = Reconstructor(self._model, bits)
+        return self._reconstructors[bits].reconstruct(latched, slack_rad=target.tolerated_rad)
+
+
+def _is_undecided(found: NotSingle, target: TargetField) -> bool:
+    """Tell whether somebody else's search found too little, or judged by finer phases.
+
+    The board knows neither the tolerance nor, of what was uploaded, the resolution of the phases.
+    """
+    return not found.outliers or found.residual_rms_rad <= target.phase_limit_rad
+
+
+def _without_identity(intended: Intended) -> Intended:
+    """Return *intended* as all frames are that ask for the same drive."""
+    return dataclasses.replace(intended, number=0, key=_ANY, t_apply_us=None)
+
+
+def _displaced(foci: tuple[Focus, ...], way_m: Floats) -> tuple[Focus, ...]:
+    """Return foci that are all displaced by *way_m* (3,)."""
+    return tuple(
+        Focus.at(np.add(focus.position_m, way_m), focus.amplitude, focus.phase_rad)
+        for focus in foci
+    )
+
+
+def lost(intended: Intended) -> FrameVerdict:
+    """Return the verdict of a frame that nobody saw."""
+    return FrameVerdict(
+        number=intended.number,
+        key=intended.key,
+        status=FrameStatus.LOST,
+        evidence=None,
+        target_m=intended.foci[0].position_m,
+        t_apply_us=intended.t_apply_us,
+    )
+
+
+def _crc_fault(intended: Intended, observation: Observation) -> str:
+    return (
+        f"another drive was latched: its CRC is {observation.drive_crc:08x}, that of the intended "
+        f"one {intended.drive.digest():08x}"
+    )
+
+
+def _crc_differs(intended: Intended, observation: Observation) -> bool:
+    """Tell whether the CRC alone proves that another drive was latched."""
+    return (
+        observation.drive is None
+        and observation.drive_crc is not None
+        and not intended.board_computed
+        and observation.drive_crc != intended.drive.digest()
+    )

@@ -1,0 +1,287 @@
+"""The verdict on a frame with several foci.
+
+Foci that share an aperture pull at each other, so each is compared with the peak that the ideal
+drive has next to its target, and not with the target.  The ideal drive is what made the frame,
+asked again in the air that there is; a frame of phases drives every element in full.
+
+S1  every latched phase is within half a step of the ideal one, up to a phase that all share.
+S2  the pressure peak next to each target is where that of the ideal drive is, within the worst
+    that rounding can do.
+S3  the pressure at each target is that of the ideal drive, within the worst that rounding can do.
+S5  every latched amplitude is the ideal one, within half a step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive
+from haptogram.records.frame import Intended
+
+from ..status import is_right, status_of, warning_of
+from ..tolerance import Tolerance, Uncertainty
+from ..verdict import FrameStatus, FrameVerdict, Vector
+from . import criteria
+from .foci_fit import FociFit, fit_foci, waves_of
+from .ideal_drive import LEAST_BALANCE, LEAST_EFFICIENCY, FociLevels, IdealDrive, meaningful
+from .peaks import LOST, WITHIN_LOBE_RAD, Floats
+from .target import Bools, TargetField
+
+_MM: Final = 1e3
+_SECOND_ORDER: Final = 1.1  # of the bound of the first order
+_MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
+_OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
+_OTHER_PEAKS: Final = "the pressure peaks of the foci are not where their phases put the foci"
+_NOT_THESE: Final = (
+    "the phases do not tell where these foci are: a miss within the tolerance or beyond would not "
+    "show"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Findings:
+    """Verdicts and places of several foci, and reasons why a place does not show.
+
+    Attributes
+    ----------
+    verdicts : dict of str to bool
+        S1, S2, S3, S5.
+    unseen : list of str
+        Why a drive without a fault does not show where its foci are.
+    offsets_m : sequence of (3,) numpy.ndarray or None
+        Of each focus from its place.
+    limits_m : sequence of (3,) numpy.ndarray, or None
+        How far each may be off; None where a miss of one never shows.
+    """
+
+    verdicts: dict[str, bool]
+    unseen: list[str]
+    offsets_m: Sequence[Floats | None]
+    limits_m: Sequence[Floats] | None
+
+
+def judge_several(
+    seen: FrameVerdict,
+    intended: Intended,
+    latched: Drive,
+    faults: tuple[str, ...],
+    ideals: Sequence[IdealDrive],
+    tolerance: Tolerance,
+    known: Uncertainty,
+) -> FrameVerdict:
+    """Return the verdict on a frame with several foci.
+
+    Parameters
+    ----------
+    seen : FrameVerdict
+        What is known of the latch.
+    latched : Drive
+        What is radiated.
+    faults : tuple of str
+        What the codes prove to be wrong.
+    ideals : sequence of IdealDrive
+        What the foci ask for, as the host may have known the array: the nearest one counts.
+    tolerance : Tolerance
+        Which misses pass.
+    known : Uncertainty
+        How well array and air are known.
+    """
+    targets = ideals[0].targets
+    active = meaningful(intended, latched) & targets[0].active
+    levels = FociLevels.of(intended, latched.weights(), targets)
+    ideal = min(ideals, key=lambda one: one.distance(latched, active))
+    error_rad = ideal.phase_error_rad(latched, active)
+    found = _strictly(ideal, intended, latched, active, error_rad)
+    if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
+        found = _tolerantly(ideal, intended, latched, active, tolerance)
+    status = status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
+    unseen = [*found.unseen, *_not_made(levels, intended)]
+    notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
+    if status is FrameStatus.ON_TARGET and unseen:
+        status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
+    if is_right(status):
+        notes += warning_of(found.verdicts, error_rad, targets[0].phase_limit_rad)
+    worst_m = max(
+        found.limits_m or [], key=lambda limit: float(np.linalg.norm(limit)), default=None
+    )
+    smallest_mm = (
+        None if worst_m is None else _MM * float(np.linalg.norm(worst_m)) + tolerance.miss_mm
+    )
+    return dataclasses.replace(
+        seen,
+        status=status,
+        criteria=found.verdicts,
+        faults=faults,
+        note="; ".join(notes),
+        phase_error_rad=error_rad,
+        bound_mm=None if worst_m is None else _mm(worst_m),
+        smallest_miss_mm=smallest_mm,
+        uncertainty_mm=ideal.place_uncertainty(known),
+        balance=levels.balance,
+        efficiency=levels.efficiency,
+        pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
+        **_farthest(ideal.placed, found),
+    )
+
+
+def _strictly(
+    ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools, error_rad: float
+) -> _Findings:
+    """Return what is found of a drive that may differ from the ideal one by rounding only."""
+    offsets_m, limits_m = ideal.offsets_m(latched.weights()), ideal.limits_m()
+    s5 = criteria.amplitudes_ok(intended, latched)
+    verdicts = {
+        "S1": error_rad <= ideal.targets[0].phase_limit_rad,
+        "S2": ideal.in_place(offsets_m),
+        "S3": ideal.excess_level(latched.weights(), tolerant=False) == 0.0,
+        "S5": s5 and ideal.amplitudes_ok(latched, tolerant=False),
+    }
+    # A drive that is the ideal one but for rounding cannot be off: then its peaks are too flat.
+    flat = verdicts["S1"] and verdicts["S5"] and not verdicts["S2"]
+    if (limits_m is not None and not flat) or not active.any():
+        return _Findings(verdicts, list(_without_place(ideal)), offsets_m, limits_m)
+    if flat:
+        del verdicts["S2"]
+    # Foci without a pressure peak of their own still have a place in the phases.
+    unseen = list(_without_place(ideal)) or [_NOT_THESE]
+    fit = _fit(ideal, intended, latched, active)
+    if fit is None or fit.residual_rad > ideal.targets[0].phase_limit_rad:
+        return _Findings(verdicts, unseen, offsets_m, None)
+    limits_m = _limits_m(ideal, fit)
+    if limits_m is None or not _are_within(fit, limits_m, 0.0):
+        return _Findings(verdicts, unseen, list(fit.offsets_m), None)
+    return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
+
+
+def _tolerantly(
+    ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools, tolerance: Tolerance
+) -> _Findings:
+    """Return what is found of a drive for these foci in other air, or a little off.
+
+    A solver may come to another drive there, with other phases between the foci.  So the places are
+    fitted from the phases that there are, whatever the weights of the foci.
+    """
+    limit_rad = ideal.targets[0].phase_limit_rad
+    excess = ideal.excess_level(latched.weights(), tolerant=True)
+    s5 = criteria.amplitudes_ok(intended, latched)
+    verdicts = {
+        "S1": False,
+        "S3": excess <= _MOST_EXCESS,
+        "S5": s5 and ideal.amplitudes_ok(latched, tolerant=True),
+    }
+    unseen = [_OTHER_LEVELS] if excess > 0.0 else []
+    fit = _fit(ideal, intended, latched, active)
+    if fit is None:
+        return _Findings(verdicts, [*unseen, _NOT_THESE], [], None)
+    blurred = fit
+    if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
+        blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
+        unseen.append(_NOT_THESE)
+    limits_m = _limits_m(ideal, blurred)
+    if limits_m is None:
+        return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
+    within = _are_within(fit, limits_m, tolerance.miss_mm)
+    if not within and not _are_sharp(ideal, limits_m):
+        return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
+    verdicts["S2"] = within
+    if not _peaks_follow(ideal, latched, limits_m, tolerance):
+        unseen.append(_OTHER_PEAKS)
+    return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
+
+
+def _fit(ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools) -> FociFit | None:
+    """Return where the phases say that the foci are."""
+    superposed = intended.solver == "naive"
+    known = [f.amplitude * np.exp(1j * f.phase_rad) for f in intended.foci if f.amplitude > 0.0]
+    return fit_foci(
+        ideal.targets[0].model,
+        waves_of(ideal.targets[0].model, superposed=superposed),
+        np.array([target.position_m for target in ideal.placed]),
+        latched.weights(),
+        active,
+        ideal.targets[0].phase_limit_rad,
+        np.array(known) if superposed else None,
+    )
+
+
+def _limits_m(ideal: IdealDrive, fit: FociFit) -> list[Floats] | None:
+    """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
+    limits = []
+    for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
+        distance_m = _length(target.position_m - target.model.array.centre_m)
+        limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)
+        if not _length(limits[-1]) < LOST * distance_m:
+            return None
+    return limits
+
+
+def _peaks_follow(
+    ideal: IdealDrive, latched: Drive, limits_m: Sequence[Floats], tolerance: Tolerance
+) -> bool:
+    """Tell whether the pressure peaks are no further off than the fitted foci may be."""
+    offsets_m = ideal.offsets_m(latched.weights())
+    return all(
+        offset_m is not None and _length(offset_m) <= _length(limit_m) + tolerance.miss_mm / _MM
+        for offset_m, limit_m in zip(offsets_m, limits_m, strict=True)
+    )
+
+
+def _are_sharp(ideal: IdealDrive, limits_m: Sequence[Floats]) -> bool:
+    """Tell whether each focus has a place to within its own lobe: else the fit is no proof."""
+    return all(
+        target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
+        for target, limit_m in zip(ideal.placed, limits_m, strict=True)
+    )
+
+
+def _are_within(fit: FociFit, limits_m: Sequence[Floats], miss_mm: float) -> bool:
+    pairs = zip(fit.offsets_m, limits_m, strict=True)
+    return all(criteria.within(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs)
+
+
+def _farthest(targets: Sequence[TargetField], found: _Findings) -> dict[str, Any]:
+    """Return how far the worst of the foci is from its place; nothing if one has no place."""
+    offsets = [offset for offset in found.offsets_m if offset is not None]
+    if len(offsets) < len(targets) or not targets or found.limits_m is None:
+        return {}
+    target, offset_m = max(zip(targets, offsets, strict=True), key=lambda pair: _length(pair[1]))
+    across_m, along_m = target.split(offset_m)
+    return {
+        "lateral_error_mm": None if across_m is None else _MM * across_m,
+        "axial_error_mm": None if along_m is None else _MM * along_m,
+    }
+
+
+def _without_place(ideal: IdealDrive) -> Iterator[str]:
+    """Yield which foci have no pressure peak that could be off."""
+    lost = [str(number) for number, peak in enumerate(ideal.peaks, 1) if peak is None]
+    if lost:
+        yield (
+            f"no pressure peak with a place of its own next to focus {', '.join(lost)}: a miss "
+            "there would not show"
+        )
+
+
+def _not_made(levels: FociLevels, intended: Intended) -> Iterator[str]:
+    """Yield why the foci are not there, although the drive is as it should be."""
+    if intended.solver != "naive" and not levels.made:
+        yield (
+            f"the solver {intended.solver} did not make the foci: efficiency "
+            f"{levels.efficiency:.2f} (at least {LEAST_EFFICIENCY:g}), the weakest has "
+            f"{levels.balance:.2f} of their mean (at least {LEAST_BALANCE:g})"
+        )
+
+
+def _length(vector: Floats) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def _mm(values: Floats) -> Vector:
+    x, y, z = (float(_MM * value) for value in values)
+    return x, y, z

@@ -1,0 +1,302 @@
+"""The verdict on a frame with one focus, or with none."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import (
+    Drive,
+    NoFocus,
+    NotSingle,
+    Reconstruction,
+    SingleFocus,
+    focus_phases,
+    phase_step_rad,
+)
+from haptogram.acoustics.solvers.focus import wrap
+from haptogram.records.frame import Intended
+
+from ..faults import named_elements
+from ..status import is_right, status_of, warning_of
+from ..tolerance import Uncertainty
+from ..verdict import FrameStatus, FrameVerdict
+from . import criteria
+from .peaks import Floats
+from .target import Bools, TargetField
+
+_MM: Final = 1e3
+_STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
+_ACROSS_AND_ALONG: Final = 2
+_FINEST_RAD: Final = phase_step_rad(8) / 2.0  # whoever reconstructs may take all phases for 8 bits
+_ABOUT: Final = 1.5  # of the phase limit: what a focus that somebody fitted may leave
+_AMBIGUOUS: Final = (
+    "the phases suit the target, but a search that is not told the target finds another point or "
+    "none: S2 is not judged"
+)
+_ELSEWHERE: Final = (
+    "rounding has moved the focus further than in proportion: how far it is off does not show"
+)
+
+
+def not_radiated(found: NoFocus) -> str:
+    """Name the fault of a board that latched a right drive and radiated nothing."""
+    return f"the drive is right, but nothing was radiated: {found.reason}"
+
+
+def judge_silence(
+    seen: FrameVerdict,
+    intended: Intended,
+    latched: Drive,
+    faults: tuple[str, ...],
+    *,
+    heard: bool,
+) -> FrameVerdict:
+    """Judge a frame that shall radiate nothing: there is no focus, only S5.
+
+    Parameters
+    ----------
+    heard : bool
+        Whether somebody found a field all the same.
+    """
+    verdicts = {"S5": criteria.amplitudes_ok(intended, latched) and not heard}
+    if criteria.amplitudes_ok(intended, latched):
+        faults = ("sound was radiated where silence was intended",) if heard else ()
+    return dataclasses.replace(
+        seen,
+        status=status_of(verdicts, faults, focused=False),
+        criteria=verdicts,
+        faults=faults,
+        note="silence was intended",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SingleFrame:
+    """A frame with one focus, and the drive that its board radiates.
+
+    Attributes
+    ----------
+    intended : Intended
+        The frame.
+    latched : Drive
+        What is radiated.
+    target : TargetField
+        What its focus asks of the field.
+    """
+
+    intended: Intended
+    latched: Drive
+    target: TargetField
+
+    def judge(
+        self,
+        seen: FrameVerdict,
+        found: Reconstruction,
+        faults: tuple[str, ...],
+        known: Uncertainty,
+    ) -> FrameVerdict:
+        """Return the verdict.
+
+        Parameters
+        ----------
+        seen : FrameVerdict
+            What is known of the latch.
+        found : Reconstruction
+            What is radiated, by somebody who does not know the target.
+        faults : tuple of str
+            What the codes prove to be wrong.
+        known : Uncertainty
+            How well array and air are known.
+        """
+        target = self.target
+        measures, verdicts, peaks = self._drive_criteria()
+        notes = [seen.note] if seen.note else []
+        unseen = [] if target.observable.all() else [_unobservable(target)]
+        if self._is_ambiguous(measures, found):
+            notes.append(_AMBIGUOUS)
+            offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
+            measures |= _place(target, offset_m)
+            if not criteria.on_target(target, offset_m):
+                if verdicts["S1"]:
+                    unseen.append(_ELSEWHERE)
+                else:
+                    verdicts["S2"] = False
+        else:
+            if target.observable.any():
+                verdicts["S2"] = self._is_in_place(found)
+            if isinstance(found, SingleFocus):
+                measures |= _where(target, found)
+            elif isinstance(found, NotSingle):
+                faults += self._outliers(found, faults)
+                if not faults:  # the right drive in other air: a focus, but not a sharp one
+                    measures |= _where(target, found)
+                elif measures["coherence"] >= _STILL_A_FOCUS:
+                    measures |= _where_the_peak_is(target, peaks)
+                    measures["pressure_rms_pa"] = found.pressure_rms_pa
+                notes.append(_no_focus(found))
+            elif not faults:
+                faults = (not_radiated(found),)
+        status = status_of(
+            verdicts,
+            faults,
+            focused=isinstance(found, SingleFocus),
+            tolerance=target.tolerance,
+        )
+        if status is FrameStatus.ON_TARGET and unseen:
+            status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
+        if is_right(status):
+            notes += warning_of(verdicts, measures.get("phase_error_rad"), target.phase_limit_rad)
+        smallest_m = target.smallest_miss_m
+        return dataclasses.replace(
+            seen,
+            status=status,
+            criteria=dict(sorted(verdicts.items())),
+            faults=faults,
+            bound_mm=_finite_mm(target.bound_m),
+            smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
+            uncertainty_mm=target.place_uncertainty(known),
+            note="; ".join(notes),
+            **measures,
+        )
+
+    @property
+    def _active(self) -> Bools:
+        """(N,) the elements that shall sound and do."""
+        sounding: Bools = self.latched.amplitude_codes > 0
+        return sounding & self.target.active
+
+    def _drive_criteria(
+        self,
+    ) -> tuple[dict[str, Any], dict[str, bool], list[criteria.PeakError]]:
+        """Return measures and verdicts that need the drive alone, S1, S3, S4, S5, and the peaks."""
+        intended, latched, target, active = self.intended, self.latched, self.target, self._active
+        s5 = criteria.amplitudes_ok(intended, latched)
+        intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
+        measures: dict[str, Any] = {"coherence": 0.0, "intended_pressure_rms_pa": intended_pa}
+        if not active.any():
+            return measures, {"S1": False, "S3": False, "S5": s5}, []
+        sounding = latched.weights()
+        error_rad = criteria.phase_error_rad(target, latched, active)
+        coherence = criteria.coherence(target, sounding)
+        verdicts = {
+            "S1": error_rad <= target.phase_limit_rad,
+            "S3": coherence >= criteria.least_coherence(target, intended),
+            "S5": s5,
+        }
+        measures |= {"phase_error_rad": error_rad, "coherence": coherence}
+        peaks = criteria.peak_errors(target, sounding)
+        if peaks:
+            lengths = [peak.error_rad for peak in peaks if peak.error_rad is not None]
+            measures["peak_error"] = max(lengths, default=None)
+            verdicts["S4"] = all(peak.ok for peak in peaks)
+        return measures, verdicts, peaks
+
+    def _is_in_place(self, found: Reconstruction) -> bool:
+        """S2."""
+        if not isinstance(found, SingleFocus):
+            return False
+        return criteria.on_target(self.target, criteria.focus_offset_m(self.target, found))
+
+    def _is_ambiguous(self, measures: dict[str, Any], found: Reconstruction) -> bool:
+        """Tell whether phases that suit the target were found to suit another point or none.
+
+        Few elements with few bits can fit two points, or a search that is not told the target none;
+        S2 then says nothing about the drive.
+        """
+        error_rad = measures.get("phase_error_rad", math.inf)
+        if not criteria.suits_target(self.target, error_rad) or self._is_in_place(found):
+            return False
+        return isinstance(found, SingleFocus | NotSingle) and self._is_of_this_drive(found)
+
+    def _outliers(self, found: NotSingle, faults: tuple[str, ...]) -> tuple[str, ...]:
+        """Name the elements that do not suit the focus of the others, if the codes show no fault.
+
+        Either the codes themselves are out of step, for these elements in this air, or something
+        else was radiated than the codes say.
+        """
+        if faults or not found.outliers:
+            return ()
+        names = named_elements(self.target.model, found.outliers)
+        if self._is_of_this_drive(found):
+            return (f"{names} out of step with the others",)
+        return (f"{names} radiated otherwise than latched",)
+
+    def _is_of_this_drive(self, found: SingleFocus | NotSingle) -> bool:
+        """Tell whether what somebody found can be said of the latched phases.
+
+        It cannot if the elements that were found to be off are not off in these phases.
+        """
+        if isinstance(found, NotSingle) and not found.outliers:
+            return True  # nothing was found, which any search may come to
+        model, limit_rad = self.target.model, self.target.phase_limit_rad
+        off = np.zeros(model.array.count, dtype=np.bool_)
+        off[list(found.outliers if isinstance(found, NotSingle) else ())] = True
+        arrivals = np.angle(self.latched.weights()) - focus_phases(model, found.position_m)
+        agreeing = arrivals[self._active & ~off]
+        error_rad = np.abs(wrap(arrivals - np.angle(np.exp(1j * agreeing).sum())))
+        rms = math.sqrt(np.mean(error_rad[self._active & ~off] ** 2))
+        within_rad = _ABOUT * limit_rad + self.target.tolerated_rad
+        return rms <= within_rad and bool((error_rad[off] > _FINEST_RAD).all())
+
+
+def _no_focus(found: NotSingle) -> str:
+    x, y, z = (_MM * coordinate for coordinate in found.position_m)
+    return (
+        f"no single focus; the most that was found is {found.pressure_rms_pa:.0f} Pa at "
+        f"({x:.1f}, {y:.1f}, {z:.1f}) mm"
+    )
+
+
+def _unobservable(target: TargetField) -> str:
+    """Return which coordinates of the focus no phase of this frame tells."""
+    names = [name for name, seen in zip("xyz", target.observable, strict=True) if not seen]
+    along = " and ".join(names)
+    return (
+        f"the {int(target.active.sum())} elements that sound cannot tell where the focus is along "
+        f"{along}: a miss there would not show"
+    )
+
+
+def _where(target: TargetField, found: SingleFocus | NotSingle) -> dict[str, Any]:
+    force_n = found.force_n if isinstance(found, SingleFocus) else None
+    if force_n is not None and not math.isfinite(force_n):
+        force_n = None
+    return _place(target, criteria.focus_offset_m(target, found)) | {
+        "pressure_rms_pa": found.pressure_rms_pa,
+        "force_n": force_n,
+    }
+
+
+def _place(target: TargetField, offset_m: Floats) -> dict[str, Any]:
+    """Return where a focus is, as far as that can be observed."""
+    across_m, along_m = target.split(offset_m)
+    place_m = (target.position_m + offset_m).tolist()
+    return {
+        "measured_m": tuple(
+            value if seen else None for value, seen in zip(place_m, target.observable, strict=True)
+        ),
+        "lateral_error_mm": None if across_m is None else _MM * across_m,
+        "axial_error_mm": None if along_m is None else _MM * along_m,
+    }
+
+
+def _where_the_peak_is(target: TargetField, peaks: list[criteria.PeakError]) -> dict[str, Any]:
+    """Return how far the pressure peak is from its place, if it was found all around."""
+    offsets = [peak.offset_m for peak in peaks if peak.offset_m is not None]
+    if len(offsets) != _ACROSS_AND_ALONG:
+        return {}
+    across_m, along_m = offsets
+    return {
+        "lateral_error_mm": _MM * float(np.linalg.norm(across_m)),
+        "axial_error_mm": _MM * float(along_m @ target.axis),
+    }
+
+
+def _finite_mm(bound_m: Floats) -> tuple[float | None, float | None, float | None]:
+    x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
+    return x, y, z

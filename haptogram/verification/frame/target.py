@@ -1,0 +1,286 @@
+"""What a target asks of the field: computed once per target, used for every frame that has it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptogram.acoustics import AcousticModel, fit_focus, focus_phases
+from haptogram.acoustics.field.reference import propagators
+from haptogram.acoustics.levels.shift import direction_covariance
+from haptogram.acoustics.solvers.focus import phase_response
+from haptogram.errors import ConfigurationError
+
+from ..tolerance import PlaceUncertainty, Tolerance, Uncertainty, tolerance_text
+from .peaks import LOST, Complexes, Direction, ExpectedPeak, Floats, expected_peak
+
+Bools = NDArray[np.bool_]
+
+_MM: Final = 1e3
+_TURNED_RATIO: Final = 1e-6
+_NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proportion
+_SECOND_ORDER: Final = 1.04  # of the bound of the first order
+_SAME_LINE: Final = 1e-6
+_MOST_TOLERATED_RAD: Final = 1.2  # beyond it any phase would suit
+_WIDTH_RAD: Final = 2.0 * 0.831  # of a focus at -3 dB, in radians of phase
+
+
+@dataclass(frozen=True, eq=False)
+class TargetField:
+    """One focus, in the air and over the array that the frame was really radiated in.
+
+    Attributes
+    ----------
+    model : AcousticModel
+        Array and air.
+    position_m : (3,) numpy.ndarray
+        The target.
+    amplitudes : (N,) numpy.ndarray
+        Intended amplitudes, 0 to 1.
+    phase_limit_rad : float
+        Largest error of a latched phase that is none of the host: half a step, and what a board
+        that computes may add.
+    tolerance : Tolerance
+        Which misses pass on top.
+    """
+
+    model: AcousticModel
+    position_m: Floats
+    amplitudes: Floats
+    phase_limit_rad: float
+    tolerance: Tolerance
+
+    @cached_property
+    def active(self) -> Bools:
+        """(N,) the elements that shall sound and can be heard."""
+        calibration = self.model.calibration
+        return (self.amplitudes > 0.0) & (True if calibration is None else calibration.heard)
+
+    @cached_property
+    def phases_rad(self) -> Floats:
+        """(N,) the phases that focus on the target."""
+        return focus_phases(self.model, self.position_m)
+
+    @cached_property
+    def arrivals(self) -> Complexes:
+        """(N,) peak pressure at the target, of each element at unit weight."""
+        arrivals: Complexes = propagators(self.model, self.position_m[None, :])[0]
+        return arrivals
+
+    @cached_property
+    def axis(self) -> Floats:
+        """(3,) unit vector from the centre of the elements that shall sound to the target.
+
+        Each element counts by its intended amplitude.
+        """
+        shares = self.amplitudes / self.amplitudes.sum()
+        ray = self.position_m - shares @ self.model.array.positions_m
+        axis: Floats = ray / np.linalg.norm(ray)
+        return axis
+
+    # --- the fitted focus (S2) -----------------------------------------------------------------
+
+    @cached_property
+    def _response(self) -> tuple[Floats, Bools]:
+        return phase_response(self.model, self.position_m, active=self.active)
+
+    @property
+    def response(self) -> Floats:
+        """(3, N) displacement of the fitted focus per radian of phase, in m/rad."""
+        return self._response[0]
+
+    @cached_property
+    def bound_m(self) -> Floats:
+        """(3,) S2: the largest error per axis that rounding can make; infinite: not observable.
+
+        sum_n |J+_in| times the phase limit, to first order; 4 % more where that is no small
+        part of the distance.  A coordinate that rounding may move by 0.4 of the distance is
+        not observable.
+        """
+        response, observable = self._response
+        bound_m = np.abs(response).sum(axis=1) * self.phase_limit_rad
+        distance_m = float(np.linalg.norm(self.position_m - self.model.array.centre_m))
+        bound_m *= np.where(bound_m > _NEAR * distance_m, _SECOND_ORDER, 1.0)
+        return np.where(observable & (bound_m < LOST * distance_m), bound_m, np.inf)
+
+    def nearest_focus_m(self, phases_rad: Floats, active: Bools) -> Floats:
+        """Return (3,) the offset of the focus that a fit finds from the target on."""
+        fit = fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
+        return fit.position_m - self.position_m
+
+    @cached_property
+    def observable(self) -> Bools:
+        """(3,) whether each coordinate of the focus shows in the phases."""
+        return np.isfinite(self.bound_m)
+
+    def split(self, offset_m: Floats) -> tuple[float | None, float | None]:
+        """Return the parts of an offset across and along the beam, in metres.
+
+        None where it depends on a coordinate that cannot be observed.
+        """
+        lost = ~self.observable
+        seen = np.where(lost, 0.0, offset_m)
+        along = float(seen @ self.axis)
+        lateral = np.eye(3) - np.outer(self.axis, self.axis)
+        across = float(np.linalg.norm(seen - along * self.axis))
+        return (
+            None if np.abs(lateral[:, lost]).max(initial=0.0) > _SAME_LINE else across,
+            None if np.abs(self.axis[lost]).max(initial=0.0) > _SAME_LINE else along,
+        )
+
+    # --- the pressure peak (S4) ----------------------------------------------------------------
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """(3, 3) C: the covariance of the unit vectors from the elements to the target."""
+        return direction_covariance(
+            self.model, self.position_m, self.amplitudes * np.abs(self.arrivals)
+        )
+
+    def directions(self) -> list[Direction]:
+        """Return the plane across the beam and the line along it, if this array tells them."""
+        found = []
+        for axes in (_across(self.axis), self.axis[None, :]):
+            direction = self.direction(axes)
+            if np.linalg.eigvalsh(direction.metric)[0] > _TURNED_RATIO * self.model.wavenumber**2:
+                found.append(direction)
+        return found
+
+    def direction(self, axes: Floats) -> Direction:
+        """Return the direction along *axes* (D, 3) with its metric."""
+        metric = self.model.wavenumber**2 * (axes @ self.covariance @ axes.T)
+        return Direction(axes, metric)
+
+    @cached_property
+    def peaks(self) -> list[ExpectedPeak]:
+        """The peaks of the ideal drive across and along the beam, as far as they have a place."""
+        ideal = self.amplitudes * np.exp(1j * self.phases_rad)
+        found = (
+            expected_peak(self.model, ideal, self.position_m, direction, self.phase_limit_rad)
+            for direction in self.directions()
+        )
+        return [peak for peak in found if peak is not None]
+
+    # --- tolerance and uncertainty -------------------------------------------------------------
+
+    @cached_property
+    def air_phases_rad(self) -> Floats:
+        """(N,) how the phases change over the tolerated range of the speed of sound."""
+        share = self.tolerance.speed_share(self.model.medium)
+        distances = np.linalg.norm(self.position_m - self.model.array.positions_m, axis=1)
+        change: Floats = distances - distances[self.active].mean()
+        return share * self.model.wavenumber * change
+
+    @cached_property
+    def tolerated_m(self) -> Floats:
+        """(3,) how far tolerated air moves the fitted focus per axis, in metres."""
+        moved: Floats = np.abs(self.response @ self.air_phases_rad)
+        return moved
+
+    @cached_property
+    def _steepness_rad_m(self) -> float:
+        """RMS change of the phases per metre of a miss, across the beam where that is largest."""
+        steepest = float(np.linalg.eigvalsh(self.covariance)[-1])
+        return self.model.wavenumber * math.sqrt(max(steepest, 0.0))
+
+    @property
+    def width_m(self) -> float:
+        """Width of the focus (-3 dB) where it is narrowest, in metres; infinite for one element.
+
+        2 * 0.831 / (k sqrt(C)), C the largest variance of the directions to the elements.
+        """
+        steepness = self._steepness_rad_m
+        return _WIDTH_RAD / steepness if steepness > 0.0 else math.inf
+
+    def check_tolerance(self) -> None:
+        """Raise if what is tolerated is more than half of the focus.
+
+        Raises
+        ------
+        ConfigurationError
+            It names the tolerance, the focus and the largest tolerance.
+        """
+        if self.tolerated_rad <= _WIDTH_RAD / 2.0:
+            return
+        x, y, z = _MM * self.position_m
+        raise ConfigurationError(
+            f"tolerance of {tolerance_text(self.tolerance)}; the focus at ({x:.1f}, {y:.1f}, "
+            f"{z:.1f}) mm is {_MM * self.width_m:.1f} mm wide (-3 dB), and a tolerance can be half "
+            "of that at most, air included"
+        )
+
+    @cached_property
+    def tolerated_rad(self) -> float:
+        """RMS change of the phases that a tolerated miss in tolerated air makes."""
+        slack = self._steepness_rad_m * self.tolerance.miss_mm / _MM
+        return float(slack + np.sqrt(np.mean(self.air_phases_rad[self.active] ** 2)))
+
+    @cached_property
+    def tolerated_peak_rad(self) -> float:
+        """Largest change of a phase that a tolerated miss in tolerated air makes."""
+        rays = self.position_m - self.model.array.positions_m[self.active]
+        rays /= np.linalg.norm(rays, axis=1)[:, None]
+        turned = float(np.linalg.norm(rays - rays.mean(axis=0), axis=1).max())
+        slack = self.model.wavenumber * turned * self.tolerance.miss_mm / _MM
+        change = slack + float(np.abs(self.air_phases_rad[self.active]).max())
+        return min(change, _MOST_TOLERATED_RAD)
+
+    @property
+    def smallest_miss_m(self) -> float | None:
+        """The smallest miss that shows; None where one in some direction would never show."""
+        if not self.observable.all():
+            return None
+        longest = float(np.linalg.norm(self.bound_m + self.tolerated_m))
+        return longest + self.tolerance.miss_mm / _MM
+
+    def place_uncertainty(self, known: Uncertainty) -> PlaceUncertainty | None:
+        """Return how well the place of the focus is known; None where it cannot be observed."""
+        if not self.observable.all():
+            return None
+        return place_uncertainty(self.model, self.position_m, self.response, known)
+
+
+def check_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: Tolerance) -> None:
+    """Raise if a tolerance is more than half of the focus at one of (T, 3) points, in metres.
+
+    Raises
+    ------
+    ConfigurationError
+        As :meth:`TargetField.check_tolerance`.
+    """
+    if tolerance.is_strict:
+        return
+    everything = np.ones(model.array.count)
+    for point in np.unique(np.atleast_2d(np.asarray(points_m, dtype=np.float64)), axis=0):
+        TargetField(model, point, everything, 0.0, tolerance).check_tolerance()
+
+
+def place_uncertainty(
+    model: AcousticModel, position_m: Floats, response: Floats, known: Uncertainty
+) -> PlaceUncertainty:
+    """Return the uncertainty of a place that moves by *response* (D, N) per radian of phase.
+
+    Phases that are off by k r dc / c, all together, by k times the error of a position along the
+    ray, or by themselves, each element for itself.
+    """
+    distances = np.linalg.norm(position_m - model.array.positions_m, axis=1)
+    air_rad = known.speed_share(model.medium) * model.wavenumber * distances
+    scatter = _MM * float(np.linalg.norm(response))
+    return PlaceUncertainty(
+        air=_MM * float(np.linalg.norm(response @ air_rad)),
+        positions=scatter * model.wavenumber * known.position_mm / _MM,
+        phases=scatter * known.phase_rad,
+    )
+
+
+def _across(axis: Floats) -> Floats:
+    """Return two orthonormal vectors across *axis*, (2, 3)."""
+    start = np.eye(3)[np.abs(axis).argmin()]
+    first = start - (start @ axis) * axis
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(axis, first)])

@@ -1,0 +1,308 @@
+"""The verdict on a run: what it came to, its measures, and the lines that say so."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.errors import VerificationError
+from haptogram.records.frame import FrameKey
+
+from .consequences.effect import Effect
+from .tolerance import PlaceUncertainty, Tolerance, Uncertainty, tolerance_text
+from .verdict import NOTHING_WRONG, FrameStatus, FrameVerdict, Verdict, frame_line, measures
+
+_PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
+_NAMED_FRAMES: Final = 8  # the JSON names all
+
+
+@dataclass(frozen=True, slots=True)
+class RunVerdict:
+    """What is known of a run; it is true if the run passed, and only then.
+
+    Attributes
+    ----------
+    verdict : Verdict
+        pass, fail or inconclusive.
+    reasons : tuple of str
+        Why it is not a pass; empty if it is.
+    frames : list of FrameVerdict
+        One for every intended frame, in order.
+    unexpected : list of FrameKey
+        What was latched although nobody intended it.
+    min_verified : float
+        Share of frames that had to be verified.
+    counts : dict of str to int
+        How many frames were sent, latched, verified, lost and so on.  ``cancelled`` are those that
+        were sent, but not due any more when the host ended the run; ``not_sent`` come on top.
+    effect : Effect or None
+        What lost, late and wrong frames did in space; None: there were none that have a time.
+    tolerance : Tolerance
+        Which misses passed on top of what rounding makes.
+    uncertainty : Uncertainty
+        How well array and air were known.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    frames: list[FrameVerdict]
+    unexpected: list[FrameKey]
+    min_verified: float
+    counts: dict[str, int] = field(default_factory=dict)
+    effect: Effect | None = None
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run passed."""
+        return self.verdict is Verdict.PASS
+
+    def __bool__(self) -> bool:
+        """Return :attr:`passed`: ``assert board.verify(...)`` fails unless the run passed."""
+        return self.passed
+
+    def raise_for_verdict(self) -> None:
+        """Raise unless the run passed.
+
+        Raises
+        ------
+        VerificationError
+            With the summary: what failed, or why it could not be told.
+        """
+        if not self.passed:
+            raise VerificationError(str(self))
+
+    @property
+    def exit_status(self) -> int:
+        """0 pass, 1 fail, 3 inconclusive."""
+        return self.verdict.exit_status
+
+    @property
+    def due(self) -> int:
+        """Frames that were sent and not cancelled: those that count."""
+        return self.counts["sent"] - self.counts["cancelled"]
+
+    @property
+    def too_few(self) -> bool:
+        """Whether fewer frames were verified than had to be, or none."""
+        verified = self.counts["verified"]
+        return not verified or verified < self.min_verified * self.due
+
+    def values(self, name: str) -> np.ndarray:
+        """Return one measure of all frames that have it, e.g. ``"axial_error_mm"``."""
+        found = (getattr(frame, name) for frame in self.frames)
+        return np.array([value for value in found if value is not None], dtype=np.float64)
+
+    @property
+    def smallest_miss_mm(self) -> float | None:
+        """The smallest miss that shows in every judged frame; None: one in some never would."""
+        misses = [f.smallest_miss_mm for f in self.frames if f.criteria and not f.is_silence]
+        known = [miss for miss in misses if miss is not None]
+        return max(known) if known and len(known) == len(misses) else None
+
+    @property
+    def place_uncertainty(self) -> PlaceUncertainty | None:
+        """How well the place of the least known focus is known; None: no frame tells."""
+        found = [f.uncertainty_mm for f in self.frames if f.uncertainty_mm is not None]
+        return max(found, key=lambda one: one.total, default=None)
+
+    def _uncertainty_dict(self) -> dict[str, float] | None:
+        found = self.place_uncertainty
+        return None if found is None else {**found._asdict(), "total": found.total}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result for JSON: no host, date or duration, so that it repeats."""
+        coherence, pressure = self.values("coherence"), self.values("pressure_rms_pa")
+        force_mn = 1e3 * self.values("force_n")
+        evidence = sorted({str(f.evidence) for f in self.frames if f.evidence is not None})
+        return {
+            "verdict": str(self.verdict),
+            "reasons": list(self.reasons),
+            "evidence": evidence[0] if len(evidence) == 1 else evidence,
+            "min_verified": self.min_verified,
+            "frames": self.counts,
+            "lateral_error_mm": _percentiles(self.values("lateral_error_mm"), "p50 p99 max"),
+            "axial_error_mm": _percentiles(np.abs(self.values("axial_error_mm")), "p50 p99 max"),
+            "smallest_miss_mm": self.smallest_miss_mm,
+            "tolerance": dataclasses.asdict(self.tolerance),
+            "known_to": dataclasses.asdict(self.uncertainty),
+            "uncertainty_mm": self._uncertainty_dict(),
+            "effect": None if self.effect is None else self.effect.as_dict(),
+            "coherence": {"min": _least(coherence)},
+            "balance": {"min": _least(self.values("balance"))},
+            "efficiency": {"min": _least(self.values("efficiency"))},
+            "pressure_rms_pa": _spread(pressure),
+            "force_mn": _spread(force_mn),
+            "lateness_us": _percentiles(self.values("lateness_us"), "p50 p99 p99.9 max"),
+            "not_on_target": [_frame_dict(f) for f in self.frames if f.status not in NOTHING_WRONG],
+            "cancelled": [f.number for f in self.frames if f.status is FrameStatus.CANCELLED],
+            "late": [_frame_dict(f) for f in self.frames if f.late],
+            "duplicated": [_frame_dict(f) for f in self.frames if f.latches > 1],
+            "unexpected": [dataclasses.asdict(key) for key in self.unexpected],
+        }
+
+    def __str__(self) -> str:
+        """Return a summary that fits a screen."""
+        return "\n".join(_summary(self))
+
+
+def _summary(run: RunVerdict) -> Iterator[str]:
+    """Yield the lines."""
+    result, counts = run.as_dict(), run.counts
+    yield f"{str(run.verdict).upper()}: " + ("; ".join(run.reasons) or "every focus is on target")
+    yield (
+        f"  frames    {counts['sent']} sent, {counts['latched']} latched, "
+        f"{counts['verified']} verified, {counts['lost']} lost, {counts['late']} late"
+        f"{cut_text(counts)}"
+    )
+    if result["lateral_error_mm"]["max"] is not None:
+        yield _error_line(result)
+    yield from _known_lines(run)
+    if result["balance"]["min"] is not None:
+        yield _several_line(result)
+    if run.effect is not None:
+        yield f"  effect    {run.effect}"
+    if result["pressure_rms_pa"]["mean"] is not None and result["force_mn"]["mean"] is not None:
+        yield _field_line(result)
+    yield f"  evidence  {result['evidence'] or 'none: no latch was seen'}"
+    odd = [f for f in run.frames if f.status not in NOTHING_WRONG or _untimely(f)]
+    yield from (f"  {line}" for line in _named(odd))
+
+
+def cut_text(counts: Mapping[str, int]) -> str:
+    """Return what became of the frames that a run did not come to; nothing if there are none."""
+    parts = {"cancelled": "cancelled by its MUTE", "not_sent": "not sent"}
+    said = (f", {counts[name]} {text}" for name, text in parts.items() if counts[name])
+    return "".join(said)
+
+
+def _untimely(frame: FrameVerdict) -> bool:
+    return frame.late or frame.early or frame.latches > 1
+
+
+def _error_line(result: dict[str, Any]) -> str:
+    lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
+    along = "along the beam: not observable"
+    if axial["max"] is not None:
+        along = f"{axial['p50']:.3f} / {axial['max']:.3f} mm along the beam"
+    smallest_mm = result["smallest_miss_mm"]
+    shows = (
+        "a miss that cannot be observed does not show"
+        if smallest_mm is None
+        else f"the smallest miss that shows is {smallest_mm:.2f} mm"
+    )
+    return (
+        f"  focus     off by {lateral['p50']:.3f} / {lateral['max']:.3f} mm across, "
+        f"{along} (median / largest); {shows}"
+    )
+
+
+def _known_lines(run: RunVerdict) -> Iterator[str]:
+    """Yield what is tolerated, and how well the place of a focus is known."""
+    if not run.tolerance.is_strict:
+        yield f"  tolerance {tolerance_text(run.tolerance)}, on top of what rounding makes"
+    place = run.place_uncertainty
+    if place is None or not place.total:
+        return
+    known = run.uncertainty
+    yield (
+        f"  known to  {place.total:.2f} mm, the place of a focus: {place.air:.2f} mm from the air "
+        f"(±{known.temperature_c:g} °C, ±{known.humidity_percent:g} %), {place.positions:.2f} mm "
+        f"from the positions (±{known.position_mm:g} mm) and {place.phases:.2f} mm from the phases "
+        f"(±{known.phase_rad:g} rad) of the elements"
+    )
+
+
+def _field_line(result: dict[str, Any]) -> str:
+    pressure, force = result["pressure_rms_pa"], result["force_mn"]
+    return (
+        f"  field     {pressure['mean']:.0f} Pa RMS on average, force {force['mean']:.2f} ± "
+        f"{force['std']:.2f} mN, coherence {result['coherence']['min']:.5f} or more"
+    )
+
+
+def _several_line(result: dict[str, Any]) -> str:
+    return (
+        f"  foci      several in a frame: the weakest has {result['balance']['min']:.2f} of their "
+        f"mean or more, efficiency {result['efficiency']['min']:.2f} or more (1: they share the "
+        f"output without loss), {result['pressure_rms_pa']['mean']:.0f} Pa RMS at the first on "
+        "average"
+    )
+
+
+def _named(odd: Sequence[FrameVerdict]) -> Iterator[str]:
+    """Yield a line for each frame; if there are many, one for all with the same thing wrong."""
+    if len(odd) <= _NAMED_FRAMES:
+        yield from map(frame_line, odd)
+        return
+    groups: dict[tuple[str, ...], list[FrameVerdict]] = defaultdict(list)
+    for frame in odd:
+        groups[_what_is_wrong(frame)].append(frame)
+    ordered = sorted(groups.items(), key=lambda group: -len(group[1]))
+    for what, frames in ordered[:_NAMED_FRAMES]:
+        yield _group_line(what, frames) if len(frames) > 1 else frame_line(frames[0])
+    if left := sum(len(frames) for _, frames in ordered[_NAMED_FRAMES:]):
+        yield f"... and {left} frames more, in the JSON file"
+
+
+def _what_is_wrong(frame: FrameVerdict) -> tuple[str, ...]:
+    times = {"late": frame.late, "early": frame.early, "latched more than once": frame.latches > 1}
+    note = frame.note if frame.status is FrameStatus.NOT_VERIFIED else ""
+    words = [str(frame.status), *(word for word, is_so in times.items() if is_so)]
+    return tuple(filter(None, [*words, *frame.faults, note]))
+
+
+def _group_line(what: tuple[str, ...], frames: list[FrameVerdict]) -> str:
+    """Return what frames have in common, and the worst that it did."""
+    numbers = ", ".join(str(frame.number) for frame in frames[:_NAMED_FRAMES])
+    more = ", ..." if len(frames) > _NAMED_FRAMES else ""
+    worst = "; ".join(measures(max(frames, key=_damage)))
+    at_worst = [f"at the worst {worst}"] if worst else []
+    return f"{len(frames)} frames ({numbers}{more}): {'; '.join([*what, *at_worst])}"
+
+
+def _damage(frame: FrameVerdict) -> tuple[float, float]:
+    """Return by what the worst frame of a group is found: distance, then what is missing."""
+    effect = frame.consequence
+    away_mm = (effect.focus_error_mm if effect else None) or frame.error_mm or 0.0
+    return away_mm, -(frame.target_pressure_rms_pa or 0.0)
+
+
+# --- Numbers and words -------------------------------------------------------------------------
+
+
+def _percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
+    if not len(values):
+        return dict.fromkeys(names.split())
+    return {name: float(np.percentile(values, _PERCENTILES[name])) for name in names.split()}
+
+
+def _spread(values: np.ndarray) -> dict[str, float | None]:
+    if not len(values):
+        return dict.fromkeys(("mean", "std", "min", "max"))
+    return {
+        "mean": float(values.mean()),
+        "std": float(values.std()),
+        "min": float(values.min()),
+        "max": float(values.max()),
+    }
+
+
+def _least(values: np.ndarray) -> float | None:
+    return float(values.min()) if len(values) else None
+
+
+def _frame_dict(frame: FrameVerdict) -> dict[str, Any]:
+    """Return what is known of one frame, without what is not."""
+    fields = dataclasses.asdict(frame) | {"status": str(frame.status)}
+    fields["evidence"] = None if frame.evidence is None else str(frame.evidence)
+    fields["lateness_us"] = frame.lateness_us
+    if frame.uncertainty_mm is not None:
+        fields["uncertainty_mm"] = frame.uncertainty_mm.total
+    return {name: value for name, value in fields.items() if value not in (None, (), {}, "")}

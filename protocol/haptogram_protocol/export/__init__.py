@@ -1,0 +1,1 @@
+"""Exports of the protocol: tables of SPEC.md, C headers, test vectors."""

@@ -1,0 +1,34 @@
+"""The C99 headers that firmware includes, made from the messages.
+
+``python -m haptogram_protocol.export.c`` rewrites them. ``haptogram.h`` says what is on the wire:
+constants, enumerations, layouts. ``haptogram_messages.h`` turns a layout into a struct of numbers
+and back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from .layouts import wire_header
+from .values import values_header
+
+#: What makes each header, by the name of its file.
+HEADERS: Final[Mapping[str, Callable[[], str]]] = {
+    "haptogram.h": wire_header,
+    "haptogram_messages.h": values_header,
+}
+
+
+def write_headers(folder: Path) -> list[Path]:
+    """Write every header into *folder*, which must exist; return their paths."""
+    paths = []
+    for name, make in HEADERS.items():
+        path = folder / name
+        path.write_text(make(), "utf-8")
+        paths.append(path)
+    return paths
+
+
+__all__ = ["HEADERS", "write_headers"]

@@ -1,0 +1,119 @@
+"""Bytes that no sender of this version emits, and every receiver must take as stated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from haptogram_protocol import messages as m
+from haptogram_protocol.framing import MAX_ENCODED_BYTES
+
+from .samples import sample
+from .vector import Outcome, body_of, dropped, ending_in_run, frame, rejected, vector, wire
+
+_ARM: Final = m.Arm()
+_ARM_BODY: Final = body_of(_ARM)
+_ARM_LINE: Final = wire(_ARM_BODY)
+_PING_LINE: Final = wire(body_of(m.Ping(0x0102030405060708)))
+_TAKEN: Final = frame(_ARM, _ARM_BODY)
+
+
+def acceptable_frames() -> list[dict[str, Any]]:
+    """Return every vector of ``frames-acceptable.json``."""
+    return [*_delimiters(), *_after_damage(), *_flags(), *_values(), _added_piece()]
+
+
+def _made(
+    name: str, line: bytes, outcome: list[Outcome], clauses: str, flags: str, comment: str
+) -> dict[str, Any]:
+    return vector(f"acceptable/{name}", line, outcome, clauses, flags, comment)
+
+
+def _delimiters() -> Iterator[dict[str, Any]]:
+    ping = m.Ping(7)
+    body = body_of(ping, seq=2)
+    both = [_TAKEN, frame(ping, body)]
+    for zeros in (1, 2, 3, 100):
+        line = b"\0" + _ARM_LINE[1:-1] + bytes(zeros) + wire(body)[1:-1] + b"\0"
+        text = f"{zeros} delimiters between two frames"
+        clauses = "HG-2.1/2" if zeros == 1 else "HG-2.3/1"
+        yield _made(f"delimiters-{zeros}", line, both, clauses, "delimiter", text)
+    text = "100 zeros before a frame and 100 behind it: no frame, no error"
+    yield _made(
+        "idle-zeros", bytes(100) + _ARM_LINE + bytes(100), [_TAKEN], "HG-2.3/1", "idle", text
+    )
+    text = "nothing but delimiters"
+    yield _made("only-zeros", bytes(64), [], "HG-2.3/1", "idle", text)
+
+
+def _after_damage() -> Iterator[dict[str, Any]]:
+    flipped = bytearray(_ARM_LINE)
+    flipped[2] ^= 0x10
+    junk: dict[str, tuple[bytes, str, str]] = {
+        "boot-text": (b"\r\nboot ok, 16x16\r\n", "cobs", "text of a boot loader"),
+        "short-run": (b"\x03ab", "short", "three bytes that are COBS but no frame"),
+        "code-past-end": (b"\xff\x01\x02", "cobs", "a code byte that points past the end"),
+        "cut-off": (_PING_LINE[1:16], "cobs", "the first half of a frame"),
+        "flipped": (bytes(flipped[1:-1]), "crc", "a frame with one bit flipped"),
+        "too-long": (b"U" * (MAX_ENCODED_BYTES + 1), "oversize", "more bytes than any frame has"),
+        "far-too-long": (b"U" * 9000, "oversize", "twice as many: counted once"),
+    }
+    for name, (bytes_before, reason, text) in junk.items():
+        line = bytes_before + _ARM_LINE
+        outcome = [dropped(reason), _TAKEN]
+        text = f"a frame right behind {text}"
+        yield _made(f"after-{name}", line, outcome, "HG-2.1/3", "resync", text)
+    unknown = _body_of_type(0x7F)
+    yield _made(
+        "after-unknown-type",
+        wire(unknown) + _ARM_LINE,
+        [rejected("unknown_type", unknown), _TAKEN],
+        "HG-3.8/2",
+        "resync",
+        "a frame behind one of an unknown type",
+    )
+
+
+def _body_of_type(kind: int) -> bytes:
+    return bytes([kind]) + _ARM_BODY[1:]
+
+
+def _flags() -> Iterator[dict[str, Any]]:
+    for flags in (0x01, 0x02, 0x04, 0x08, 0x0F):
+        body = body_of(_ARM, flags=flags)
+        text = f"bits {flags:#04x} of the low nibble, which have no meaning here"
+        outcome = [frame(_ARM, body)]
+        yield _made(f"flags-{flags:02x}", wire(body), outcome, "HG-3.4/2", "may-ignore", text)
+
+
+def _values() -> Iterator[dict[str, Any]]:
+    """Yield values that a later minor version may add, and must not disturb an older receiver."""
+    for code in (0, 14, 200, 255):
+        error = m.Error(m.MessageType.ARM, code, 1)
+        yield _plain(
+            f"error-code-{code}", error, "HG-10.1/3", "future", f"unknown error code {code}"
+        )
+    error = m.Error(0x7F, m.ErrorCode.UNSUPPORTED, 0x7F)
+    yield _plain("error-request-7f", error, "HG-10.1/3", "future", "refusal of an unknown request")
+    reply = sample(m.HelloReply, "random")
+    assert isinstance(reply, m.HelloReply)
+    text = "capability bits that this version does not know"
+    future = m.HelloReply(
+        **{name: getattr(reply, name) for name in reply.WIRE if name not in ("features", "minor")},
+        features=0xFFFFFFFF,
+        minor=99,
+    )
+    yield _plain("features-unknown", future, "HG-4.5/2 HG-11.2/1", "future", text)
+
+
+def _plain(name: str, message: m.Message, clauses: str, flags: str, text: str) -> dict[str, Any]:
+    body = body_of(message)
+    return _made(name, wire(body), [frame(message, body)], clauses, flags, text)
+
+
+def _added_piece() -> dict[str, Any]:
+    """Return a frame that ends in a full COBS piece, and in the code 01 that some encoders add."""
+    chunk, body = ending_in_run(250)
+    line = wire(body)[:-1] + b"\x01\x00"
+    text = "a code 01 behind a full last piece, which stands for nothing"
+    return _made("full-piece-then-01", line, [frame(chunk, body)], "HG-2.2/3", "cobs-254", text)

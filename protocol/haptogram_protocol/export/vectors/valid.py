@@ -1,0 +1,108 @@
+"""Frames as a sender of this version emits them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from haptogram_protocol import messages as m
+from haptogram_protocol.framing import MAX_BODY_BYTES
+
+from ..worked import WORKED_FRAMES, worked_frame
+from .samples import HOW, sample
+from .vector import SESSION, body_of, ending_in_run, frame, vector, wire
+
+_EIGHT: Final = m.PhaseFormat.BITS_8
+# The header goes along with the payload: from all zeros to all ones.
+_HEADERS: Final[dict[str, dict[str, int]]] = {
+    "least": {"flags": 0, "seq": 0, "time_us": 0, "session": 0},
+    "most": {"flags": 0, "seq": 0xFFFF, "time_us": 0xFFFFFFFF, "session": 0xFFFF},
+    "ordered": {"flags": 0, "seq": 0x0201, "time_us": 0x06050403, "session": 0x0807},
+    "random": {"flags": 0, "seq": 0xFFF0, "time_us": 0x80000000, "session": SESSION},
+}
+_SAMPLE_FLAGS: Final = {
+    "least": "zeros cobs",
+    "most": "range signed",
+    "ordered": "endianness layout",
+    "random": "layout",
+}
+
+
+def valid_frames() -> list[dict[str, Any]]:
+    """Return every vector of ``frames-valid.json``."""
+    return [*_worked(), *_samples(), *_runs(), *_arrays(), _fullest()]
+
+
+def _worked() -> Iterator[dict[str, Any]]:
+    for number, (title, (message, _)) in enumerate(WORKED_FRAMES.items(), 1):
+        body, line = worked_frame(title)
+        outcome = [frame(message, body)]
+        yield vector(
+            f"valid/worked/{number}", line, outcome, "HG-2.1/1 HG-3.1/1", "worked-frame", title
+        )
+
+
+def _samples() -> Iterator[dict[str, Any]]:
+    for kind in m.MESSAGES.values():
+        for how, about in HOW.items():
+            message = sample(kind, how)
+            body = body_of(message, **_HEADERS[how])
+            yield vector(
+                f"valid/{kind.TYPE.name.lower()}/{how}",
+                wire(body),
+                [frame(message, body)],
+                "HG-2.2/1 HG-2.4/1 HG-3.2/1 HG-3.2/3",
+                _SAMPLE_FLAGS[how],
+                f"{kind.TYPE.name}: {about}",
+            )
+
+
+def _runs() -> Iterator[dict[str, Any]]:
+    """Yield runs without a zero around the 254 bytes of a full COBS piece."""
+    for length in (*range(236, 262), 500, 508, 512, 762, 1016):
+        chunk = m.UploadChunk(0x01010101, bytes([0xAA]) * length)
+        body = body_of(chunk, seq=0x0101, time_us=0x01010101)
+        text = f"{length} bytes of data, no zero in the whole body"
+        yield _run(f"no-zero-{length}", chunk, body, text)
+    for length in (253, 254, 255):
+        chunk = m.UploadChunk(0, bytes([0x55]) * length + bytes(1) + bytes([0x55]) * 3)
+        text = f"a zero behind {length} bytes without one"
+        yield _run(f"zero-behind-{length}", chunk, body_of(chunk), text)
+    for length in (249, 250, 251):
+        chunk, body = ending_in_run(length)
+        yield _run(f"ends-{length}", chunk, body, f"ends in {length} bytes of data and the CRC")
+
+
+def _run(name: str, chunk: m.UploadChunk, body: bytes, text: str) -> dict[str, Any]:
+    return vector(
+        f"valid/cobs/{name}", wire(body), [frame(chunk, body)], "HG-2.2/1", "cobs-254", text
+    )
+
+
+def _arrays() -> Iterator[dict[str, Any]]:
+    """Yield stream frames of arrays of many sizes."""
+    for count in (1, 2, 63, 64, 100, 255, 256, 257, 512, 1024):
+        codes = bytes(n * 37 % 256 for n in range(count))
+        for bits in m.PhaseFormat:
+            packed = m.pack_phases(bytes(code >> (8 - bits) for code in codes), bits)
+            message = m.Phases(bits, 0, packed)
+            yield _stream(f"phases-{bits}-{count}", message, f"{count} phases of {bits} bits")
+        drives = m.Drives(_EIGHT, 0, codes + codes[::-1])
+        yield _stream(f"drives-{count}", drives, f"phases and amplitudes of {count} transducers")
+
+
+def _stream(name: str, message: m.Message, text: str) -> dict[str, Any]:
+    body = body_of(message, seq=m.FIRST_STREAM_SEQ, time_us=0xFF676980)
+    return vector(
+        f"valid/array/{name}", wire(body), [frame(message, body)], "HG-5.2/1", "array-size", text
+    )
+
+
+def _fullest() -> dict[str, Any]:
+    size = MAX_BODY_BYTES - m.Header.LAYOUT.size - m.UploadChunk.LAYOUT.size
+    chunk = m.UploadChunk(0x01010101, bytes([0xA5]) * size)
+    body = body_of(chunk, flags=0x01, seq=0x0101, time_us=0x01010101)
+    text = "largest body that always fits, 4096 bytes between the delimiters"
+    return vector(
+        "valid/longest", wire(body), [frame(chunk, body)], "HG-2.6/1 HG-2.6/2", "buffer", text
+    )

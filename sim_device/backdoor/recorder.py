@@ -1,0 +1,112 @@
+"""What takes down what a board did, and where it focused."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Final
+
+from haptogram.acoustics import AcousticModel, Drive, Reconstruction, Reconstructor
+
+from ..board.events import FaultsCounted, Latch, LineCounted, Notice
+from ..board.settings import BoardSettings
+from .records import Record, board_record, end_record, latch_record, output_record
+
+MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
+
+
+class Estimator:
+    """Rebuilds the field of latch after latch; a drive that was seen lately costs nothing.
+
+    Each drive is judged by the rounding of the phases that it was commanded with.
+    """
+
+    def __init__(self, model: AcousticModel) -> None:
+        self._reconstructor = Reconstructor(model)
+        self._seen: OrderedDict[tuple[Drive, int, bool], Reconstruction] = OrderedDict()
+
+    def estimate(self, latch: Latch) -> Reconstruction:
+        """Return what the board radiated; it is not told what the host had wanted."""
+        key = latch.radiated, latch.commanded_bits, latch.ramping
+        if key in self._seen:
+            self._seen.move_to_end(key)
+        else:
+            self._seen[key] = self._reconstruct(*key)
+            if len(self._seen) > MEMORY_DRIVES:
+                self._seen.popitem(last=False)
+        return self._seen[key]
+
+    def warm_up(self) -> None:
+        """Do now what the first drive would wait for."""
+        self._reconstructor.warm_up()
+
+    def _reconstruct(self, drive: Drive, bits: int, ramping: bool) -> Reconstruction:
+        return self._reconstructor.reconstruct(drive, ramping=ramping, phase_bits=bits)
+
+
+class InlineReconstruction:
+    """A recorder that makes every record at once.
+
+    Parameters
+    ----------
+    settings : BoardSettings
+        The board.
+    write : callable
+        Takes each record: a list's ``append``, for example.
+    reconstruct : bool, keyword-only
+        Whether the field is rebuilt.
+    """
+
+    def __init__(
+        self,
+        settings: BoardSettings,
+        write: Callable[[Record], object],
+        *,
+        reconstruct: bool = True,
+    ) -> None:
+        self._write = write
+        self._estimator = Estimator(settings.truth) if reconstruct else None
+        self._latched = self._reconstructed = 0
+        self._faults: FaultsCounted | None = None
+        self._line: LineCounted | None = None
+        write(board_record(settings))
+
+    def warm_up(self) -> None:
+        """Make ready, so that the first latch takes no longer than the next one."""
+        if self._estimator is not None:
+            self._estimator.warm_up()
+
+    def latch(self, latch: Latch) -> None:
+        """Take down a latch."""
+        self._latched += 1
+        estimator = self._estimator  # once: a signal may take it away at any time
+        estimate = estimator.estimate(latch) if estimator else None
+        self._reconstructed += estimate is not None
+        self._write(latch_record(latch, estimate))
+
+    def hurry(self) -> None:
+        """Leave the field out from now on: there is no time left for it."""
+        self._estimator = None
+
+    def notice(self, notice: Notice) -> None:
+        """Take down a change of the output; counts belong to the last record."""
+        if isinstance(notice, FaultsCounted):
+            self._faults = notice
+        elif isinstance(notice, LineCounted):
+            self._line = notice
+        else:
+            self._write(output_record(notice))
+
+    def finish(self, *, dropped: int = 0, notices_dropped: int = 0, clean: bool = True) -> None:
+        """Write the totals; *dropped* latches and *notices_dropped* notices never came here."""
+        self._write(
+            end_record(
+                latched=self._latched + dropped,
+                reconstructed=self._reconstructed,
+                dropped=dropped,
+                notices_dropped=notices_dropped,
+                clean=clean,
+                faults=self._faults,
+                line=self._line,
+            )
+        )

@@ -1,0 +1,151 @@
+"""The records of the back door: what the board really did, as JSON.  See docs/backdoor.md."""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Any, Final, TypeAlias
+
+from haptogram.acoustics import Calibration, Drive, Reconstruction
+
+from ..board.events import (
+    FaultsCounted,
+    Latch,
+    LineCounted,
+    Notice,
+    PlaybackEnd,
+    RampBegan,
+    RampEnded,
+    SessionOpened,
+    StateChange,
+)
+from ..board.settings import BoardSettings
+
+VERSION: Final = 1
+
+Record: TypeAlias = dict[str, Any]
+
+
+def board_record(settings: BoardSettings) -> Record:
+    """Return the first record: what the board is, enough to compute its field."""
+    model = settings.model
+    array = model.array
+    return {
+        "kind": "board",
+        "version": VERSION,
+        "firmware": settings.firmware,
+        "seed": settings.seed,
+        "boot_id": settings.boot_id,
+        "boot_us": settings.boot_us,
+        "baud": settings.baud,
+        "carrier_hz": settings.carrier_hz,
+        "queue_depth": settings.queue_depth,
+        "transducers": settings.count,
+        "grid_shape": list(array.grid_shape) if array.grid_shape else None,
+        "pitch_m": array.pitch_m,
+        "positions_m": array.positions_m.tolist(),
+        "normals": array.normals.tolist(),
+        "geometry_hash": array.digest(),
+        "calibration": _calibration_record(settings.calibration),
+        "medium": {
+            "sound_speed_m_s": model.medium.sound_speed_m_s,
+            "density_kg_m3": model.medium.density_kg_m3,
+            "absorption_np_m": model.medium.absorption_np_m,
+        },
+        "transducer": {
+            "directivity": repr(model.transducer.directivity),
+            "source_strength_pa_m": model.transducer.source_strength_pa_m,
+            "frequency_hz": model.transducer.frequency_hz,
+        },
+    }
+
+
+def _calibration_record(calibration: Calibration | None) -> Record | None:
+    names = ("gain", "phase_rad", "positions_m")
+    if calibration is None:
+        return None
+    return {name: getattr(calibration, name).tolist() for name in names}
+
+
+def latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
+    """Return the record of one latch, with the field that it made where that was rebuilt."""
+    same = latch.radiated is latch.drive or latch.radiated == latch.drive
+    return {
+        "kind": "latch",
+        "session": latch.session,
+        "sequence": latch.key.sequence,
+        "loop": latch.key.loop,
+        "index": latch.key.index,
+        "number": latch.number,
+        "t_latch_us": latch.t_latch_us,
+        "late": latch.late,
+        "t_received_us": latch.t_received_us,
+        "commanded_bits": latch.commanded_bits,
+        **_codes(latch.drive),
+        "drive_crc": latch.drive.digest(),
+        "radiated": None if same else _codes(latch.radiated),
+        "ramping": latch.ramping,
+        "reconstruction": None if reconstruction is None else reconstruction.as_dict(),
+    }
+
+
+def output_record(notice: Notice) -> Record:
+    """Return the record of a change of the output, of a session or of the end of a sequence."""
+    return {"kind": "output", "t_us": notice.t_us, **_what(notice)}
+
+
+def end_record(
+    *,
+    latched: int,
+    reconstructed: int,
+    dropped: int,
+    notices_dropped: int,
+    clean: bool,
+    faults: FaultsCounted | None = None,
+    line: LineCounted | None = None,
+) -> Record:
+    """Return the last record: how many latches there were, and how many records are missing."""
+    plan = {} if faults is None else {"faults": faults.counts, "fault_plan": faults.plan}
+    return {
+        "kind": "end",
+        "latched": latched,
+        "reconstructed": reconstructed,
+        "dropped": dropped,
+        "notices_dropped": notices_dropped,
+        "clean": clean,
+        **plan,
+        **({} if line is None else {"line": line.counts}),
+    }
+
+
+def to_line(record: Record) -> bytes:
+    """Return *record* as one line of JSON."""
+    return json.dumps(record, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+
+def _codes(drive: Drive) -> Record:
+    return {
+        "phase_bits": drive.phase_bits,
+        "phase_codes": base64.b64encode(drive.phase_codes.tobytes()).decode(),
+        "amplitude_codes": base64.b64encode(drive.amplitude_codes.tobytes()).decode(),
+    }
+
+
+def _what(notice: Notice) -> Record:
+    if isinstance(notice, SessionOpened):
+        return {"event": "session", "session": notice.session}
+    if isinstance(notice, StateChange):
+        names = {"state": notice.state.name, "reason": notice.reason.name}
+        return {"event": "state", **names, "requested": notice.requested}
+    if isinstance(notice, RampBegan):
+        return {"event": "ramp_began", "reason": notice.reason.name}
+    if isinstance(notice, RampEnded):
+        return {"event": "ramp_ended", "restored": notice.restored}
+    if isinstance(notice, FaultsCounted | LineCounted):
+        raise TypeError(f"{type(notice).__name__} belongs to the last record")
+    return _playback(notice)
+
+
+def _playback(ended: PlaybackEnd) -> Record:
+    played = {"sequence": ended.sequence, "loops": ended.loops, "frames": ended.frames}
+    return {"event": "playback_ended", **played}

@@ -1,0 +1,145 @@
+"""Where the records of the back door go: a file, or whoever listens on a local socket."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from typing import Final, Protocol
+
+from haptogram.errors import ConfigurationError, HaptogramError
+
+from ..line.port import UnixListener
+
+UNIX_PREFIX: Final = "unix:"
+CLIENT_BUFFER: Final = 8 << 20  # bytes that a client may fall behind before it is dropped
+
+
+class RecordSink(Protocol):
+    """Takes records, one line of JSON each."""
+
+    def write(self, line: bytes) -> None:
+        """Take one line."""
+        ...
+
+    def serve(self) -> None:
+        """Do what is due towards those who listen; never wait for them."""
+        ...
+
+    @property
+    def pending(self) -> int:
+        """Bytes that those who listen have not taken yet."""
+        ...
+
+    def close(self) -> None:
+        """Close; what is pending is lost."""
+        ...
+
+
+def open_sink(target: str) -> RecordSink:
+    """Return the sink that *target* names: a file, or ``unix:PATH``.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be opened.
+    """
+    if target.startswith(UNIX_PREFIX):
+        return SocketSink(UnixListener(target.removeprefix(UNIX_PREFIX)))
+    return FileSink(target)
+
+
+class FileSink:
+    """Appends to a file; a line is there as soon as it was written."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        try:
+            self._file = open(path, "ab", buffering=0)  # noqa: SIM115  closed by close()
+        except OSError as error:
+            raise ConfigurationError(f"cannot write to {path}: {error.strerror}") from error
+
+    def write(self, line: bytes) -> None:
+        """Append one line.
+
+        Raises
+        ------
+        HaptogramError
+            If the file takes no more: the disc is full.
+        """
+        try:
+            while line:
+                line = line[self._file.write(line) :]
+        except OSError as error:
+            raise HaptogramError(f"cannot write to {self._path}: {error.strerror}") from error
+
+    def serve(self) -> None:
+        """Do nothing: a file waits for nobody."""
+
+    @property
+    def pending(self) -> int:
+        """Return 0: a file takes everything."""
+        return 0
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class SocketSink:
+    """Sends to every client the first record, and then all that come while it is connected.
+
+    A client that falls :data:`CLIENT_BUFFER` bytes behind is dropped and counted: the others, and
+    the board, must not wait for it.
+    """
+
+    def __init__(self, listener: UnixListener) -> None:
+        self.dropped_clients = 0
+        self._listener = listener
+        self._first = b""
+        self._unsent: dict[int, bytearray] = {}
+
+    def write(self, line: bytes) -> None:
+        """Send one line to every client."""
+        self._first = self._first or line
+        for unsent in self._unsent.values():
+            unsent += line
+        self.serve()
+
+    def serve(self) -> None:
+        """Take clients in, and send them what they take."""
+        while (client := self._listener.accept()) is not None:
+            self._unsent[client] = bytearray(self._first)
+        for client, unsent in list(self._unsent.items()):
+            if not _send(client, unsent):
+                self._drop(client)
+            elif len(unsent) > CLIENT_BUFFER:
+                self.dropped_clients += 1
+                self._drop(client)
+
+    @property
+    def pending(self) -> int:
+        """Bytes that the clients have not taken yet."""
+        return sum(map(len, self._unsent.values()))
+
+    def close(self) -> None:
+        """Stop listening, and let the clients go."""
+        self._listener.close()
+        for client in list(self._unsent):
+            self._drop(client)
+
+    def _drop(self, client: int) -> None:
+        del self._unsent[client]
+        with contextlib.suppress(OSError):
+            os.close(client)
+
+
+def _send(client: int, unsent: bytearray) -> bool:
+    """Send from *unsent* what *client* takes; return whether it is still there."""
+    try:
+        while unsent:
+            del unsent[: os.write(client, unsent)]
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,1 @@
+"""The board: registers, queue, timers, output.  No bytes and no wall clock."""

@@ -1,0 +1,330 @@
+"""The board: registers, double buffer, timers.  No bytes, no wire, no clock.
+
+Time is an argument: unwrapped device microseconds. What happens by itself happens in
+:meth:`Board.advance_to`, at its own time and in order of time, so any partition of a span gives
+the same result. What is asked of the board happens at the time it was last advanced to, after
+everything that was due then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from haptogram_protocol.messages import (
+    Config,
+    ErrorCode,
+    LatchKey,
+    Play,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+)
+from haptogram_protocol.state import MuteReason, OutputInput, OutputState
+
+from .configuration import check_config, config_crc
+from .counters import Drop, Margins
+from .events import PlaybackEnd, SessionOpened
+from .output import Due, OutputStage
+from .playback import Playback
+from .refusal import RefusalError
+from .registers import Content, PointFocuser
+from .settings import BoardSettings
+from .stream_queue import Entry, StreamQueue
+from .uploads import Upload, Uploads
+
+
+@dataclass(frozen=True, slots=True)
+class StreamFrame:
+    """A stream frame, its values checked.
+
+    Attributes
+    ----------
+    index : int
+        Unwrapped sequence number.
+    t_apply_us : int or None
+        Unwrapped device time; None: as soon as possible, before everything that is queued.
+    content : Content
+        A drive in the resolution it was commanded in, or focal points.
+    """
+
+    index: int
+    t_apply_us: int | None
+    content: Content
+
+
+class Board(OutputStage):
+    """One virtual board, from its power-up on.
+
+    Attributes
+    ----------
+    margins : Margins
+        Arrival margin of stream frames.
+    last_stream_index : int
+        Unwrapped sequence number of the last latched stream frame, 0: none in this session.
+    """
+
+    def __init__(self, settings: BoardSettings) -> None:
+        super().__init__(settings)
+        self.margins = Margins()
+        self.last_stream_index = 0
+        self._queue = StreamQueue(settings.queue_depth)
+        self._focuser = PointFocuser(settings, self.config.sound_speed_mm_s)
+        self._uploads = Uploads(settings)
+        self._sequences: dict[int, Upload] = {}
+        self._playback: Playback | None = None
+
+    # --- time ----------------------------------------------------------------------------------
+
+    def next_event_us(self) -> int | None:
+        """Return when something happens next by itself, or None."""
+        due = self._next_due()
+        return None if due is None else max(due[0], self._now_us)
+
+    def advance_to(self, t_us: int) -> None:
+        """Let everything happen that is due up to *t_us*, that moment included.
+
+        Raises
+        ------
+        ValueError
+            If time would run backwards.
+        """
+        self._refuse_past(t_us)
+        while (due := self._next_due()) is not None and due[0] <= t_us:
+            self._now_us = max(self._now_us, due[0])
+            due[1]()
+        self._now_us = t_us
+
+    def idle_to(self, t_us: int) -> None:
+        """Let time pass in which nothing is due.
+
+        Raises
+        ------
+        ValueError
+            If time would run backwards.
+        """
+        self._refuse_past(t_us)
+        self._now_us = t_us
+
+    def _refuse_past(self, t_us: int) -> None:
+        if t_us < self._now_us:
+            raise ValueError(f"board is at {self._now_us} us, cannot go back to {t_us} us")
+
+    def _next_due(self) -> Due | None:
+        """Return what happens next; at one time, latches come before timers."""
+        due = self._timer() if self.state is OutputState.ARMED else None
+        if self._playback is not None:
+            due = _earlier((self._boundary_us(self._playback.due_us), self._latch_playback), due)
+        if (head := self._queue.head) is not None:
+            due = _earlier((head.t_latch_us, self._latch_stream), due)
+        return due
+
+    # --- session -------------------------------------------------------------------------------
+
+    def open_session(self, nonce: int) -> None:
+        """Begin a session: output off, queue and trace empty; sequences and settings stay."""
+        self._enter(OutputInput.NEW_SESSION, MuteReason.NEW_SESSION)
+        self._silence_output()
+        self._uploads.abandon()
+        self.session, self.latched = nonce, None
+        self._latches = self.last_stream_index = 0
+        self._ring.clear()
+        self._new_notices.append(SessionOpened(self._now_us, nonce))
+
+    def _silence_output(self) -> None:
+        """Stop radiating, and whatever could begin to: queue and playback."""
+        self.counters.flushed += self._queue.flush()
+        self._end_playback()
+        super()._silence_output()
+
+    # --- stream --------------------------------------------------------------------------------
+
+    def submit(self, frame: StreamFrame) -> Drop | None:
+        """Queue a stream frame; return why not, if it was dropped (and counted)."""
+        dropped = self._refuse(frame)
+        if dropped is not None:
+            self.counters.drop(dropped)
+            return dropped
+        if frame.t_apply_us is None:
+            self.counters.flushed += self._queue.flush()
+        entry = self._entry(frame)
+        self.counters.flushed += self._queue.push(entry)
+        if entry.t_latch_us <= self._now_us:  # its boundary is this very moment
+            self.advance_to(self._now_us)
+        return None
+
+    @property
+    def queued(self) -> int:
+        """Stream frames that wait for their t_apply."""
+        return len(self._queue)
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        if self.state is not OutputState.ARMED or self._playback is not None:
+            return Drop.STATE
+        if frame.t_apply_us is None:
+            return None
+        margin_us = frame.t_apply_us - self._now_us
+        self.margins.add(margin_us)
+        if not self._queue.precedes(frame.t_apply_us):
+            return Drop.ORDER
+        if self._queue.is_full:
+            return Drop.FULL
+        if margin_us > self.settings.max_horizon_us:
+            return Drop.FUTURE
+        return Drop.LATE if -margin_us > self.config.late_window_us else None
+
+    def _entry(self, frame: StreamFrame) -> Entry:
+        drive, bits = self._focuser.registers(frame.content)
+        t_apply_us = self._now_us if frame.t_apply_us is None else frame.t_apply_us
+        return Entry(
+            index=frame.index,
+            t_apply_us=t_apply_us,
+            t_latch_us=self._boundary_us(t_apply_us),
+            late=t_apply_us < self._now_us,
+            t_received_us=self._now_us,
+            drive=drive,
+            commanded_bits=bits,
+        )
+
+    def _latch_stream(self) -> None:
+        entry = self._queue.pop()
+        self.last_stream_index = entry.index
+        self.counters.late += entry.late
+        key = LatchKey(sequence=0, loop=0, index=entry.index)
+        self._latch(
+            key,
+            entry.drive,
+            entry.commanded_bits,
+            late=entry.late,
+            t_received_us=entry.t_received_us,
+        )
+
+    # --- settings and sequences ----------------------------------------------------------------
+
+    @property
+    def config_crc(self) -> int:
+        """CRC-32 of configuration and phase correction."""
+        return config_crc(self.config, self.correction)
+
+    def configure(self, config: Config) -> None:
+        """Put *config* in force, timers included.
+
+        Raises
+        ------
+        RefusalError
+            BAD_VALUE with the offset of the first value out of its bounds.
+        """
+        check_config(config, self.settings)
+        if config.sound_speed_mm_s != self.config.sound_speed_mm_s:
+            self._focuser = PointFocuser(self.settings, config.sound_speed_mm_s)
+        self.config = config
+        if self.state is OutputState.ARMED:
+            self._safety.reconfigure(self._now_us, self._last_boundary_us, config)
+            self.renew_lease()
+            self.advance_to(self._now_us)  # a shorter hold may have run out already
+
+    def begin_upload(self, begin: UploadBegin) -> None:
+        """Make room for an upload; see :meth:`Uploads.begin` for what is refused."""
+        self._refuse_while_playing(begin.target)
+        kept = sum(len(s.data) for n, s in self._sequences.items() if n != begin.target)
+        self._uploads.begin(begin, self.settings.max_stored_bytes - kept)
+
+    def store_chunk(self, chunk: UploadChunk) -> int:
+        """Store a piece of an upload; return the bytes from its start without a gap."""
+        self._refuse_without_upload()
+        return self._uploads.chunk(chunk)
+
+    def commit_upload(self, commit: UploadCommit) -> int:
+        """Take the upload, whole; return how many frames, or transducers, it holds."""
+        self._refuse_while_playing(commit.target)
+        self._refuse_without_upload()
+        upload = self._uploads.commit(commit)
+        if upload.begin.kind is UploadKind.CORRECTION:
+            self.correction = upload.data
+        else:
+            self._sequences[commit.target] = upload
+        self._uploads.abandon()
+        return len(upload.data) if upload.begin.kind is UploadKind.CORRECTION else len(upload)
+
+    def _refuse_without_upload(self) -> None:
+        if not self._uploads.has_begun:
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), "no upload has begun")
+
+    def _refuse_while_playing(self, sequence: int) -> None:
+        if self._playback is not None and self._playback.sequence == sequence:
+            text = f"sequence {sequence} is playing"
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), text)
+
+    # --- playback ------------------------------------------------------------------------------
+
+    def play(
+        self,
+        sequence: int,
+        *,
+        start_us: int | None,
+        period_us: int,
+        loops: int,
+        unattended_ms: int,
+    ) -> None:
+        """Play a sequence from *start_us* on (None: now); the stream queue is flushed.
+
+        Raises
+        ------
+        RefusalError
+            BAD_STATE unless armed and idle, NOT_FOUND, or BAD_VALUE.
+        """
+        if self.state is not OutputState.ARMED or self._playback is not None:
+            busy = "while a sequence plays" if self._playback else f"while {self.state.name}"
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), f"PLAY {busy}")
+        frames = self._sequences.get(sequence)
+        if frames is None:
+            held = len(self._sequences)
+            raise RefusalError(ErrorCode.NOT_FOUND, held, f"no sequence {sequence}")
+        self._check_play(start_us, period_us, unattended_ms)
+        start_us = self._now_us if start_us is None else start_us
+        self.counters.flushed += self._queue.flush()
+        self._playback = Playback(sequence, frames, start_us, period_us, loops, unattended_ms)
+        self._unattended_ms = unattended_ms
+        self.renew_lease()
+        self.advance_to(self._now_us)
+
+    def _check_play(self, start_us: int | None, period_us: int, unattended_ms: int) -> None:
+        limits = self.settings
+        if not limits.max_playback_rate_hz * period_us >= 1_000_000:
+            text = f"period of {period_us} us, limit {limits.max_playback_rate_hz} Hz"
+            raise RefusalError(ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset, text)
+        if not 1 <= unattended_ms <= limits.max_unattended_ms:
+            text = f"unattended for {unattended_ms} ms, 1 to {limits.max_unattended_ms}"
+            offset = Play.WIRE["unattended_ms"].offset
+            raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
+        if start_us is not None and not 0 <= start_us - self._now_us <= limits.max_horizon_us:
+            text = f"start in {start_us - self._now_us} us, 0 to {limits.max_horizon_us}"
+            raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
+
+    def stop(self) -> None:
+        """End playback, if any; the last drive is held for ``hold_ms``."""
+        if self._playback is not None:
+            self._end_playback()
+            self.renew_lease()
+
+    def _latch_playback(self) -> None:
+        playback = self._playback
+        if playback is None:
+            return
+        drive, bits = self._focuser.registers(playback.content)
+        self._latch(playback.key, drive, bits, late=False)
+        playback.played += 1
+        if playback.is_over:
+            self.stop()  # from here on the host timeout counts again
+
+    def _end_playback(self) -> None:
+        if (ended := self._playback) is not None:
+            self._playback, self._unattended_ms = None, None
+            self._new_notices.append(
+                PlaybackEnd(self._now_us, ended.sequence, ended.loops_done, ended.played)
+            )
+
+
+def _earlier(due: Due, other: Due | None) -> Due:
+    """Return what happens first; *due*, if both do at one time."""
+    return due if other is None or due[0] <= other[0] else other

@@ -1,0 +1,186 @@
+"""Replies that only read the board.  SPEC.md chapters 4, 7, 8 and 9."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from haptogram.acoustics import Drive
+from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
+from haptogram_protocol.messages import (
+    PHASE_FORMAT_BIT,
+    VERSION_MAJOR,
+    VERSION_MINOR,
+    Counters,
+    DriveKind,
+    DriveReply,
+    Element,
+    ErrorCode,
+    Feature,
+    Flag,
+    GeometryReply,
+    GetGeometry,
+    HelloReply,
+    LatchKey,
+    Message,
+    ReadDrive,
+    ReadTrace,
+    TraceRecord,
+    TraceReply,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+from .board import Board
+from .events import Latch
+from .refusal import RefusalError
+from .registers import REGISTER_BITS
+from .settings import BoardSettings
+
+StatusFields: TypeAlias = tuple[
+    OutputState, MuteReason, int, int, int, int, int, int, int, int, Counters
+]
+
+_CLOCK_HZ: Final = 1_000_000
+_U32: Final = 0xFFFFFFFF
+_NO_LATCH: Final = LatchKey(sequence=0, loop=0, index=0)
+_READ_FEATURE: Final = {
+    DriveKind.LATCHED: Feature.READ_LATCHED,
+    DriveKind.RADIATED: Feature.READ_RADIATED,
+}
+
+
+def identity(board: Board, description_hash: int) -> HelloReply:
+    """Return what the board is and can, for the session that is open."""
+    settings, array = board.settings, board.settings.model.array
+    nx, ny = array.grid_shape or (0, 0)
+    same_names = ("max_points", "queue_depth", "trace_ring", "max_horizon_us", "rx_window")
+    limits = ("max_sequence_frames", "max_upload_bytes", "max_playback_rate_hz")
+    uploads = ("max_unattended_ms", "upload_window", "max_chunk", "boot_id", "firmware")
+    return HelloReply(
+        **{name: getattr(settings, name) for name in same_names + limits + uploads},
+        major=VERSION_MAJOR,
+        minor=VERSION_MINOR,
+        nonce=board.session,
+        description_hash=description_hash,
+        features=int(settings.features),
+        clock_hz=_CLOCK_HZ,
+        clock_ppm=settings.clock_ppm,
+        carrier_hz=settings.carrier_hz,
+        transducers=settings.count,
+        grid_nx=nx,
+        grid_ny=ny,
+        pitch_um=round((array.pitch_m or 0.0) * 1e6) if array.grid_shape else 0,
+        geometry_hash=array.digest(),
+        sound_speed_mm_s=board.config.sound_speed_mm_s,
+        phase_formats=sum(PHASE_FORMAT_BIT[bits] for bits in settings.phase_formats),
+        banks=1,
+        state=board.state,
+        max_frame_rate_hz=settings.carrier_hz,
+        config_crc=board.config_crc,
+    )
+
+
+def counters(board: Board, link: Mapping[str, int], trace_dropped: int) -> dict[str, int]:
+    """Return every counter by its name on the wire, modulo 2^32."""
+    own = dataclasses.asdict(board.counters)
+    merged = {**link, **own, "trace_dropped": trace_dropped}
+    return {name: merged[name] & _U32 for name in Counters.WIRE}
+
+
+def status(board: Board, counts: Mapping[str, int], *, free_bytes: int) -> StatusFields:
+    """Return the fields of a status, in their order; the margins start anew."""
+    margins, least_us, mean_us = board.margins.take()
+    latched = board.latched
+    return (
+        board.state,
+        board.reason,
+        board.queued,
+        free_bytes,
+        board.last_stream_index & _U32,
+        latched.t_latch_us & _U32 if latched else 0,
+        min(margins, 0xFFFF),
+        _clip_i32(least_us),
+        _clip_i32(mean_us),
+        board.config_crc,
+        Counters(**counts),
+    )
+
+
+def geometry(settings: BoardSettings, request: GetGeometry) -> GeometryReply:
+    """Return positions and normals of some transducers, as many as fit one frame."""
+    first, stop = _span(request, settings.count, GeometryReply, Element.LAYOUT.size)
+    positions_um = settings.model.array.positions_um()[first:stop].tolist()
+    normals = np.rint(settings.model.array.normals[first:stop] * 32767).astype(int).tolist()
+    rows = zip(positions_um, normals, strict=True)
+    elements = tuple(Element(*position, *normal) for position, normal in rows)
+    return GeometryReply(total=settings.count, first=first, elements=elements)
+
+
+def drive(board: Board, request: ReadDrive) -> DriveReply:
+    """Return the codes of some transducers, latched or radiated, as many as fit one frame."""
+    if not _READ_FEATURE[request.kind] & board.settings.features:
+        text = f"no read-back of the {request.kind.name} drive"
+        raise RefusalError(ErrorCode.UNSUPPORTED, int(request.TYPE), text)
+    first, stop = _span(request, board.settings.count, DriveReply, 2)
+    latch = board.latched
+    if request.kind is DriveKind.RADIATED:
+        shown = board.radiated(board.now_us)
+    else:
+        shown = latch.drive if latch else Drive.muted(board.settings.count)
+    return DriveReply(
+        kind=request.kind,
+        bits=REGISTER_BITS,
+        key=latch.key if latch else _NO_LATCH,
+        t_latch_us=latch.t_latch_us & _U32 if latch else 0,
+        first=first,
+        data=codes(shown, first, stop),
+    )
+
+
+def trace(board: Board, request: ReadTrace) -> TraceReply:
+    """Return latches of the trace ring, from the number asked for on, as many as fit one frame."""
+    ring = board.ring
+    oldest = ring[0].number if ring else board.latches
+    room = _room(TraceReply) // TraceRecord.LAYOUT.size
+    start = max(request.first, oldest)
+    stop = min(request.first + request.count, start + room)
+    records = [_trace_record(latch) for latch in ring if start <= latch.number < stop]
+    return TraceReply(oldest=oldest & _U32, next=board.latches & _U32, records=tuple(records))
+
+
+def codes(shown: Drive, first: int = 0, stop: int | None = None) -> bytes:
+    """Return the phase codes, then the amplitude codes, of transducers *first* to *stop*."""
+    phases, amplitudes = shown.phase_codes[first:stop], shown.amplitude_codes[first:stop]
+    return phases.tobytes() + amplitudes.tobytes()
+
+
+def _trace_record(latch: Latch) -> TraceRecord:
+    return TraceRecord(
+        number=latch.number & _U32,
+        key=latch.key,
+        t_latch_us=latch.t_latch_us & _U32,
+        crc=latch.drive.digest(),
+        flags=int(Flag.LATE) if latch.late else 0,
+    )
+
+
+def _room(reply: type[Message]) -> int:
+    """Return the bytes that one frame leaves for the tail of *reply*."""
+    return MAX_BODY_BYTES - HEADER_BYTES - reply.LAYOUT.size
+
+
+def _span(
+    request: GetGeometry | ReadDrive, total: int, reply: type[Message], unit: int
+) -> tuple[int, int]:
+    """Return first and last-but-one of the transducers that a reply shows."""
+    if request.first >= total:
+        raise RefusalError(ErrorCode.NOT_FOUND, total, f"no transducer {request.first}")
+    fits = _room(reply) // unit
+    return request.first, min(total, request.first + min(request.count, fits))
+
+
+def _clip_i32(value: int) -> int:
+    return max(-(2**31), min(2**31 - 1, value))

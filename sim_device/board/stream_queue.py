@@ -1,0 +1,79 @@
+"""The queue between a stream frame's arrival and its latch.  SPEC.md chapter 5."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from haptogram.acoustics import Drive
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A stream frame whose drive is ready to be latched.
+
+    Attributes
+    ----------
+    index : int
+        Unwrapped sequence number.
+    t_apply_us, t_latch_us : int
+        When it was asked for, and the carrier boundary on which it will be latched.
+    late : bool
+        Whether t_apply had passed when it came.
+    t_received_us : int
+        When it was complete.
+    drive, commanded_bits
+        As in :class:`~sim_device.board.events.Latch`.
+    """
+
+    index: int
+    t_apply_us: int
+    t_latch_us: int
+    late: bool
+    t_received_us: int
+    drive: Drive
+    commanded_bits: int
+
+
+class StreamQueue:
+    """A first-in-first-out queue of bounded depth, never sorted."""
+
+    def __init__(self, depth: int) -> None:
+        self._depth = depth
+        self._entries: deque[Entry] = deque()
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    @property
+    def head(self) -> Entry | None:
+        """The entry that is latched next."""
+        return self._entries[0] if self._entries else None
+
+    @property
+    def is_full(self) -> bool:
+        """Whether one more frame would find no room."""
+        return len(self._entries) >= self._depth
+
+    def precedes(self, t_apply_us: int) -> bool:
+        """Return whether *t_apply_us* is after that of every queued frame."""
+        return not self._entries or self._entries[-1].t_apply_us < t_apply_us
+
+    def push(self, entry: Entry) -> int:
+        """Queue *entry*; return how many frames it replaced on its carrier boundary (0 or 1)."""
+        replaced = 0
+        if self._entries and self._entries[-1].t_latch_us == entry.t_latch_us:
+            self._entries.pop()
+            replaced = 1
+        self._entries.append(entry)
+        return replaced
+
+    def pop(self) -> Entry:
+        """Take the head off the queue."""
+        return self._entries.popleft()
+
+    def flush(self) -> int:
+        """Discard every entry; return how many there were."""
+        count = len(self._entries)
+        self._entries.clear()
+        return count

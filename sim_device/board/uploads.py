@@ -1,0 +1,192 @@
+"""Uploads: announced, sent in chunks, taken whole or not at all.  SPEC.md chapter 7."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+from haptogram_protocol.messages import (
+    ErrorCode,
+    Feature,
+    FocalPoint,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+)
+
+from .refusal import RefusalError
+from .registers import Content, full_amplitude
+from .settings import BoardSettings
+
+_FEATURE = {
+    UploadKind.PHASES: Feature.SEQUENCE_PHASES,
+    UploadKind.POINTS: Feature.SEQUENCE_POINTS,
+    UploadKind.CORRECTION: Feature.CORRECTION,
+}
+
+
+class _Pending:
+    """An upload that has begun: its bytes, and which of them have come."""
+
+    def __init__(self, begin: UploadBegin) -> None:
+        self.begin = begin
+        self.data = bytearray(begin.size)
+        self.received = 0  # bytes from the start without a gap
+        self._missing = bytearray(b"\x01" * begin.size)
+
+    def store(self, offset: int, chunk: bytes) -> None:
+        """Take a piece, wherever it belongs; what came before stays."""
+        stop = offset + len(chunk)
+        self.data[offset:stop] = chunk
+        self._missing[offset:stop] = bytes(len(chunk))
+        gap = self._missing.find(1, self.received)
+        self.received = self.begin.size if gap < 0 else gap
+
+
+@dataclass(frozen=True, slots=True)
+class Upload:
+    """An upload that was committed: a sequence of frames, or the codes of a phase correction.
+
+    It keeps the bytes and makes a frame of them when it is due: at 1 kHz that costs nothing, and
+    a megabyte of frames is there at once.
+
+    Attributes
+    ----------
+    begin : UploadBegin
+        What was announced.
+    data : bytes
+        What came.
+    frame_size : int
+        Bytes in one frame.
+    """
+
+    begin: UploadBegin
+    data: bytes
+    frame_size: int
+
+    def __len__(self) -> int:
+        return len(self.data) // self.frame_size
+
+    def __getitem__(self, index: int) -> Content:
+        piece = self.data[index * self.frame_size : (index + 1) * self.frame_size]
+        if self.begin.kind is UploadKind.PHASES:
+            return full_amplitude(piece, 8)
+        return _points(piece)
+
+
+class Uploads:
+    """At most one upload at a time; a new one abandons the old."""
+
+    def __init__(self, settings: BoardSettings) -> None:
+        self._settings = settings
+        self._pending: _Pending | None = None
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether an upload was announced and neither committed nor abandoned."""
+        return self._pending is not None
+
+    def abandon(self) -> None:
+        """Forget an upload that was not committed."""
+        self._pending = None
+
+    def begin(self, begin: UploadBegin, room: int) -> None:
+        """Make ready for an upload.
+
+        Parameters
+        ----------
+        begin : UploadBegin
+            What is announced.
+        room : int
+            Bytes that the board has left to keep it in.
+
+        Raises
+        ------
+        RefusalError
+            UNSUPPORTED, BAD_VALUE, BAD_LENGTH or TOO_LARGE.
+        """
+        if not _FEATURE[begin.kind] & self._settings.features:
+            raise RefusalError(ErrorCode.UNSUPPORTED, begin.TYPE, f"no {begin.kind.name} uploads")
+        self._check_target(begin)
+        self._check_size(begin, room)
+        self._pending = _Pending(begin)
+
+    def chunk(self, chunk: UploadChunk) -> int:
+        """Store a piece; return how many bytes from the start are there without a gap.
+
+        Raises
+        ------
+        RefusalError
+            BAD_VALUE past the end of the upload, BAD_LENGTH for a chunk too long.
+        """
+        pending = self._expect()
+        if len(chunk.data) > self._settings.max_chunk:
+            limit = self._settings.max_chunk
+            raise RefusalError(ErrorCode.BAD_LENGTH, limit, f"chunk of {len(chunk.data)} bytes")
+        if chunk.offset + len(chunk.data) > pending.begin.size:
+            end = chunk.offset + len(chunk.data)
+            raise RefusalError(
+                ErrorCode.BAD_VALUE, 0, f"chunk up to {end} of {pending.begin.size} bytes"
+            )
+        pending.store(chunk.offset, chunk.data)
+        return pending.received
+
+    def commit(self, commit: UploadCommit) -> Upload:
+        """Return what was uploaded.
+
+        Raises
+        ------
+        RefusalError
+            BAD_VALUE (another target), INCOMPLETE or CRC_MISMATCH.
+        """
+        pending = self._expect()
+        if commit.target != pending.begin.target:
+            text = f"commit of {commit.target}, begun was {pending.begin.target}"
+            raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
+        if pending.received < pending.begin.size:
+            text = f"{pending.received} of {pending.begin.size} bytes without a gap"
+            raise RefusalError(ErrorCode.INCOMPLETE, pending.received, text)
+        crc = zlib.crc32(pending.data)
+        if crc != pending.begin.crc:
+            text = f"CRC-32 is {crc:08x}, announced {pending.begin.crc:08x}"
+            raise RefusalError(ErrorCode.CRC_MISMATCH, crc, text)
+        return Upload(pending.begin, bytes(pending.data), self._frame_size(pending.begin))
+
+    def _expect(self) -> _Pending:
+        assert self._pending is not None  # the board refuses it unless `has_begun`
+        return self._pending
+
+    def _check_target(self, begin: UploadBegin) -> None:
+        points = begin.points_per_frame
+        most = self._settings.max_points if begin.kind is UploadKind.POINTS else 0
+        if not min(most, 1) <= points <= most:
+            offset = UploadBegin.WIRE["points_per_frame"].offset
+            text = f"{points} points in a frame, at most {most}"
+            raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
+        if (begin.target == 0) != (begin.kind is UploadKind.CORRECTION):
+            offset = UploadBegin.WIRE["target"].offset
+            text = f"{begin.kind.name} for {begin.target}"
+            raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
+
+    def _check_size(self, begin: UploadBegin, room: int) -> None:
+        limits, frame = self._settings, self._frame_size(begin)
+        if begin.size > (limit := min(limits.max_upload_bytes, room)):
+            raise RefusalError(ErrorCode.TOO_LARGE, limit, f"{begin.size} bytes, limit {limit}")
+        if begin.size == 0 or begin.size % frame:
+            text = f"{begin.size} bytes, not a multiple of {frame}"
+            raise RefusalError(ErrorCode.BAD_LENGTH, frame, text)
+        frames = begin.size // frame
+        limit = 1 if begin.kind is UploadKind.CORRECTION else limits.max_sequence_frames
+        if frames > limit:
+            raise RefusalError(ErrorCode.TOO_LARGE, limit, f"{frames} frames, limit {limit}")
+
+    def _frame_size(self, begin: UploadBegin) -> int:
+        if begin.kind is UploadKind.POINTS:
+            return begin.points_per_frame * FocalPoint.LAYOUT.size
+        return self._settings.count
+
+
+def _points(piece: bytes) -> tuple[FocalPoint, ...]:
+    size = FocalPoint.LAYOUT.size
+    return tuple(FocalPoint.unpack(piece[i : i + size]) for i in range(0, len(piece), size))

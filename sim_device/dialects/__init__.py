@@ -1,0 +1,1 @@
+"""Dialects: what a board does with the messages of one wire protocol."""

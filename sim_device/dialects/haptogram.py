@@ -1,0 +1,386 @@
+"""The Haptogram wire protocol on one side, the board's operations on the other.
+
+:class:`~haptogram_protocol.connection.BoardConnection` has judged every frame as far as a link can;
+here its events become calls of the board, and what the board did becomes replies and events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, TypeAlias
+
+from haptogram_protocol.connection import (
+    NEED_DATA,
+    BoardConnection,
+    BoardEvent,
+    RequestReceived,
+    StreamReceived,
+)
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.messages import (
+    Arm,
+    ArmReply,
+    ConfigReply,
+    Disarm,
+    DisarmReply,
+    Drives,
+    ErrorCode,
+    Feature,
+    Flag,
+    GetConfig,
+    GetGeometry,
+    GetStatus,
+    Hello,
+    Message,
+    Mute,
+    MuteReply,
+    PhaseFormat,
+    Phases,
+    Ping,
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    Points,
+    Pong,
+    ReadDrive,
+    ReadTrace,
+    SetConfig,
+    SetConfigReply,
+    StateChanged,
+    Status,
+    StatusReply,
+    Stop,
+    StopReply,
+    Trace,
+    TraceDrive,
+    TraceMode,
+    TracePlayback,
+    UploadBegin,
+    UploadBeginReply,
+    UploadChunk,
+    UploadChunkReply,
+    UploadCommit,
+    UploadCommitReply,
+    unpack_phases,
+    unwrap,
+)
+
+from ..board import readout
+from ..board.board import Board, StreamFrame
+from ..board.clock import earliest
+from ..board.events import Latch, Notice, PlaybackEnd, StateChange
+from ..board.refusal import RefusalError
+from ..board.registers import REGISTER_BITS, Content, full_amplitude, split_codes
+
+_OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
+_STATUS_LIMIT: Final = _OUTPUT_LIMIT * 3 // 4  # the last quarter is for responses: HG-9.6
+_NEEDS: Final[dict[type[Message], Feature]] = {
+    Drives: Feature.AMPLITUDE,
+    Points: Feature.POINTS,
+    SetConfig: Feature.CONFIG,
+    ReadTrace: Feature.TRACE_RING,
+}
+_PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
+_NEEDS_ANY: Final[dict[type[Message], Feature]] = {
+    Play: _PLAYBACK,
+    Stop: _PLAYBACK,
+    ReadDrive: Feature.READ_LATCHED | Feature.READ_RADIATED,
+    UploadBegin: _PLAYBACK | Feature.CORRECTION,
+    UploadChunk: _PLAYBACK | Feature.CORRECTION,
+    UploadCommit: _PLAYBACK | Feature.CORRECTION,
+}
+
+# What comes under which type: the table below sees to it, so that the type checker need not.
+_Handler: TypeAlias = Callable[[Any, RequestReceived], Message]
+
+
+class BoardDialect:
+    """One board at the end of one line.
+
+    Time is device time, unwrapped, as in :class:`Board`; bytes that come at a moment find
+    everything done that was due at it.
+
+    Parameters
+    ----------
+    board : Board
+        The board.
+    description_hash : int
+        CRC-32 of the description of the protocol.
+    connection : type
+        The end of the link, if it is not the healthy one.
+
+    Attributes
+    ----------
+    line_free_us : int
+        When the line has sent what was taken from here, so that a reply can tell the device time
+        of its first byte. Whoever takes the output keeps it up to date.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        description_hash: int,
+        connection: type[BoardConnection] = BoardConnection,
+    ) -> None:
+        self.board = board
+        self.line_free_us = board.now_us
+        self._link = connection(description_hash, output_limit=_OUTPUT_LIMIT)
+        self._trace_dropped = 0
+        self._traced = 0
+        self._next_status_us: int | None = None
+        self._unsupported = _unsupported(board.settings.features)
+        self._latches: list[Latch] = []
+        self._notices: list[Notice] = []
+        self._handlers: dict[type[Message], _Handler] = {
+            Arm: self._arm,
+            Mute: self._mute,
+            Disarm: self._disarm,
+            Ping: self._ping,
+            GetStatus: lambda _, __: StatusReply(*self._status()),
+            GetConfig: lambda _, __: ConfigReply(board.config_crc, board.config),
+            SetConfig: self._set_config,
+            GetGeometry: lambda message, _: readout.geometry(board.settings, message),
+            ReadDrive: lambda message, _: readout.drive(board, message),
+            ReadTrace: lambda message, _: readout.trace(board, message),
+            UploadBegin: self._begin_upload,
+            UploadChunk: self._store_chunk,
+            UploadCommit: self._commit_upload,
+            Play: self._play,
+            Stop: self._stop,
+        }
+
+    # --- time and bytes ------------------------------------------------------------------------
+
+    def next_event_us(self) -> int | None:
+        """Return when something happens next by itself, or None."""
+        return earliest(self.board.next_event_us(), self._next_status_us)
+
+    def advance_to(self, t_us: int) -> None:
+        """Let everything happen that is due up to *t_us*, and say so on the line."""
+        while (next_us := self.next_event_us()) is not None and next_us <= t_us:
+            self.board.advance_to(next_us)
+            self.collect()
+            if next_us == self._next_status_us:
+                self._send_status(next_us)
+        self.board.idle_to(t_us)
+
+    def receive(self, data: bytes, t_us: int) -> None:
+        """Take bytes whose last one is complete at *t_us*."""
+        self.advance_to(t_us)
+        self._link.receive_data(data, t_us)
+        while (event := self._link.next_event()) is not NEED_DATA:
+            self._dispatch(event)
+            self.collect()
+
+    def take_output(self, limit: int | None = None) -> bytes:
+        """Return whole frames for the line, at most *limit* bytes if given."""
+        return self._link.data_to_send(limit)
+
+    @property
+    def output_bytes(self) -> int:
+        """Bytes that wait for the line."""
+        return self._link.output_bytes
+
+    def take_latches(self) -> list[Latch]:
+        """Return the latches since the last call, in order."""
+        taken, self._latches = self._latches, []
+        return taken
+
+    def take_notices(self) -> list[Notice]:
+        """Return what the board noticed since the last call, in order."""
+        taken, self._notices = self._notices, []
+        return taken
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Every counter of HG-9.2 by name."""
+        return readout.counters(self.board, self._link.counters, self._trace_dropped)
+
+    # --- events of the link --------------------------------------------------------------------
+
+    def _dispatch(self, event: BoardEvent) -> None:
+        if event.renews_lease:
+            self.board.renew_lease()
+        if isinstance(event, StreamReceived):
+            self._stream(event)
+        elif isinstance(event, RequestReceived) and isinstance(event.message, Hello):
+            self._greet(event.message, event)
+        elif isinstance(event, RequestReceived):
+            self._answer(event)
+
+    def _stream(self, event: StreamReceived) -> None:
+        try:
+            self._check_features(event.message)
+            content = self._content(event.message)
+        except RefusalError:
+            self._link.count("unsupported")
+        except RemoteProtocolError as error:
+            self._link.count(error.reason)
+        else:
+            t_apply_us = self._unwrap(event.t_apply_us)
+            self.board.submit(StreamFrame(event.index, t_apply_us, content))
+
+    def _content(self, message: Phases | Drives | Points) -> Content:
+        count = self.board.settings.count
+        if isinstance(message, Points):
+            _demand(len(message.points) <= self.board.settings.max_points, "too many points")
+            return message.points
+        _demand(message.bank == 0, f"bank {message.bank}, there is 0")
+        if isinstance(message, Drives):
+            _demand(message.bits is PhaseFormat.BITS_8, f"drives of {message.bits} bits")
+            _demand(len(message.data) == 2 * count, "not 2 N codes", "bad_length")
+            return split_codes(message.data)
+        known = message.bits in self.board.settings.phase_formats
+        _demand(known, f"phases of {message.bits} bits")
+        return full_amplitude(unpack_phases(message.data, message.bits, count), message.bits)
+
+    def _greet(self, hello: Hello, request: RequestReceived) -> None:
+        self.board.open_session(hello.nonce)
+        self._link.open_session(hello.nonce)
+        self._traced = 0
+        self._schedule_status()
+        reply = readout.identity(self.board, self._link.description_hash)
+        self._link.reply(request, reply, self._first_byte_us)  # before any event of the session
+
+    def _answer(self, request: RequestReceived) -> None:
+        try:
+            self._check_features(request.message)
+            reply = self._handlers[type(request.message)](request.message, request)
+        except RefusalError as refusal:
+            self._link.refuse(request, refusal.code, refusal.detail, self._first_byte_us)
+        else:
+            self._link.reply(request, reply, self._first_byte_us)
+
+    def _check_features(self, message: Message) -> None:
+        kind = type(message)
+        if kind in self._unsupported:
+            text = f"no {kind.TYPE.name} on this board"
+            raise RefusalError(ErrorCode.UNSUPPORTED, int(kind.TYPE), text)
+
+    def _unwrap(self, t_wire_us: int | None) -> int | None:
+        return None if t_wire_us is None else unwrap(t_wire_us, self.board.now_us, 32)
+
+    @property
+    def _first_byte_us(self) -> int:
+        """Device time at which the first byte of the next frame leaves."""
+        baud = self.board.settings.baud
+        waiting_us = 0 if baud is None else -(-self._link.output_bytes * 10_000_000 // baud)
+        return max(self.board.now_us, self.line_free_us) + waiting_us
+
+    # --- requests ------------------------------------------------------------------------------
+
+    def _arm(self, _: Arm, __: RequestReceived) -> Message:
+        self.board.arm()
+        return ArmReply(self.board.state)
+
+    def _mute(self, _: Mute, request: RequestReceived) -> Message:
+        self.board.mute(requested=request.renews_lease)  # another session's surprises the host
+        return MuteReply(self.board.state)
+
+    def _disarm(self, _: Disarm, __: RequestReceived) -> Message:
+        self.board.disarm()
+        return DisarmReply(self.board.state)
+
+    def _ping(self, ping: Ping, request: RequestReceived) -> Message:
+        t_rx_us, t_tx_us = (t & 0xFFFFFFFF for t in (request.t_rx_us, self._first_byte_us))
+        return Pong(echo=ping.echo, t_rx_us=t_rx_us, t_tx_us=t_tx_us)
+
+    def _set_config(self, message: SetConfig, _: RequestReceived) -> Message:
+        self.board.configure(message.config)
+        self._traced = 0
+        self._schedule_status()
+        return SetConfigReply(self.board.config_crc, self.board.config)
+
+    def _begin_upload(self, begin: UploadBegin, _: RequestReceived) -> Message:
+        self.board.begin_upload(begin)
+        settings = self.board.settings
+        return UploadBeginReply(max_chunk=settings.max_chunk, window=settings.upload_window)
+
+    def _store_chunk(self, chunk: UploadChunk, _: RequestReceived) -> Message:
+        return UploadChunkReply(received=self.board.store_chunk(chunk))
+
+    def _commit_upload(self, commit: UploadCommit, _: RequestReceived) -> Message:
+        return UploadCommitReply(frames=self.board.commit_upload(commit))
+
+    def _play(self, play: Play, request: RequestReceived) -> Message:
+        self.board.play(
+            play.sequence,
+            start_us=None if request.immediate else self._unwrap(request.t_wire_us),
+            period_us=play.period_us,
+            loops=play.loops,
+            unattended_ms=play.unattended_ms,
+        )
+        return PlayReply(self.board.state)
+
+    def _stop(self, _: Stop, __: RequestReceived) -> Message:
+        self.board.stop()
+        return StopReply(self.board.state)
+
+    # --- events of the board -------------------------------------------------------------------
+
+    def collect(self) -> None:
+        """Take from the board what it did since the last call, and tell the host."""
+        for latch in self.board.take_latches():
+            self._latches.append(latch)
+            self._trace(latch)
+        for notice in self.board.take_notices():
+            self._notices.append(notice)
+            if (event := _event(notice)) is not None:
+                self._link.send_event(event, now_us=notice.t_us)
+
+    def _trace(self, latch: Latch) -> None:
+        message = self._trace_message(latch)
+        if message is not None:
+            flags = Flag.LATE if latch.late else 0
+            t_us = latch.t_latch_us
+            sent = self._link.send_event(message, now_us=t_us, flags=flags, droppable=True)
+            self._trace_dropped += not sent
+
+    def _trace_message(self, latch: Latch) -> Message | None:
+        config, key = self.board.config, latch.key
+        if config.trace_mode is TraceMode.DRIVE:
+            self._traced += 1
+            due = (self._traced - 1) % config.trace_divider == 0
+            data = readout.codes(latch.drive)
+            return TraceDrive(key=key, bits=REGISTER_BITS, data=data) if due else None
+        if config.trace_mode is not TraceMode.CRC:
+            return None
+        if key.sequence:
+            return TracePlayback(key=key, crc=latch.drive.digest())
+        return Trace(index=key.index, crc=latch.drive.digest())
+
+    def _schedule_status(self) -> None:
+        period_us = self.board.config.status_period_ms * 1000
+        self._next_status_us = self.board.now_us + period_us if period_us else None
+
+    def _send_status(self, t_us: int) -> None:
+        if self._link.output_bytes < _STATUS_LIMIT:
+            self._link.send_event(Status(*self._status()), now_us=t_us)
+        self._schedule_status()
+
+    def _status(self) -> readout.StatusFields:
+        free = self.board.settings.rx_window
+        return readout.status(self.board, self.counters, free_bytes=free)
+
+
+def _unsupported(features: Feature) -> frozenset[type[Message]]:
+    """Return the messages that a board with these *features* does not take."""
+    lacking = [kind for kind, all_of in _NEEDS.items() if int(all_of) & ~int(features)]
+    useless = [kind for kind, any_of in _NEEDS_ANY.items() if not any_of & features]
+    return frozenset(lacking + useless)
+
+
+def _demand(holds: bool, text: str, reason: str = "bad_value") -> None:
+    if not holds:
+        raise RemoteProtocolError(text, reason=reason)
+
+
+def _event(notice: Notice) -> Message | None:
+    """Return what the host is told of *notice*: nothing that it asked for itself."""
+    if isinstance(notice, StateChange) and not notice.requested:
+        return StateChanged(state=notice.state, reason=notice.reason)
+    if isinstance(notice, PlaybackEnd):
+        return PlaybackEnded(
+            sequence=notice.sequence, loops=notice.loops, frames=notice.frames & 0xFFFFFFFF
+        )
+    return None

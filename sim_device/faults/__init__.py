@@ -1,0 +1,1 @@
+"""Faults on purpose: their plan, and what each does to line, frames, transducers and reports."""

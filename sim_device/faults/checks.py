@@ -1,0 +1,120 @@
+"""What may be said of a fault; an error names the fault, the parameter, its value and the limit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+
+from .kinds import FAULT_KINDS, NOWHERE, PLACES, REPORTS, has_direction, is_of_transducers, shown
+
+FOR_EVER_NS: Final = 1 << 62
+_UNITS_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+_DIRECTIONS: Final = ("down", "up", "both")
+
+
+def check_name(name: str) -> None:
+    """Refuse a fault that there is not.
+
+    Raises
+    ------
+    ConfigurationError
+        As all checks of this module.
+    """
+    if name not in FAULT_KINDS:
+        raise ConfigurationError(f"no fault {name!r}; known: {', '.join(FAULT_KINDS)}")
+
+
+def check_values(name: str, values: Mapping[str, float]) -> None:
+    """Refuse values that are missing, beyond their limits, or contradict each other."""
+    check_name(name)
+    kind = FAULT_KINDS[name]
+    if values.keys() != kind.keys():
+        raise ConfigurationError(f"{name}: its parameters are {', '.join(kind) or 'none'}")
+    for key, value in values.items():
+        if key not in PLACES or value != NOWHERE:
+            check_value(name, key, value)
+    _check_place(name, values)
+
+
+def check_value(name: str, key: str, value: float) -> None:
+    """Refuse a value that is beyond its limits."""
+    limits = FAULT_KINDS[name][key]
+    if not isinstance(value, int | float):
+        raise ConfigurationError(f"{name} {key}={value!r} is not a number")
+    if not limits.least <= value <= limits.most:
+        span = f"{shown(limits.least)} to {shown(limits.most)}"
+        raise ConfigurationError(f"{name} {key}={shown(value)}, must be {span}")
+    if limits.whole and value != round(value):
+        raise ConfigurationError(f"{name} {key}={shown(value)}, must be a whole number")
+
+
+def _check_place(name: str, values: Mapping[str, float]) -> None:
+    if not is_of_transducers(name):
+        return
+    said = [f"{place}={shown(values[place])}" for place in PLACES if values[place] >= 0]
+    if len(said) != 1:
+        words = [f"{place}=N" for place in PLACES]
+        text = f"{', '.join(words[:-1])} or {words[-1]}"
+        raise ConfigurationError(f"{' '.join([name, *said])}: must have either {text}")
+
+
+def check_direction(name: str, direction: str) -> None:
+    """Refuse a direction that the fault does not have."""
+    if has_direction(name) and direction not in _DIRECTIONS:
+        raise ConfigurationError(f"{name} direction={direction}, must be down, up or both")
+    if not has_direction(name) and direction != usual_direction(name):
+        raise ConfigurationError(f"{name} direction={direction}, must be {usual_direction(name)}")
+
+
+def check_window(name: str, from_ns: int, until_ns: int) -> None:
+    """Refuse a time at which the fault could never be there."""
+    if not 0 <= from_ns < FOR_EVER_NS:
+        raise _out_of_time(name, "from", time_text(from_ns))
+    if until_ns <= from_ns:
+        times = f"from={time_text(from_ns)} until={time_text(until_ns)}"
+        raise ConfigurationError(f"{name} {times}: until must be after {time_text(from_ns)}")
+
+
+def usual_direction(name: str) -> str:
+    """Return on which bytes a fault acts if nothing else is said."""
+    if name in REPORTS:
+        return "up"
+    return "down" if name.startswith("frame.") else "both"
+
+
+def number_of(name: str, key: str, text: str) -> float:
+    """Return the number that *text* is."""
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise ConfigurationError(f"{name} {key}={text} is not a number") from error
+    check_value(name, key, value)
+    return value
+
+
+def time_ns(name: str, key: str, text: str) -> int:
+    """Return the nanoseconds since power-up that *text* is."""
+    number = text.rstrip("nums")
+    try:
+        t_ns = round(float(number) * _UNITS_NS[text[len(number) :]])
+    except (KeyError, ValueError, OverflowError) as error:
+        such_as = "must be a time such as 2s, 500ms, 10us"
+        raise ConfigurationError(f"{name} {key}={text}: {such_as}") from error
+    if not 0 <= t_ns < FOR_EVER_NS:
+        raise _out_of_time(name, key, text)
+    return t_ns
+
+
+def _out_of_time(name: str, key: str, text: str) -> ConfigurationError:
+    last = time_text(FOR_EVER_NS // _UNITS_NS["s"] * _UNITS_NS["s"])
+    return ConfigurationError(
+        f"{name} {key}={text}: must not be before power-up (0s), nor after {last}"
+    )
+
+
+def time_text(t_ns: int) -> str:
+    """Return *t_ns* as :func:`time_ns` takes it."""
+    unit = next(unit for unit, size_ns in _UNITS_NS.items() if t_ns % size_ns == 0)
+    return f"{t_ns // _UNITS_NS[unit]}{unit}"

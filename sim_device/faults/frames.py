@@ -1,0 +1,116 @@
+"""What each fault of a frame does to those that the host sends.
+
+A frame is taken apart on its way to the board, changed in one field and sealed with a CRC that is
+right again: no receiver can tell it from one that a host built wrong.  Only frames that are whole
+within a chunk are seen; a host writes whole frames unless the line is full.
+"""
+
+from __future__ import annotations
+
+import random
+import zlib
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final, TypeAlias
+
+from haptogram_protocol.errors import ProtocolError
+from haptogram_protocol.framing import (
+    CRC_BYTES,
+    DELIMITER,
+    HEADER_BYTES,
+    cobs_encode,
+    decode_frame,
+    encode_frame,
+)
+from haptogram_protocol.messages import STREAM_RANGE, Flag, Header
+
+from .line import Chunk, LineFault, Values
+
+# A body in, what follows the first delimiter out (COBS and the last delimiter); None: unchanged.
+Rewrite: TypeAlias = Callable[[bytes, Values, random.Random], bytes | None]
+_Change: TypeAlias = Callable[[Header, Values], dict[str, int]]
+
+
+def on_frames(rewrite: Rewrite) -> LineFault:
+    """Return a fault of chunks that applies *rewrite* to each frame, with probability ``p``."""
+
+    def act(chunks: list[Chunk], values: Values, source: random.Random) -> tuple[list[Chunk], int]:
+        changed, fired = [], 0
+        for chunk in chunks:
+            data, count = _on_frames_of(chunk.data, rewrite, values, source)
+            changed.append(Chunk(chunk.t_ns, data))
+            fired += count
+        return changed, fired
+
+    return act
+
+
+def _on_frames_of(
+    data: bytes, rewrite: Rewrite, values: Values, source: random.Random
+) -> tuple[bytes, int]:
+    pieces, fired = data.split(DELIMITER), 0
+    for place in range(1, len(pieces) - 1):  # what has a delimiter on both sides
+        if not pieces[place] or source.random() >= values["p"]:
+            continue
+        try:
+            new = rewrite(decode_frame(pieces[place]), values, source)
+        except ProtocolError:  # damaged already, no message, or too long to be sent
+            continue
+        if new is not None:
+            pieces[place], fired = new, fired + 1
+    return DELIMITER.join(pieces), fired
+
+
+def sealed(body: bytes) -> bytes:
+    """Return what is between the delimiters, for *body*."""
+    return encode_frame(body)[1:-1]
+
+
+def _crc(body: bytes, _: Values, source: random.Random) -> bytes:
+    wrong = zlib.crc32(body) ^ 1 << source.randrange(8 * CRC_BYTES)
+    return cobs_encode(body + wrong.to_bytes(CRC_BYTES, "little"))
+
+
+def _length(body: bytes, values: Values, source: random.Random) -> bytes | None:
+    more = round(values["bytes"])
+    if more < 0:
+        cut = body[: max(HEADER_BYTES, len(body) + more)]
+        return sealed(cut) if cut != body else None
+    return sealed(body + source.randbytes(more)) if more else None
+
+
+def _header(change: _Change) -> Rewrite:
+    def rewrite(body: bytes, values: Values, _: random.Random) -> bytes | None:
+        header, payload = Header.unpack(body[:HEADER_BYTES]), body[HEADER_BYTES:]
+        fields = {name: getattr(header, name) for name in Header.WIRE}
+        changed = Header(**{**fields, **change(header, values)})
+        return None if changed == header else sealed(changed.pack() + payload)
+
+    return rewrite
+
+
+def _shifted(by_us: float, header: Header) -> dict[str, int]:
+    timed = header.type in STREAM_RANGE and not header.flags & Flag.IMMEDIATE
+    return {"time_us": (header.time_us + round(by_us)) & 0xFFFFFFFF} if timed else {}
+
+
+FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
+    {
+        "frame.crc": on_frames(_crc),
+        "frame.length": on_frames(_length),
+        "frame.sequence": on_frames(
+            _header(lambda header, values: {"seq": (header.seq + round(values["by"])) & 0xFFFF})
+        ),
+        "frame.session": on_frames(
+            _header(
+                lambda header, values: {"session": (header.session + round(values["by"])) & 0xFFFF}
+            )
+        ),
+        "frame.flags": on_frames(
+            _header(lambda header, values: {"flags": header.flags | round(values["bits"])})
+        ),
+        "frame.type": on_frames(_header(lambda _, values: {"type": round(values["type"])})),
+        "frame.past": on_frames(_header(lambda header, values: _shifted(-values["us"], header))),
+        "frame.future": on_frames(_header(lambda header, values: _shifted(values["us"], header))),
+    }
+)

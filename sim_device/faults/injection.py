@@ -1,0 +1,119 @@
+"""The faults of a plan at work on one board: what they change, and how often."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import Drive
+
+from ..board.clock import DeviceClock, earliest
+from ..board.events import FaultsCounted, Latch
+from ..board.settings import BoardSettings
+from .kinds import is_of_transducers
+from .line import Chunk
+from .plan import Fault, FaultPlan
+from .transducers import Situation, faulty, place_of
+
+
+class Injection:
+    """Applies a plan, and counts.
+
+    Parameters
+    ----------
+    plan : FaultPlan
+        What goes wrong.
+    settings : BoardSettings
+        The board.
+    clock : DeviceClock
+        Its clock, with the faults of *plan*.
+
+    Raises
+    ------
+    ConfigurationError
+        If a fault is to be in a place that the array does not have.
+    """
+
+    def __init__(self, plan: FaultPlan, settings: BoardSettings, clock: DeviceClock) -> None:
+        self.plan = plan
+        self._counts = {fault.name: 0 for fault in plan.faults}
+        self._on_clock = list(plan.on_clock(clock))
+        self._places = [
+            place_of(fault, settings) if is_of_transducers(fault.name) else slice(0, 0)
+            for fault in plan.faults
+        ]
+        self._disconnects = list(plan.named("line.disconnect"))
+        self._away: Fault | None = None
+        self._before: Latch | None = None
+        self._reached: dict[int, NDArray[np.complex128]] = {}
+
+    def line(self, direction: str, t_ns: int, data: bytes) -> list[Chunk]:
+        """Return what becomes of *data* on the line."""
+        chunks, fired = self.plan.line(direction, t_ns, data)
+        for name, count in fired.items():
+            self._counts[name] += count
+        return chunks
+
+    # --- the port ------------------------------------------------------------------------------
+
+    @property
+    def is_away(self) -> bool:
+        """Whether the port is gone, as of the last :meth:`has_left`."""
+        return self._away is not None
+
+    def has_left(self, t_ns: int) -> bool:
+        """Return whether the port has gone since the last call; see ``line.disconnect``."""
+        before = self._away
+        if before is None or not before.is_there(t_ns):
+            self._away = next((fault for fault in self._disconnects if fault.is_there(t_ns)), None)
+        if self._away is not None and self._away is not before:
+            self._counts["line.disconnect"] += 1
+        return self._away is not None and before is None
+
+    def next_change_ns(self, t_ns: int) -> int | None:
+        """Return when the port next goes or comes back after *t_ns*."""
+        times = [t for fault in self._disconnects for t in (fault.from_ns, fault.until_ns)]
+        return earliest(*(t for t in times if t > t_ns))
+
+    # --- transducers ---------------------------------------------------------------------------
+
+    def radiate(self, latch: Latch, t_ns: int) -> Latch:
+        """Return *latch* with what its faulty transducers radiate; what is latched stays."""
+        radiated = latch.radiated
+        for number, fault, source in self.plan.of_device(t_ns):
+            now = Situation(
+                healthy=latch.radiated,
+                drive=radiated,
+                before=self._before,
+                t_us=latch.t_latch_us,
+                place=self._places[number],
+                reached=self._reached.get(number),
+            )
+            changed = faulty(fault, now, source)
+            if now.reached is not None:
+                self._reached[number] = now.reached
+            if not _is_heard_as(changed, radiated):
+                self._counts[fault.name] += 1
+                radiated = changed
+        self._before = latch
+        return (
+            latch if radiated is latch.radiated else dataclasses.replace(latch, radiated=radiated)
+        )
+
+    def counts(self, t_ns: int) -> dict[str, int]:
+        """Return how often each fault has done something up to *t_ns*."""
+        counts = dict(self._counts)
+        for name, at_ns in self._on_clock:
+            counts[name] += at_ns <= t_ns
+        return counts
+
+    def counted(self, t_us: int, t_ns: int) -> FaultsCounted:
+        """Return the counts up to *t_ns*, at which the board's time is *t_us*."""
+        return FaultsCounted(t_us, self.counts(t_ns), self.plan.as_toml())
+
+
+def _is_heard_as(one: Drive, other: Drive) -> bool:
+    """Return whether two drives radiate the same: the phase of what is silent is no difference."""
+    return one == other or np.array_equal(one.weights(), other.weights())

@@ -1,0 +1,183 @@
+"""What each fault of the line does to the chunks that are sent."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import random
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, TypeAlias
+
+from ..line.sampling import sample
+
+_NS_PER_US: Final = 1_000
+_NS_PER_MS: Final = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Bytes that are sent in one go, at ``t_ns``."""
+
+    t_ns: int
+    data: bytes
+
+
+Values: TypeAlias = Mapping[str, float]
+# Chunks, parameters and a source of chance in; chunks and how often it fired out.
+LineFault: TypeAlias = Callable[[list[Chunk], Values, random.Random], tuple[list[Chunk], int]]
+_Edit: TypeAlias = Callable[[bytearray, Values, random.Random], int]
+
+
+def _places(count: int, chance: float, source: random.Random) -> Iterator[int]:
+    """Yield which of *count* places are hit: by the gaps between them, as most chances are low."""
+    if chance <= 0:
+        return
+    place = -1
+    while True:
+        gap = 0 if chance >= 1 else int(math.log(1 - source.random()) / math.log1p(-chance))
+        place += 1 + gap
+        if place >= count:
+            return
+        yield place
+
+
+def _bytewise(edit: _Edit) -> LineFault:
+    def act(chunks: list[Chunk], values: Values, source: random.Random) -> tuple[list[Chunk], int]:
+        changed, fired = [], 0
+        for chunk in chunks:
+            data = bytearray(chunk.data)
+            fired += edit(data, values, source)
+            changed.append(Chunk(chunk.t_ns, bytes(data)))
+        return changed, fired
+
+    return act
+
+
+def _flip(data: bytearray, values: Values, source: random.Random) -> int:
+    places = list(_places(8 * len(data), values["ber"], source))
+    for place in places:
+        data[place // 8] ^= 1 << place % 8
+    return len(places)
+
+
+def _drop(data: bytearray, values: Values, source: random.Random) -> int:
+    places = list(_places(len(data), values["p"], source))
+    for place in reversed(places):
+        del data[place]
+    return len(places)
+
+
+def _insert(data: bytearray, values: Values, source: random.Random) -> int:
+    places = list(_places(len(data), values["p"], source))
+    for place in reversed(places):
+        data.insert(place, source.randrange(256))
+    return len(places)
+
+
+def _burst(data: bytearray, values: Values, source: random.Random) -> int:
+    places = list(_places(len(data), values["p"], source))
+    for place in places:
+        stop = min(len(data), place + round(values["bytes"]))
+        data[place:stop] = source.randbytes(stop - place)
+    return len(places)
+
+
+def _truncate(data: bytearray, values: Values, source: random.Random) -> int:
+    fires = source.random() < values["p"]
+    if fires:
+        del data[source.randrange(len(data)) :]
+    return int(fires)
+
+
+def _overrun(data: bytearray, values: Values, source: random.Random) -> int:
+    fires = source.random() < values["p"]
+    if fires:
+        first = source.randrange(len(data))
+        del data[first : first + round(values["bytes"])]
+    return int(fires)
+
+
+def _break(data: bytearray, values: Values, source: random.Random) -> int:
+    fires = data != b"\x00" and source.random() < values["p"]
+    if fires:
+        data[:] = b"\x00"  # what a receiver makes of a line held low
+    return int(fires)
+
+
+def _baud(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:
+    ratio = 1 + values["ppm"] / 1e6
+    received = [Chunk(chunk.t_ns, sample(chunk.data, ratio)[0]) for chunk in chunks]
+    changed = sum(new != old for new, old in zip(received, chunks, strict=True))
+    return received, changed
+
+
+def _nothing(chunks: list[Chunk], _: Values, __: random.Random) -> tuple[list[Chunk], int]:
+    return [], len(chunks)
+
+
+def _gone(_: list[Chunk], __: Values, ___: random.Random) -> tuple[list[Chunk], int]:
+    return [], 0  # it fires once, when the port goes: see Injection.has_left
+
+
+def _duplicate(
+    chunks: list[Chunk], values: Values, source: random.Random
+) -> tuple[list[Chunk], int]:
+    doubled: list[Chunk] = []
+    for chunk in chunks:
+        doubled += [chunk] * (1 + (source.random() < values["p"]))
+    return doubled, len(doubled) - len(chunks)
+
+
+def _delay(chunks: list[Chunk], values: Values, source: random.Random) -> tuple[list[Chunk], int]:
+    late_us = values["us"] + values["jitter_us"] * source.random()
+    late_ns = round(late_us * _NS_PER_US)
+    late = [Chunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks]
+    return late, len(late) if late_ns else 0
+
+
+def _slice(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:
+    size, gap_ns = round(values["bytes"]), round(values["gap_us"] * _NS_PER_US)
+    cut = [
+        Chunk(chunk.t_ns + k * gap_ns, chunk.data[start : start + size])
+        for chunk in chunks
+        for k, start in enumerate(range(0, len(chunk.data), size))
+    ]
+    return cut, len(cut) - len(chunks)
+
+
+def _held(grid_ns: int, chunks: list[Chunk]) -> tuple[list[Chunk], int]:
+    if grid_ns == 0:
+        return chunks, 0
+    held = [dataclasses.replace(c, t_ns=-(-c.t_ns // grid_ns) * grid_ns) for c in chunks]
+    return held, sum(new != old for new, old in zip(held, chunks, strict=True))
+
+
+def _coalesce(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:
+    return _held(round(values["us"] * _NS_PER_US), chunks)
+
+
+def _batch(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:
+    return _held(round(values["ms"] * _NS_PER_MS), chunks)
+
+
+LINE_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
+    {
+        "line.flip": _bytewise(_flip),
+        "line.drop": _bytewise(_drop),
+        "line.insert": _bytewise(_insert),
+        "line.burst": _bytewise(_burst),
+        "line.truncate": _bytewise(_truncate),
+        "line.overrun": _bytewise(_overrun),
+        "line.break": _bytewise(_break),
+        "line.baud": _baud,
+        "line.half_open": _nothing,
+        "line.disconnect": _gone,
+        "line.duplicate": _duplicate,
+        "line.delay": _delay,
+        "line.slice": _slice,
+        "line.coalesce": _coalesce,
+        "line.batch": _batch,
+    }
+)

@@ -1,0 +1,69 @@
+"""Boards that do the right thing and say something else: faults of their clock and status reports.
+
+Frames of the board are changed on their way to the host, and sealed with a CRC that is right.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Counters,
+    Header,
+    Message,
+    Pong,
+    Status,
+    StatusReply,
+    build_body,
+    parse_body,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+from .frames import on_frames, sealed
+from .line import LineFault, Values
+
+_TRUE_COUNTERS: Final = ("frames", "latched", "requests")  # those that rise when all is well
+
+
+def _clock(body: bytes, values: Values, source: random.Random) -> bytes | None:
+    header, message = parse_body(body)
+    by_us = round(values["us"] + values["jitter_us"] * source.uniform(-1, 1))
+    if isinstance(message, Pong):
+        times = {name: (getattr(message, name) + by_us) & 0xFFFFFFFF for name in _PONG_TIMES}
+        message = dataclasses.replace(message, **times)
+    return _rebuilt(header, message, by_us) if by_us else None
+
+
+def _status(body: bytes, _: Values, __: random.Random) -> bytes | None:
+    header, message = parse_body(body)
+    if not isinstance(message, Status | StatusReply):
+        return None
+    true = {name: getattr(message.counters, name) for name in _TRUE_COUNTERS}
+    counters = Counters(**{**dict.fromkeys(Counters.WIRE, 0), **true})
+    lie = dataclasses.replace(
+        message, state=OutputState.ARMED, reason=MuteReason.NONE, counters=counters
+    )
+    return None if lie == message else _rebuilt(header, lie, 0)
+
+
+def _rebuilt(header: Header, message: Message, by_us: int) -> bytes:
+    return sealed(
+        build_body(
+            message,
+            flags=header.flags,
+            seq=header.seq,
+            time_us=header.time_us + by_us,
+            session=header.session,
+        )
+    )
+
+
+_PONG_TIMES: Final = ("t_rx_us", "t_tx_us")
+
+REPORT_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
+    {"device.clock": on_frames(_clock), "device.status": on_frames(_status)}
+)

@@ -1,0 +1,169 @@
+"""The wall clock of a board: waits for its port or for the next event of its simulation."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Iterator
+from typing import Final
+
+from haptogram.machine.waiter import Waiter
+
+from .backdoor.worker import ReconstructionWorker
+from .board.clock import earliest, whole_us
+from .line.port import Port
+from .log import CountLog
+from .simulation import Simulation
+
+_SHORT_NS: Final = 60_000  # what a sleep takes at least; the next carrier boundary is nearer
+_HAND_OVER_NS: Final = 20_000_000  # from one batch of records for the worker to the next
+_CHUNK: Final = 4_096
+_ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Heartbeat:
+    """Runs a simulation on the wall clock, behind a port, until it is told to stop.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The board.
+    port : Port
+        Where the host's bytes come and go.
+    worker : ReconstructionWorker or None
+        Needs to be given time to hand over its records.
+    counts : CountLog or None
+        Says how the counters move on.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        port: Port,
+        worker: ReconstructionWorker | None = None,
+        counts: CountLog | None = None,
+    ) -> None:
+        self._simulation, self._port = simulation, port
+        self._worker, self._counts = worker, counts
+        self._stopping = False
+        self._is_plugged = True
+        self._parents: list[int] = []  # whose end is that of the board
+        self._due_ns: int | None = None  # when it meant to wake
+        self._hand_over_ns = 0
+        self._waiter = Waiter()
+        self._wake_read, self._wake_write = os.pipe()
+        self._start_ns = time.monotonic_ns()
+
+    def stop(self) -> None:
+        """Make :meth:`run` return; may be called from a signal handler, and after its end."""
+        if not self._stopping:
+            self._stopping = True
+            os.write(self._wake_write, b"!")
+
+    @contextlib.contextmanager
+    def stopped_by_signals(self) -> Iterator[None]:
+        """Let SIGINT, SIGTERM and SIGHUP stop the board in good order, as long as this lasts."""
+        before = {number: signal.getsignal(number) for number in _ENDINGS}
+        try:
+            for number in _ENDINGS:
+                signal.signal(number, lambda *_: self.stop())
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+    def stop_at_eof(self, descriptor: int) -> None:
+        """Let the end of a pipe stop the board: whoever held it open has ended, however it did.
+
+        Nobody waits for fields any more then: what is still to be told goes out without.
+        """
+        self._parents.append(descriptor)
+
+    def run(self) -> None:
+        """Serve the port until :meth:`stop`; then mute the board.
+
+        Raises
+        ------
+        PortLostError
+            If the port goes away for good.
+        """
+        try:
+            while not self._stopping:
+                self._turn()
+                self._wait()
+        finally:
+            self._stopping = True  # from here on a signal finds the pipe closed
+            self._simulation.power_down()
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+
+    def _turn(self) -> None:
+        simulation, port, now_ns = self._simulation, self._port, self._elapsed_ns()
+        # Late for what it meant to wake for: for so long the host's bytes may lie here already.
+        # Time spent idle is not counted, or a frame after a pause would take no time on the line.
+        stalled_ns = 0 if self._due_ns is None else max(0, now_ns - self._due_ns)
+        if data := port.read(simulation.host_room):
+            simulation.host_write(data, now_ns, waited_ns=stalled_ns)
+        simulation.advance_to(now_ns)
+        if simulation.is_connected is not self._is_plugged:
+            self._is_plugged = simulation.is_connected
+            port.plug(self._is_plugged)
+        if port.take_departure():
+            simulation.unplug()  # the next client must not get what this one left
+        port.write(b"")  # the rest of last time; once it is gone nothing else would wake us up
+        if not port.pending:
+            port.write(simulation.host_read())
+        self._hand_over(now_ns)
+        if self._counts is not None and self._counts.is_due(now_ns):
+            self._counts.update(simulation.dialect.counters, now_ns)
+
+    def _hand_over(self, now_ns: int) -> None:
+        """Let the worker have its records: every so often, as each time wakes it up.
+
+        One that is behind gets more as soon as it takes more: that is what :meth:`_wait` wakes for.
+        """
+        worker = self._worker
+        if worker is None or not worker.pending:
+            return
+        if worker.is_refusing or now_ns >= self._hand_over_ns:
+            worker.pump()
+            self._hand_over_ns = now_ns + _HAND_OVER_NS
+
+    def _wait(self) -> None:
+        """Sleep until bytes come, the other side takes bytes, or something is due."""
+        reading = self._port.reading() if self._simulation.host_room else []
+        writing = self._port.writing()
+        hand_over_ns = None
+        if self._worker is not None and self._worker.is_refusing:
+            writing = [*writing, self._worker.fileno()]
+        elif self._worker is not None and self._worker.pending:
+            hand_over_ns = self._hand_over_ns
+        self._due_ns = self._simulation.next_event_ns()
+        next_ns = earliest(self._due_ns, hand_over_ns, self._port_due_ns())
+        wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
+        if wait_ns is not None and wait_ns <= 0:
+            return  # it is due already: the next turn looks at the port all the same
+        waiting = [self._wake_read, *self._parents, *reading]
+        ready = self._waiter.wait(waiting, writing, _timeout_s(wait_ns))
+        if any(parent in ready and not os.read(parent, _CHUNK) for parent in self._parents):
+            self.stop()
+            if self._worker is not None:
+                self._worker.hurry()
+
+    def _port_due_ns(self) -> int | None:
+        due_ns = self._port.due_ns
+        return None if due_ns is None else due_ns - self._start_ns
+
+    def _elapsed_ns(self) -> int:
+        """Return the time since power-up, in the whole microseconds on which bytes are taken."""
+        elapsed_ns = time.monotonic_ns() - self._start_ns
+        return whole_us(elapsed_ns)
+
+
+def _timeout_s(wait_ns: int | None) -> float | None:
+    """Return how long to sleep; not at all if waking up would take longer than the wait."""
+    if wait_ns is None:
+        return None
+    return wait_ns / 1e9 if wait_ns > _SHORT_NS else 0.0

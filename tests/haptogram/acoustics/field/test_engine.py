@@ -1,0 +1,419 @@
+"""Single precision against the reference, in every layout, and what happens without numba."""
+
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptogram.acoustics import (
+    AcousticModel,
+    CircularPiston,
+    Medium,
+    NumpyEngine,
+    PointSource,
+    Transducer,
+    TransducerArray,
+    force_on_disc_n,
+    in_front,
+    propagators,
+)
+from haptogram.acoustics.field.engines import engine as engine_module
+from haptogram.acoustics.field.engines import single_precision
+from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine, choose_engine
+from haptogram.acoustics.field.engines.polynomials import fit
+from haptogram.errors import ConfigurationError
+from strategies_acoustics import Pose, grids, models, seeds
+
+ROOT = Path(__file__).resolve().parents[4]
+TOLERANCE = 2e-5  # of the sum of magnitudes: what the engines promise
+ENGINES = [NumbaEngine, Numpy32Engine]
+
+
+def assert_agrees(engine, weights, points):
+    matrix = propagators(engine.model, points)
+    expected = np.atleast_2d(weights) @ matrix.T
+    magnitudes = np.abs(np.atleast_2d(weights)) @ np.abs(matrix).T
+    error = np.abs(np.atleast_2d(engine.pressure(weights, points)) - expected)
+    assert (error <= TOLERANCE * magnitudes).all(), (error / magnitudes).max()
+
+
+def some_points(rng, model, count=40):
+    """Points in front of the array: near and far, in the axis and out of it."""
+    half = model.array.half_extent_m.max() + 0.05
+    lateral = rng.uniform(-half, half, (count, 2))
+    height = np.exp(rng.uniform(np.log(0.002), np.log(1.2), count))
+    return np.column_stack([lateral, height])
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+@given(model=models(grids(1, 12)), seed=seeds, drives=st.integers(1, 3))
+@settings(max_examples=40)
+def test_grids_anywhere_agree_with_the_reference(kind, model, seed, drives):
+    rng = np.random.default_rng(seed)
+    pose = Pose.any(rng, reach_m=3.0)
+    points = pose.points(some_points(rng, model))
+    weights = rng.normal(size=(drives, model.array.count, 2)) @ [1, 1j]
+    assert_agrees(kind(pose.model(model)), weights[0] if drives == 1 else weights, points)
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+@given(seed=seeds, count=st.integers(1, 40), omni=st.booleans(), loss=st.sampled_from([0.0, 0.15]))
+@settings(max_examples=30)
+def test_elements_with_any_normals_agree_with_the_reference(kind, seed, count, omni, loss):
+    rng = np.random.default_rng(seed)
+    array = TransducerArray.from_positions(
+        rng.uniform(-0.1, 0.1, (count, 3)) + 5.0, rng.normal(size=(count, 3))
+    )
+    directivity = PointSource() if omni else CircularPiston(rng.uniform(2e-3, 4.7e-3))
+    model = AcousticModel(array, Medium(343.2, 1.2, loss), Transducer(directivity))
+    points = 5.0 + rng.uniform(-0.4, 0.4, (30, 3))
+    points = points[in_front(model, points)]
+    drives = rng.normal(size=(2, count, 2)) @ [1, 1j]
+    assert_agrees(kind(model), drives[0], points)
+    assert_agrees(kind(model), drives, points)
+
+
+@given(
+    seed=seeds,
+    side=st.integers(1, 7),
+    width=st.floats(0.05, 1.2),
+    bent=st.booleans(),
+    omni=st.booleans(),
+)
+@settings(max_examples=30)
+def test_compiled_loops_serve_wide_arrays_and_far_points(seed, side, width, bent, omni):
+    """Few elements, so that nothing averages out; and the reference is not asked."""
+    rng = np.random.default_rng(seed)
+    flat = TransducerArray.grid(side, side, pitch_m=width / side)
+    normals = flat.normals + bent * rng.uniform(-0.3, 0.3, flat.normals.shape)
+    array = TransducerArray.from_positions(flat.positions_m, normals)
+    model = AcousticModel(
+        array, Medium.air(), Transducer(PointSource() if omni else CircularPiston(4.5e-3))
+    )
+    points = np.column_stack([rng.uniform(-width, width, (40, 2)), rng.uniform(0.02, 0.9, 40)])
+    points = points[in_front(model, points)]
+    weights = rng.normal(size=(side * side, 2)) @ [1, 1j]
+    engine = NumbaEngine(model)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(single_precision, "propagators", None)
+        matrix, field = engine.propagators(points), engine.pressure(weights, points)
+    exact = propagators(model, points)
+    assert (np.abs(matrix - exact) <= 5e-6 * np.abs(exact)).all()
+    assert (np.abs(field - exact @ weights) <= 5e-6 * (np.abs(exact) @ np.abs(weights))).all()
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+@pytest.mark.parametrize("count", [64, 256])
+def test_elements_at_one_distance_have_one_rounding_error_that_does_not_average_out(kind, count):
+    angle = 2.0 * np.pi * np.arange(count) / count + 0.1
+    ring = 0.043 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    model = AcousticModel(TransducerArray.from_positions(ring), Medium.air(), Transducer())
+    points = np.zeros((400, 3))
+    points[:, 2] = np.linspace(0.1, 0.6, 400)
+    assert_agrees(kind(model), np.ones(count), points)
+
+
+@given(seed=seeds)
+@settings(max_examples=10)
+def test_a_point_in_the_plane_of_a_wide_turned_array_hears_all_of_it(seed):
+    rng = np.random.default_rng(seed)
+    places = np.column_stack([rng.uniform(-0.6, 0.6, (30, 2)), np.zeros(30)])
+    flat = AcousticModel(TransducerArray.from_positions(places), Medium.air(), Transducer())
+    angle = rng.uniform(0.0, 2.0 * np.pi, 30)
+    near = places + 0.003 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    pose = Pose.any(rng)
+    assert_agrees(NumbaEngine(pose.model(flat)), np.eye(30), pose.points(near))
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_the_nearest_place_is_that_of_the_reference_at_any_frequency(kind):
+    transducer = Transducer(PointSource(), frequency_hz=120e3)
+    model = AcousticModel(TransducerArray.grid(4, 4), Medium.air(), transducer)
+    with pytest.raises(ConfigurationError, match="from element 5"):
+        kind(model).pressure(np.ones(16), [model.array.positions_m[5] + [0.0, 0.0, 0.9e-3]])
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_blocks_and_chunks_have_no_seam(kind):
+    model = AcousticModel.default(5, 3)
+    rng = np.random.default_rng(1)
+    points = np.column_stack([rng.uniform(-0.1, 0.1, (40_000, 2)), np.full(40_000, 0.15)])
+    weights = rng.normal(size=15) + 1j
+    field = kind(model).pressure(weights, points)
+    for part in (slice(0, 5), slice(505, 520), slice(32_760, 32_775), slice(39_990, None)):
+        assert_agrees(kind(model), weights, points[part])
+        assert kind(model).pressure(weights, points[part]) == pytest.approx(field[part], rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_propagators_are_those_of_the_reference(kind):
+    model = AcousticModel.default(6, 4)
+    points = some_points(np.random.default_rng(2), model, 300)
+    expected = propagators(model, points)
+    error = np.abs(kind(model).propagators(points) - expected)
+    assert (error <= TOLERANCE * np.abs(expected)).all()
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_silent_and_missing_elements_of_a_lattice_add_nothing(kind):
+    full = AcousticModel.default(6, 6)
+    keep = np.delete(np.arange(36), [7, 20, 35])
+    holes = AcousticModel(
+        TransducerArray.from_positions(full.array.positions_m[keep]), full.medium, full.transducer
+    )
+    points = some_points(np.random.default_rng(3), full)
+    weights = np.zeros(36, dtype=complex)
+    weights[keep] = np.exp(1j * np.arange(33))
+    assert_agrees(kind(holes), weights[keep], points)
+    assert_agrees(kind(full), weights, points)
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_few_active_elements_of_many_are_served_as_well(kind):
+    """The errors of one element do not average out."""
+    model = AcousticModel.default(12, 12)
+    rng = np.random.default_rng(5)
+    points = np.column_stack([rng.uniform(-0.3, 0.3, (400, 2)), rng.uniform(0.1, 0.8, 400)])
+    for active in (1, 3, 31, 144):
+        weights = np.zeros(144, dtype=complex)
+        weights[rng.choice(144, active, replace=False)] = np.exp(2j * np.pi * rng.random(active))
+        assert_agrees(kind(model), weights, points)
+        assert_agrees(kind(model), np.stack([weights, np.ones(144)]), points)
+
+
+def test_read_only_and_strided_points_are_taken():
+    engine = NumbaEngine(AcousticModel.default(4, 4))
+    table = np.random.default_rng(4).uniform(0.05, 0.2, (20, 6))
+    points = table[:, ::2]
+    expected = engine.pressure(np.ones(16), points.copy())
+    frozen = points.copy()
+    frozen.flags.writeable = False
+    assert (engine.pressure(np.ones(16), points) == expected).all()
+    assert (engine.pressure(np.ones(16), frozen) == expected).all()
+    assert engine.pressure(np.ones(16), np.empty((0, 3))).shape == (0,)
+
+
+def test_an_engine_serves_whoever_takes_one():
+    model = AcousticModel.default()
+    weights = np.exp(-1j * model.wavenumber * np.linalg.norm(
+        model.array.positions_m - [0.0, 0.0, 0.2], axis=1))  # fmt: skip
+    reference = force_on_disc_n(model, weights, [0.0, 0.0, 0.2])
+    engine = NumbaEngine(model)
+    engine.warm_up()
+    assert force_on_disc_n(engine, weights, [0.0, 0.0, 0.2]) == pytest.approx(reference, rel=1e-5)
+
+
+class Cardioid:
+    baffled = False
+
+    def gain(self, cos_theta, wavenumber):  # noqa: ARG002  (Directivity)
+        return 0.5 * (1.0 + cos_theta)
+
+
+@pytest.mark.parametrize(
+    ("model", "reason"),
+    [
+        (AcousticModel(TransducerArray.grid(2, 2), Medium.air(), Transducer(Cardioid())), "polyn"),
+        (
+            AcousticModel(
+                TransducerArray.grid(2, 2), Medium.air(), Transducer(CircularPiston(0.009))
+            ),
+            "polynomial",
+        ),
+        (AcousticModel.default(2, 2, pitch_m=4.0), "from the array's centre"),
+        (
+            AcousticModel(TransducerArray.grid(9, 9), Medium(343.2, 1.2, 50.0), Transducer()),
+            "absorption",
+        ),
+    ],
+)
+def test_a_model_beyond_single_precision_takes_the_reference(model, reason, caplog):
+    with caplog.at_level(logging.INFO):
+        assert isinstance(choose_engine(model), NumpyEngine)
+    assert [reason in record.getMessage() for record in caplog.records] == [True]
+    for kind in ENGINES:
+        with pytest.raises(ConfigurationError, match=reason):
+            kind(model)
+
+
+def test_the_engine_asked_for_is_the_one_returned(caplog):
+    model = AcousticModel.default(2, 2)
+    kinds = {"numpy": NumpyEngine, "numpy32": Numpy32Engine, "numba": NumbaEngine}
+    with caplog.at_level(logging.INFO):
+        for name, kind in kinds.items():
+            assert type(choose_engine(model, prefer=name)) is kind
+        assert type(choose_engine(model)) is NumbaEngine
+    assert caplog.records == []
+    with pytest.raises(ConfigurationError, match="'cuda'"):
+        choose_engine(model, prefer="cuda")
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+@pytest.mark.parametrize(
+    ("weights", "points", "message"),
+    [
+        (np.ones(4), [[0.0, 0.0, np.nan]], "nan"),
+        (np.ones(4), [[0.0, 0.0, np.inf]], "inf"),
+        (np.ones(4), [[0.005, 0.005, 0.0005]], "0.5 mm from element 3"),
+        (np.ones(3), [[0.0, 0.0, 0.1]], "must end in 4"),
+        (np.full(4, np.nan), [[0.0, 0.0, 0.1]], "weights"),
+        (np.ones(4), [0.0, 0.0, 0.1], "shape"),
+    ],
+)
+def test_bad_input_is_refused(kind, weights, points, message):
+    with pytest.raises(ConfigurationError, match=message):
+        kind(AcousticModel.default(2, 2)).pressure(weights, points)
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_a_result_that_would_not_fit_is_refused_before_the_work(kind, monkeypatch):
+    engine = kind(AcousticModel.default(2, 2))
+    monkeypatch.setattr("os.sysconf", lambda _: 1 << 8)  # a machine of 64 kB
+    with pytest.raises(ConfigurationError, match="half of the memory"):
+        engine.pressure(np.ones((100, 4)), np.full((1000, 3), 0.1))
+    with pytest.raises(ConfigurationError, match="half of the memory"):
+        engine.propagators(np.full((2000, 3), 0.1))
+
+
+def test_the_polynomials_of_the_kernels_are_the_fitted_ones():
+    from haptogram.acoustics.field.engines import kernels as _kernels
+
+    def sine(w):
+        return np.pi * np.sinc(np.sqrt(w))
+
+    def cosine(w):
+        return np.cos(np.pi * np.sqrt(w))
+
+    def arctangent(w):
+        t = np.sqrt(np.maximum(w, 1e-300))
+        return np.arctan(t) / (np.pi * t)
+
+    for constants, function, end, limit in (
+        (_kernels.SINE, sine, 0.25, 2.5e-6),
+        (_kernels.COSINE, cosine, 0.25, 5e-8),
+        (_kernels.ARCTANGENT, arctangent, 1.0, 6e-9),
+    ):
+        coefficients, error = fit(function, len(constants) - 1, 0.0, end)
+        assert constants == pytest.approx(coefficients, rel=1e-6)
+        assert error < limit
+
+
+def run_python(code, **environment):
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"} | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_without_numba_everything_works_and_one_line_says_so():
+    code = """
+import sys, logging
+sys.modules["numba"] = None
+logging.basicConfig(level=logging.INFO, format="%(message)s")
+import numpy as np
+from haptogram.acoustics import AcousticModel, pressure, focus_phases, quantise_phase
+from haptogram.acoustics.field.engines.engine import NumbaEngine, choose_engine
+from haptogram.acoustics.solvers.batch import FocusCodes
+from haptogram.acoustics.field.grid import GridField
+from haptogram.acoustics.field.plane import PlaneField
+from haptogram.acoustics.solvers.several import quality, solve
+from haptogram.acoustics.reconstruct.tracking import FocusTracker
+from haptogram.errors import ConfigurationError
+model = AcousticModel.default(8, 8)
+points = np.array([[0.0, 0.01, 0.2], [0.02, 0.0, 0.15]])
+exact = pressure(model, np.ones(64), points)
+engine = choose_engine(model)
+assert type(engine).__name__ == "Numpy32Engine"
+assert np.allclose(engine.pressure(np.ones(64), points), exact, rtol=1e-3)
+assert np.allclose(GridField(model, points).pressure(np.ones(64)), exact, rtol=1e-3)
+assert (FocusCodes(model).codes(points) == quantise_phase(focus_phases(model, points), 8)).all()
+assert (FocusCodes(model).focus(0.0, 0.01, 0.2) == FocusCodes(model).codes(points)[0]).all()
+assert PlaneField(model, 0.1, half_width_m=0.02).pressure(np.ones(64)).any()
+assert quality(model, solve(model, points), points, np.ones(2)).uniformity > 0.99
+for needs_numba in (NumbaEngine, FocusTracker):
+    try:
+        needs_numba(model)
+    except ConfigurationError as error:
+        assert "haptogram[fast]" in str(error)
+    else:
+        raise SystemExit("numba was not missed")
+"""
+    lines = run_python(code).stderr.splitlines()
+    assert set(lines) == {"field engine: numpy in single precision, since numba is not installed"}
+
+
+def test_the_kernels_say_the_same_as_plain_python():
+    """Uncompiled, the loops run as written; a compiler that broke them would differ."""
+    code = """
+import numpy as np
+from haptogram.acoustics import AcousticModel, TransducerArray, focus_phases, quantise_phase
+from haptogram.acoustics import propagators, superpose
+from haptogram.acoustics.solvers.batch import FocusCodes
+from haptogram.acoustics.field.engines.engine import NumbaEngine
+from haptogram.acoustics.solvers.several import solve, weighted_gerchberg_saxton
+from haptogram.acoustics.reconstruct.tracking import FocusTracker
+np.seterr(over="ignore")
+flat = AcousticModel.default(3, 2)
+free = AcousticModel(TransducerArray.from_positions(
+    flat.array.positions_m, flat.array.normals + [[0.1 * n, 0, 0] for n in range(6)]),
+    flat.medium, flat.transducer)
+points = np.array([[0.01, 0.02, 0.1], [0.0, 0.0, 0.05], [0.001, 0.0, 0.003]])
+for model in (flat, free):
+    matrix = propagators(model, points)
+    for drive in (np.exp(1j * np.arange(6)), np.ones((2, 6))):
+        error = np.abs(NumbaEngine(model).pressure(drive, points) - drive @ matrix.T)
+        assert (error <= 2e-5 * np.abs(matrix).sum(axis=1)).all(), error
+    codes = FocusCodes(model).codes(points)
+    assert (codes == quantise_phase(focus_phases(model, points), 8)).mean() > 0.9
+    fix = FocusTracker(model).fit(codes[0], (0.011, 0.019, 0.098))
+    assert np.linalg.norm(np.array(fix.position_m) - points[0]) < 2e-3, fix
+matrix, ones = propagators(flat, points[:2]), np.ones(2)
+start = superpose(flat, points[:2], ones, np.zeros(2))
+expected = weighted_gerchberg_saxton(matrix, ones, start, 5)
+assert np.allclose(solve(flat, points[:2], rounds=5), expected, atol=1e-4)
+"""
+    run_python(code, NUMBA_DISABLE_JIT="1")
+
+
+def test_compiled_code_is_cached_even_where_no_usual_folder_can_be_written(tmp_path):
+    code = """
+import sys
+import numba.core.caching as caching
+caching.CacheImpl._locator_classes = [
+    kind for kind in caching.CacheImpl._locator_classes
+    if kind.__name__ == "UserProvidedCacheLocator"]
+from haptogram.acoustics.field.engines.compiled import load_kernels
+kernels = load_kernels()
+assert load_kernels() is kernels
+print(kernels.focus_codes.stats.cache_path)
+"""
+    environment = {"TMPDIR": str(tmp_path)}
+    if "NUMBA_CACHE_DIR" in os.environ:
+        environment["NUMBA_CACHE_DIR"] = ""
+    path = Path(run_python(code, **environment).stdout.strip())
+    assert tmp_path in path.parents
+    assert path.parent.stat().st_mode & 0o077 == 0
+
+
+def test_no_other_error_of_the_import_is_swallowed(monkeypatch):
+    from haptogram.acoustics.field.engines import compiled as _compiled
+
+    def broken(name):
+        raise RuntimeError(f"{name} is broken")
+
+    monkeypatch.delitem(sys.modules, "haptogram.acoustics.field.engines.kernels", raising=False)
+    monkeypatch.setattr(_compiled, "import_module", broken)
+    with pytest.raises(RuntimeError, match="is broken"):
+        _compiled.load_kernels()
+    assert engine_module.load_kernels is _compiled.load_kernels

@@ -1,0 +1,181 @@
+"""The benchmark for real, and short: that it measures everything, not how fast anything is."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from haptogram.campaigns.bench.c_programs import c_programs
+from haptogram.campaigns.bench.exchange import exchanger
+from haptogram.campaigns.bench.goals import as_text as goals_as_text
+from haptogram.campaigns.bench.goals import measure_goals
+from haptogram.campaigns.bench.measure import BenchConfig, run_bench
+from haptogram.campaigns.bench.result import STAGES, as_dict, read_result
+from haptogram.cli import main
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.virtual_board import VirtualBoard
+
+pytestmark = [pytest.mark.pty, pytest.mark.realtime]
+
+needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+
+
+@pytest.fixture(scope="module")
+def board():
+    with VirtualBoard("4x4", reconstruct=False) as board:
+        yield board
+
+
+@pytest.fixture(scope="module")
+def run():
+    return run_bench(BenchConfig(rate_hz=500, seconds=0.6, spin_us=100))
+
+
+def test_every_frame_has_every_stage_or_is_said_to_lack_it(run):
+    assert set(run.stages_us) == set(STAGES)
+    frames = {name: len(v) for name, v in run.stages_us.items() if name != "control"}
+    assert set(frames.values()) == {300}
+    assert len(run.stages_us["control"]) > 0
+    assert run.latched == (~np.isnan(run.stages_us["latch"])).sum()
+    counters = run.report.status.counters
+    lost = counters.dropped_late + counters.dropped_state + len(run.report.skipped)
+    assert run.latched + lost == 300
+    own_us = run.stages_us["line"][~np.isnan(run.stages_us["line"])]
+    assert own_us.min() >= 919.999
+    assert np.nanmin(run.stages_us["wake"]) >= 0
+
+
+def test_every_miss_has_a_cause(run):
+    for misses in run.misses.values():
+        assert [miss.limit_us for miss in misses] == [100.0, 1000.0]
+        assert misses[0].count >= misses[1].count
+        for miss in misses:
+            assert sum(miss.by_cause.values()) == miss.count
+
+
+def test_a_board_at_a_port_is_measured_by_its_own_word(board):
+    run = run_bench(BenchConfig(port=board.url, rate_hz=200, seconds=0.5))
+    assert run.percentiles()["board"].count == 0
+    assert run.percentiles()["latch"].count == run.latched > 0
+
+
+def test_the_command_writes_compares_and_draws(tmp_path, capsys):
+    old, new, page = tmp_path / "old.json", tmp_path / "new.json", tmp_path / "page.html"
+    picture = tmp_path / "histogram.svg"
+    arguments = ["bench", "--seconds", "0.5", "--rate-hz", "500", "--json"]
+    assert main([*arguments, str(old)]) == 0
+    more = ["--compare", str(old), "--html", str(page), "--picture", str(picture)]
+    assert main([*arguments, str(new), "--trim", "--realtime", *more]) == 0
+    text = capsys.readouterr().out
+    assert "unchanged within the noise: " in text
+    assert "configuration: trim was False, is True" in text
+    for name, meaning in STAGES.items():
+        assert name in text
+        assert meaning in text
+    assert json.loads(new.read_text())["frames"]["due"] == 250
+    assert page.read_text().count("data:image/png") == 2
+    assert picture.read_text().startswith("<?xml")
+    assert read_result(new)["configuration"]["trim"]
+
+
+def test_a_result_survives_its_file(run, tmp_path):
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps(as_dict(run)))
+    assert read_result(path) == json.loads(path.read_text())
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("{", "line 1"),
+        ("[]", "not a result"),
+        ('{"format": "other"}', "not a result"),
+        ('{"format": "haptogram-bench", "version": 99}', "version 99"),
+    ],
+)
+def test_a_file_that_is_no_result_is_refused(tmp_path, content, text):
+    path = tmp_path / "old.json"
+    path.write_text(content)
+    with pytest.raises(ConfigurationError, match=text):
+        read_result(path)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"rate_hz": 50}, "rate is 50 Hz"),
+        ({"rate_hz": float("nan")}, "rate is nan Hz"),
+        ({"seconds": 0}, "must be 1 to 300000"),
+        ({"seconds": 1e6}, "must be 1 to 300000"),
+        ({"spin_us": -1}, "spin is -1 us"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(options, text):
+    with pytest.raises(ConfigurationError, match=text):
+        BenchConfig(**options)
+
+
+def test_a_rate_that_the_line_cannot_carry_is_refused_with_the_one_it_can(capsys):
+    assert main(["bench", "--rate-hz", "2000", "--seconds", "0.1"]) == 2
+    assert "carry 1086 frames/s, 2000 Hz asked" in capsys.readouterr().err
+
+
+def test_pictures_and_the_board_are_imported_only_when_needed():
+    code = "import haptogram.commands.bench, sys; print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+# --- exchange, C, goals --------------------------------------------------------------------------
+
+
+def test_every_frame_of_a_closed_loop_is_confirmed_and_verified(board):
+    with exchanger(board.url) as session:
+        assert len(session.round_trips_us(20)) == 20
+        found = session.closed_loop(100)
+        assert found.verified == found.frames == len(found.trips_us) == 100
+        assert (found.trips_us > 0).all()
+        full = session.pipelined(300, 16)
+        assert 0 < full.verified <= full.frames == 300
+        paced = session.streamed(100, 200)
+        assert 0 < paced.verified <= paced.frames == 100
+
+
+@needs_cc
+def test_the_c_programs_measure_what_they_say():
+    with c_programs() as programs:
+        trips = programs.round_trips_us(there=276, back=28, count=50)
+        assert trips.shape == (50,)
+        assert (trips > 0).all()
+        with programs.running_loop(period_ns=1_000_000, count=60, spin_ns=100_000) as lateness:
+            pass
+        assert lateness[0].shape == (60,)
+        assert (lateness[0] >= 0).all()
+
+
+def test_a_compiler_that_fails_is_one_line(monkeypatch):
+    monkeypatch.setenv("CC", "false")
+    with pytest.raises(ConfigurationError, match=r"false does not compile loop\.c"), c_programs():
+        pass
+
+
+def test_without_a_compiler_there_is_nothing_beside(monkeypatch):
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", "")
+    with c_programs() as programs:
+        assert programs is None
+
+
+@pytest.mark.slow
+def test_the_goals_are_measured_and_said_to_be_met_or_not():
+    found = measure_goals(seconds=0.3, trips=50, step_s=0.05)
+    text = goals_as_text(found)
+    assert len(found.lines) >= 7
+    for line in found.lines:
+        assert line.figure in text
+        assert line.measured in text
+    assert text.count("met") + text.count(" -") >= len(found.lines)
+    json.dumps(found.as_dict())

@@ -1,0 +1,228 @@
+"""The soak: every fault explained, every wrong board found, and no sitting tells from two."""
+
+from __future__ import annotations
+
+import functools
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptogram.campaigns.soak import Campaign, Interrupted, Setup, Tally, campaign, run_segment
+from haptogram.campaigns.soak.faults import KINDS
+from haptogram.campaigns.soak.line import DAMAGE
+from haptogram.campaigns.soak.memory import GROWTH_LIMIT_BYTES, Memory
+from haptogram.campaigns.soak.text import render
+from haptogram.cli import board_without_a_line, main
+from haptogram.errors import ConfigurationError
+
+SHORT = Setup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_s=0.4)
+
+
+def segment(mutant: str | None = None, *, seed: int = 0, seconds: float = 1.5) -> Tally:
+    make = board_without_a_line(mutant)
+    return run_segment(make, seed=seed, number=0, seconds=seconds, start_s=0.0, fault_rate=0.05)
+
+
+# --- the account -------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def account() -> Tally:
+    return segment(seed=3, seconds=3.0)
+
+
+def test_a_healthy_board_is_found_healthy(account: Tally) -> None:
+    assert account.violations == {}
+    assert account.totals["frames"] > 2000
+    assert account.totals["latched"] > 1500
+
+
+def test_every_fault_was_detected_or_harmless(account: Tally) -> None:
+    assert {f"down.{kind}" for kind in KINDS} <= set(account.injected)
+    for kind, injected in account.injected.items():
+        assert injected == account.detected[kind] + account.harmless[kind], kind
+
+
+def test_what_must_show_is_never_harmless_and_what_must_not_is_never_detected(
+    account: Tally,
+) -> None:
+    for kind in ("down.flip", "down.break", "down.lose", "down.duplicate", "down.junk"):
+        assert account.harmless[kind] == 0
+        assert account.detected[kind] > 0
+    assert account.detected["down.slice"] == 0
+
+
+def test_the_counters_of_the_board_are_the_sums_of_what_was_found(account: Tally) -> None:
+    for name in (*DAMAGE, "gap"):
+        found = sum(
+            count
+            for (kind, as_name), count in account.outcomes.items()
+            if kind.startswith("down.") and as_name == name
+        )
+        assert account.totals[f"counter {name}"] == found
+    assert account.totals["counter crc"] > 0
+    assert account.totals["counter gap"] > 0
+
+
+def test_a_line_without_faults_has_none() -> None:
+    quiet = run_segment(
+        board_without_a_line(None), seed=1, number=0, seconds=0.5, start_s=0, fault_rate=0.0
+    )
+    assert quiet.violations == {}
+    assert sum(n for kind, n in quiet.injected.items() if "outage" not in kind) == 0
+    assert quiet.totals["counter crc"] == 0
+
+
+def test_it_follows_from_seed_and_number_alone() -> None:
+    first, again, other = (segment(seed=seed, seconds=0.5) for seed in (5, 5, 6))
+    assert first.as_dict() == again.as_dict()
+    assert first.as_dict() != other.as_dict()
+
+
+def test_an_account_comes_back_from_json(account: Tally) -> None:
+    assert Tally.from_dict(json.loads(json.dumps(account.as_dict()))) == account
+
+
+# --- boards that are wrong ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mutant", "violation", "seed"),
+    [
+        ("crc-unchecked", "damaged frame taken", 0),
+        ("non-atomic", "torn latch", 0),
+        ("watchdog-missing", "muted too late", 13),
+        ("leaks-on-junk", "memory leak", 0),
+        ("gaps-uncounted", "counter unexplained", 0),
+        ("duplicates-applied", "copy taken", 0),
+        ("latches-one-period-late", "latched at a wrong time", 0),
+    ],
+)
+def test_a_board_that_is_wrong_fails_by_name(mutant: str, violation: str, seed: int) -> None:
+    assert segment(mutant, seed=seed).violations[violation] > 0
+
+
+def test_the_command_fails_for_a_board_that_is_wrong(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--hours", "0.0002", "--fault-rate", "0.05", "--mutant", "non-atomic", "--quiet"]
+    assert main(["soak", *words]) == 1
+    assert "FAIL: given up (1), torn latch" in capsys.readouterr().out
+
+
+def test_a_process_that_grows_fails() -> None:
+    memory = Memory()
+    memory.begin_sitting()
+    for resident in (100 << 20, (100 << 20) + GROWTH_LIMIT_BYTES):
+        memory.add(1, resident)
+    assert Campaign(SHORT, memory=memory).failures == {}
+    memory.add(1, (101 << 20) + GROWTH_LIMIT_BYTES)
+    assert Campaign(SHORT, memory=memory).failures == {"memory grew": 1}
+
+
+# --- sittings ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def uninterrupted() -> Campaign:
+    whole = Campaign(SHORT)
+    whole.run(board_without_a_line(None))
+    return whole
+
+
+def interrupt_at(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let somebody press Ctrl-C while segment *number* runs."""
+
+    def run(*arguments: Any, **options: Any) -> Tally:
+        if options["number"] == number:
+            raise KeyboardInterrupt
+        return run_segment(*arguments, **options)
+
+    monkeypatch.setattr(campaign, "run_segment", run)
+
+
+def test_two_sittings_give_what_one_gives(
+    uninterrupted: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "soak.json"
+    with monkeypatch.context() as first:
+        interrupt_at(1, first)
+        with pytest.raises(Interrupted):
+            Campaign(SHORT).run(board_without_a_line(None), checkpoint=path)
+    resumed = Campaign.load(path, SHORT)
+    assert (resumed.done, resumed.is_complete) == (1, False)
+    resumed.run(board_without_a_line(None), checkpoint=path)
+    assert resumed.is_complete
+    assert resumed.tally == uninterrupted.tally
+    assert Campaign.load(path, SHORT).tally == uninterrupted.tally
+
+
+def test_processes_give_what_one_gives(uninterrupted: Campaign) -> None:
+    parallel = Campaign(SHORT)
+    parallel.run(board_without_a_line(None), jobs=2)
+    assert parallel.tally == uninterrupted.tally
+
+
+def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, result = tmp_path / "soak.json", tmp_path / "out.json"
+    words = ["--hours", "0.0004", "--segment-minutes", "0.012", "--seed", "7"]
+    command = ["soak", *words, "--resume", str(path), "--json", str(result)]
+    with monkeypatch.context() as first:
+        interrupt_at(1, first)
+        assert main(command) == 130
+    said = capsys.readouterr()
+    assert "1 of 2 segments" in said.out
+    assert "PASS, so far" in said.out
+    assert f"the same command goes on from {path}" in said.err
+    assert json.loads(result.read_bytes())["done"] == 1
+    assert main([*command, "--quiet"]) == 0
+    assert "2 of 2 segments" in capsys.readouterr().out
+
+
+def test_a_checkpoint_of_another_soak_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "soak.json"
+    Campaign(SHORT).save(path)
+    other = functools.partial(Campaign.load, path)
+    with pytest.raises(ConfigurationError, match="another soak: seed 7, not 8"):
+        other(Setup(hours=SHORT.hours, fault_rate=0.05, seed=8, segment_s=0.4))
+    path.write_text("[]")
+    with pytest.raises(ConfigurationError, match="no checkpoint of a soak"):
+        other(SHORT)
+    with pytest.raises(ConfigurationError, match=f"^cannot read the checkpoint {tmp_path}: Is a"):
+        Campaign.load(tmp_path, SHORT)
+
+
+def test_the_account_counts_in_words() -> None:
+    soak = Campaign(SHORT)
+    soak.tally.totals.update({"sessions": 1, "pauses": 2})
+    said = render(soak)
+    assert " 1 session\n" in said
+    assert " 2 pauses\n" in said
+    assert "memory did not grow\n" in said
+
+
+def test_segments_cover_the_whole_time() -> None:
+    setup = Setup(hours=1.0, segment_s=7.0)
+    lengths = [setup.length_s(number) for number in range(setup.segments)]
+    assert sum(lengths) == pytest.approx(3600.0)
+    assert min(lengths) > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--hours", "0"], "--hours is 0"),
+        (["--fault-rate", "0.5"], "--fault-rate is 0.5, must be 0 to 0.2"),
+        (["--jobs", "0"], "--jobs is 0"),
+        (["--seed", "-1"], "--seed is -1"),
+        (["--segment-minutes", "0"], "--segment-minutes is 0"),
+        (["--mutant", "werewolf"], "no mutant 'werewolf'"),
+    ],
+)
+def test_a_wrong_argument_is_status_2(
+    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["soak", *words]) == 2
+    assert told in capsys.readouterr().err

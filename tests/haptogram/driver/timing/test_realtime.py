@@ -1,0 +1,105 @@
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptogram.driver.timing.realtime import (
+    STAMPS,
+    PeriodicLoop,
+    TickLog,
+    can_arrive,
+    next_deadline_ns,
+)
+
+TIME = st.integers(0, 10**12)
+PERIOD = st.integers(1, 10**9)
+
+
+@given(TIME, TIME, PERIOD)
+def test_the_next_deadline_is_the_first_one_on_the_grid_after_now(deadline_ns, now_ns, period_ns):
+    following = next_deadline_ns(deadline_ns=deadline_ns, now_ns=now_ns, period_ns=period_ns)
+    assert following > now_ns
+    assert (following - deadline_ns) % period_ns == 0
+    assert following - period_ns <= max(now_ns, deadline_ns)
+
+
+@given(TIME, PERIOD)
+def test_a_loop_on_time_takes_every_deadline(deadline_ns, period_ns):
+    following = next_deadline_ns(deadline_ns=deadline_ns, now_ns=deadline_ns, period_ns=period_ns)
+    assert following == deadline_ns + period_ns
+
+
+@given(TIME, TIME, PERIOD, TIME)
+def test_a_frame_is_sent_exactly_while_it_can_be_complete_in_time(now, free, transmission, due):
+    sent = can_arrive(now_ns=now, line_free_ns=free, transmission_ns=transmission, due_ns=due)
+    assert sent == (now + transmission <= due and free + transmission <= due)
+
+
+class Clock:
+    """Virtual time that passes while the port is served, and a little with every look at it."""
+
+    def __init__(self, look_ns=0, stalls=()):
+        self.t_ns = 0
+        self.look_ns = look_ns
+        self.served = []
+        self._stalls = itertools.chain(stalls, itertools.repeat(0))
+
+    def now_ns(self):
+        self.t_ns += self.look_ns
+        return self.t_ns
+
+    def serve(self, until_ns):
+        self.served.append(until_ns)
+        self.t_ns = max(self.t_ns, until_ns) + next(self._stalls)
+
+
+@given(
+    st.lists(st.integers(0, 5_000_000), max_size=60),
+    st.lists(st.integers(0, 5_000_000), max_size=60),
+    st.integers(100_000, 10_000_000),
+    st.integers(0, 2_000_000),
+    st.integers(0, 300),
+)
+def test_ticks_stay_on_the_grid_whatever_stalls(stalls, work, period_ns, spin_ns, look_ns):
+    clock = Clock(look_ns, stalls)
+    loop = PeriodicLoop(clock.now_ns, clock.serve, period_ns=period_ns, spin_ns=spin_ns)
+    busy = iter(work)
+    ticks, done_ns = [], [0]
+    for tick in loop.ticks(1000, 1000 + 50 * period_ns):
+        ticks.append(tick)
+        clock.t_ns += next(busy, 0)
+        done_ns.append(clock.t_ns)
+    numbers = [tick.number for tick in ticks]
+    assert numbers == sorted(set(numbers))
+    assert all(tick.deadline_ns == 1000 + tick.number * period_ns for tick in ticks)
+    assert all(tick.wake_ns >= tick.deadline_ns for tick in ticks)
+    for tick, before_ns in zip(ticks[1:], done_ns[1:], strict=False):
+        # nothing is missed but what was over when the tick before it ended
+        assert tick.deadline_ns - period_ns <= before_ns + look_ns
+
+
+@given(st.integers(4, 10_000_000), st.integers(0, 10_000_000))
+def test_no_more_than_a_quarter_of_a_period_is_spun(period_ns, spin_ns):
+    clock = Clock(look_ns=50)
+    loop = PeriodicLoop(clock.now_ns, clock.serve, period_ns=period_ns, spin_ns=spin_ns)
+    loop.wait(10_000_000)
+    assert clock.served == [10_000_000 - loop.spin_ns]
+    assert loop.spin_ns <= period_ns / 4
+
+
+def test_where_time_only_passes_in_serving_nothing_spins():
+    clock = Clock()
+    loop = PeriodicLoop(clock.now_ns, clock.serve, period_ns=1_000_000, spin_ns=200_000)
+    assert loop.wait(5_000_000) == 5_000_000
+    assert clock.served == [4_800_000, 5_000_000]
+
+
+def test_the_log_keeps_every_stamp_of_a_bounded_number_of_ticks():
+    log = TickLog(2)
+    log.record(**{f"{name}_ns": 1000 * place for place, name in enumerate(STAMPS)})
+    assert [log.stamp_ns(name).tolist() for name in STAMPS] == [[1000 * i] for i in range(7)]
+    assert log.lateness_us().tolist() == [2.0]
+    log.record(**{f"{name}_ns": 0 for name in STAMPS})
+    with pytest.raises(IndexError):
+        log.record(**{f"{name}_ns": 0 for name in STAMPS})

@@ -1,0 +1,140 @@
+import dataclasses
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptogram.driver.driver import Driver
+from haptogram.errors import ConfigurationError, LinkError, LinkLostError
+from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.records.frame import FrameKey
+
+pytestmark = pytest.mark.pty
+POINTS = np.column_stack((np.linspace(-0.03, 0.03, 100), np.zeros(100), np.full(100, 0.12)))
+
+
+@pytest.fixture
+def board():
+    with VirtualBoard("8x8") as board:
+        yield board
+
+
+def test_a_board_comes_up_shows_what_it_latched_and_leaves_nothing_behind():
+    with VirtualBoard("8x8", pitch_mm=11, seed=3) as board:
+        folder = Path(board.url).parent
+        with Driver(board.url) as driver:
+            assert driver.model.array.digest() == board.model.array.digest()
+            driver.arm()
+            driver.play(POINTS, 500)
+        verdict = board.verify(driver.intended)
+        assert (verdict.verdict.value, verdict.exit_status) == ("pass", 0)
+        observations = board.observations(driver.session)
+        assert [o.drive for o in observations] == [i.drive for i in driver.intended]
+        assert {o.reconstruction is None for o in observations} == {False}
+        assert board.observations(session=(driver.session % 0xFFFF) + 1) == []
+        assert board.wait_for(100)
+        assert board.records()[0]["seed"] == 3
+        assert board.stop() == 0
+        assert board.records()[-1]["kind"] == "end"
+        assert not board.wait_for(101)
+    assert not folder.exists()
+
+
+def test_what_was_never_latched_does_not_keep_settle_waiting(board):
+    with Driver(board.url) as driver:
+        driver.arm()
+        driver.focus((0, 0, 0.1))
+    board.kill()
+    unseen = dataclasses.replace(driver.intended[0], key=FrameKey(driver.session, 0, 0, 7))
+    board.settle([unseen])
+    board.settle([])
+
+
+def test_a_killed_board_is_a_lost_link(board):
+    driver = Driver(board.url)
+    driver.arm()
+    board.kill()
+    with pytest.raises(LinkLostError, match="board"):
+        driver.status()
+    with pytest.raises(Exception, match="did not confirm"):
+        driver.close()
+
+
+def test_a_board_that_cannot_be_says_why_and_leaves_nothing_behind(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(ConfigurationError, match="neither NXxNY nor a readable file"):
+        VirtualBoard("nonsense")
+    with pytest.raises(ConfigurationError, match="baudrate is 0, must be 1"):
+        VirtualBoard(baudrate=0)
+    assert os.listdir(tmp_path) == []
+
+
+def test_two_boards_do_not_meet():
+    with VirtualBoard("4x4") as one, VirtualBoard("4x4") as other:
+        assert one.url != other.url
+        with Driver(one.url) as first, Driver(other.url) as second:
+            first.arm()
+            assert second.status().state.name == "DISARMED"
+
+
+OWNER = """
+import sys
+from haptogram.evidence.virtual_board import VirtualBoard
+board = VirtualBoard("4x4")
+print(board.url, flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_board_ends_with_a_host_that_was_killed(tmp_path):
+    paths = os.pathsep.join(path for path in sys.path if path)
+    owner = subprocess.Popen(
+        [sys.executable, "-c", OWNER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": paths, "TMPDIR": str(tmp_path)},
+    )
+    with owner:
+        link = Path(owner.stdout.readline().decode().strip())
+        assert link.exists()
+        owner.kill()
+    end_s = time.monotonic() + 60.0
+    while link.is_symlink() and time.monotonic() < end_s:
+        time.sleep(0.02)
+    assert not link.is_symlink()  # it takes its name away when it ends in order
+
+
+def test_faults_are_counted_at_the_end(monkeypatch, tmp_path):
+    faults = ["device.dead column=2", "line.delay us=1"]
+    with VirtualBoard("4x4", faults=faults) as board:
+        with Driver(board.url) as driver:
+            driver.arm()
+            driver.focus((0, 0, 0.05))
+            assert board.wait_for(1)
+        assert board.fault_counts is None
+        board.finish()
+        assert board.fault_counts["device.dead"] == 1
+        assert board.fault_counts["line.delay"] > 2
+        run = board.verify(driver.intended)
+    assert run.frames[0].faults[0].startswith("column 2 dead")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(ConfigurationError, match=r"no fault 'line\.magic'; known: line\.flip"):
+        VirtualBoard(faults=["line.magic"])
+
+
+def test_a_killed_board_shows_what_it_had_told_and_says_that_there_may_be_more(board):
+    driver = Driver(board.url)
+    driver.arm()
+    driver.focus((0, 0, 0.1))
+    assert board.wait_for(1)
+    board.kill()
+    with pytest.raises(LinkError, match="did not confirm"):
+        driver.close()
+    unseen = dataclasses.replace(driver.intended[0], key=FrameKey(driver.session, 0, 0, 7))
+    assert "killed" in board.settle([*driver.intended, unseen])
+    run = board.verify([*driver.intended, dataclasses.replace(unseen, number=1)])
+    assert [frame.status.value for frame in run.frames] == ["on target", "not verified"]

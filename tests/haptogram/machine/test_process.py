@@ -1,0 +1,85 @@
+import contextlib
+import ctypes
+import gc
+import os
+import sys
+
+import pytest
+
+from haptogram.machine.process import real_time
+
+linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux itself")
+
+
+def test_the_collector_pauses_and_comes_back():
+    assert gc.isenabled()
+    with contextlib.suppress(KeyError), real_time():
+        assert not gc.isenabled()
+        raise KeyError
+    assert gc.isenabled()
+
+
+def test_a_collector_that_was_off_stays_off():
+    gc.disable()
+    try:
+        with real_time():
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
+
+
+def slack_ns():
+    with open("/proc/self/timerslack_ns") as file:
+        return int(file.read())
+
+
+@linux
+def test_the_timer_slack_is_put_back():
+    before = slack_ns()
+    with real_time() as refused:
+        assert slack_ns() == 1
+        assert refused == []
+    assert slack_ns() == before
+
+
+def locked_kb():
+    with open("/proc/self/status") as file:
+        return next(int(line.split()[1]) for line in file if line.startswith("VmLck"))
+
+
+@linux
+def test_what_is_permitted_holds_inside_and_is_put_back():
+    before = (os.sched_getscheduler(0), gc.get_freeze_count(), locked_kb())
+    with real_time(strict=True) as refused:
+        assert gc.get_freeze_count() > before[1]
+        fixed = os.sched_getscheduler(0) == os.SCHED_FIFO
+        assert fixed != any("SCHED_FIFO" in line for line in refused)
+        assert (locked_kb() > before[2]) != any("memory lock" in line for line in refused)
+    assert (os.sched_getscheduler(0), gc.get_freeze_count(), locked_kb()) == before
+
+
+@linux
+def test_what_is_not_permitted_is_named_and_the_loop_runs_all_the_same(monkeypatch):
+    def forbid(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    class NoLocks:
+        """The C library of a user without rights."""
+
+        def __init__(self, *_, **__):
+            self.prctl = library.prctl
+
+        def mlockall(self, _):
+            ctypes.set_errno(1)
+            return -1
+
+    library = ctypes.CDLL(None)
+    monkeypatch.setattr(os, "sched_setscheduler", forbid)
+    monkeypatch.setattr(ctypes, "CDLL", NoLocks)
+    with real_time(strict=True) as refused:
+        assert not gc.isenabled()
+    assert len(refused) == 2
+    assert "SCHED_FIFO 50) is not permitted" in refused[0]
+    assert "memory lock is not permitted (Operation not permitted)" in refused[1]
+    assert gc.isenabled()

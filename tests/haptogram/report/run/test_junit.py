@@ -1,0 +1,164 @@
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from haptogram import report
+from haptogram.acoustics import AcousticModel
+from haptogram.records.frame import FrameKey
+from haptogram.report.run.checks import NAMED_FRAMES, Outcome, checks
+from haptogram.verification import Cut, RunVerdict, Verdict
+from judged_runs import (
+    Change,
+    aim,
+    damage,
+    delay,
+    hide,
+    hurry,
+    lose,
+    make_result,
+    make_run,
+    targets,
+)
+
+OUTCOMES = {"failure", "error", "skipped", "system-out"}
+
+
+def written(path: Path, run: RunVerdict, **changes: object) -> ElementTree.Element:
+    """Write the run, read it back and check that it has the usual shape."""
+    report.write_junit(path / "junit.xml", run, make_result(run, **changes))
+    root = ElementTree.parse(path / "junit.xml").getroot()
+    assert root.tag == "testsuites"
+    (suite,) = root
+    assert suite.tag == "testsuite"
+    assert [e.tag for e in suite if e.tag != "testcase"] == ["properties", "system-out"]
+    cases = suite.findall("testcase")
+    for attribute, tag in {"tests": ".", "failures": "failure", "errors": "error"}.items():
+        number = sum(case.find(tag) is not None for case in cases)
+        assert root.get(attribute) == suite.get(attribute) == str(number)
+    assert suite.get("skipped") == str(len(suite.findall("testcase/skipped")))
+    for case in cases:
+        assert case.get("name")
+        assert case.get("classname")
+        assert len(case) <= 1
+        assert {child.tag for child in case} <= OUTCOMES
+    return suite
+
+
+def outcome(suite: ElementTree.Element, name: str) -> ElementTree.Element:
+    (case,) = suite.findall(f"testcase[@classname='haptogram.verify.{name}']")
+    (child,) = case
+    return child
+
+
+def test_a_good_run_has_no_failure_and_names_its_configuration(
+    tmp_path: Path, good_run: RunVerdict
+) -> None:
+    suite = written(tmp_path, good_run)
+    assert suite.get("failures") == suite.get("errors") == suite.get("skipped") == "0"
+    properties = {p.get("name"): p.get("value") for p in suite.iter("property")}
+    assert properties["configuration.center_mm"] == "[0.0, 0.0, 100.0]"
+    assert properties["configuration.object"] == "circle"
+    assert properties["frames.verified"] == "12"
+    assert properties["verdict"] == "pass"
+
+
+@pytest.mark.parametrize(
+    ("change", "name"), [(damage, "wrong_drive"), (hurry, "early")], ids=["wrong_drive", "early"]
+)
+def test_a_fault_fails_its_case_and_names_the_frame(
+    tmp_path: Path, model: AcousticModel, change: Change, name: str
+) -> None:
+    suite = written(tmp_path, make_run(model, targets(5), {3: change}))
+    failure = outcome(suite, name)
+    assert failure.tag == "failure"
+    assert "frame 3 (stream index 3), due at 3000 us" in (failure.text or "")
+    assert suite.get("failures") == "1"
+
+
+def test_a_frame_off_target_fails(tmp_path: Path, model: AcousticModel) -> None:
+    points = targets(3)
+    run = make_run(model, points, {0: aim(model, points[0] + 2e-3)})
+    failure = outcome(written(tmp_path, run), "off_target")
+    assert failure.get("message") == "1 of 3 verified frames"
+    assert "mm along the beam" in (failure.text or "")
+
+
+def test_lost_and_late_frames_are_named_but_decide_nothing(
+    tmp_path: Path, model: AcousticModel
+) -> None:
+    suite = written(tmp_path, make_run(model, targets(6), {2: lose, 4: delay}, min_verified=0.5))
+    lost, late = outcome(suite, "lost"), outcome(suite, "late")
+    assert lost.tag == late.tag == "system-out"
+    assert "frame 2" in (lost.text or "")
+    assert "mm away" in (lost.text or "")
+    assert "frame 4" in (late.text or "")
+    assert "latched 400 us late" in (late.text or "")
+
+
+def test_lost_frames_that_leave_too_few_are_an_error(tmp_path: Path, model: AcousticModel) -> None:
+    suite = written(tmp_path, make_run(model, targets(6), {2: lose}, min_verified=1.0))
+    assert outcome(suite, "lost").tag == "error"
+    assert outcome(suite, "verified").tag == "error"
+    assert suite.get("failures") == "0"
+
+
+def test_what_nobody_saw_is_not_passed(tmp_path: Path, model: AcousticModel) -> None:
+    suite = written(tmp_path, make_run(model, targets(3), dict.fromkeys(range(3), lose)))
+    for name in ("off_target", "wrong_drive", "corrupt", "early", "duplicated", "unexpected"):
+        assert outcome(suite, name).tag == "skipped"
+    assert outcome(suite, "verified").tag == "error"
+
+
+def test_a_run_that_was_cut_short_is_an_error(tmp_path: Path, model: AcousticModel) -> None:
+    why = "the line went silent"
+    run = make_run(model, targets(2), cut=Cut(why))
+    suite = written(tmp_path, run, cut_short=why)
+    assert outcome(suite, "complete").get("message") == why
+    assert suite.get("errors") == "1"
+
+
+def test_no_more_frames_are_named_than_a_person_reads(tmp_path: Path, model: AcousticModel) -> None:
+    count = NAMED_FRAMES + 5
+    lost = make_run(model, targets(count), dict.fromkeys(range(1, count), lose))
+    text = outcome(written(tmp_path, lost), "lost").text or ""
+    assert text.count("\nframe ") == NAMED_FRAMES
+    assert "... and 4 more" in text
+
+
+def test_characters_that_xml_cannot_hold_are_replaced(tmp_path: Path, good_run: RunVerdict) -> None:
+    hostile = '/dev/\x00\x1b\ud800<&">\ufffe'
+    suite = written(tmp_path, good_run, configuration={"port": hostile})
+    properties = {p.get("name"): p.get("value") for p in suite.iter("property")}
+    assert properties["configuration.port"] == '/dev/\ufffd\ufffd\ufffd<&">\ufffd'
+
+
+def test_the_same_run_gives_the_same_bytes(tmp_path: Path, good_run: RunVerdict) -> None:
+    for name in ("first", "second"):
+        report.write_junit(tmp_path / name, good_run, make_result(good_run))
+    assert (tmp_path / "first").read_bytes() == (tmp_path / "second").read_bytes()
+
+
+@pytest.mark.parametrize("change", [None, lose, delay, hurry, damage, hide])
+@pytest.mark.parametrize("min_verified", [0.0, 0.8, 1.0])
+def test_the_checks_agree_with_the_verdict(
+    model: AcousticModel, min_verified: float, change: Change | None
+) -> None:
+    changes = {} if change is None else {1: change}
+    for cut in (None, Cut("interrupted")):
+        run = make_run(model, targets(2), changes, min_verified=min_verified, cut=cut)
+        outcomes = {check.outcome for check in checks(run, None if cut is None else cut.reason)}
+        assert (Outcome.FAILED in outcomes) == (run.verdict is Verdict.FAIL)
+        if run.verdict is not Verdict.FAIL:
+            assert (Outcome.INCONCLUSIVE in outcomes) == (run.verdict is Verdict.INCONCLUSIVE)
+
+
+def test_a_latch_that_nobody_intended_fails(tmp_path: Path, model: AcousticModel) -> None:
+    foreign = FrameKey(0xBAD, 2, 3, 4)
+    run = make_run(model, targets(1), {0: lambda latch: dataclasses.replace(latch, key=foreign)})
+    failure = outcome(written(tmp_path, run), "unexpected")
+    assert "session 0xbad, sequence 2, loop 3, index 4" in (failure.text or "")
+    assert run.verdict is Verdict.FAIL

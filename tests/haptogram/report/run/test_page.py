@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import base64
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptogram import report
+from haptogram.acoustics import AcousticModel
+from haptogram.errors import ConfigurationError
+from haptogram.report.run.page import HOW_TO_GET_PICTURES
+from haptogram.verification import RunVerdict
+from judged_runs import damage, delay, hurry, lose, make_result, make_run, targets
+
+VOID = {"meta", "img", "br"}
+
+
+class Outline(HTMLParser):
+    """Reads a page, checks that its elements nest, and keeps texts and pictures."""
+
+    def __init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.texts: list[str] = []
+        self.pictures: list[bytes] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        given = dict(attrs)
+        assert not {"onclick", "onload", "onerror"} & set(given)
+        if tag == "img":
+            assert given["alt"]
+            source = given["src"] or ""
+            assert source.startswith("data:image/png;base64,")
+            self.pictures.append(base64.b64decode(source.partition(",")[2], validate=True))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def written(path: Path, run: RunVerdict, model: AcousticModel, **changes: Any) -> Outline:
+    report.write_html(path / "report.html", run, make_result(run, **changes), model)
+    outline = Outline()
+    outline.feed((path / "report.html").read_text(encoding="utf-8"))
+    outline.close()
+    assert outline.open == []
+    assert not {"script", "link", "iframe", "object"} & set(outline.tags)
+    return outline
+
+
+@pytest.fixture
+def no_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded = [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]
+    for name in [*loaded, "matplotlib"]:
+        monkeypatch.setitem(sys.modules, name, None)
+
+
+def test_a_page_holds_everything_in_itself(
+    tmp_path: Path, good_run: RunVerdict, model: AcousticModel
+) -> None:
+    pytest.importorskip("matplotlib")
+    outline = written(tmp_path, good_run, model)
+    assert len(outline.pictures) == 5
+    assert all(png.startswith(b"\x89PNG") for png in outline.pictures)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert not re.search(r"(src|href)=\"(?!data:)", page)
+    assert "http" not in re.sub(r"base64,[^\"]*", "", page)
+
+
+@pytest.mark.usefixtures("no_matplotlib")
+def test_the_same_run_gives_the_same_page(
+    tmp_path: Path, good_run: RunVerdict, model: AcousticModel
+) -> None:
+    pages = []
+    for _ in range(2):
+        written(tmp_path, good_run, model)
+        pages.append((tmp_path / "report.html").read_bytes())
+    assert pages[0] == pages[1]
+
+
+@pytest.mark.usefixtures("no_matplotlib")
+def test_without_matplotlib_the_page_says_how_to_get_pictures(
+    tmp_path: Path, good_run: RunVerdict, model: AcousticModel
+) -> None:
+    outline = written(tmp_path, good_run, model)
+    assert outline.pictures == []
+    assert HOW_TO_GET_PICTURES in outline.texts
+    assert "Pass: every focus that was verified is on its target" in outline.texts
+
+
+@pytest.mark.usefixtures("no_matplotlib")
+def test_what_others_named_is_escaped(
+    tmp_path: Path, good_run: RunVerdict, model: AcousticModel
+) -> None:
+    hostile = "/dev/<script>alert(1)</script>\"'&\udc80"
+    outline = written(
+        tmp_path,
+        good_run,
+        model,
+        configuration={"port": hostile, hostile: 1},
+        board={"label": hostile},
+        warnings=[hostile],
+        environment={"machine": hostile},
+    )
+    shown = hostile.replace("\udc80", "?")
+    assert outline.texts.count(shown) == 5
+
+
+@pytest.mark.usefixtures("no_matplotlib")
+def test_lost_and_late_frames_are_named_with_what_that_did(
+    tmp_path: Path, model: AcousticModel
+) -> None:
+    run = make_run(model, targets(6), {2: lose, 4: delay})
+    texts = written(tmp_path, run, model).texts
+    assert "400 us late" in texts
+    assert "1 lost and 1 late; each is named below." in texts
+    effects = [text for text in texts if re.fullmatch(r"the focus .* mm away.* Pa .* Pa", text)]
+    assert len(effects) == 2
+
+
+@pytest.mark.usefixtures("no_matplotlib")
+def test_a_wrong_frame_is_named_with_its_fault(tmp_path: Path, model: AcousticModel) -> None:
+    run = make_run(model, targets(4), {1: damage, 2: hurry})
+    page = " | ".join(written(tmp_path, run, model).texts)
+    assert "Fail: the board did not radiate what it was asked for" in page
+    assert "elements 3 (0, 3), 4 (0, 4), 5 (0, 5) dead" in page
+    assert "latched 50 us early" in page
+
+
+@pytest.mark.usefixtures("no_matplotlib")
+def test_what_was_not_seen_is_said(tmp_path: Path, model: AcousticModel) -> None:
+    run = make_run(model, targets(3), dict.fromkeys(range(3), lose))
+    page = " | ".join(written(tmp_path, run, model).texts)
+    assert "Inconclusive: too little was seen for a verdict" in page
+    assert "None: nobody saw what the board latched." in page
+    assert "3 frames of 3 could not be verified at all." in page
+    assert "No frame could be judged." in page
+
+
+@pytest.mark.usefixtures("no_matplotlib")
+def test_a_long_list_is_cut_and_says_so(tmp_path: Path, model: AcousticModel) -> None:
+    run = make_run(model, targets(120), dict.fromkeys(range(120), lose))
+    assert "... and 20 more, in the JSON file." in written(tmp_path, run, model).texts
+
+
+@pytest.mark.usefixtures("no_matplotlib")
+def test_a_page_that_cannot_be_written_is_named(
+    tmp_path: Path, good_run: RunVerdict, model: AcousticModel
+) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigurationError, match=r"file/report\.html"):
+        report.write_html(tmp_path / "file" / "report.html", good_run, make_result(good_run), model)

@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+import functools
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics import AcousticModel, Drive, TransducerArray
+from haptogram.errors import ConfigurationError
+from haptogram.report.run import pictures
+from haptogram.report.run.fieldmap import picture_field
+from haptogram.report.run.series import bounds_mm, measured_mm, relative_error, thinned, worst
+from haptogram.verification import FrameStatus, RunVerdict
+from judged_runs import aim, damage, delay, hide, lose, make_run, targets
+
+pytest.importorskip("matplotlib")
+
+Scene = tuple[RunVerdict, AcousticModel]
+
+PICTURES: dict[str, Callable[[RunVerdict, AcousticModel], bytes]] = {
+    "foci": pictures.foci,
+    "errors": pictures.errors,
+    "field": lambda run, model: pictures.field(picture_field(run, model, None, 8), model),
+    "along_object": lambda run, _: pictures.along_object(run),
+    "lateness": pictures.lateness,
+    "hero": pictures.hero,
+}
+LEAST_BYTES = 5_000  # of a picture that holds no more than a sentence
+
+
+def line_model() -> AcousticModel:
+    plane = AcousticModel.default(2, 2)
+    return AcousticModel(TransducerArray.grid(128, 1), plane.medium, plane.transducer)
+
+
+def along_x(count: int) -> np.ndarray:
+    return np.array([(x, 0.0, 0.15) for x in np.linspace(-0.1, 0.1, count)])
+
+
+@functools.cache
+def scene(name: str) -> Scene:
+    model = AcousticModel.default(6, 6)
+    match name:
+        case "no frames":
+            return make_run(model, []), model
+        case "one frame":
+            return make_run(model, targets(1)), model
+        case "nothing verified":
+            return make_run(model, targets(3), {0: lose, 1: hide, 2: lose}), model
+        case "line":
+            return make_run(line_model(), along_x(3)), line_model()
+        case "column":
+            tall = AcousticModel(TransducerArray.grid(1, 16), model.medium, model.transducer)
+            return make_run(tall, along_x(1)[:, [1, 0, 2]] + [0.0, 0.1, 0.0]), tall
+    moved = targets(6)[5] + [3e-3, 0.0, 0.0]
+    changes = {1: lose, 2: delay, 3: damage, 4: hide, 5: aim(model, moved)}
+    return make_run(model, targets(6), changes), model
+
+
+SCENES = ["no frames", "one frame", "nothing verified", "line", "everything"]
+#: The hero is made of the parts of two others; the field alone looks for the longer side.
+CASES = [
+    *((place, name) for place in SCENES for name in PICTURES if name != "hero"),
+    ("no frames", "hero"),
+    ("everything", "hero"),
+    ("column", "field"),
+]
+
+
+@pytest.mark.parametrize(("place", "name"), CASES)
+def test_every_run_gives_every_picture(place: str, name: str) -> None:
+    png = PICTURES[name](*scene(place))
+    assert png[:8] == b"\x89PNG\r\n\x1a\n"
+    width, height = struct.unpack(">II", png[16:24])
+    assert width == (1600 if name == "hero" else 1200)
+    assert 400 <= height <= width
+    assert len(png) > LEAST_BYTES
+
+
+def test_the_same_run_gives_the_same_picture(good_run: RunVerdict, model: AcousticModel) -> None:
+    assert pictures.errors(good_run, model) == pictures.errors(good_run, model)
+
+
+def test_a_picture_leaves_the_settings_of_the_user_alone(good_run: RunVerdict) -> None:
+    import matplotlib
+
+    with matplotlib.rc_context({"font.size": 31.0}):
+        pictures.along_object(good_run)
+        assert matplotlib.rcParams["font.size"] == 31.0
+
+
+def test_a_picture_is_written_as_a_whole(tmp_path: Path) -> None:
+    pictures.write_picture(tmp_path / "docs" / "hero.png", b"png")
+    assert (tmp_path / "docs" / "hero.png").read_bytes() == b"png"
+    with pytest.raises(ConfigurationError, match=r"hero\.png/x"):
+        pictures.write_picture(tmp_path / "docs" / "hero.png" / "x", b"png")
+
+
+# --- What the pictures show --------------------------------------------------------------------
+
+
+def test_the_peak_of_the_field_is_where_the_focus_is(
+    good_run: RunVerdict, model: AcousticModel
+) -> None:
+    shown = picture_field(good_run, model, None, 8)
+    assert shown is not None
+    assert not shown.latched
+    x, y, _ = (1e3 * value for value in shown.frame.target_m)
+    assert np.hypot(shown.level.peak_mm[0] - x, shown.level.peak_mm[1] - y) < 1.5
+    assert np.ptp(shown.level.across_mm) == pytest.approx(160.0)
+    # The unit is that of the verdict: kPa RMS at the focus.
+    assert shown.frame.pressure_rms_pa is not None
+    middle = shown.close_level.pressure_kpa[30, 30]
+    assert 1e3 * middle == pytest.approx(shown.frame.pressure_rms_pa, rel=5e-3)
+
+
+def test_a_drive_that_is_given_is_the_one_that_is_shown(model: AcousticModel) -> None:
+    points = targets(4)
+    elsewhere = points[2] + [0.012, 0.0, 0.0]
+    run = make_run(model, points, {2: aim(model, elsewhere)})
+    assert run.frames[2].status is FrameStatus.OFF_TARGET
+    ideal = picture_field(run, model, None, 8)
+    assert ideal is not None
+    assert ideal.frame.number != 2  # an ideal drive would belie the frame that was wrong
+    drives = {2: _drive(model, elsewhere)}
+    shown = picture_field(run, model, drives, 8)
+    assert shown is not None
+    assert (shown.latched, shown.frame.number) == (True, 2)
+    assert shown.close_level.peak_mm[0] == pytest.approx(1e3 * elsewhere[0], abs=1.0)
+
+
+def _drive(model: AcousticModel, point: np.ndarray) -> Drive:
+    from haptogram.acoustics import focus_phases
+
+    return Drive.from_weights(np.exp(1j * focus_phases(model, point)))
+
+
+def test_a_point_inside_an_element_is_left_out() -> None:
+    plane = AcousticModel.default(4, 4)
+    raised = plane.array.positions_m.copy()
+    raised[5, 2] = 0.040  # an element that stands in the vertical plane
+    model = AcousticModel(TransducerArray.from_positions(raised), plane.medium, plane.transducer)
+    run = make_run(model, [(float(raised[5, 0]), float(raised[5, 1]), 0.15)])
+    shown = picture_field(run, model, None, 8)
+    assert shown is not None
+    assert np.isnan(shown.upright.pressure_kpa).any()
+    assert np.isfinite(shown.most_kpa)
+
+
+def test_a_coordinate_that_cannot_be_observed_has_no_error() -> None:
+    run, model = scene("line")
+    frame = run.frames[0]
+    assert measured_mm(frame)[1:] == pytest.approx([0.0, 150.0], abs=1e-12)
+    assert frame.bound_mm is not None
+    assert relative_error(frame) == pytest.approx(
+        abs(measured_mm(frame)[0] + 100.0) / frame.bound_mm[0]
+    )
+    assert bounds_mm(model, frame) is None  # across the beam is along y, too
+
+
+def test_errors_stay_within_the_bounds_that_are_drawn(
+    good_run: RunVerdict, model: AcousticModel
+) -> None:
+    for frame in good_run.frames:
+        bounds = bounds_mm(model, frame)
+        assert bounds is not None
+        assert frame.lateral_error_mm is not None
+        assert frame.lateral_error_mm <= bounds[0]
+        assert frame.axial_error_mm is not None
+        assert bounds[1] is not None
+        assert abs(frame.axial_error_mm) <= bounds[1]
+
+
+def test_the_worst_frames_come_first() -> None:
+    run, _ = scene("everything")
+    first, second, *rest = worst(run, 10)
+    assert {first.number, second.number} == {3, 5}
+    errors = [relative_error(frame) or 0.0 for frame in rest]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_thinning_keeps_what_went_wrong() -> None:
+    run, _ = scene("everything")
+    kept = [frame.number for frame in thinned(run.frames, 2)]
+    assert kept == [0, 1, 3, 4, 5]
+    assert thinned(run.frames, 6) == run.frames
+
+
+def test_a_tilted_and_a_sideways_array_have_their_field_drawn(model: AcousticModel) -> None:
+    turns = {
+        "tilted": np.array([[1.0, 0.0, 0.0], [0.0, 0.866, -0.5], [0.0, 0.5, 0.866]]),
+        "sideways": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
+    }
+    for turn in turns.values():
+        rotation, _ = np.linalg.qr(turn)
+        rotation *= np.sign(np.diag(rotation.T @ turn))
+        array = model.array.moved(rotation, (0.0, 0.0, 0.1))
+        placed = AcousticModel(array, model.medium, model.transducer)
+        target = rotation @ np.array([0.01, 0.0, 0.12]) + np.array([0.0, 0.0, 0.1])
+        shown = picture_field(make_run(placed, [target]), placed, None, 8)
+        assert shown is not None
+        assert shown.most_kpa > 1.0
+        assert shown.upright.up_mm[0] < 1e3 * target[2] < shown.upright.up_mm[-1]

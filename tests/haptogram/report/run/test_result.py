@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptogram import report
+from haptogram.acoustics import AcousticModel
+from haptogram.errors import ConfigurationError
+from haptogram.report.run import prose
+from haptogram.verification import Cut, RunVerdict, Verdict
+from judged_runs import lose, make_result, make_run, targets
+
+
+def test_the_same_run_gives_the_same_bytes(tmp_path: Path, model: AcousticModel) -> None:
+    for name in ("first", "second"):
+        run = make_run(model, targets(4), {2: lose})
+        report.write_json(tmp_path / name, make_result(run))
+    first, second = ((tmp_path / name).read_bytes() for name in ("first", "second"))
+    assert first == second
+    assert first.endswith(b"}\n")
+
+
+def test_the_file_holds_what_the_result_says(tmp_path: Path, good_run: RunVerdict) -> None:
+    result = make_result(good_run, warnings=["port '\udc80\u2028<b>' is odd"])
+    report.write_json(tmp_path / "result.json", result)
+    read = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert read == result
+    assert read["verdict"] == "pass"
+    assert read["frames"]["verified"] == read["frames"]["sent"] == 12
+    assert read["seed"] == 7
+
+
+def test_in_virtual_time_the_result_knows_neither_when_nor_where(good_run: RunVerdict) -> None:
+    assert not {"host", "environment"} & set(make_result(good_run))
+
+
+def test_on_the_wall_clock_it_tells_the_versions(good_run: RunVerdict) -> None:
+    result = make_result(good_run, host={"sent": 12}, environment=report.environment())
+    assert result["environment"]["numpy"] == np.__version__
+    assert result["environment"]["pyserial"] == importlib.metadata.version("pyserial")
+    assert result["host"] == {"sent": 12}
+
+
+def test_a_package_without_metadata_has_no_version(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def missing(name: str) -> str:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", missing)
+    assert report.environment()["scipy"] is None
+
+
+def test_every_value_becomes_one_that_json_knows(good_run: RunVerdict) -> None:
+    odd = {
+        "nan": float("nan"),
+        "numpy": np.float64("inf"),
+        "whole": np.int64(3),
+        "flag": np.bool_(True),
+        "row": np.arange(2),
+        "names": {"b", "a"},
+        "path": Path("x"),
+        "verdict": Verdict.PASS,
+        5: (1, 2),
+    }
+    assert make_result(good_run, board=odd)["board"] == {
+        "nan": None,
+        "numpy": None,
+        "whole": 3,
+        "flag": True,
+        "row": [0, 1],
+        "names": ["a", "b"],
+        "path": "x",
+        "verdict": "pass",
+        "5": [1, 2],
+    }
+
+
+def test_nan_is_never_written(tmp_path: Path) -> None:
+    report.write_json(tmp_path / "result.json", {"value": float("nan")})
+    assert (tmp_path / "result.json").read_bytes() == b'{\n  "value": null\n}\n'
+
+
+def test_a_run_that_was_cut_short_does_not_pass(model: AcousticModel) -> None:
+    why = "interrupted after 2 frames"
+    result = make_result(make_run(model, targets(2), cut=Cut(why)), cut_short=why)
+    assert result["verdict"] == "inconclusive"
+    assert result["cut_short"] == why
+    assert why in result["reasons"]
+
+
+def test_a_pass_that_was_cut_short_is_refused(good_run: RunVerdict) -> None:
+    with pytest.raises(ValueError, match="cannot pass"):
+        make_result(good_run, cut_short="interrupted")
+
+
+def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, good_run: RunVerdict) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigurationError, match=r"file/result\.json"):
+        report.write_json(tmp_path / "file" / "result.json", make_result(good_run))
+
+
+def test_a_host_that_was_held_up_says_so(model: AcousticModel) -> None:
+    run = make_run(model, targets(3), {1: lose})
+    host = {"skipped": [1], "tick_lateness_us_max": 2_003_000.0}
+    result = make_result(run, host=host)
+    said = "this machine, not the board, was held up, for up to 2003 ms: too late"
+    (line,) = report.faults_and_troubles(result)
+    assert line.startswith(f"host: {said} to send 1 frame")
+    assert any(said[1:] in sentence for sentence in prose.summary(result))
+    in_time = make_result(run, host=host | {"skipped": []})
+    assert list(report.faults_and_troubles(in_time)) == []

@@ -1,0 +1,273 @@
+"""Pictures: what is sampled, where marks lie, and that files say what they should."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptogram.acoustics import (
+    AcousticModel,
+    NumpyEngine,
+    PointSource,
+    Transducer,
+    focus_phases,
+    pressure,
+)
+from haptogram.acoustics.levels.dynamics import Resonator
+from haptogram.errors import ConfigurationError
+from haptogram.report.figures import (
+    Plane,
+    draw_cuts,
+    draw_isosurfaces,
+    draw_plane,
+    draw_spectrum,
+    isosurface,
+    render,
+    sample_mean,
+    sample_plane,
+    shown_as,
+)
+
+MODEL = AcousticModel.default(8, 8)
+ENGINE = NumpyEngine(MODEL)
+TARGET = (0.01, -0.005, 0.08)
+WEIGHTS = np.exp(1j * focus_phases(MODEL, TARGET))
+PLANE = Plane("xy", TARGET, (-0.03, 0.03), (-0.02, 0.02), 2e-3)
+
+
+def field(plane=PLANE):
+    return sample_plane(ENGINE, WEIGHTS, plane)
+
+
+@given(st.sampled_from(["xy", "xz", "yz"]), st.integers(0, 5), st.integers(0, 5))
+def test_a_plane_holds_the_field_at_its_points(orientation, i, j):
+    plane = Plane(orientation, (0.003, 0.004, 0.06), (0.01, 0.03), (0.05, 0.07), 4e-3)
+    values = field(plane).values
+    across, up = plane.coordinates_m()
+    assert values.shape == (len(up), len(across)) == (6, 6)
+    point = np.array([0.003, 0.004, 0.06])
+    point["xyz".index(orientation[0])] = across[i]
+    point["xyz".index(orientation[1])] = up[j]
+    assert values[j, i] == pytest.approx(pressure(MODEL, WEIGHTS, [point])[0], rel=1e-12)
+
+
+def mean_field():
+    return sample_mean(ENGINE, WEIGHTS[None], PLANE, 1e-3, Resonator(1e-3))
+
+
+def test_the_peak_of_a_plane_lies_at_its_focus():
+    assert math.dist(field().peak_m(), TARGET) < 3e-3
+
+
+def test_points_next_to_an_element_are_left_out():
+    values = field(Plane("xz", (0.005, 0.005, 0.0), (-0.05, 0.05), (0.0, 0.02), 1e-3)).values
+    assert np.isnan(values).any()
+    assert np.isfinite(values).sum() > 0.9 * values.size
+
+
+def test_progress_reaches_its_end(monkeypatch):
+    monkeypatch.setattr("haptogram.report.figures.planes._POINTS_PER_CALL", 100)
+    told = []
+    values = sample_plane(ENGINE, WEIGHTS, PLANE, lambda done, of: told.append((done, of))).values
+    assert told[-1] == (values.size, values.size)
+    assert len(told) == math.ceil(values.size / 100)
+    monkeypatch.undo()
+    assert values == pytest.approx(field().values, rel=1e-12)
+
+
+def test_force_is_the_same_for_a_drive_and_for_its_mean():
+    assert shown_as(ENGINE, mean_field().values, "force")[0] == pytest.approx(
+        shown_as(ENGINE, field().values, "force")[0], rel=1e-9
+    )
+
+
+def test_a_drawn_plane_has_units_and_marks_where_they_belong():
+    figure = draw_plane(ENGINE, field(), targets_m=[TARGET, (0.0, 0.0, 0.2)])
+    axes, bar = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (mm)", "y (mm)")
+    assert "Pa" in bar.get_ylabel()
+    image = axes.images[0]
+    assert image.get_extent() == pytest.approx([-31.0, 31.0, -21.0, 21.0])
+    marks = {line.get_label(): line.get_xydata()[0] for line in axes.lines}
+    assert marks["target"] == pytest.approx([10.0, -5.0])
+    assert marks["peak"] == pytest.approx(np.array(field().peak_m()[:2]) * 1e3)
+    rms = np.abs(field().values) / math.sqrt(2.0)
+    scale = 1e3 if "kPa" in bar.get_ylabel() else 1.0
+    assert scale * np.asarray(image.get_array()) == pytest.approx(rms)
+
+
+def test_phase_and_force_are_drawn_as_such():
+    phase = draw_plane(ENGINE, field(), quantity="phase").axes
+    assert phase[0].images[0].get_clim() == (-math.pi, math.pi)
+    assert "rad" in phase[1].get_ylabel()
+    force = draw_plane(ENGINE, field(), quantity="force").axes
+    assert np.asarray(force[0].images[0].get_array()) == pytest.approx(
+        shown_as(ENGINE, field().values, "force")[0]
+    )
+
+
+def test_the_cuts_go_through_the_target():
+    lateral, axial = draw_cuts(ENGINE, WEIGHTS, TARGET).axes
+    level = np.abs(pressure(MODEL, WEIGHTS, [TARGET]))[0] / math.sqrt(2.0) / 1e3
+    for line in lateral.lines[:2]:
+        x, y = line.get_data()
+        assert np.interp(0.0, x, y) == pytest.approx(level, rel=1e-6)
+    x, y = axial.lines[0].get_data()
+    assert np.interp(80.0, x, y) == pytest.approx(level, rel=1e-4)
+    assert x.min() >= 20.0
+
+
+def test_cuts_and_surfaces_lie_along_the_axes_of_a_turned_array():
+    """The same curves; what is behind the array, or on an element, is a gap."""
+    turn, shift_m = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0.1, 0.0, -0.2])
+    model = AcousticModel(MODEL.array.moved(turn, shift_m), MODEL.medium, MODEL.transducer)
+    engine, target = NumpyEngine(model), turn @ TARGET + shift_m
+    here, there = draw_cuts(ENGINE, WEIGHTS, TARGET).axes, draw_cuts(engine, WEIGHTS, target).axes
+    for axes, expected in zip(there, here, strict=True):
+        for line, other in zip(axes.lines[:1], expected.lines[:1], strict=True):
+            assert line.get_ydata() == pytest.approx(other.get_ydata(), rel=1e-6, abs=1e-6)
+    assert there[0].lines[0].get_label() == "along the array's x"
+    assert there[1].get_xlabel() == "the array's z (mm)"
+    figure = draw_isosurfaces(engine, WEIGHTS, target, step_m=4e-3)
+    assert figure.axes[0].get_zlabel() == "own z (mm)"
+    low, high = figure.axes[0].get_zlim()
+    middle = 1e3 * float(model.array.axes[2] @ target)
+    assert low < middle < high
+
+
+def volume_of(triangles):
+    a, b, c = triangles.swapaxes(0, 1)
+    return (a * np.cross(b, c)).sum() / 6
+
+
+@pytest.mark.parametrize(
+    ("quantity", "label", "largest"),
+    [("phase", "rad", np.pi), ("force", "radiation pressure", 1e4), ("pressure", "RMS", 1e4)],
+)
+def test_cuts_show_the_quantity_that_was_asked_for(quantity, label, largest):
+    lateral, axial = draw_cuts(ENGINE, WEIGHTS, TARGET, quantity=quantity).axes
+    assert label in lateral.get_ylabel()
+    values = axial.lines[0].get_ydata()
+    assert np.abs(values).max() <= largest
+    assert (values.min() < 0.0) == (quantity == "phase")
+
+
+def test_the_surfaces_of_the_force_say_so_and_a_phase_has_none():
+    figure = draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3, quantity="force")
+    assert "radiation pressure" in figure.get_suptitle()
+    with pytest.raises(ConfigurationError, match="no surfaces"):
+        draw_isosurfaces(ENGINE, WEIGHTS, TARGET, quantity="phase")
+
+
+@given(st.floats(2.0, 7.5), st.tuples(*[st.floats(-0.5, 0.5)] * 3))
+def test_the_isosurface_of_a_ball_is_a_closed_sphere(radius, centre):
+    grid = np.stack(np.meshgrid(*[np.arange(-9.0, 10.0)] * 3, indexing="ij"), axis=-1)
+    distance = np.linalg.norm(grid - np.array(centre), axis=-1)
+    triangles = isosurface(-distance, -radius) - 9.0 - np.array(centre)
+    assert np.linalg.norm(triangles, axis=2) == pytest.approx(
+        np.full(triangles.shape[:2], radius), abs=0.5
+    )
+    # Closed and turned outward: the normals add to nothing, the volume is that of the ball.
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    assert np.abs(normals.sum(axis=0)).max() < 1e-9
+    assert volume_of(triangles) == pytest.approx(4 / 3 * math.pi * radius**3, rel=0.15)
+
+
+@given(st.integers(0, 200))
+def test_an_isosurface_of_anything_is_watertight_inside_the_volume(seed):
+    values = np.zeros((6, 6, 6))
+    values[1:-1, 1:-1, 1:-1] = np.random.default_rng(seed).uniform(0.0, 1.0, (4, 4, 4))
+    triangles = isosurface(values, 0.5)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    assert np.abs(normals.sum(axis=0)).max() < 1e-9
+    edges = {}
+    for triangle in np.round(triangles, 9).tolist():
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            first, second = tuple(triangle[a]), tuple(triangle[b])
+            if first != second:
+                edges[first, second] = edges.get((first, second), 0) + 1
+                edges[second, first] = edges.get((second, first), 0) - 1
+    assert not any(edges.values())
+
+
+def test_an_isosurface_out_of_reach_is_empty():
+    assert isosurface(np.zeros((3, 3, 3)), 1.0).shape == (0, 3, 3)
+
+
+def test_pictures_are_repeatable():
+    svg, again = (
+        render(draw_plane(ENGINE, field(), targets_m=[TARGET]), Path("a.svg")) for _ in range(2)
+    )
+    assert svg == again
+    assert b"sound pressure" in svg
+    png = render(draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3), Path("c.PNG"))
+    assert png.startswith(b"\x89PNG")
+
+
+def test_a_picture_says_what_it_is_of_and_where_and_marks_target_and_peak():
+    picture = draw_plane(ENGINE, field(), targets_m=[TARGET], title="a focus")
+    axes = picture.axes[0]
+    assert axes.get_title() == "a focus\nplane z = 80 mm"
+    assert set(axes.get_legend_handles_labels()[1]) == {"target", "peak"}
+    elsewhere = draw_plane(ENGINE, field(), peak_m=(0.02, 0.01, 0.08)).axes[0]
+    assert elsewhere.get_title() == "plane z = 80 mm"
+    assert [float(line.get_xdata()[0]) for line in elsewhere.lines] == [20.0, 20.0]
+
+
+@pytest.mark.parametrize("up_m", [(0.04, 0.14), (0.005, 0.06), (0.005, 0.70)])
+def test_nothing_of_a_picture_is_cut_whatever_the_shape_of_its_plane(up_m):
+    plane = Plane("xz", TARGET, (-0.06, 0.06), up_m, 5e-3)
+    picture = draw_plane(ENGINE, field(plane), targets_m=[TARGET], title="a focus with a long name")
+    picture.draw_without_rendering()
+    whole, (width_in, height_in) = picture.get_tightbbox(), picture.get_size_inches()
+    assert whole.x0 >= 0.0
+    assert whole.y0 >= 0.0
+    assert whole.x1 <= width_in
+    assert whole.y1 <= height_in
+    legend = picture.legends[0].get_window_extent()
+    assert legend.y1 < picture.axes[0].xaxis.label.get_window_extent().y0
+
+
+def test_a_spectrum_shows_its_lines():
+    time, frequency = np.arange(4.0), np.array([0.0, 500.0, 2000.0])
+    left, right = draw_spectrum(time, time, frequency, np.array([1.0, 2.0, 3.0])).axes
+    assert "Hz" in right.get_xlabel()
+    assert "ms" in left.get_xlabel()
+    assert right.lines[0].get_xdata() == pytest.approx([0.0, 500.0])
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Plane("xx", TARGET, (0.0, 1.0), (0.0, 1.0)),
+        lambda: Plane("xy", TARGET, (0.0, 0.0), (0.0, 1.0)),
+        lambda: Plane("xy", TARGET, (0.0, math.nan), (0.0, 1.0)),
+        lambda: Plane("xy", TARGET, (0.0, 1.0), (0.0, 1.0), 0.0),
+        lambda: Plane("xy", TARGET, (0.0, 1.0), (0.0, 1.0), 1e-6),
+        lambda: field(Plane("xy", (0, 0, 1e-4), (0.0050, 0.0052), (0.0050, 0.0052), 1e-4)),
+        lambda: draw_plane(ENGINE, field(), quantity="colour"),
+        lambda: draw_plane(ENGINE, mean_field(), quantity="phase"),
+        lambda: draw_cuts(ENGINE, WEIGHTS, TARGET, 2.0),
+        lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=1e-5),
+        lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=0.0),
+        lambda: isosurface(np.zeros((3, 3)), 0.0),
+        lambda: render(draw_cuts(ENGINE, WEIGHTS, TARGET), Path("field.gif")),
+    ],
+)
+def test_impossible_pictures_are_refused(make):
+    with pytest.raises(ConfigurationError):
+        make()
+
+
+def test_a_plane_behind_the_array_is_refused_and_one_that_cuts_it_is_not():
+    behind = Plane("xy", (0.0, 0.0, -0.02), (-0.03, 0.03), (-0.02, 0.02), 5e-3)
+    with pytest.raises(ConfigurationError, match="20 mm behind the baffle"):
+        field(behind)
+    half = field(Plane("xz", (0.0, 0.0, 0.0), (-0.03, 0.03), (-0.02, 0.02), 5e-3)).values
+    assert np.isnan(half[:4]).all()
+    assert np.nanmin(np.abs(half[5:])) > 0.0
+    everywhere = AcousticModel(MODEL.array, MODEL.medium, Transducer(PointSource()))
+    assert np.abs(sample_plane(NumpyEngine(everywhere), WEIGHTS, behind).values).min() > 0.0

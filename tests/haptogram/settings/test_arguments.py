@@ -1,0 +1,359 @@
+"""What a user can get wrong in the public surface: one line with argument, value and limit."""
+
+import inspect
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics import AcousticModel
+from haptogram.driver.driver import Driver
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
+from haptogram.records.frame import Evidence, Focus, FrameKey, Observation
+from haptogram.settings.arguments import check_number, check_whole, shown
+from latched_drives import intend
+from virtual_ports import BoardPort
+
+NAN, INF = math.nan, math.inf
+MODEL = AcousticModel.default(4, 4)
+PLACE = (0.0, 0.0, 0.1)
+
+# Values that are wrong for an argument of this kind, whatever its limits are.
+NO_NUMBER = ("x", "1", b"1", True, [1.0], (), 1j, object(), np.bool_(True), np.array([1.0, 2.0]))
+NUMBER = (*NO_NUMBER, NAN, INF, -INF, -1, -0.5, 1e30, 10**400, np.float64("nan"))
+WHOLE = (*NUMBER, 1.5, 2.0, np.float32(3.0))
+TEXT = (None, 5, NAN, b"x", ["x"], object())
+FLAG = (None, "yes", 0, 1, NAN, [])
+CALLABLE = (5, "x", NAN, [])
+MODE = (5, NAN, "colours", "", ["phases"], b"phases")
+OTHER = (5, NAN, "x", [], object())  # for an object of a class
+TARGETS = (
+    None,
+    5,
+    NAN,
+    "x",
+    "",
+    [],
+    [1, 2, 3],
+    PLACE,
+    [None],
+    ["abc"],
+    [["1", "2", "3"]],
+    [(0, 0)],
+    [(0, 0, NAN)],
+    [(0, 0, INF)],
+    [(0, 0, -0.1)],
+    [(0, 0, 1e30)],
+    [(0, 0, 1j)],
+    [(True, False, True)],
+    [[(0, 0, 0.1), (0, 0)]],
+    [[]],
+    {},
+    {1: PLACE},
+    np.zeros((2, 2)),
+    np.zeros((1, 1, 3)),
+    np.array(5.0),
+    (place for place in [PLACE]),
+    object(),
+)
+PLACES = (
+    None,
+    5,
+    "x",
+    "abc",
+    (0, 0),
+    (0, 0, NAN),
+    (0, 0, INF),
+    (0, 0, 1e30),
+    (0, 0, 1j),
+    (0, 0, "1"),
+    ("0", "0", "1"),
+    [(0, 0), (0, 0, 0)],
+    np.zeros((1, 3)),
+    {},
+    object(),
+)
+
+
+def optional(values):
+    return tuple(value for value in values if value is not None)
+
+
+DRIVER = {
+    "port": (None, 5, NAN, "", b"/dev/ttyUSB0", [], {}, object(), Path("/dev/ttyUSB0")),
+    "baudrate": (None, *WHOLE, 0),
+    "nonce": (*WHOLE, 0, 65_536),
+    "seed": WHOLE,
+    "timeout_s": (None, *NUMBER, 0),
+    "phase_bits": (None, *WHOLE, 0, 9),
+    "model": OTHER,
+    "medium": OTHER,
+    "calibration": OTHER,
+    "trace": (*OTHER, 1, -1),
+    "keep": (*WHOLE, 0),
+    "sink": CALLABLE,
+}
+STREAM = {
+    "targets": TARGETS,
+    "rate_hz": (None, *NUMBER, 0),
+    "loops": (None, *WHOLE, 0),
+    "lead_us": (*WHOLE, 0),
+    "trim": FLAG,
+    "miss_share": (None, *NUMBER, 1.5),
+    "spin_us": (None, *WHOLE),
+    "realtime": FLAG,
+    "mode": MODE,
+    "solver": MODE,
+    "progress": CALLABLE,
+}
+METHODS = {
+    "focus": {
+        "target_m": (*PLACES, "", [], [None], [PLACE, PLACE], (1.0, 2.0, 3.0), (0, 0, -0.1)),
+        "mode": (None, *MODE),
+    },
+    "hold": {"seconds": (None, *NUMBER)},
+    "frames": {"targets": TARGETS, "mode": (None, *MODE), "solver": (None, *MODE)},
+    "stream": STREAM,
+    "play": {
+        **{name: STREAM[name] for name in ("targets", "rate_hz", "loops", "mode", "solver")},
+        "lead_us": (None, *WHOLE, 0),
+        "unattended_ms": (None, *WHOLE, 0),
+        "progress": CALLABLE,
+    },
+    "correct_phases": {"codes": (None, 5, NAN, "x" * 16, [0] * 16, b"", bytes(15), bytes(17))},
+    "read_drive": {"kind": (None, *OTHER)},
+}
+GIVEN = {
+    "focus": {"target_m": PLACE},
+    "stream": {"targets": [PLACE], "rate_hz": 500},
+    "play": {"targets": [PLACE], "rate_hz": 500},
+    "frames": {"targets": [PLACE]},
+}
+# How an argument is called in a message, where not by its name.
+SAID = {
+    "targets": "target|frame",
+    "target_m": "target|frame",
+    "codes": "codes|phase corrections",
+    "rate_hz": "rate",
+    "array": "array|grid",
+}
+BOARD = {
+    "array": (*TEXT, "", "x", "0x0", "1x-1", "100x100", "/nowhere.csv", "16"),
+    "pitch_mm": (None, *NUMBER, 0),
+    "temperature_c": (None, *NO_NUMBER, NAN, INF, -INF, 10**400, -21, 50.1, -300.0),
+    "seed": (None, *WHOLE),
+    "baudrate": (*WHOLE, 0),
+    "reconstruct": FLAG,
+    "faults": (None, 5, NAN, "line.flip", "", {"line.flip"}, object(), [5], ["line.flip", None]),
+    "fault_plan": (5, NAN, [], object()),
+    "calibration": OTHER,
+}
+INTENDED = (None, 5, NAN, "x", [1], [None], {}, object(), [PLACE])
+VERIFY = {
+    "intended": INTENDED,
+    "model": OTHER,
+    "min_verified": (None, *NUMBER, "all", 1.1),
+    "tolerance": (*OTHER, 0.5),
+    "uncertainty": (*OTHER, 0.5),
+}
+BOARD_METHODS = {
+    "verify": VERIFY,
+    "settle": {"intended": INTENDED},
+    "wait_for": {"latches": (None, *WHOLE), "timeout_s": (None, *NUMBER)},
+    "observations": {"session": WHOLE},
+    "finish": {"progress": CALLABLE, "hurry": FLAG},
+}
+BOARD_GIVEN = {"verify": {"intended": []}, "wait_for": {"latches": 0}}
+LENGTH = (None, *NUMBER, 0)
+SHAPES = {
+    Point: {"position_m": PLACES},
+    Line: {"start_m": PLACES, "end_m": PLACES},
+    Circle: {"radius_m": LENGTH, "center_m": PLACES},
+    Sphere: {"radius_m": LENGTH, "center_m": PLACES},
+    Hemisphere: {"radius_m": LENGTH, "center_m": PLACES, "lower": FLAG},
+}
+SHAPE_GIVEN = {
+    "position_m": PLACE,
+    "start_m": PLACE,
+    "end_m": (0.1, 0, 0.1),
+    "center_m": PLACE,
+    "radius_m": 0.05,
+}
+FOCUS = {
+    "position_m": tuple(place for place in PLACES if str(place) != "(0, 0, 1e+30)"),
+    "amplitude": (None, *NUMBER, 1.1),
+    "phase_rad": (None, *NO_NUMBER, NAN, INF, -INF, 1e30, -1e7, 10**400),
+}
+
+
+def refused(call, name, value):
+    """Call with *value* for *name*; assert one clear line."""
+    with pytest.raises(ConfigurationError) as caught:
+        call(**{name: value})
+    text = str(caught.value)
+    assert "\n" not in text
+    assert re.search(SAID.get(name, name), text), text
+    assert len(text) < 250
+
+
+def covers(call, table, *but):
+    """Whether *table* names every parameter of *call*."""
+    return set(inspect.signature(call).parameters) - {"self", *but} == set(table)
+
+
+def each(table):
+    return [pytest.param(name, values, id=name) for name, values in table.items()]
+
+
+# --- the driver ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "values"), each(DRIVER))
+def test_a_driver_refuses_before_it_opens_anything(name, values):
+    assert covers(Driver.__init__, DRIVER)
+    for value in values:
+        port = BoardPort(model=MODEL)
+        refused(lambda **given: Driver(**({"port": port} | given)), name, value)  # noqa: B023
+        assert port.written == []
+
+
+@pytest.mark.parametrize(
+    ("method", "name", "values"),
+    [(method, name, values) for method, table in METHODS.items() for name, values in table.items()],
+)
+def test_a_driver_refuses_before_the_first_byte(method, name, values):
+    assert covers(getattr(Driver, method), METHODS[method])
+    port = BoardPort(model=MODEL)
+    with Driver(port) as driver:
+        driver.arm()
+        driver.focus(PLACE)
+        before, intended = len(port.written), len(driver.intended)
+        for value in values:
+            call = getattr(driver, method)
+            refused(lambda **given: call(**(GIVEN.get(method, {}) | given)), name, value)  # noqa: B023
+            assert (len(port.written), len(driver.intended)) == (before, intended), value
+
+
+@pytest.mark.parametrize("name", ["hold_ms", "sound_speed_mm_s", "trace_mode"])
+@pytest.mark.parametrize("value", [None, *WHOLE], ids=lambda value: type(value).__name__)
+def test_a_configuration_is_of_whole_numbers(name, value):
+    port = BoardPort(model=MODEL)
+    with Driver(port) as driver:
+        before = len(port.written)
+        refused(driver.configure, name, value)
+        assert len(port.written) == before
+
+
+def test_two_airs_contradict_each_other():
+    port, warm = BoardPort(model=MODEL), AcousticModel.default(4, 4, temperature_c=30.0)
+    Driver(port, model=MODEL, medium=MODEL.medium)
+    with pytest.raises(ConfigurationError, match="the model has its own: leave medium out"):
+        Driver(BoardPort(model=MODEL), model=MODEL, medium=warm.medium)
+
+
+@pytest.mark.parametrize(("name", "values"), each(FOCUS))
+def test_a_focus_is_what_can_be_focused_on(name, values):
+    for make in (Focus, Focus.at):
+        assert covers(make, FOCUS)
+        given = {"position_m": PLACE}
+        for value in values:
+            said = "target" if name == "position_m" else name.split("_")[0]
+            with pytest.raises(ConfigurationError, match=said):
+                make(**(given | {name: value}))
+
+
+# --- the virtual board ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "values"), each(BOARD))
+def test_a_virtual_board_refuses_before_it_starts_a_process(name, values, monkeypatch, tmp_path):
+    assert covers(VirtualBoard.__init__, BOARD)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("subprocess.Popen", None)
+    for value in values:
+        refused(VirtualBoard, name, value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def board():
+    with VirtualBoard("4x4", reconstruct=False) as board:
+        yield board
+
+
+@pytest.mark.pty
+@pytest.mark.parametrize(
+    ("method", "name", "values"),
+    [
+        (method, name, values)
+        for method, table in BOARD_METHODS.items()
+        for name, values in table.items()
+    ],
+)
+def test_a_virtual_board_refuses_at_once(board, method, name, values):
+    call = getattr(board, method)
+    assert covers(call, BOARD_METHODS[method])
+    for value in values:
+        refused(lambda **given: call(**(BOARD_GIVEN.get(method, {}) | given)), name, value)
+    assert board.how_it_ended() is None
+
+
+@pytest.mark.pty
+def test_what_was_seen_is_not_what_was_intended(board):
+    frame = intend(AcousticModel.default(), PLACE)
+    seen = Observation(FrameKey(1, 0, 0, 0), 0, False, Evidence.EXTERNAL)
+    with pytest.raises(ConfigurationError, match=r"intended\[1\] is Observation.*, must be an Int"):
+        board.verify([frame, seen])
+
+
+# --- shapes --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("shape", "name", "values"),
+    [(shape, name, values) for shape, table in SHAPES.items() for name, values in table.items()],
+)
+def test_a_shape_is_one_that_can_be(shape, name, values):
+    assert covers(shape, SHAPES[shape])
+    given = {part: SHAPE_GIVEN[part] for part in SHAPES[shape] if part in SHAPE_GIVEN}
+    for value in values:
+        refused(lambda **wrong: shape(**(given | wrong)), name, value)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_resolution_is_a_length(shape):
+    given = {part: SHAPE_GIVEN[part] for part in SHAPES[shape] if part in SHAPE_GIVEN}
+    for value in LENGTH:
+        refused(shape(**given).sample, "resolution_m", value)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    each({"path": TEXT, "unit_m": LENGTH, "center_m": optional(PLACES)}),
+)
+def test_a_mesh_is_read_from_a_file(name, values):
+    for value in values:
+        refused(lambda **given: MeshSurface.from_file(**({"path": "x.stl"} | given)), name, value)
+
+
+# --- the checks themselves -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [1, 1.0, np.float32(1.0), np.int64(1), np.uint8(1)])
+def test_any_real_number_will_do(value):
+    assert check_number("x", value, 0.0, 1.0) == 1.0
+    assert isinstance(check_number("x", value, 0.0, 1.0), float)
+
+
+@pytest.mark.parametrize("value", [1, np.int64(1), np.uint8(1)])
+def test_any_whole_number_will_do(value):
+    assert isinstance(check_whole("x", value, 1, 1), int)
+
+
+def test_a_message_stays_on_one_line():
+    assert shown("a\nb" * 50).endswith("...")
+    assert "\n" not in shown(np.zeros((9, 9)))

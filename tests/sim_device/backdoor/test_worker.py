@@ -1,0 +1,142 @@
+"""The worker behind the back door: it never stops the board, and nothing is lost uncounted."""
+
+import json
+import os
+import pickle
+import signal
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics import AcousticModel, Drive, superpose
+from haptogram.errors import ConfigurationError
+from haptogram_protocol.messages import LatchKey
+from sim_device.backdoor import worker as reconstruction
+from sim_device.backdoor.recorder import Estimator, InlineReconstruction
+from sim_device.backdoor.worker import ReconstructionWorker
+from sim_device.board.events import Latch, SessionOpened
+from sim_device.board.settings import BoardSettings
+
+MODEL = AcousticModel.default(4, 4)
+SETTINGS = BoardSettings(model=MODEL)
+
+
+def a_latch(index, bits=8):
+    weights = superpose(MODEL, [(0.001 * (index % 7), 0.002, 0.05)], [1.0], [0.0])
+    coarse = Drive.from_weights(weights, bits)
+    drive = Drive(coarse.phase_codes << (8 - bits), coarse.amplitude_codes)
+    key = LatchKey(sequence=0, loop=0, index=index)
+    return Latch(key, 1, index, 1000 * index, False, drive, bits, drive, False)
+
+
+def records(path):
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_worker_and_inline_write_the_same(tmp_path):
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"))
+    kept = []
+    inline = InlineReconstruction(SETTINGS, kept.append)
+    for recorder in (worker, inline):
+        recorder.notice(SessionOpened(5, 1))
+        for index in range(12):
+            recorder.latch(a_latch(index))
+    worker.close()
+    inline.finish()
+    assert records(tmp_path / "door") == kept
+    assert kept[-1]["reconstructed"] == 12
+
+
+def test_records_are_handed_over_many_at_a_time(tmp_path):
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"), reconstruct=False)
+    for index in range(reconstruction.BATCH - 1):
+        worker.latch(a_latch(index))
+    assert worker.pending == reconstruction.BATCH - 1
+    worker.notice(SessionOpened(5, 1))
+    assert worker.pending == 0
+    worker.latch(a_latch(reconstruction.BATCH))
+    worker.pump()
+    assert worker.pending == 0
+    worker.close()
+    assert records(tmp_path / "door")[-1]["latched"] == reconstruction.BATCH
+
+
+def test_a_full_queue_drops_counts_and_never_blocks(tmp_path, monkeypatch):
+    monkeypatch.setattr(reconstruction, "QUEUE_LATCHES", 50)
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"), reconstruct=False)
+    os.kill(worker._process.pid, signal.SIGSTOP)  # noqa: SLF001  the worker hangs
+    for index in range(4000):
+        worker.latch(a_latch(index))
+    assert worker.pending == 50
+    dropped = worker.dropped
+    assert dropped > 0
+    os.kill(worker._process.pid, signal.SIGCONT)  # noqa: SLF001  and goes on
+    worker.close()
+    found = records(tmp_path / "door")
+    latches = [record["index"] for record in found if record["kind"] == "latch"]
+    assert latches == sorted(latches)
+    assert len(latches) == 4000 - dropped
+    assert (found[-1]["latched"], found[-1]["dropped"]) == (4000, dropped)
+
+
+def test_a_worker_that_died_costs_records_not_the_board(tmp_path):
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"), reconstruct=False)
+    os.kill(worker._process.pid, signal.SIGKILL)  # noqa: SLF001  it dies
+    worker._process.wait()  # noqa: SLF001
+    for index in range(10):
+        worker.latch(a_latch(index))
+    worker.pump()
+    assert worker.dropped == 10
+    assert worker.pending == 0
+    worker.close()
+
+
+def test_out_of_time_every_latch_is_written_down_without_its_field(tmp_path, monkeypatch):
+    monkeypatch.setattr(reconstruction, "HURRY_AFTER_S", 0.0)
+    monkeypatch.setattr(reconstruction, "_PIPE_BYTES", 4096)
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"))
+    os.kill(worker._process.pid, signal.SIGSTOP)  # noqa: SLF001  so that records pile up
+    for index in range(4000):
+        worker.latch(a_latch(index))
+    assert worker.pending > 100
+    os.kill(worker._process.pid, signal.SIGCONT)  # noqa: SLF001
+    worker.close()
+    found = records(tmp_path / "door")
+    assert found[-1]["latched"] == 4000
+    assert found[-1]["dropped"] == 0
+    assert found[-1]["reconstructed"] < 4000
+    without = [r["reconstruction"] is None for r in found if r["kind"] == "latch"]
+    assert without == sorted(without)  # first with, then without
+
+
+def test_a_place_that_cannot_be_written_is_an_error_at_once(tmp_path):
+    with pytest.raises(ConfigurationError, match="cannot write to"):
+        ReconstructionWorker(SETTINGS, str(tmp_path / "no" / "door"))
+
+
+@pytest.mark.parametrize("bits", [8, 6, 5])
+def test_coarser_phases_are_judged_by_their_own_rounding(bits):
+    found = Estimator(MODEL).estimate(a_latch(3, bits))
+    assert found.as_dict()["kind"] == "single_focus"
+    offset = np.abs(np.array(found.position_m) - (0.003, 0.002, 0.05))
+    assert (offset <= found.bound_m).all()
+
+
+def test_what_was_seen_lately_is_remembered_within_bounds(monkeypatch):
+    monkeypatch.setattr("sim_device.backdoor.recorder.MEMORY_DRIVES", 3)
+    estimator = Estimator(MODEL)
+    first = estimator.estimate(a_latch(0))
+    assert estimator.estimate(a_latch(7)) is first  # the same drive
+    for index in range(1, 5):
+        estimator.estimate(a_latch(index))
+    assert len(estimator._seen) == 3  # noqa: SLF001  its bound is the point
+
+
+def test_settings_and_latches_survive_the_way_to_the_worker():
+    latches = [a_latch(index) for index in range(3)]
+    packed = bytearray(b"".join(map(reconstruction._packed, (latches[:2], latches[2:]))))  # noqa: SLF001
+    assert list(reconstruction._unpacked(packed)) == latches  # noqa: SLF001
+    assert not packed
+    settings = pickle.loads(pickle.dumps(SETTINGS))
+    assert settings.model.array.digest() == MODEL.array.digest()
+    assert settings.boot_id == SETTINGS.boot_id

@@ -1,0 +1,223 @@
+"""A board on the wall clock: what is left behind when it ends, and descriptors of any number."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from sim_device.line.port import Port, PortLostError, PtyPort
+from sim_device.options import board_settings
+from sim_device.simulation import Simulation
+from sim_device.wallclock import Heartbeat
+
+pytestmark = pytest.mark.pty
+ROOT = Path(__file__).resolve().parents[2]
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+HIGH = 1500  # beyond FD_SETSIZE
+
+
+class End(Port):
+    """A port that ends a board in one way, on its second turn."""
+
+    def __init__(self, act):
+        super().__init__(-1, "end of a test")
+        self.act, self.turns = act, 0
+
+    @property
+    def due_ns(self):
+        return 0  # at once
+
+    def reading(self):
+        return []
+
+    def read(self, _):
+        self.turns += 1
+        if self.turns > 1:
+            self.act()
+        return b""
+
+    def write(self, data):
+        pass
+
+
+def heartbeat_on(port):
+    return Heartbeat(Simulation(board_settings(array="2x2")), port)
+
+
+def handlers():
+    return [signal.getsignal(number) for number in ENDINGS]
+
+
+@pytest.fixture
+def own_handlers():
+    """Handlers of the test, to be found again; what they heard."""
+    heard, before = [], handlers()
+    for number in ENDINGS:
+        signal.signal(number, lambda got, _: heard.append(got))
+    yield heard
+    for number, handler in zip(ENDINGS, before, strict=True):
+        signal.signal(number, handler)
+
+
+def lose():
+    raise PortLostError("the cable was pulled")
+
+
+def stumble():
+    raise ZeroDivisionError
+
+
+def ended(act):
+    """Run a board until *act* ends it."""
+    heartbeat = heartbeat_on(End(lambda: act(heartbeat)))
+    with heartbeat.stopped_by_signals():
+        heartbeat.run()
+
+
+WAYS = {
+    "return": (lambda board: board.stop(), None),
+    "a signal": (lambda _: os.kill(os.getpid(), signal.SIGTERM), None),
+    "a lost port": (lambda _: lose(), PortLostError),
+    "an error": (lambda _: stumble(), ZeroDivisionError),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("is_nested", [False, True])
+def test_the_handlers_are_those_from_before_however_it_ends(own_handlers, way, is_nested):
+    act, error = WAYS[way]
+    before = handlers()
+
+    def end(board):
+        if is_nested:
+            inside = handlers()
+            with pytest.raises(PortLostError):
+                ended(lambda _: lose())
+            assert handlers() == inside
+        act(board)
+
+    if error is None:
+        ended(end)
+    else:
+        with pytest.raises(error):
+            ended(end)
+    assert handlers() == before
+    assert not own_handlers
+
+
+def test_a_signal_after_the_end_writes_into_nothing(own_handlers):
+    heartbeat = heartbeat_on(End(lose))
+    with heartbeat.stopped_by_signals():
+        with pytest.raises(PortLostError):
+            heartbeat.run()
+        pipes = [os.pipe() for _ in range(8)]  # the lowest numbers: those that were its own
+        os.kill(os.getpid(), signal.SIGTERM)
+        heartbeat.stop()
+    os.kill(os.getpid(), signal.SIGTERM)
+    assert own_handlers == [signal.SIGTERM]
+    for reading, writing in pipes:
+        os.set_blocking(reading, False)
+        with pytest.raises(BlockingIOError):
+            os.read(reading, 1)
+        os.close(reading)
+        os.close(writing)
+
+
+@pytest.fixture
+def high_descriptors():
+    """Let descriptors from HIGH on be opened, by taking all below them."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard != resource.RLIM_INFINITY and hard < HIGH + 100:
+        pytest.skip(f"no more than {hard} descriptors may be open here")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (HIGH + 100, hard))
+    taken = [os.open(os.devnull, os.O_RDONLY)]
+    while taken[-1] < HIGH:
+        taken.append(os.dup(taken[0]))
+    yield
+    for fd in taken:
+        os.close(fd)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.usefixtures("high_descriptors")
+def test_a_board_runs_on_descriptors_above_1024(tmp_path):
+    port = PtyPort(tmp_path / "board")
+    assert port.reading()[0] > HIGH
+    host = os.open(tmp_path / "board", os.O_RDWR | os.O_NOCTTY)
+    os.write(host, b"\x00\x01\x00")
+    heartbeat = heartbeat_on(port)
+    read, seen = port.read, []
+
+    def reading(limit):
+        seen.append(read(limit))
+        if seen[-1]:
+            heartbeat.stop()
+        return seen[-1]
+
+    port.read = reading
+    try:
+        heartbeat.run()
+    finally:
+        port.close()
+        os.close(host)
+    assert b"".join(seen) == b"\x00\x01\x00"
+
+
+# --- descriptors that have run out ----------------------------------------------------------------
+
+SHORT = """
+import logging, os, resource, socket, sys, threading
+from sim_device.wallclock import Heartbeat
+from sim_device.options import board_settings
+from sim_device.line.port import TcpPort
+from sim_device.simulation import Simulation
+
+logging.basicConfig(format="%(message)s", stream=sys.stdout)
+port = TcpPort("127.0.0.1", 0)
+heartbeat = Heartbeat(Simulation(board_settings(array="2x2")), port)
+turns, turn = [0], heartbeat._turn
+
+def counted():
+    turns[0] += 1
+    turn()
+
+heartbeat._turn = counted
+client = socket.create_connection(port._server.getsockname())
+limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+resource.setrlimit(resource.RLIMIT_NOFILE, (3, limit[1]))  # none is left
+
+def later():
+    short = turns[0], port._doorman.refused, port._client is None
+    resource.setrlimit(resource.RLIMIT_NOFILE, limit)
+    threading.Timer(0.5, lambda: (print("short", *short, "after", port._client is not None),
+                                  heartbeat.stop())).start()
+
+threading.Timer(1.5, later).start()
+heartbeat.run()
+port.close()
+client.close()
+"""
+
+
+def test_a_client_waits_without_spinning_while_descriptors_have_run_out():
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(SHORT)],
+        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=True,
+    )
+    lines = done.stdout.splitlines()
+    (told,) = [line.split() for line in lines if line.startswith("short")]
+    turns, refused = int(told[1]), int(told[2])
+    assert told[3:] == ["True", "after", "True"]
+    assert 2 <= refused <= 9  # tried again every 0.2 s for 1.5 s
+    assert turns <= 4 * refused + 4
+    assert sum("no client can be taken in: Too many open files" in line for line in lines) == 1
+    assert sum("clients are taken in again" in line for line in lines) == 1
