@@ -19,9 +19,9 @@ from tqdm import tqdm
 from haptogram.cli import board_in_virtual_time
 from haptogram.errors import HaptogramError
 from haptogram.evidence.run_record import Measured, measure
+from haptogram.settings.faults.kinds import FAULT_KINDS
 from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import FrameVerdict, RunVerdict, verify_run
-from sim_device.faults.kinds import FAULT_KINDS
 
 WORKERS: Final = 2
 SEED: Final = 1

@@ -108,21 +108,22 @@ def _prepare_simulator(config: VerifyConfig) -> verify.PlannedFaults:
         return _faults_of_url(config.port)
     if not config.fault and config.fault_plan is None:
         return verify.PlannedFaults((), config.seed)
-    from sim_device.options import fault_plan
+    from .settings.faults.plan import read_fault_plan
 
-    plan = fault_plan(config.fault, config.fault_plan, config.seed)
+    plan = read_fault_plan(config.fault, config.fault_plan, config.seed)
     in_file = plan.faults[: len(plan.faults) - len(config.fault)]
     return verify.PlannedFaults((*map(str, in_file), *config.fault), plan.seed)
 
 
 def _faults_of_url(url: str) -> verify.PlannedFaults:
     import sim_device
-    from sim_device.options import fault_plan
     from sim_device.protocol_haptogram import parse_url
+
+    from .settings.faults.plan import read_fault_plan
 
     sim_device.register_url_handler()
     said = parse_url(url)
-    plan = fault_plan(said.get("fault", ()), said.get("fault_plan"), said.get("seed", 0))
+    plan = read_fault_plan(said.get("fault", ()), said.get("fault_plan"), said.get("seed", 0))
     return verify.PlannedFaults(tuple(map(str, plan.faults)), plan.seed)
 
 

@@ -11,14 +11,15 @@ import sys
 from typing import Final, NoReturn
 
 from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.settings.faults.kinds import described
+from haptogram.settings.faults.plan import read_fault_plan
 
 from .backdoor.worker import ReconstructionWorker
 from .board.settings import BoardSettings
-from .faults.kinds import described
 from .line.port import Port, PtyPort, SerialPort, TcpPort
 from .log import CountLog, NoticeLog
 from .mutants import parts_of
-from .options import board_settings, fault_plan
+from .options import board_settings
 from .simulation import Recorder, Simulation
 from .wallclock import Heartbeat
 
@@ -178,7 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     settings, parts = _settings(options), parts_of(options.mutant)
-    plan = fault_plan(options.fault, options.fault_plan, settings.seed)
+    plan = read_fault_plan(options.fault, options.fault_plan, settings.seed)
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
     port = _open_port(options)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
+from haptogram.settings.line import LineSettings
 
 from .board.settings import BoardSettings
-from .faults.plan import FaultPlan
-from .line.settings import LineSettings
 
 MAX_SEED: Final = 2**64 - 1
 _MAX_LATENCY_MS: Final = 255  # of the timer's eight bits
@@ -44,7 +42,7 @@ def board_settings(
     calibration : path, optional
         CSV file that says how its elements really are (:class:`haptogram.acoustics.Calibration`).
     baud, baud_error_ppm, rx_fifo, rx_poll_us, latency_ms, host_buffer
-        The line; see :class:`~sim_device.line.settings.LineSettings`.
+        The line; see :class:`~haptogram.settings.line.LineSettings`.
 
     Raises
     ------
@@ -85,27 +83,3 @@ def _line(
         host_buffer=host_buffer,
         **given,
     )
-
-
-def fault_plan(texts: Iterable[str], file: str | Path | None, seed: int) -> FaultPlan:
-    """Return the plan of a file, if one is named, and of *texts* after it.
-
-    Parameters
-    ----------
-    seed : int
-        Of the plan, unless the file says another.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read, or for a fault that makes no sense.
-    """
-    added = FaultPlan.parse(texts, seed)
-    if file is None:
-        return added
-    try:
-        plan = FaultPlan.from_toml(Path(file).read_text(encoding="utf-8"), seed)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigurationError(f"cannot read the fault plan {file}: {reason}") from error
-    return FaultPlan(plan.faults + added.faults, plan.seed)

@@ -21,6 +21,7 @@ from urllib.parse import parse_qsl, urlsplit
 import serial
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.faults.plan import read_fault_plan
 
 from .assembly import HEALTHY
 from .backdoor.recorder import InlineReconstruction
@@ -29,7 +30,7 @@ from .backdoor.sinks import RecordSink, open_sink
 from .backdoor.worker import ReconstructionWorker
 from .board.settings import BoardSettings
 from .mutants import parts_of
-from .options import board_settings, fault_plan
+from .options import board_settings
 from .simulation import Recorder, Simulation
 
 _LONGEST_SLEEP_NS: Final = 50_000_000  # another thread may write meanwhile
@@ -151,7 +152,7 @@ class Serial(serial.SerialBase):
         backdoor = options.pop("backdoor", None)
         reconstruct = options.pop("reconstruct", None)
         parts = options.pop("mutant", HEALTHY)
-        plan = fault_plan(
+        plan = read_fault_plan(
             options.pop("fault", []), options.pop("fault_plan", None), options.get("seed", 0)
         )
         settings = board_settings(**options)

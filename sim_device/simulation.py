@@ -9,6 +9,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Final, Protocol
 
+from haptogram.settings.faults.plan import FaultPlan
+from haptogram.settings.line import LineSettings
 from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 
@@ -17,9 +19,8 @@ from .board.board import Board
 from .board.clock import NS_PER_US, earliest, whole_us
 from .board.events import Latch, LineCounted, Notice
 from .board.settings import BoardSettings
-from .faults.injection import Injection
-from .faults.plan import FaultPlan
-from .line.settings import LineSettings
+from .faults.clock import faulty_clock
+from .faults.injector import FaultInjector
 from .line.uart import Line, line_to_board, line_to_host
 
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
@@ -71,11 +72,11 @@ class Simulation:
         faults: FaultPlan | None = None,
     ) -> None:
         self._clock = parts.clock(settings.boot_us)
-        self._injection: Injection | None = None
+        self._injector: FaultInjector | None = None
         if faults is not None and faults.faults:
-            self._clock = faults.clock(self._clock)
-            self._injection = Injection(faults, settings, self._clock)
-            self._injection.has_left(0)
+            self._clock = faulty_clock(faults, self._clock)
+            self._injector = FaultInjector(faults, settings, self._clock)
+            self._injector.has_left(0)
             settings = dataclasses.replace(settings, boot_us=self._clock.boot_us)
         self.dialect = parts.assemble(settings, description_hash())
         self.board: Board = self.dialect.board
@@ -153,7 +154,7 @@ class Simulation:
     @property
     def fault_counts(self) -> dict[str, int]:
         """How often each fault has fired."""
-        return {} if self._injection is None else self._injection.counts(self._now_ns)
+        return {} if self._injector is None else self._injector.counts(self._now_ns)
 
     @property
     def line_counts(self) -> dict[str, int]:
@@ -167,15 +168,15 @@ class Simulation:
     @property
     def is_connected(self) -> bool:
         """Whether the host has a port: not while ``line.disconnect`` keeps it away."""
-        return self._injection is None or not self._injection.is_away
+        return self._injector is None or not self._injector.is_away
 
     def report_counts(self) -> None:
         """Tell the recorders of faults and losses, for their last record."""
         notices: list[Notice] = []
         if self._line != LineSettings():
             notices.append(LineCounted(self.board.now_us, self.line_counts))
-        if self._injection is not None:
-            notices.append(self._injection.counted(self.board.now_us, self._now_ns))
+        if self._injector is not None:
+            notices.append(self._injector.counted(self.board.now_us, self._now_ns))
         for recorder in self._recorders:
             for notice in notices:
                 recorder.notice(notice)
@@ -192,8 +193,8 @@ class Simulation:
             first_ns = earliest(first_ns, up_ns)
         if self._can_feed:
             first_ns = earliest(first_ns, self._up.free_ns)
-        if self._injection is not None:
-            first_ns = earliest(first_ns, self._injection.next_change_ns(self._now_ns))
+        if self._injector is not None:
+            first_ns = earliest(first_ns, self._injector.next_change_ns(self._now_ns))
         return None if first_ns is None else max(first_ns, self._now_ns)
 
     def advance_to(self, t_ns: int) -> None:
@@ -212,7 +213,7 @@ class Simulation:
 
     def _step(self, t_ns: int) -> None:
         self._now_ns = t_ns
-        if self._injection is not None and self._injection.has_left(t_ns):
+        if self._injector is not None and self._injector.has_left(t_ns):
             self.unplug()
         t_us = self._clock.device_us(t_ns)
         if t_ns % NS_PER_US == 0 and (data := self._down.receive(t_ns)):
@@ -227,8 +228,8 @@ class Simulation:
 
     def _record(self) -> None:
         notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
-        if self._injection is not None:
-            latches = [self._injection.radiate(latch, self._now_ns) for latch in latches]
+        if self._injector is not None:
+            latches = [self._injector.radiate(latch, self._now_ns) for latch in latches]
         for recorder in self._recorders:
             for notice in notices:
                 recorder.notice(notice)
@@ -236,10 +237,10 @@ class Simulation:
                 recorder.latch(latch)
 
     def _send(self, line: Line, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
-        if self._injection is None:
+        if self._injector is None:
             line.send(data, t_ns - credit_ns)
             return
-        for chunk in self._injection.line(direction, t_ns, data):
+        for chunk in self._injector.line(direction, t_ns, data):
             line.send(chunk.data, chunk.t_ns - credit_ns)
 
     def _overrun_host(self, room: int) -> None:

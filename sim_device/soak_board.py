@@ -9,13 +9,14 @@ from __future__ import annotations
 import dataclasses
 from typing import Final, TypeAlias
 
+from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.connection import BoardConnection, BoardEvent, NeedData, StreamReceived
 from haptogram_protocol.connection.events import FrameDropped, RequestReceived
 from haptogram_protocol.export.tables import description_hash
 
 from .board.events import Latch, StateChange
 from .board.settings import BOOT_US
-from .faults.plan import FaultPlan
+from .faults.clock import faulty_clock
 from .mutants import parts_of
 from .options import board_settings
 
@@ -54,7 +55,7 @@ class JudgedBoard:
         parts = parts_of(mutant)
         self._verdicts: list[Verdict] = []
         plan = FaultPlan.parse(clock_faults, seed)
-        self._clock = plan.clock(parts.clock(BOOT_US + running_us))
+        self._clock = faulty_clock(plan, parts.clock(BOOT_US + running_us))
         settings = dataclasses.replace(
             board_settings(seed=seed, baud=baud), boot_us=self._clock.boot_us
         )

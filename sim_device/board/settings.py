@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.settings.line import LineSettings
 from haptogram_protocol.messages import Feature, PhaseFormat
-
-from ..line.settings import LineSettings
 
 if TYPE_CHECKING:
     from haptogram.acoustics import Calibration

@@ -118,7 +118,7 @@ def _nothing(chunks: list[Chunk], _: Values, __: random.Random) -> tuple[list[Ch
 
 
 def _gone(_: list[Chunk], __: Values, ___: random.Random) -> tuple[list[Chunk], int]:
-    return [], 0  # it fires once, when the port goes: see Injection.has_left
+    return [], 0  # it fires once, when the port goes: see FaultInjector.has_left
 
 
 def _duplicate(

@@ -1,4 +1,4 @@
-"""What each fault of transducers makes of the drive that the board wanted to radiate."""
+"""The drive that each fault of transducers makes of the one that the board intends to radiate."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import Drive
 from haptogram.errors import ConfigurationError
+from haptogram.settings.faults.kinds import NOWHERE
+from haptogram.settings.faults.plan import Fault
 
 from ..board.events import Latch
 from ..board.settings import BoardSettings
-from .kinds import NOWHERE
 from .line import Values
-from .plan import Fault
 
 BANK: Final = 64  # transducers that one driver chip feeds, one after the other
 
 
 @dataclass(slots=True)
-class Situation:
-    """What a fault may look at.
+class FaultContext:
+    """The latch that a fault acts on.
 
     Attributes
     ----------
     healthy : Drive
-        What would be radiated without any fault.
+        Drive without any fault.
     drive : Drive
-        What the faults before this one have made of it.
+        Drive after the faults before this one.
     before : Latch or None
-        The latch before.
+        The previous latch.
     t_us : int
-        When this one is.
+        Device time of this latch.
     place : slice
-        The transducers concerned.
+        The faulty transducers.
     reached : (P,) complex numpy.ndarray or None
-        What a slow transducer has reached: before the latch, and afterwards at its end.
+        Weights that slow transducers have reached: before the latch, and afterwards at its end.
     """
 
     healthy: Drive
@@ -54,46 +54,46 @@ class Situation:
 
 # Phase and amplitude codes of the place: one for each transducer, or one for all of them.
 _Codes: TypeAlias = tuple[NDArray[np.uint8] | int, NDArray[np.uint8] | int]
-_Act: TypeAlias = Callable[[Situation, Values, random.Random], _Codes]
+_Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Codes]
 
 
-def _off(now: Situation, _: Values, __: random.Random) -> _Codes:
+def _off(now: FaultContext, _: Values, __: random.Random) -> _Codes:
     return now.drive.phase_codes[now.place], 0
 
 
-def _intermittent(now: Situation, values: Values, source: random.Random) -> _Codes:
+def _intermittent(now: FaultContext, values: Values, source: random.Random) -> _Codes:
     silent = source.random() < values["p"]
     amplitudes = now.drive.amplitude_codes[now.place]
     return now.drive.phase_codes[now.place], 0 if silent else amplitudes
 
 
-def _stuck(now: Situation, values: Values, _: random.Random) -> _Codes:
+def _stuck(now: FaultContext, values: Values, _: random.Random) -> _Codes:
     return round(values["code"]), now.drive.amplitude_codes[now.place]
 
 
-def _delayed(now: Situation, values: Values, _: random.Random) -> _Codes:
+def _delayed(now: FaultContext, values: Values, _: random.Random) -> _Codes:
     turned = now.drive.phase_codes[now.place] + np.uint8(round(values["code"]))
     return turned, now.drive.amplitude_codes[now.place]
 
 
-def _garbage(now: Situation, _: Values, source: random.Random) -> _Codes:
+def _garbage(now: FaultContext, _: Values, source: random.Random) -> _Codes:
     count = now.place.stop - now.place.start
     phases = np.frombuffer(source.randbytes(count), np.uint8)
     return phases, now.drive.amplitude_codes[now.place]
 
 
-def _ok(now: Situation, _: Values, __: random.Random) -> _Codes:
+def _ok(now: FaultContext, _: Values, __: random.Random) -> _Codes:
     return now.healthy.phase_codes[now.place], now.healthy.amplitude_codes[now.place]
 
 
-def _wrong(now: Situation, _: Values, __: random.Random) -> _Codes:
+def _wrong(now: FaultContext, _: Values, __: random.Random) -> _Codes:
     if now.before is None:
         return now.drive.phase_codes[now.place], 0  # nothing has been there before
     other = now.before.radiated
     return other.phase_codes[now.place], other.amplitude_codes[now.place]
 
 
-def _slow(now: Situation, values: Values, _: random.Random) -> _Codes:
+def _slow(now: FaultContext, values: Values, _: random.Random) -> _Codes:
     """Follow the drive as a resonator does: with a time constant.
 
     The envelope is the one at the end of the frame, and a frame is taken to last as long as the
@@ -123,7 +123,7 @@ _DEVICE_FAULTS: Final[Mapping[str, _Act]] = MappingProxyType(
 )
 
 
-def faulty(fault: Fault, now: Situation, source: random.Random) -> Drive:
+def faulty(fault: Fault, now: FaultContext, source: random.Random) -> Drive:
     """Return what is radiated instead of ``now.drive``."""
     phases, amplitudes = now.drive.phase_codes.copy(), now.drive.amplitude_codes.copy()
     act = _DEVICE_FAULTS[fault.name]

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
+from haptogram.settings.line import LineSettings
+
 from .sampling import BITS_PER_BYTE, sample
-from .settings import LineSettings
 
 USB_PACKET_BYTES: Final = 62  # of 64; two tell the state of the modem lines
 _NS_PER_S: Final = 1_000_000_000

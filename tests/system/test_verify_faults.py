@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from haptogram.cli import main
-from sim_device.faults.kinds import FAULT_KINDS, PLACES, Parameter, words_of
+from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, Parameter, words_of
 
 _CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "2", "--quiet"]
 _FEW = ["--resolution-mm", "10"]

@@ -158,7 +158,7 @@ def test_cases_reach_every_size_kind_and_pose():
 
 
 def test_every_kind_of_wrong_drive_and_of_fault_is_drawn():
-    from sim_device.faults.kinds import FAULT_KINDS
+    from haptogram.settings.faults.kinds import FAULT_KINDS
     from trials import wrongs
 
     random = np.random.default_rng(0)

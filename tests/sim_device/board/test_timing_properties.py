@@ -11,12 +11,12 @@ from itertools import pairwise
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.connection import HostConnection, ReplyReceived
 from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Arm, Config, PhaseFormat, Phases, SetConfig
 from haptogram_protocol.state import OutputState
 from sim_device.board.events import StateChange
-from sim_device.faults.plan import FaultPlan
 from sim_device.options import board_settings
 from sim_device.simulation import Simulation
 

@@ -11,15 +11,16 @@ from hypothesis import strategies as st
 
 from haptogram.cli import main as verify
 from haptogram.errors import ConfigurationError
+from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, described, words_of
+from haptogram.settings.faults.plan import Fault, FaultPlan, read_fault_plan
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import GetStatus, Ping, build_body, parse_body
 from haptogram_protocol.state import OutputState
 from sim_device.board.clock import DeviceClock
 from sim_device.command import main
-from sim_device.faults.kinds import FAULT_KINDS, PLACES, described, words_of
+from sim_device.faults.clock import faulty_clock
+from sim_device.faults.injector import on_line
 from sim_device.faults.line import Chunk
-from sim_device.faults.plan import Fault, FaultPlan
-from sim_device.options import fault_plan
 
 VIRTUAL = "haptogram://?clock=virtual&array=4x4&reconstruct=0"
 MS = 1_000_000
@@ -73,10 +74,10 @@ def test_toml_says_the_same_as_the_command_line():
 def test_a_file_and_the_command_line_add_up(tmp_path):
     file = tmp_path / "plan.toml"
     file.write_text(EXAMPLE)
-    plan = fault_plan(["line.break"], str(file), seed=1)
+    plan = read_fault_plan(["line.break"], str(file), seed=1)
     assert [fault.name for fault in plan.faults] == ["line.flip", "line.break"]
     assert plan.seed == 7
-    assert fault_plan([], None, seed=1) == FaultPlan((), 1)
+    assert read_fault_plan([], None, seed=1) == FaultPlan((), 1)
 
 
 def test_a_url_takes_a_file_as_well(tmp_path, open_host):
@@ -190,15 +191,15 @@ def test_a_wrong_frame_is_found_by_the_board_under_its_name(open_host, fault, co
 def test_what_is_no_frame_is_left_alone(noise, fault):
     plan = FaultPlan.parse([fault])
     noise = noise.replace(b"\x00", b"\x01")
-    assert plan.line("down", 0, noise)[0] == [Chunk(0, noise)]
+    assert on_line(plan, "down", 0, noise)[0] == [Chunk(0, noise)]
     frame = encode_frame(build_body(Ping(1), flags=0, seq=9, time_us=0, session=5))
-    assert plan.line("up", 0, frame)[0][0].data == frame
+    assert on_line(plan, "up", 0, frame)[0][0].data == frame
 
 
 def test_only_one_field_changes_and_the_crc_is_right():
     frame = encode_frame(build_body(Ping(77), flags=0, seq=9, time_us=3, session=5))
     for fault, change in (("sequence", {"seq": 8}), ("session", {"session": 6})):
-        chunks, fired = FaultPlan.parse([f"frame.{fault} p=1"]).line("down", 0, frame)
+        chunks, fired = on_line(FaultPlan.parse([f"frame.{fault} p=1"]), "down", 0, frame)
         (body,) = FrameDecoder().feed(chunks[0].data)
         header, message = parse_body(body)
         assert message == Ping(77)
@@ -235,7 +236,10 @@ def test_a_clock_that_is_told_wrong_while_the_board_latches_right(open_host):
 
 
 def test_the_clock_may_wrap_soon(open_host):
-    assert FaultPlan.parse(["clock.wrap us=1000"]).clock(DeviceClock(5)).boot_us == 2**32 - 1000
+    assert (
+        faulty_clock(FaultPlan.parse(["clock.wrap us=1000"]), DeviceClock(5)).boot_us
+        == 2**32 - 1000
+    )
     host = open_host(url_of("clock.wrap us=500000"))
     start_us = host.greet().t_device_us
     host.port.wait_until_ns(1_000 * MS)

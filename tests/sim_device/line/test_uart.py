@@ -5,10 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.line import LineSettings
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Ping
 from sim_device.line.sampling import FRAMING_ERROR, is_understood, sample
-from sim_device.line.settings import LineSettings
 from sim_device.line.uart import Line, PolledLine, UsbLine, line_to_board, line_to_host
 from sim_device.options import board_settings
 

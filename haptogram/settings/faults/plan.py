@@ -1,22 +1,15 @@
-"""Faults on purpose: what a plan of them says, and what they do.  See docs/faults.md.
-
-A plan is data. What a fault does to a chunk follows from plan, seed, time and chunk alone, so the
-same traffic meets the same faults again.
-"""
+"""A plan of faults as data, its text and its TOML; docs/faults.md describes both."""
 
 from __future__ import annotations
 
-import dataclasses
-import random
 import tomllib
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, Self
 
 from haptogram.errors import ConfigurationError
 
-from ..board.clock import ClockChange, DeviceClock
 from .checks import (
     FOR_EVER_NS,
     check_direction,
@@ -28,18 +21,12 @@ from .checks import (
     time_text,
     usual_direction,
 )
-from .frames import FRAME_FAULTS
-from .kinds import FAULT_KINDS, is_of_transducers, shown, words_of
-from .line import LINE_FAULTS, Chunk
-from .reports import REPORT_FAULTS
+from .kinds import FAULT_KINDS, shown, words_of
 
 _NS_PER_MS: Final = 1_000_000
-_MILLION: Final = 1_000_000
-_WRAP_US: Final = 1 << 32
 _BOTH: Final = "both"
 _DISCONNECT: Final = "line.disconnect"
 _SUCH_AS: Final = "line.flip ber=1e-5"
-_ON_CHUNKS: Final = {**LINE_FAULTS, **FRAME_FAULTS, **REPORT_FAULTS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,95 +195,9 @@ class FaultPlan:
         )
         return "\n\n".join([f"seed = {self.seed}", *tables]) + "\n"
 
-    def line(self, direction: str, t_ns: int, chunk: bytes) -> tuple[list[Chunk], dict[str, int]]:
-        """Return what becomes of *chunk*, sent at *t_ns*, and which faults did something to it.
-
-        Parameters
-        ----------
-        direction : str
-            ``down`` to the board or ``up`` from it.
-        """
-        chunks, fired = [Chunk(t_ns, chunk)] if chunk else [], dict[str, int]()
-        for number, fault in enumerate(self.faults):
-            act = _ON_CHUNKS.get(fault.name)
-            if act is None or fault.direction not in (_BOTH, direction):
-                continue
-            if fault.is_there(t_ns):
-                source = self._random(number, direction, t_ns, chunk)
-                chunks, count = act(chunks, fault.values, source)
-                chunks = [chunk for chunk in chunks if chunk.data]  # nothing meets no other fault
-                fired[fault.name] = fired.get(fault.name, 0) + count
-        return chunks, fired
-
-    def clock(self, healthy: DeviceClock) -> DeviceClock:
-        """Return *healthy* with the faults of this plan.
-
-        Raises
-        ------
-        ConfigurationError
-            If it would run backwards, or start before 0.
-        """
-        boot_us = healthy.boot_us
-        for fault in self.named("clock.wrap"):
-            boot_us = _WRAP_US - _amount_of(fault)
-        boot_us += sum(map(_amount_of, self.named("clock.offset")))
-        if boot_us < 0:
-            raise ConfigurationError(
-                f"{_told(self.named('clock.offset'))}: the device's clock would start at "
-                f"{boot_us} us, must be 0 or more"
-            )
-        steps = [ClockChange(f.from_ns, step_us=_amount_of(f)) for f in self.named("clock.step")]
-        rates = [change for f in self.named("clock.ppm") for change in _rates(f)]
-        self._check_rates(healthy.ppm, rates)
-        changes = sorted([*healthy.changes, *steps, *rates], key=lambda change: change.at_ns)
-        return dataclasses.replace(healthy, boot_us=boot_us, changes=tuple(changes))
-
-    def on_clock(self, clock: DeviceClock) -> Iterator[tuple[str, int]]:
-        """Yield the faults that change *clock*, which has them, and when each begins to."""
-        for fault in self.faults:
-            if fault.name == "clock.wrap":
-                yield fault.name, max(0, clock.reached_ns(_WRAP_US))
-            elif fault.name.startswith("clock.") and _amount_of(fault):
-                yield fault.name, fault.from_ns
-
-    def _check_rates(self, ppm: int, rates: list[ClockChange]) -> None:
-        slowest = min(
-            (ppm + sum(c.ppm for c in rates if c.at_ns <= rate.at_ns) for rate in rates),
-            default=ppm,
-        )
-        if slowest <= -_MILLION:
-            raise ConfigurationError(
-                f"{_told(self.named('clock.ppm'))}: the device's clock would be fast by {slowest} "
-                f"ppm, must be above -{_MILLION}: it must not run backwards"
-            )
-
-    def of_device(self, t_ns: int) -> Iterator[tuple[int, Fault, random.Random]]:
-        """Yield the faults of transducers that are there at *t_ns*, with what is random there."""
-        for number, fault in enumerate(self.faults):
-            if is_of_transducers(fault.name) and fault.is_there(t_ns):
-                yield number, fault, self._random(number, "device", t_ns, b"")
-
     def named(self, name: str) -> Iterator[Fault]:
         """Yield the faults with this name."""
         return (fault for fault in self.faults if fault.name == name)
-
-    def _random(self, number: int, where: str, t_ns: int, chunk: bytes) -> random.Random:
-        return random.Random(f"{self.seed}/{number}/{where}/{t_ns}/{zlib.crc32(chunk)}")
-
-
-def _amount_of(fault: Fault) -> int:
-    """Return by how much a fault of the clock is, in the whole numbers in which it counts."""
-    return round(fault.values["ppm" if fault.name == "clock.ppm" else "us"])
-
-
-def _rates(fault: Fault) -> Iterator[ClockChange]:
-    yield ClockChange(fault.from_ns, ppm=_amount_of(fault))
-    if fault.until_ns != FOR_EVER_NS:
-        yield ClockChange(fault.until_ns, ppm=-_amount_of(fault))
-
-
-def _told(faults: Iterable[Fault]) -> str:
-    return " and ".join(map(str, faults))
 
 
 def _end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
@@ -321,3 +222,27 @@ def _text(value: float | str) -> str:
 
 def _toml(value: float | str) -> str:
     return f'"{value}"' if isinstance(value, str) else shown(value)
+
+
+def read_fault_plan(texts: Iterable[str], file: str | Path | None, seed: int) -> FaultPlan:
+    """Return the plan of a file, if one is named, and of *texts* after it.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the plan, unless the file gives another.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, or a fault is refused.
+    """
+    added = FaultPlan.parse(texts, seed)
+    if file is None:
+        return added
+    try:
+        plan = FaultPlan.from_toml(Path(file).read_text(encoding="utf-8"), seed)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigurationError(f"cannot read the fault plan {file}: {reason}") from error
+    return FaultPlan(plan.faults + added.faults, plan.seed)

@@ -1,25 +1,72 @@
-"""The faults of a plan at work on one board: what they change, and how often."""
+"""The faults of a plan at work on one board: what they change, and how often.
+
+What a fault does to a chunk follows from plan, seed, time and chunk alone, so the same traffic
+meets the same faults again.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import random
+import zlib
+from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import Drive
+from haptogram.settings.faults.kinds import is_of_transducers
+from haptogram.settings.faults.plan import Fault, FaultPlan
 
 from ..board.clock import DeviceClock, earliest
 from ..board.events import FaultsCounted, Latch
 from ..board.settings import BoardSettings
-from .kinds import is_of_transducers
-from .line import Chunk
-from .plan import Fault, FaultPlan
-from .transducers import Situation, faulty, place_of
+from .clock import clock_changes
+from .frames import FRAME_FAULTS
+from .line import LINE_FAULTS, Chunk
+from .reports import REPORT_FAULTS
+from .transducers import FaultContext, faulty, place_of
+
+_ON_CHUNKS: Final = {**LINE_FAULTS, **FRAME_FAULTS, **REPORT_FAULTS}
 
 
-class Injection:
-    """Applies a plan, and counts.
+def on_line(
+    plan: FaultPlan, direction: str, t_ns: int, data: bytes
+) -> tuple[list[Chunk], dict[str, int]]:
+    """Return the chunks that *data*, sent at *t_ns*, becomes, and how often each fault fired.
+
+    Parameters
+    ----------
+    direction : str
+        ``down`` to the board or ``up`` from it.
+    """
+    chunks, fired = [Chunk(t_ns, data)] if data else [], dict[str, int]()
+    for number, fault in enumerate(plan.faults):
+        act = _ON_CHUNKS.get(fault.name)
+        if act is None or fault.direction not in ("both", direction):
+            continue
+        if fault.is_there(t_ns):
+            source = _random(plan, number, direction, t_ns, data)
+            chunks, count = act(chunks, fault.values, source)
+            chunks = [chunk for chunk in chunks if chunk.data]  # no fault acts on nothing
+            fired[fault.name] = fired.get(fault.name, 0) + count
+    return chunks, fired
+
+
+def _on_transducers(plan: FaultPlan, t_ns: int) -> Iterator[tuple[int, Fault, random.Random]]:
+    """Yield the faults of transducers that are there at *t_ns*, each with its source of chance."""
+    for number, fault in enumerate(plan.faults):
+        if is_of_transducers(fault.name) and fault.is_there(t_ns):
+            yield number, fault, _random(plan, number, "device", t_ns, b"")
+
+
+def _random(plan: FaultPlan, number: int, where: str, t_ns: int, data: bytes) -> random.Random:
+    return random.Random(f"{plan.seed}/{number}/{where}/{t_ns}/{zlib.crc32(data)}")
+
+
+class FaultInjector:
+    """Applies a plan to one board, and counts how often each fault fires.
 
     Parameters
     ----------
@@ -39,7 +86,7 @@ class Injection:
     def __init__(self, plan: FaultPlan, settings: BoardSettings, clock: DeviceClock) -> None:
         self.plan = plan
         self._counts = {fault.name: 0 for fault in plan.faults}
-        self._on_clock = list(plan.on_clock(clock))
+        self._on_clock = list(clock_changes(plan, clock))
         self._places = [
             place_of(fault, settings) if is_of_transducers(fault.name) else slice(0, 0)
             for fault in plan.faults
@@ -50,8 +97,8 @@ class Injection:
         self._reached: dict[int, NDArray[np.complex128]] = {}
 
     def line(self, direction: str, t_ns: int, data: bytes) -> list[Chunk]:
-        """Return what becomes of *data* on the line."""
-        chunks, fired = self.plan.line(direction, t_ns, data)
+        """Return the chunks that *data* becomes on the line, and count the faults."""
+        chunks, fired = on_line(self.plan, direction, t_ns, data)
         for name, count in fired.items():
             self._counts[name] += count
         return chunks
@@ -80,10 +127,10 @@ class Injection:
     # --- transducers ---------------------------------------------------------------------------
 
     def radiate(self, latch: Latch, t_ns: int) -> Latch:
-        """Return *latch* with what its faulty transducers radiate; what is latched stays."""
+        """Return *latch* with the drive that its faulty transducers radiate."""
         radiated = latch.radiated
-        for number, fault, source in self.plan.of_device(t_ns):
-            now = Situation(
+        for number, fault, source in _on_transducers(self.plan, t_ns):
+            now = FaultContext(
                 healthy=latch.radiated,
                 drive=radiated,
                 before=self._before,
@@ -103,7 +150,7 @@ class Injection:
         )
 
     def counts(self, t_ns: int) -> dict[str, int]:
-        """Return how often each fault has done something up to *t_ns*."""
+        """Return how often each fault has fired up to *t_ns*."""
         counts = dict(self._counts)
         for name, at_ns in self._on_clock:
             counts[name] += at_ns <= t_ns

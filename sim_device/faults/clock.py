@@ -1,0 +1,76 @@
+"""What the faults of a plan make of the board's clock."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+from haptogram.settings.faults.checks import FOR_EVER_NS
+from haptogram.settings.faults.plan import Fault, FaultPlan
+
+from ..board.clock import ClockChange, DeviceClock
+
+_MILLION: Final = 1_000_000
+_WRAP_US: Final = 1 << 32
+
+
+def faulty_clock(plan: FaultPlan, healthy: DeviceClock) -> DeviceClock:
+    """Return *healthy* with the faults of *plan*.
+
+    Raises
+    ------
+    ConfigurationError
+        If the clock would run backwards, or start before 0.
+    """
+    boot_us = healthy.boot_us
+    for fault in plan.named("clock.wrap"):
+        boot_us = _WRAP_US - _amount(fault)
+    boot_us += sum(map(_amount, plan.named("clock.offset")))
+    if boot_us < 0:
+        raise ConfigurationError(
+            f"{_listed(plan.named('clock.offset'))}: the device's clock would start at "
+            f"{boot_us} us, must be 0 or more"
+        )
+    steps = [ClockChange(f.from_ns, step_us=_amount(f)) for f in plan.named("clock.step")]
+    rates = [change for f in plan.named("clock.ppm") for change in _rates(f)]
+    _check_rates(plan, healthy.ppm, rates)
+    changes = sorted([*healthy.changes, *steps, *rates], key=lambda change: change.at_ns)
+    return dataclasses.replace(healthy, boot_us=boot_us, changes=tuple(changes))
+
+
+def clock_changes(plan: FaultPlan, clock: DeviceClock) -> Iterator[tuple[str, int]]:
+    """Yield each fault that changes *clock*, which has the faults, and when its change begins."""
+    for fault in plan.faults:
+        if fault.name == "clock.wrap":
+            yield fault.name, max(0, clock.reached_ns(_WRAP_US))
+        elif fault.name.startswith("clock.") and _amount(fault):
+            yield fault.name, fault.from_ns
+
+
+def _check_rates(plan: FaultPlan, ppm: int, rates: list[ClockChange]) -> None:
+    slowest = min(
+        (ppm + sum(c.ppm for c in rates if c.at_ns <= rate.at_ns) for rate in rates),
+        default=ppm,
+    )
+    if slowest <= -_MILLION:
+        raise ConfigurationError(
+            f"{_listed(plan.named('clock.ppm'))}: the device's clock would be fast by {slowest} "
+            f"ppm, must be above -{_MILLION}: it must not run backwards"
+        )
+
+
+def _amount(fault: Fault) -> int:
+    """Return the size of a fault of the clock in whole microseconds or ppm."""
+    return round(fault.values["ppm" if fault.name == "clock.ppm" else "us"])
+
+
+def _rates(fault: Fault) -> Iterator[ClockChange]:
+    yield ClockChange(fault.from_ns, ppm=_amount(fault))
+    if fault.until_ns != FOR_EVER_NS:
+        yield ClockChange(fault.until_ns, ppm=-_amount(fault))
+
+
+def _listed(faults: Iterable[Fault]) -> str:
+    return " and ".join(map(str, faults))
