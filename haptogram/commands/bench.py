@@ -18,8 +18,6 @@ examples:
       1 kHz for 10 s to a virtual board in a process of its own, a control loop beside it
   haptogram bench --spin-us 150 --realtime --html timing.html
   haptogram bench --port /dev/ttyUSB0 --json new.json --compare old.json
-  haptogram bench --goals
-      the goals of this project for loop and round trip, measured here, side by side
 
 Nothing is judged: wall-clock figures depend on the machine. The exit status is 0 if it was
 measured, 2 if it could not be.
@@ -40,7 +38,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     bench.set_defaults(run=run)
     bench.add_argument("--port", metavar="URL", help="a board on any pyserial URL [virtual board]")
     bench.add_argument("--rate-hz", type=float, default=1000.0, metavar="HZ", help="[1000]")
-    bench.add_argument("--seconds", type=float, metavar="S", help="[10; --goals: 30]")
+    bench.add_argument("--seconds", type=float, default=10.0, metavar="S", help="[10]")
     bench.add_argument("--link-baud", type=int, default=3_000_000, metavar="BAUD", help="[3000000]")
     bench.add_argument("--phase-bits", type=int, choices=(8, 6, 5), default=8, help="[8]")
     bench.add_argument(
@@ -61,7 +59,6 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         action="store_true",
         help="ask for fixed priority, locked memory and a frozen garbage collector",
     )
-    bench.add_argument("--goals", action="store_true", help="measure the goals for loop and line")
     bench.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
     bench.add_argument("--html", type=Path, metavar="FILE", help="write it with histograms")
     bench.add_argument("--picture", type=Path, metavar="FILE", help="write the histogram alone")
@@ -72,8 +69,6 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
-    if arguments.goals:
-        return _run_goals(arguments)
     from haptogram.campaigns.bench.measure import BenchConfig, run_bench
     from haptogram.campaigns.bench.result import as_dict, read_result
     from haptogram.campaigns.bench.text import as_text
@@ -83,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     config = BenchConfig(
         port=arguments.port,
         rate_hz=arguments.rate_hz,
-        seconds=10.0 if arguments.seconds is None else arguments.seconds,
+        seconds=arguments.seconds,
         baudrate=arguments.link_baud,
         phase_bits=arguments.phase_bits,
         lead_us=lead_us,
@@ -98,18 +93,6 @@ def run(arguments: argparse.Namespace) -> int:
     if changes:
         print("\n" + "\n".join(changes))
     _write(arguments, found, result, changes)
-    return 0
-
-
-def _run_goals(arguments: argparse.Namespace) -> int:
-    from haptogram.campaigns.bench.goals import as_text, measure_goals
-    from haptogram.report import write_json
-
-    seconds = 30.0 if arguments.seconds is None else arguments.seconds
-    found = measure_goals(seconds=seconds)
-    print(as_text(found))
-    if arguments.json is not None:
-        write_json(arguments.json, found.as_dict())
     return 0
 
 

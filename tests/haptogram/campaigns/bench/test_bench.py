@@ -1,17 +1,12 @@
 """The benchmark for real, and short: that it measures everything, not how fast anything is."""
 
 import json
-import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 
-from haptogram.campaigns.bench.c_programs import c_programs
-from haptogram.campaigns.bench.exchange import exchanger
-from haptogram.campaigns.bench.goals import as_text as goals_as_text
-from haptogram.campaigns.bench.goals import measure_goals
 from haptogram.campaigns.bench.measure import BenchConfig, run_bench
 from haptogram.campaigns.bench.result import STAGES, as_dict, read_result
 from haptogram.cli import main
@@ -19,8 +14,6 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.virtual_board import VirtualBoard
 
 pytestmark = [pytest.mark.pty, pytest.mark.realtime]
-
-needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
 
 @pytest.fixture(scope="module")
@@ -127,55 +120,3 @@ def test_pictures_and_the_board_are_imported_only_when_needed():
     code = "import haptogram.commands.bench, sys; print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
-
-
-# --- exchange, C, goals --------------------------------------------------------------------------
-
-
-def test_every_frame_of_a_closed_loop_is_confirmed_and_verified(board):
-    with exchanger(board.url) as session:
-        assert len(session.round_trips_us(20)) == 20
-        found = session.closed_loop(100)
-        assert found.verified == found.frames == len(found.trips_us) == 100
-        assert (found.trips_us > 0).all()
-        full = session.pipelined(300, 16)
-        assert 0 < full.verified <= full.frames == 300
-        paced = session.streamed(100, 200)
-        assert 0 < paced.verified <= paced.frames == 100
-
-
-@needs_cc
-def test_the_c_programs_measure_what_they_say():
-    with c_programs() as programs:
-        trips = programs.round_trips_us(there=276, back=28, count=50)
-        assert trips.shape == (50,)
-        assert (trips > 0).all()
-        with programs.running_loop(period_ns=1_000_000, count=60, spin_ns=100_000) as lateness:
-            pass
-        assert lateness[0].shape == (60,)
-        assert (lateness[0] >= 0).all()
-
-
-def test_a_compiler_that_fails_is_one_line(monkeypatch):
-    monkeypatch.setenv("CC", "false")
-    with pytest.raises(ConfigurationError, match=r"false does not compile loop\.c"), c_programs():
-        pass
-
-
-def test_without_a_compiler_there_is_nothing_beside(monkeypatch):
-    monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setenv("PATH", "")
-    with c_programs() as programs:
-        assert programs is None
-
-
-@pytest.mark.slow
-def test_the_goals_are_measured_and_said_to_be_met_or_not():
-    found = measure_goals(seconds=0.3, trips=50, step_s=0.05)
-    text = goals_as_text(found)
-    assert len(found.lines) >= 7
-    for line in found.lines:
-        assert line.figure in text
-        assert line.measured in text
-    assert text.count("met") + text.count(" -") >= len(found.lines)
-    json.dumps(found.as_dict())

@@ -1,4 +1,4 @@
-"""How fast frames can be sent if every one is confirmed by the board's trace of its latch.
+"""The rate of frames of which the board's trace confirms every latch.
 
 The CRC-32 of the latched drive is compared with that of the intended one, frame by frame.
 """
@@ -56,21 +56,21 @@ _TRIES: Final = 3
 _WAIT_NS: Final = 2_000_000_000
 _WINDOWS: Final = (32, 48, 64, 80, 96)  # frames on their way; the queue of a virtual board has 128
 _LEAD_US: Final = 8_000  # of each: what the board's process may stall without a loss
-_LOST_NS: Final = 20_000_000  # after which those that are on their way are given up
+_LOST_NS: Final = 20_000_000  # after which frames on their way count as lost
 
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """What came of it.
+    """The frames of one exchange, and how many of them were verified.
 
     Attributes
     ----------
     frames : int
-        How many were sent.
+        Number of frames that were sent.
     verified : int
-        Of how many the board latched the drive that was intended.
+        Number of frames of which the board latched the intended drive.
     seconds : float
-        How long it took.
+        Duration.
     trips_us : (n,) numpy.ndarray
         From handing over a frame to the trace of its latch, in microseconds.
     """
@@ -94,7 +94,7 @@ class Exchanger:
     link : Link
         Open session.
     frames : int
-        How many different frames there are; they are sent again and again.
+        Number of different frames; the exchanger sends them again and again.
     """
 
     def __init__(self, link: Link, frames: int = 256) -> None:
@@ -153,8 +153,8 @@ class Exchanger:
     def pipelined(self, count: int, window: int) -> Exchange:
         """Send *count* frames as fast as they are confirmed, *window* of them on their way.
 
-        Each is due at a time of its own, no two within one carrier period, or the board would latch
-        the later one only.
+        Each frame is due at a time of its own, no two within one carrier period, or the board would
+        latch the later one only.
         """
         link, due_us = self._begin(), 0
         with real_time():
@@ -170,7 +170,7 @@ class Exchanger:
         return Exchange(count, self._verified(), seconds, np.zeros(0))
 
     def _wait_until_traced(self, index: int) -> None:
-        """Wait until the latch of this frame, or a later one, was traced, or it must be lost."""
+        """Wait until this frame or a later one is traced, or must be lost."""
         deadline_ns = self._link.now_ns() + _LOST_NS
         while self._newest < index:
             self._link.turn(deadline_ns)
@@ -195,7 +195,7 @@ class Exchanger:
         return self._link
 
     def _verified(self) -> int:
-        """Return of how many intended frames the board says that it latched just that drive."""
+        """Return the number of intended frames whose very drive the board traced."""
         return sum(
             self._traced.get(wanted.key.index, (None, 0))[0] == wanted.drive.digest()
             for wanted in self._intended
@@ -218,10 +218,10 @@ class Exchanger:
 
 
 def fastest_pipeline(exchanger: Exchanger, count: int) -> Exchange:
-    """Return the fastest exchange of *count* frames of which every one was verified, if any was.
+    """Return the fastest of the exchanges of *count* frames that verified the most frames.
 
-    How many frames on their way are best depends on the board: with too few it waits for the host,
-    with more than it can work off within their lead they come too late.
+    The best window depends on the board: with too few frames on their way, the board waits for the
+    host; with more than the board decodes within their lead, frames come too late.
     """
     tried = (exchanger.pipelined(count, window) for window in _WINDOWS)
     return max(tried, key=lambda done: (done.verified, done.rate_hz))
@@ -230,8 +230,8 @@ def fastest_pipeline(exchanger: Exchanger, count: int) -> Exchange:
 def highest_verified_rate_hz(exchanger: Exchanger, step_s: float) -> float:
     """Return the highest rate, on a ladder of steps of a quarter, at which every frame is verified.
 
-    0 if none is.  Each step streams for *step_s*, and gets three tries: what a busy machine does to
-    one of them is not the program's limit.
+    0 if none is.  Each step streams for *step_s* and gets three tries, because a busy machine may
+    delay one of them.
     """
     passed_hz, rate_hz = 0.0, _LOWEST_HZ
     while rate_hz <= _HIGHEST_HZ:
