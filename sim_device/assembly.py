@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram.driver.line.stuffing import fastest_cobs
 from haptogram_protocol.connection import BoardConnection
-from haptogram_protocol.framing import FrameDecoder
+from haptogram_protocol.framing import FrameDecoder, fastest_cobs
 
 from .board.board import Board
 from .board.clock import DeviceClock

@@ -7,10 +7,9 @@ import zlib
 import pytest
 from wire_references import BytewiseDecoder
 
-from haptogram.driver.line.stuffing import fastest_cobs
 from haptogram_protocol.connection import BoardConnection, HostConnection
 from haptogram_protocol.export.vectors.samples import sample
-from haptogram_protocol.framing import PURE_PYTHON, FrameDecoder, encode_frame
+from haptogram_protocol.framing import PURE_PYTHON, FrameDecoder, encode_frame, fastest_cobs
 from haptogram_protocol.messages import (
     MESSAGES,
     Drives,

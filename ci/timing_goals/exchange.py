@@ -21,7 +21,6 @@ from haptogram.driver.handshake import open_session
 from haptogram.driver.identity import model_of, read_array
 from haptogram.driver.line.link import Link
 from haptogram.driver.line.port import open_transport
-from haptogram.driver.line.stuffing import fastest_cobs
 from haptogram.driver.stream import Pacing, Streamer
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
@@ -33,6 +32,7 @@ from haptogram.records.kept import Kept
 from haptogram_protocol import HostConnection
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
 from haptogram_protocol.export.tables import description_hash
+from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import (
     Arm,
     ArmReply,

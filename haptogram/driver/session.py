@@ -15,7 +15,6 @@ from haptogram.driver.handshake import open_session
 from haptogram.driver.identity import check_model, model_of, read_array, read_geometry
 from haptogram.driver.line.link import NS_PER_S, Link
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, MOST_BAUDRATE, Transport, open_transport
-from haptogram.driver.line.stuffing import fastest_cobs
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram.driver.trace import TraceReader
@@ -34,6 +33,7 @@ from haptogram.settings.arguments import (
 from haptogram_protocol import HostConnection, LocalProtocolError
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
 from haptogram_protocol.export.tables import description_hash
+from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import (
     Config,
     ConfigReply,

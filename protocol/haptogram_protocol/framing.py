@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Final
 from zlib import crc32
 
-from .cobs import BLOCK, PURE_PYTHON, Cobs, Stuffing, cobs_decode, cobs_encode
+from .cobs import BLOCK, PURE_PYTHON, Cobs, Stuffing, cobs_decode, cobs_encode, fastest_cobs
 from .errors import LocalProtocolError, RemoteProtocolError
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "cobs_encode",
     "decode_frame",
     "encode_frame",
+    "fastest_cobs",
 ]
 
 DELIMITER: Final = b"\x00"  # HG-2.1

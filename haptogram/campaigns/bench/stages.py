@@ -13,12 +13,11 @@ from typing import Final
 import numpy as np
 
 from haptogram.driver.line.budget import frame_bytes, highest_rate_hz, transmission_ns
-from haptogram.driver.line.stuffing import fastest_cobs
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.errors import ConfigurationError
 from haptogram.machine.process import real_time
 from haptogram_protocol import FrameDecoder, encode_frame
-from haptogram_protocol.framing import Stuffing
+from haptogram_protocol.framing import Stuffing, fastest_cobs
 from haptogram_protocol.messages import (
     Drives,
     FocalPoint,

@@ -6,7 +6,6 @@ import random
 from typing import Any, Final, Protocol, TypeVar
 
 from haptogram.driver.line.budget import frame_bytes, transmission_ns
-from haptogram.driver.line.stuffing import fastest_cobs
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.errors import HaptogramError
 from haptogram_protocol import NEED_DATA, HostConnection
@@ -19,6 +18,7 @@ from haptogram_protocol.connection import (
     RequestTimedOut,
 )
 from haptogram_protocol.export.tables import description_hash
+from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import EVENT_RANGE, FIRST_STREAM_SEQ, Message, Ping, Pong, Status
 
 from .drives import Show
