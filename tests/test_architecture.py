@@ -25,6 +25,7 @@ SOURCES = {
     "haptogram_protocol": ROOT / "protocol" / "haptogram_protocol",
     "sim_device": ROOT / "sim_device",
 }
+SPEC = ROOT / "protocol" / "SPEC.md"
 ERROR_ROOTS = {
     "haptogram": (HaptogramError,),
     "haptogram_protocol": (ProtocolError,),
@@ -99,8 +100,8 @@ def tree(tmp_path):
         shutil.copytree(
             source, copy / source.relative_to(ROOT), ignore=shutil.ignore_patterns("__pycache__")
         )
-    for name in ("pyproject.toml", "LICENSE", "README.md"):
-        shutil.copy(ROOT / name, copy)
+    for name in ("pyproject.toml", "setup.py", "LICENSE", "README.md", "protocol/SPEC.md"):
+        shutil.copy(ROOT / name, copy / name)
     return copy
 
 
@@ -210,14 +211,7 @@ def test_no_file_names_a_place_on_one_machine():
 @pytest.mark.slow
 def test_wheel_works_in_a_foreign_directory(tree, tmp_path):
     """Firmware repositories tend to have a `protocol/` and a `tests/` of their own."""
-    status, output = run(
-        *(sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet"),
-        *("--disable-pip-version-check", "--wheel-dir", tmp_path, tree),
-        cwd=tmp_path,
-    )
-    assert status == 0, output
-    (wheel,) = tmp_path.glob("*.whl")
-    site = clean_environment(tmp_path / "env", wheel)
+    site = clean_environment(tmp_path / "env", built_wheel(tree, tmp_path))
 
     packed = {
         path.relative_to(site) for path in site.rglob("*") if path.suffix in {".py", ".typed"}
@@ -240,6 +234,43 @@ def test_wheel_works_in_a_foreign_directory(tree, tmp_path):
         cwd=foreign,
     )
     assert (status, output.split()) == (0, [str(site / name / "__init__.py") for name in SOURCES])
+
+    assert (site / "haptogram_protocol" / "SPEC.md").read_bytes() == SPEC.read_bytes()
+    status, output = run(
+        *(tmp_path / "env" / "bin" / "python", "-m", "haptogram", "conform", "--list"), cwd=foreign
+    )
+    assert status == 0, output
+    assert "HG-5.7/1" in output
+
+
+@pytest.mark.slow
+def test_a_source_distribution_builds_the_same_wheel(tree, tmp_path):
+    status, output = run(
+        *(sys.executable, "-c"),
+        "import sys; from setuptools.build_meta import build_sdist; build_sdist(sys.argv[1])",
+        tmp_path,
+        cwd=tree,
+    )
+    assert status == 0, output
+    (source,) = tmp_path.glob("*.tar.gz")
+    folders = [tmp_path / "from_tree", tmp_path / "from_source"]
+    for folder in folders:
+        folder.mkdir()
+    wheels = [built_wheel(*job) for job in zip((tree, source), folders, strict=True)]
+    listings = [ZipFile(wheel).namelist() for wheel in wheels]
+    assert sorted(listings[0]) == sorted(listings[1])
+
+
+def built_wheel(source, folder):
+    """Build a wheel in *folder* from a source tree or a source distribution, off line."""
+    status, output = run(
+        *(sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet"),
+        *("--disable-pip-version-check", "--wheel-dir", folder, source),
+        cwd=folder,
+    )
+    assert status == 0, output
+    (wheel,) = folder.glob("*.whl")
+    return wheel
 
 
 def clean_environment(folder, wheel):

@@ -1,33 +1,21 @@
-"""The clauses of SPEC.md, as data that travels with the package.
+"""The clauses of SPEC.md, read from its text.
 
-``python -m haptogram.conformance.clauses protocol/SPEC.md`` writes ``clause_table.py``; a test
-proves that it is up to date.
+A wheel carries SPEC.md inside ``haptogram_protocol`` (``setup.py`` puts it there); a checkout and
+an editable install have it beside that package, in ``protocol/``.
 """
 
 from __future__ import annotations
 
 import enum
+import functools
 import re
-import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from importlib import resources
+from types import MappingProxyType
 from typing import Final
 
 _CLAUSE: Final = re.compile(r"^- \*\*(HG-\d+\.\d+/\d+)\*\* ((?:.|\n  )*)", re.MULTILINE)
-_WIDTH: Final = 94
-_FITS: Final = 92  # beside its indent and a comma: the formatter would join what is shorter
-_HEAD: Final = '''\
-"""Every clause of SPEC.md: its number and its text.
-
-Written by ``python -m haptogram.conformance.clauses protocol/SPEC.md``; not edited by hand.
-"""
-
-from __future__ import annotations
-
-from typing import Final
-
-TABLE: Final = (
-'''
 
 
 class Level(enum.StrEnum):
@@ -55,18 +43,32 @@ class Clause:
 
     @property
     def level(self) -> Level:
-        """The strongest word in it."""
+        """The strongest word in the text."""
         return next(level for level in Level if level.value in self.text)
 
     @property
-    def chapter(self) -> int:
-        """Chapter of SPEC.md."""
-        return self.order[0]
+    def section(self) -> str:
+        """Number of the section, ``HG-<chapter>.<section>``."""
+        return self.number.partition("/")[0]
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Key that sorts clauses as the text has them."""
+        """Key that sorts clauses in the order of SPEC.md."""
         return tuple(int(part) for part in re.findall(r"\d+", self.number))
+
+
+def read_spec() -> str:
+    """Return the text of SPEC.md.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the installation lacks the file.
+    """
+    package = resources.files("haptogram_protocol")
+    packed = package / "SPEC.md"
+    spec = packed if packed.is_file() else package / ".." / "SPEC.md"
+    return spec.read_text("utf-8")
 
 
 def parse_spec(text: str) -> tuple[Clause, ...]:
@@ -74,46 +76,7 @@ def parse_spec(text: str) -> tuple[Clause, ...]:
     return tuple(Clause(number, " ".join(body.split())) for number, body in _CLAUSE.findall(text))
 
 
-def load_clauses() -> dict[str, Clause]:
-    """Return every clause by its number, in order."""
-    from .clause_table import TABLE
-
-    return {number: Clause(number, text) for number, text in TABLE}
-
-
-def render_table(clauses: tuple[Clause, ...]) -> str:
-    """Return the module that holds *clauses*."""
-    return _HEAD + "".join(_row(clause) for clause in clauses) + ")\n"
-
-
-def _row(clause: Clause) -> str:
-    pieces = [clause.text] if len(_quoted(clause.text)) < _FITS else _wrapped(clause)
-    quoted = "".join(f"        {_quoted(piece)}\n" for piece in pieces)
-    return f'    (\n        "{clause.number}",\n{quoted.rstrip()},\n    ),\n'
-
-
-def _wrapped(clause: Clause) -> list[str]:
-    pieces, line = [], ""
-    for word in clause.text.split(" "):
-        if line and len(repr(line + word)) + 8 > _WIDTH:
-            pieces.append(line)
-            line = ""
-        line += word + " "
-    return [*pieces, line.rstrip()]
-
-
-def _quoted(text: str) -> str:
-    """Return *text* as a literal, quoted as the formatter quotes."""
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def main(arguments: list[str]) -> int:
-    """Write the table beside this module; return the exit status."""
-    (spec,) = arguments
-    table = render_table(parse_spec(Path(spec).read_text("utf-8")))
-    Path(__file__).with_name("clause_table.py").write_text(table, "utf-8")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+@functools.cache
+def load_clauses() -> Mapping[str, Clause]:
+    """Return every clause by its number, in the order of SPEC.md."""
+    return MappingProxyType({clause.number: clause for clause in parse_spec(read_spec())})
