@@ -1,4 +1,4 @@
-"""Campaigns: many runs, and what they say together.
+"""Campaigns: many runs, and the numbers that they give together.
 
-One run lies in :mod:`haptogram.evidence.run_record`.
+One run lies in :mod:`haptogram.evidence.run_record`, text and pages in :mod:`haptogram.report`.
 """

@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
     from haptogram.campaigns.bench.measure import BenchConfig, run_bench
     from haptogram.campaigns.bench.result import as_dict, read_result
-    from haptogram.campaigns.bench.text import as_text
+    from haptogram.report.bench.text import bench_text
 
     old = None if arguments.compare is None else read_result(arguments.compare)
     lead_us = None if arguments.lead_ms is None else round(arguments.lead_ms * 1e3)
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = run_bench(config)  # without a progress bar: it would draw between the ticks
     result = as_dict(found)
     changes = [] if old is None else _changes(old, result)
-    print(as_text(result))
+    print(bench_text(result))
     if changes:
         print("\n" + "\n".join(changes))
     _write(arguments, found, result, changes)
@@ -115,11 +115,11 @@ def _write(
     if arguments.json is not None:
         write_json(arguments.json, result)
     if arguments.html is not None:
-        from haptogram.campaigns.bench.html import as_html
+        from haptogram.report.bench.page import as_html
 
         write_atomically(arguments.html, as_html(found, changes).encode())
     if arguments.picture is not None:
-        from haptogram.campaigns.bench.pictures import draw_histograms
+        from haptogram.report.bench.pictures import draw_histograms
 
         write_picture(arguments.picture, draw_histograms(found.stages_us))
     for path in (arguments.json, arguments.html, arguments.picture):

@@ -58,10 +58,10 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute, write and print; return the exit status."""
-    from haptogram.published.paper import text
     from haptogram.published.paper.document import reproduce_paper
     from haptogram.published.presets import PRESETS, compare
-    from haptogram.published.presets.text import render
+    from haptogram.report.paper.text import paper_text
+    from haptogram.report.presets import presets_text
 
     _check_places(arguments)
     paper = reproduce_paper()
@@ -69,14 +69,14 @@ def run(arguments: argparse.Namespace) -> int:
     compared = [(preset, compare(preset)) for preset in PRESETS] if wanted else []
     presets = [row for _, rows in compared for row in rows]
     if arguments.json != STANDARD_OUTPUT:  # before the files: a full disk shall not cost the result
-        sys.stdout.write(text.render(paper))
+        sys.stdout.write(paper_text(paper))
         if arguments.presets:
-            sys.stdout.write("\n" + render(compared))
+            sys.stdout.write("\n" + presets_text(compared))
     if arguments.json:
         write_json(arguments.json, paper.as_dict() | {"presets": presets})
     if arguments.report:
         from haptogram.machine.files import write_atomically
-        from haptogram.published.paper.html import report_files
+        from haptogram.report.paper.page import report_files
 
         for path, content in report_files(paper, presets, arguments.report):
             write_atomically(path, content)
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _check_places(arguments: argparse.Namespace) -> None:
     """Raise before some seconds of work, not after, if a result cannot be written."""
     if arguments.report:
-        from haptogram.published.paper.html import check_report
+        from haptogram.report.paper.page import check_report
 
         check_report(arguments.report)
     check_file(arguments.json)

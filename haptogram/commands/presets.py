@@ -47,7 +47,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Compute and print; return the exit status."""
     from haptogram.published.presets import PRESETS, compare, find_preset
-    from haptogram.published.presets.text import render
+    from haptogram.report.presets import presets_text
 
     check_file(arguments.json)
     chosen = [find_preset(name) for name in arguments.names] or PRESETS
@@ -55,5 +55,5 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, {"presets": [row for _, rows in compared for row in rows]})
     else:
-        sys.stdout.write(render(compared))
+        sys.stdout.write(presets_text(compared))
     return PASS

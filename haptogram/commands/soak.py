@@ -63,7 +63,7 @@ def add(
 def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
     """Run what is left of the soak, print the account, and return the exit status."""
     from haptogram.campaigns.soak import Interrupted
-    from haptogram.campaigns.soak.text import render
+    from haptogram.report.soak import soak_text
 
     campaign = _campaign(arguments)
     interrupted = False
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
             )
     except Interrupted:
         interrupted = True
-    print(render(campaign))  # before the file: a full disk must not cost the account
+    print(soak_text(campaign))  # before the file: a full disk must not cost the account
     if interrupted:
         print(_how_to_resume(arguments, campaign), file=sys.stderr)
     if arguments.json is not None:

@@ -62,12 +62,6 @@ class Percentiles:
             "blocks": self.blocks,
         }
 
-    def __str__(self) -> str:
-        if not self.count:
-            return "not observed"
-        values = "".join(f"{value:>10.1f}" for value in self.levels.values())
-        return f"{values}{self.greatest:>11.1f}{self.count:>9}"
-
 
 def with_missed_ticks(lateness_us: NDArray[np.float64], period_us: float) -> NDArray[np.float64]:
     """Return the lateness of every tick, those that a loop missed because it was late included.
@@ -80,11 +74,6 @@ def with_missed_ticks(lateness_us: NDArray[np.float64], period_us: float) -> NDA
     place = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - each, each)
     late: NDArray[np.float64] = np.repeat(lateness_us, each) - place * period_us
     return late
-
-
-def heading() -> str:
-    """Return the names of the columns of :class:`Percentiles` as text."""
-    return "".join(f"{f'p{level:g}':>10}" for level in LEVELS) + f"{'max':>11}{'n':>9}"
 
 
 def _levels(values: NDArray[np.float64]) -> dict[str, float]:

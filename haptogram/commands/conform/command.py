@@ -54,9 +54,9 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     if arguments.list:
         return _list(cases)
     suite = _run_cases(arguments, cases, virtual)
-    from haptogram.report.conformance.text import render
+    from haptogram.report.conformance.text import suite_text
 
-    print(render(suite, verbose=arguments.verbose), flush=True)  # whatever becomes of the files
+    print(suite_text(suite, verbose=arguments.verbose), flush=True)  # whatever becomes of the files
     _write(arguments, suite)
     return suite.exit_status
 

@@ -13,8 +13,14 @@ _NAMED: Final = 3  # cases that are named where they have a reason in common
 _LINES: Final = 60  # of a transcript; the rest is in the JSON file
 
 
-def render(suite: SuiteResult, *, verbose: bool = False) -> str:
-    """Return the summary, with what is not as it should be in full."""
+def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
+    """Return a summary of the run, and in full every case that needs a look.
+
+    Parameters
+    ----------
+    verbose : bool
+        Print every case in full.
+    """
     return "\n".join(_lines(suite, verbose=verbose))
 
 

@@ -13,9 +13,9 @@ from haptogram.campaigns.soak import Campaign, Interrupted, Setup, Tally, campai
 from haptogram.campaigns.soak.faults import KINDS
 from haptogram.campaigns.soak.line import DAMAGE
 from haptogram.campaigns.soak.memory import GROWTH_LIMIT_BYTES, Memory
-from haptogram.campaigns.soak.text import render
 from haptogram.cli import board_without_a_line, main
 from haptogram.errors import ConfigurationError
+from haptogram.report.soak import soak_text
 
 SHORT = Setup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_s=0.4)
 
@@ -197,7 +197,7 @@ def test_a_checkpoint_of_another_soak_is_refused(tmp_path: Path) -> None:
 def test_the_account_counts_in_words() -> None:
     soak = Campaign(SHORT)
     soak.tally.totals.update({"sessions": 1, "pauses": 2})
-    said = render(soak)
+    said = soak_text(soak)
     assert " 1 session\n" in said
     assert " 2 pauses\n" in said
     assert "memory did not grow\n" in said

@@ -13,7 +13,7 @@ from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError, DeviceError
 from haptogram.report.conformance.machine import read_json, write_json, write_junit
 from haptogram.report.conformance.page import write_page
-from haptogram.report.conformance.text import render
+from haptogram.report.conformance.text import suite_text
 
 ERRORS = [
     TypeError("no <b>such\nthing"),
@@ -65,7 +65,7 @@ def test_it_is_no_verdict_on_the_board_and_keeps_its_traceback(tmp_path, error):
     assert "in breaks_off" in item.find("system-out").text
     assert "traceback of the case" in files[2].read_text()
     assert "in breaks_off" in files[2].read_text()
-    told = render(suite)
+    told = suite_text(suite)
     assert f"found        {result.detail}" in told
     assert "case errors  HG-2.3/1: not the board" in told
 
@@ -136,4 +136,4 @@ def test_a_board_that_does_not_answer_is_told_without_a_traceback():
     assert result.behaviour is Behaviour.INCONCLUSIVE
     assert not result.traceback
     assert "error in the case" not in result.detail
-    assert "case errors" not in render(suite)
+    assert "case errors" not in suite_text(suite)

@@ -1,11 +1,12 @@
-"""The account of a soak, for people."""
+"""The account of a soak as text for a terminal."""
 
 from __future__ import annotations
 
 from collections import Counter
 
-from .campaign import Campaign
-from .tally import Tally
+from haptogram.campaigns.soak import Campaign, Tally
+
+from .console import table
 
 _COUNTED: tuple[tuple[str, str], ...] = (  # {s}: of a plural
     ("frames", "stream frame{s}"),
@@ -28,15 +29,15 @@ _TRAFFIC: dict[str, str] = {
 }
 
 
-def render(campaign: Campaign) -> str:
-    """Return what is printed at the end."""
+def soak_text(campaign: Campaign) -> str:
+    """Return totals, every kind of fault with what was found of it, counters and verdict."""
     return "\n".join(
         [
             *_head(campaign),
             "",
             *_totals(campaign.tally),
             "",
-            *_table(campaign.tally),
+            *_faults(campaign.tally),
             "",
             *_counters(campaign.tally),
             "",
@@ -62,16 +63,16 @@ def _totals(tally: Tally) -> list[str]:
     return [f"{count:>12} {text.format(s='' if count == 1 else 's')}" for count, text in counts]
 
 
-def _table(tally: Tally) -> list[str]:
+def _faults(tally: Tally) -> list[str]:
     """Return one line for each kind of fault: what was injected, and what was found of it."""
-    lines = [f"{'fault':<16}{'injected':>10}{'detected':>10}{'harmless':>10}  found as"]
+    rows = []
     for kind, count in sorted(tally.injected.items()):
         found = ", ".join(
             f"{name} {n}" for (k, name), n in sorted(tally.outcomes.items()) if k == kind
         )
-        detected, harmless = tally.detected[kind], tally.harmless[kind]
-        lines.append(f"{kind:<16}{count:>10}{detected:>10}{harmless:>10}  {found}".rstrip())
-    return lines
+        rows.append((kind, count, tally.detected[kind], tally.harmless[kind], found))
+    head = ("fault", "injected", "detected", "harmless", "found as")
+    return table(head, rows, numbers=(1, 2, 3))
 
 
 def _counters(tally: Tally) -> list[str]:

@@ -15,9 +15,10 @@ from haptogram.published.paper.document import (
     Paper,
     prose,
 )
-from haptogram.published.paper.drawings import draw_figure_4, draw_hemispheres, draw_table_1
 from haptogram.published.paper.equations import EQUATIONS
 from haptogram.report.figures import as_data_uri, render
+
+from .pictures import draw_figure_4, draw_hemispheres, draw_table_1
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

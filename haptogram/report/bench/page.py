@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from haptogram.campaigns.bench.measure import BenchRun
-from haptogram.campaigns.bench.pictures import draw_course, draw_histograms
 from haptogram.campaigns.bench.result import as_dict
-from haptogram.campaigns.bench.text import as_text
+from haptogram.report.bench.pictures import draw_course, draw_histograms
+from haptogram.report.bench.text import bench_text
 from haptogram.report.figures.style import as_data_uri
 
 _PAGE: Final = """<!DOCTYPE html>
@@ -40,7 +40,7 @@ def as_html(run: BenchRun, changes: Sequence[str] = ()) -> str:
     """
     lines = html.escape("\n".join(changes))
     return _PAGE.format(
-        text=html.escape(as_text(as_dict(run))),
+        text=html.escape(bench_text(as_dict(run))),
         changes=f"<h2>Against the run before</h2><pre>{lines}</pre>" if changes else "",
         histograms=as_data_uri(draw_histograms(run.stages_us)),
         course=as_data_uri(draw_course(run.stages_us, run.config.rate_hz)),

@@ -1,0 +1,50 @@
+"""Text for a terminal: tables and paragraphs, at most 98 columns wide where the text can wrap."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+WIDTH: Final = 98
+_GAP: Final = "  "
+
+
+def table(
+    head: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    *,
+    numbers: Sequence[int] = (),
+    indent: int = 0,
+) -> list[str]:
+    """Return the lines of a table: the names of the columns, then one line for each row.
+
+    Parameters
+    ----------
+    head : sequence of str
+        Names of the columns.
+    rows : iterable of sequences
+        Cells of each row, as many as there are columns.
+    numbers : sequence of int
+        Columns of numbers, which are aligned to the right; 0 is the first.
+    indent : int
+        Number of spaces before every line.
+    """
+    lines = [list(head), *([str(cell) for cell in row] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    signs = [">" if place in numbers else "<" for place in range(len(widths))]
+    return [
+        " " * indent
+        + _GAP.join(
+            f"{cell:{sign}{width}}" for cell, sign, width in zip(line, signs, widths, strict=True)
+        ).rstrip()
+        for line in lines
+    ]
+
+
+def paragraph(text: str, *, indent: int = 0, bullet: str = "", hang: int = 2) -> list[str]:
+    """Return *text* in lines of at most 98 columns; those after the first are indented further."""
+    first = " " * indent
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=first + bullet, subsequent_indent=first + " " * hang
+    )

@@ -1,0 +1,1 @@
+"""The report of the reproduced paper: page, pictures, text for a terminal."""

@@ -1,0 +1,130 @@
+"""The reproduced paper as text for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from haptogram.published.paper.document import (
+    DEVIATIONS_REMARK,
+    FIGURE_4_REMARK,
+    SCALE_REMARK,
+    Paper,
+    prose,
+)
+from haptogram.published.paper.equations import EQUATIONS
+from haptogram.published.paper.table1 import TOLERANCE, Cell, Reproduction
+
+from ..console import paragraph, table
+
+
+def paper_text(paper: Paper) -> str:
+    """Return the equations, Table 1 cell by cell, its readings, and the foci of figure 4."""
+    sections = (
+        _equations(paper),
+        _table_1(paper.best),
+        _readings(paper.results),
+        _figure_4(paper),
+    )
+    return "\n\n".join("\n".join(section) for section in sections) + "\n"
+
+
+def _equations(paper: Paper) -> Iterator[str]:
+    yield "Equations, as printed and as corrected"
+    for equation in EQUATIONS:
+        yield f"  {equation.number} printed    {equation.printed}   [{equation.printed_unit}]"
+        for fault in equation.faults:
+            yield from paragraph(f"! {fault}", indent=6)
+        yield f"      corrected  {equation.corrected}   [{equation.corrected_unit}]"
+    yield ""
+    rows = (
+        (
+            item.what,
+            f"{item.printed:.4g} {item.printed_unit}".rstrip(),
+            f"{item.corrected:.4g} {item.corrected_unit}".rstrip(),
+        )
+        for item in paper.demonstrations
+    )
+    yield from table(("In numbers", "as printed", "as corrected"), rows, indent=2)
+
+
+def _table_1(result: Reproduction) -> Iterator[str]:
+    yield "Table 1: force at the focus, printed and predicted (mN)"
+    yield from paragraph(f"reading: {result.reading.remark}", indent=2)
+    yield from paragraph(f"scale: {result.scale_mn:.4g} mN m^2. {SCALE_REMARK}", indent=2)
+    yield ""
+    yield from table(
+        ("array", "step (mm)", "points", *_force("average"), *_force("deviation")),
+        map(_row, result.cells),
+        numbers=(2, 3, 4, 5, 7, 8, 9),
+        indent=2,
+    )
+    averages = sum(cell.average_reproduced for cell in result.cells)
+    deviations = sum(cell.deviation_reproduced for cell in result.cells)
+    yield ""
+    yield (
+        f"  averages within {TOLERANCE:.0%}: {averages} of {len(result.cells)}; "
+        f"standard deviations within {TOLERANCE:.0%}: {deviations} of {len(result.cells)}"
+    )
+    if deviations < len(result.cells):
+        yield from paragraph(f"NOT REPRODUCED: {DEVIATIONS_REMARK}", indent=2)
+    yield "  The text about the table:"
+    for sentence in prose():
+        yield from paragraph(sentence, indent=4, bullet="- ")
+
+
+def _force(name: str) -> tuple[str, ...]:
+    return name, "ours", "error", ""
+
+
+def _row(cell: Cell) -> tuple[str, ...]:
+    columns, rows = cell.configuration
+    return (
+        f"{columns}x{rows}",
+        f"{cell.resolution_m * 1e3:g}",
+        str(cell.points),
+        f"{cell.printed_average_mn:.2f}",
+        f"{cell.average_mn:.2f}",
+        f"{cell.average_error:+.1%}",
+        "ok" if cell.average_reproduced else "NO",
+        f"{cell.printed_deviation_mn:.2f}",
+        f"{cell.deviation_mn:.2f}",
+        f"{cell.deviation_error:+.0%}",
+        "reproduced" if cell.deviation_reproduced else "NOT reproduced",
+    )
+
+
+def _readings(results: Sequence[Reproduction]) -> Iterator[str]:
+    yield "Readings: RMS error of the sixteen averages and of the deviations (mN), worst average"
+    head, *lines = table(
+        ("reading", "averages", "deviations", "worst", "within 7 %"),
+        (
+            (
+                result.reading.name,
+                f"{result.average_rms_mn:.3f}",
+                f"{result.deviation_rms_mn:.3f}",
+                f"{result.worst_average_error:.1%}",
+                f"{sum(cell.average_reproduced for cell in result.cells)} of {len(result.cells)}",
+            )
+            for result in results
+        ),
+        numbers=(1, 2, 3, 4),
+        indent=2,
+    )
+    yield head
+    for line, result in zip(lines, results, strict=True):
+        yield line
+        yield from paragraph(result.reading.remark, indent=6, hang=0)
+
+
+def _figure_4(paper: Paper) -> Iterator[str]:
+    yield "Figure 4: 64 x 1 concave cylindrical section (Pa RMS)"
+    for row in paper.figure_4:
+        target, peak = (
+            ", ".join(f"{round(value, 1) + 0.0:g}" for value in row[name])
+            for name in ("target_mm", "peak_mm")
+        )
+        yield (
+            f"  bent along {row['bend']}, target ({target}) mm: {row['target_rms_pa']:.0f}; "
+            f"maximum {row['peak_rms_pa']:.0f} at ({peak}) mm, {row['peak_offset_mm']:.1f} mm away"
+        )
+    yield from paragraph(FIGURE_4_REMARK, indent=2)
