@@ -1,195 +1,170 @@
-"""This tree against another commit: baseline.py [REV] [--rounds N] [pytest arguments].
+"""This tree against another commit: ``ci/bench --baseline [REV]``.
 
-Both sides are timed by the benchmarks that stand here, in turns, so that they do the same work on
-the same machine at the same time; only the packages differ. A ratio is one of yardsticks: time over
-that of a fixed piece of work beside it. Chance: if nothing has changed, all N
-times of one side are below all N of the other in 2 of (2N over N) cases, 1 in 126 for N = 5.
+Each tree runs its own benchmarks on its own packages, in turns on the same machine, and rows of the
+same name are compared. A ratio is one of yardsticks: time over that of a fixed piece of work beside
+it. Chance: if nothing has changed, all N times of one side are below all N of the other in 2 of
+(2N over N) cases, 1 in 126 for N = 5.
 """
 
-import contextlib
+import argparse
 import json
-import os
-import shlex
-import shutil
-import signal
 import statistics
-import subprocess
 import sys
-import tempfile
-from pathlib import Path
 
 from report import duration
+from rows import repeated, row_of_result
+from trees import ROOT, baseline_tree, git, say, stop, this_tree
 
-ROOT = Path(__file__).resolve().parents[2]
 RESULT = ROOT / "out" / "bench-baseline.json"
 ROUNDS = 5
 FEWEST = 3  # in which chance shows a change in one row in 10
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-LEAST = 0.03  # of the time: less is of no interest, however certain
+THRESHOLD_PERCENT = 3.0  # less is of no interest, however certain
+SLOWER = 1  # exit status
+ONE_SIDED = ("only here", "only in the baseline")
 
 
 def main(arguments):
-    revision, rounds, others = parse(arguments)
-    baseline = git("rev-parse", "--verify", f"{revision}^{{commit}}")
-    say(f"this tree against {baseline[:10]} ({git('log', '-1', '--format=%s', baseline)})")
-    with working_tree(baseline) as folder:
-        runs = [run_both(folder, number, rounds, others) for number in range(rounds)]
-    rows = compare([now for now, _ in runs], [then for _, then in runs])
+    options, others = parse(arguments)
+    revision = options.revision or ("HEAD" if git("status", "--porcelain") else "HEAD~1")
+    commit = git("rev-parse", "--verify", f"{revision}^{{commit}}")
+    say(f"this tree against {commit[:10]} ({git('log', '-1', '--format=%s', commit)})")
+    with baseline_tree(commit) as baseline:
+        measurement = Measurement(baseline, options.rounds, options.threshold / 100)
+        rows = measurement.rows(others)
     RESULT.parent.mkdir(exist_ok=True)
-    RESULT.write_text(json.dumps(record(runs, baseline, rows), indent=1))
+    RESULT.write_text(json.dumps(record(measurement, commit, rows), indent=1))
     sys.stdout.write(table(rows))
     say(f"wrote {RESULT.relative_to(ROOT)}")
+    return SLOWER if any(row["verdict"] == "slower" for row in rows) else 0
 
 
 def parse(arguments):
-    """Return the revision, the number of rounds, and what is left for pytest."""
-    left, rounds = list(arguments), ROUNDS
-    if "--rounds" in left:
-        at = left.index("--rounds")
-        _, number, *left[at:] = left[at:] if left[at + 1 :] else (None, "")
-        if not number.isdecimal() or int(number) < FEWEST:
-            sys.exit(f"bench: --rounds {number!r}; it is a number from {FEWEST}")
-        rounds = int(number)
-    named = left and not left[0].startswith("-")
-    revision = left.pop(0) if named else "HEAD" if git("status", "--porcelain") else "HEAD~1"
-    return revision, rounds, left
+    """Return the options, and what is left for pytest."""
+    parser = argparse.ArgumentParser(prog="ci/bench --baseline [REV]", allow_abbrev=False)
+    parser.add_argument("--rounds", type=int, default=ROUNDS, metavar="N")
+    parser.add_argument("--threshold", type=float, default=THRESHOLD_PERCENT, metavar="PERCENT")
+    named = bool(arguments) and not arguments[0].startswith("-")
+    options, others = parser.parse_known_args(arguments[named:])
+    options.revision = arguments[0] if named else None
+    if options.rounds < FEWEST:
+        parser.error(f"--rounds is {options.rounds}, must be {FEWEST} or more")
+    if not options.threshold >= 0:
+        parser.error(f"--threshold is {options.threshold:g} %, must be 0 or more")
+    return options, others
 
 
-@contextlib.contextmanager
-def working_tree(commit):
-    """Check *commit* out beside this tree, and remove it whatever happens, Ctrl-C and kill too."""
-    before = {number: signal.signal(number, leave) for number in SIGNALS}
-    parent = tempfile.mkdtemp(prefix="haptogram-bench-")
-    try:
-        folder = Path(parent, "baseline").resolve()
-        git("worktree", "add", "--detach", "--quiet", folder, commit)
-        yield folder
-    finally:
-        for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)  # until all is removed
-        shutil.rmtree(parent)
-        git("worktree", "prune")
-        for number, handler in before.items():
-            signal.signal(number, handler)
+class Measurement:
+    """The rounds of both trees, and the rows that they share."""
 
+    def __init__(self, baseline, rounds, threshold):
+        self.now, self.then = this_tree(), baseline
+        self.rounds, self.threshold = rounds, threshold
+        self.first = {}
 
-def leave(*_):
-    sys.exit("bench: interrupted; the baseline is removed")
+    def rows(self, arguments):
+        """Measure; measure a row again that came out slower, which counts in its place."""
+        runs = self._runs(lambda tree: tree.run(arguments))
+        rows = compare(*runs, self.threshold)
+        if not rows:
+            stop("bench: neither tree has a benchmark of that name: -k selects by names of tests")
+        slower = [row["name"] for row in rows if row["verdict"] == "slower"]
+        if not slower:
+            return rows
+        say(f"{len(slower)} came out slower and are measured again, which counts")
+        selected = {self.now: tests(runs[0][0], slower), self.then: tests(runs[1][0], slower)}
+        again = self._runs(lambda tree: tree.run(arguments, selected[tree]))
+        counts = {row["name"]: row for row in compare(*again, self.threshold)}
+        return [counts.get(row["name"], row) for row in rows]
 
-
-def run_both(folder, number, rounds, arguments):
-    """Time both sides; every other round begins with the other one."""
-    sides = [ROOT, folder] if number % 2 == 0 else [folder, ROOT]
-    results = {}
-    for side in sides:
-        say(f"round {number + 1} of {rounds}, {'this tree' if side == ROOT else 'baseline'}")
-        results[side] = run(side, arguments)
-    return results[ROOT], results[folder]
-
-
-def run(packages, arguments):
-    """Run the benchmarks of this tree on the packages of another; return what pytest wrote."""
-    benchmarks = ROOT / "ci" / "benchmarks"
-    paths = [packages, packages / "protocol", benchmarks]
-    with tempfile.TemporaryDirectory(prefix="haptogram-bench-") as place:
-        written = Path(place, "bench.json")
-        done = subprocess.run(
-            [
-                *(sys.executable, "-P", "-m", "pytest", benchmarks, "-c", ROOT / "pyproject.toml"),
-                *("-o", f"pythonpath={shlex.join(map(str, paths))}"),
-                *("-o", "filterwarnings=default", "-p", "no:cacheprovider", "--tb=short"),
-                "--continue-on-collection-errors",  # the baseline may lack what a file asks for
-                *("--brief", "--benchmark-disable-gc", f"--benchmark-json={written}", *arguments),
-            ],
-            cwd=packages,
-            check=False,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        data = json.loads(written.read_text() or "{}") if written.exists() else {}
-    if not data:
-        sys.exit(f"{done.stdout}\nbench: nothing was measured")
-    measured = Path(data["machine_info"]["packages"])
-    if measured != packages:
-        sys.exit(f"bench: measured the packages in {measured}, not those in {packages}")
-    return data
-
-
-def compare(now, then):
-    """Return a row for every benchmark that ran on both sides, in every round."""
-    now, then = [results(data) for data in now], [results(data) for data in then]
-    names = [name for name in now[0] if all(name in one for one in now + then)]
-    if others := [name for name in now[0] if name not in names]:
-        say(f"{len(others)} do not run on the baseline, the first is {others[0]}")
-    return [row(name, [one[name] for one in now], [one[name] for one in then]) for name in names]
+    def _runs(self, measure):
+        """Return the runs of both sides; every other round begins with the other side."""
+        found = {self.now: [], self.then: []}
+        sides = [self.now, self.then]
+        for number in range(self.rounds):
+            for tree in sides:
+                say(f"round {number + 1} of {self.rounds}, {tree.name}")
+                found[tree].append(measure(tree))
+            sides.reverse()
+        self.first = self.first or found[self.now][0]
+        return found[self.now], found[self.then]
 
 
 def results(data):
-    return {entry["name"]: entry["extra_info"] for entry in data["benchmarks"]}
+    """Return the measurement of every row of one run."""
+    named = [(row_of_result(entry), entry["extra_info"]) for entry in data["benchmarks"]]
+    named = [(name, info) for name, info in named if name is not None]
+    if twice := repeated([name for name, _ in named]):
+        stop(f"bench: two benchmarks measure {twice[0]!r}: give one another row")
+    return dict(named)
 
 
-def row(name, now, then):
+def tests(data, names):
+    """Return the tests of these rows, as pytest names them."""
+    return [entry["fullname"] for entry in data["benchmarks"] if row_of_result(entry) in names]
+
+
+def compare(now, then, threshold):
+    """Return a row for every name, in the order of the newer side."""
+    now, then = [results(data) for data in now], [results(data) for data in then]
+    names = list(dict.fromkeys([*now[0], *then[0]]))
+    return [
+        row(name, *([one[name] for one in side if name in one] for side in (now, then)), threshold)
+        for name in names
+    ]
+
+
+def row(name, now, then, threshold):
     """Judge by yardsticks, which the load of the machine moves less than times."""
+    found = {"name": name, "now_s": time_of(now), "then_s": time_of(then)}
+    if not now or not then:
+        return found | {"verdict": ONE_SIDED[not now]}
     new, old = [one["yards"] for one in now], [one["yards"] for one in then]
     ratios = [a / b for a, b in zip(new, old, strict=True)]
     ratio = statistics.median(new) / statistics.median(old)
+    found |= {"ratio": ratio, "lowest_ratio": min(ratios), "highest_ratio": max(ratios)}
     apart = max(new) < min(old) or max(old) < min(new)
-    return {
-        "name": name.removeprefix("test_"),
-        "now_s": statistics.median(one["ours_s"] for one in now),
-        "then_s": statistics.median(one["ours_s"] for one in then),
-        "ratio": ratio,
-        "lowest_ratio": min(ratios),
-        "highest_ratio": max(ratios),
-        "changed": apart and abs(ratio - 1) > LEAST,
-    }
+    if not apart or abs(ratio - 1) <= threshold:
+        return found | {"verdict": ""}
+    return found | {"verdict": "slower" if ratio > 1 else "faster"}
+
+
+def time_of(runs):
+    return statistics.median(one["ours_s"] for one in runs) if runs else None
 
 
 def table(rows):
     width = max((len(row["name"]) for row in rows), default=0)
-    lines = [f"{'benchmark':{width}}  {'baseline':>9}  {'now':>9}  now/baseline (of the rounds)"]
+    lines = [f"{'row':{width}}  {'baseline':>9}  {'now':>9}  now/baseline (of the rounds)"]
     for row in rows:
-        verdict = ("slower" if row["ratio"] > 1 else "faster") if row["changed"] else ""
-        span = f"({row['lowest_ratio']:.2f} to {row['highest_ratio']:.2f})"
-        lines.append(
-            f"{row['name']:{width}}  {duration(row['then_s']):>9}  {duration(row['now_s']):>9}  "
-            f"{row['ratio']:5.2f} {span:16} {verdict}".rstrip()
-        )
-    changed = [row["ratio"] for row in rows if row["changed"]]
-    slower = sum(ratio > 1 for ratio in changed)
-    lines.append(f"{len(rows)} compared: {slower} slower, {len(changed) - slower} faster")
-    return "\n".join([*lines, ""])
+        times = "  ".join(f"{shown(row[side]):>9}" for side in ("then_s", "now_s"))
+        ratio = ""
+        if "ratio" in row:
+            span = f"({row['lowest_ratio']:.2f} to {row['highest_ratio']:.2f})"
+            ratio = f"{row['ratio']:5.2f} {span}"
+        lines.append(f"{row['name']:{width}}  {times}  {ratio:22} {row['verdict']}".rstrip())
+    verdicts = [row["verdict"] for row in rows]
+    both = sum("ratio" in row for row in rows)
+    words = ["slower", "faster", *(word for word in ONE_SIDED if word in verdicts)]
+    counts = ", ".join(f"{verdicts.count(word)} {word}" for word in words)
+    return "\n".join([*lines, f"{both} compared: {counts}", ""])
 
 
-def record(runs, baseline, rows):
-    now = runs[0][0]
+def shown(seconds):
+    return "-" if seconds is None else duration(seconds)
+
+
+def record(measurement, commit, rows):
+    now = measurement.first
     return {
-        "commit": now["commit_info"],
-        "baseline": baseline,
-        "machine": now["machine_info"],
-        "datetime": now["datetime"],
-        "rounds": len(runs),
+        "commit": now.get("commit_info"),
+        "baseline": commit,
+        "machine": now.get("machine_info"),
+        "datetime": now.get("datetime"),
+        "rounds": measurement.rounds,
+        "threshold": measurement.threshold,
         "rows": rows,
     }
 
 
-def git(*arguments):
-    done = subprocess.run(
-        ["git", "-C", ROOT, *arguments],
-        check=False,
-        capture_output=True,
-        text=True,
-        env=os.environ | {"LC_ALL": "C"},
-    )
-    if done.returncode:
-        sys.exit(f"bench: git {arguments[0]}: {done.stderr.strip()}")
-    return done.stdout.strip()
-
-
-def say(text):
-    sys.stderr.write(f"bench: {text}\n")
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main(sys.argv[1:]))

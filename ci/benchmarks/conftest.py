@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rows import repeated, row_of
 
 import haptogram
 from haptogram.acoustics import AcousticModel
@@ -22,23 +23,32 @@ def pytest_addoption(parser):
     parser.addoption(
         "--brief",
         action="store_true",
-        help="time each benchmark for a moment and without its reference, to compare commits",
+        help="time each benchmark for a moment and without its reference: ci/bench --baseline",
     )
 
 
+def pytest_configure(config):
+    config.addinivalue_line("markers", "row(name): what is measured; {braces} hold a parameter")
+
+
 def pytest_collection_modifyitems(config, items):
+    timed = [item for item in items if {"compare", "measure"} & set(item.fixturenames)]
+    if unnamed := [item.name for item in timed if row_of(item) is None]:
+        raise pytest.UsageError(f"{unnamed[0]}: no @pytest.mark.row names what it measures")
+    if twice := repeated([row_of(item) for item in timed]):
+        raise pytest.UsageError(f"two benchmarks measure {twice[0]!r}: give one another row")
     if config.getoption("--brief"):
         items[:] = [item for item in items if is_brief(item)]
 
 
 def is_brief(item):
-    """Tell whether a benchmark is timed by the fixtures here, and in no more than a moment."""
+    """Return whether the fixtures here time a benchmark, and in no more than a moment."""
     count = item.callspec.params.get("count", 0) if hasattr(item, "callspec") else 0
     return count <= LONGEST_COUNT and {"compare", "measure"} & set(item.fixturenames)
 
 
 def pytest_benchmark_update_machine_info(machine_info):
-    """Say which packages were measured: a comparison has two sets of them."""
+    """Record which packages were measured: a comparison has two sets of them."""
     machine_info["packages"] = str(Path(haptogram.__file__).parents[1])
 
 
@@ -108,6 +118,7 @@ def compare(benchmark, measure, request):
         ratio = statistics.median(ratios)
         low, high = np.quantile(ratios, [0.25, 0.75])
         benchmark.extra_info.update(
+            row=row_of(request.node),
             goal=goal,
             ratio=ratio,
             ratio_quartiles=[float(low), float(high)],
@@ -140,6 +151,7 @@ def measure(benchmark, request):
             yards.append(times[-1] / yard)
         benchmark.pedantic(ours, rounds=1, iterations=1)
         benchmark.extra_info.update(
+            row=row_of(request.node),
             ours_s=statistics.median(times),
             yards=statistics.median(yards),
             rounds=len(times),
@@ -150,7 +162,7 @@ def measure(benchmark, request):
 
 
 def yardstick():
-    """Compute in Python for a fifth of a millisecond."""
+    """Compute in Python for a fifth of a millisecond: the same in every commit."""
     total = 0
     for number in range(4_000):
         total += number & 0xFF

@@ -20,6 +20,7 @@ CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "5"]
 VERIFY = ["verify", "--virtual-time", "--quiet", *CIRCLE]
 
 
+@pytest.mark.row("board step, {frame}")
 @pytest.mark.parametrize("frame", FRAMES)
 def test_board_step(frame, measure):
     """From the bytes of one frame to the latch: line, connection, dialect, queue and output."""
@@ -29,6 +30,7 @@ def test_board_step(frame, measure):
     measure(lambda: board.show(FRAMES[frame]))
 
 
+@pytest.mark.row("verification in virtual time, {mode}")
 @pytest.mark.parametrize("mode", ["phases", "sequence"])
 def test_verify_in_virtual_time(mode, measure):
     """The main job, for a circle of 26 points: driver, board, verdict and report."""

@@ -15,6 +15,7 @@ FLOPS_PER_PAIR = 69  # of the prototype whose arithmetic sets the limit; ours ne
 COUNTS = [100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000]
 
 
+@pytest.mark.row("field at {count} points")
 @pytest.mark.parametrize("count", COUNTS)
 def test_arbitrary_points_against_numpy(count, compare, board, engine, drive, scattered):
     points = scattered(count)
@@ -29,6 +30,7 @@ def test_arbitrary_points_against_numpy(count, compare, board, engine, drive, sc
     )
 
 
+@pytest.mark.row("field of {sources} sources, {shape}")
 @pytest.mark.parametrize("sources", [16, 64, 256, 1024])
 @pytest.mark.parametrize("shape", ["lattice", "bowl"])
 def test_sources_against_numpy(shape, sources, compare, scattered):
@@ -56,6 +58,7 @@ def test_sources_against_numpy(shape, sources, compare, scattered):
     )
 
 
+@pytest.mark.row("field at {count} points, beside sgemm")
 @pytest.mark.parametrize("count", [10_000, 100_000])
 def test_arbitrary_points_against_the_arithmetic_limit(count, compare, engine, drive, scattered):
     """69 flop per pair at the rate of sgemm: the ratio is the share of that limit."""
@@ -75,6 +78,7 @@ def test_arbitrary_points_against_the_arithmetic_limit(count, compare, engine, d
     )
 
 
+@pytest.mark.row("field at {count} points without numba")
 @pytest.mark.parametrize("count", [1_000, 10_000])
 def test_numpy_single_precision_against_numpy(count, compare, board, drive, scattered):
     """What is left without numba."""
@@ -90,6 +94,7 @@ def test_numpy_single_precision_against_numpy(count, compare, board, drive, scat
     )
 
 
+@pytest.mark.row("grid of {points} points, {frames} drives")
 @pytest.mark.parametrize("frames", [1, 4, 16, 64, 256])
 @pytest.mark.parametrize("points", [512, 4096])
 def test_fixed_grid_against_cgemm(frames, points, compare, board, scattered):
@@ -112,6 +117,7 @@ def test_fixed_grid_against_cgemm(frames, points, compare, board, scattered):
     )
 
 
+@pytest.mark.row("plane of half-width {half_width_m} m")
 @pytest.mark.parametrize("half_width_m", [0.0945, 0.1895])
 def test_plane_against_the_direct_kernel(half_width_m, compare, board, engine, drive):
     plane = PlaneField(board, 0.2, half_width_m=half_width_m)

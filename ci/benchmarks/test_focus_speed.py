@@ -52,6 +52,7 @@ def in_turn(calls):
     return call
 
 
+@pytest.mark.row("fit of a focus from a hint")
 def test_warm_fit_against_a_local_search(compare, board, engine, tracker):
     targets, codes = frames(board)
     starts = [tuple(start) for start in (targets + OFFSET_M).tolist()]
@@ -73,6 +74,7 @@ def test_warm_fit_against_a_local_search(compare, board, engine, tracker):
     )
 
 
+@pytest.mark.row("fit of a focus without a hint")
 def test_acquisition_against_a_wide_search(compare, board, engine, tracker):
     targets, codes = frames(board)
     drives = np.exp(2j * np.pi * codes / 256)
@@ -96,6 +98,7 @@ def test_acquisition_against_a_wide_search(compare, board, engine, tracker):
     )
 
 
+@pytest.mark.row("reconstruction of a drive")
 def test_reconstruction_against_double_precision(compare, board):
     targets = some_targets(1)[0] + np.outer(np.arange(64), [2e-4, 0.0, 0.0])
     drives = [Drive.from_weights(np.exp(1j * focus_phases(board, t))) for t in targets]
@@ -110,6 +113,7 @@ def test_reconstruction_against_double_precision(compare, board):
     )
 
 
+@pytest.mark.row("phase codes of {count} foci in a call")
 @pytest.mark.parametrize("count", [1, 10, 100, 1_000, 10_000, 100_000])
 def test_codes_of_many_foci_against_numpy(count, compare, board):
     maker = FocusCodes(board)
@@ -127,6 +131,7 @@ def test_codes_of_many_foci_against_numpy(count, compare, board):
     )
 
 
+@pytest.mark.row("phase codes of one focus")
 def test_codes_of_one_focus_against_numpy(compare, board):
     maker = FocusCodes(board)
     maker.warm_up()
@@ -136,6 +141,7 @@ def test_codes_of_one_focus_against_numpy(compare, board):
     compare(8.0, in_turn(calls), in_turn(naive), repeats=640, reference_repeats=128, pairs=256)
 
 
+@pytest.mark.row("weighted Gerchberg-Saxton, {foci} foci")
 @pytest.mark.parametrize("foci", [2, 4, 8, 16, 32])
 def test_weighted_gerchberg_saxton_against_numpy(foci, compare, board):
     rounds = 100

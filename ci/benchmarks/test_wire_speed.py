@@ -83,6 +83,7 @@ class Pair:
         return self.board.next_event().message
 
 
+@pytest.mark.row("{direction} {message}")
 @pytest.mark.parametrize("message", [kind.TYPE.name for kind in MESSAGES.values()])
 @pytest.mark.parametrize("direction", ["encode", "decode"])
 def test_message(direction, message, measure):
@@ -104,6 +105,7 @@ def test_message(direction, message, measure):
     measure({"encode": encode, "decode": decode}[direction], bytes=len(wire))
 
 
+@pytest.mark.row("frame from a body, {content}, COBS in {implementation}")
 @pytest.mark.parametrize("content", CONTENTS)
 @pytest.mark.parametrize("implementation", COBS)
 def test_frame_against_crc32(implementation, content, compare):
@@ -121,6 +123,7 @@ def test_frame_against_crc32(implementation, content, compare):
     )
 
 
+@pytest.mark.row("frame from a message, {content}")
 @pytest.mark.parametrize("content", CONTENTS)
 def test_whole_frame_against_crc32(content, compare):
     """From the message to the line as the driver does it, sequence number and all."""
@@ -148,6 +151,7 @@ def noisy_line(message):
     return bodies, [line[at : at + CHUNK] for at in range(0, len(line), CHUNK)]
 
 
+@pytest.mark.row("decoder of a stream, {content}, COBS in {implementation}")
 @pytest.mark.parametrize("content", CONTENTS)
 @pytest.mark.parametrize("implementation", COBS)
 def test_stream_decoder_against_byte_by_byte(implementation, content, compare):
@@ -176,6 +180,7 @@ def test_stream_decoder_against_byte_by_byte(implementation, content, compare):
     )
 
 
+@pytest.mark.row("PING and PONG through both connections")
 def test_round_trip_of_both_connections(measure):
     """PING and PONG: encoded, decoded, judged and answered, with nothing between the two."""
     pair = Pair(fastest_cobs())
@@ -183,6 +188,7 @@ def test_round_trip_of_both_connections(measure):
     measure(pair.ping)
 
 
+@pytest.mark.row("phase frame through both connections")
 def test_stream_frame_through_both_connections(measure):
     pair = Pair(fastest_cobs())
     message = CONTENTS["random"]
