@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import Feature
 
+from .client.board_client import BoardClient
 from .verdict import Evidence
 
-if TYPE_CHECKING:
-    from .client.board_client import Bench
-
-Body: TypeAlias = "Callable[[Bench], None]"
+Body: TypeAlias = Callable[[BoardClient], None]
 
 #: No capability is needed.
 NOTHING: Final = Feature(0)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from haptogram.conformance.client.board_client import Bench
+    from haptogram.conformance.client.request_client import RequestClient
     from haptogram.conformance.run.access import Access
     from haptogram.conformance.run.runner import Runner
 
@@ -41,7 +41,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def haptogram_board(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Runner]:
-    """Give the board under test: ``result(case)`` judges it, ``session()`` opens a bench."""
+    """Give the board under test: ``result(case)`` judges it, ``session()`` opens a board."""
     import os
 
     from haptogram.conformance.run.runner import Options, Runner
@@ -58,9 +58,9 @@ def haptogram_board(
 
 
 @pytest.fixture
-def haptogram_link(haptogram_board: Runner) -> Bench:
+def haptogram_link(haptogram_board: Runner) -> RequestClient:
     """Give an open session: raw frames in and out, on a board that is DISARMED and quiet."""
-    return haptogram_board.session()
+    return haptogram_board.session().link
 
 
 def _access(option: Any, folders: pytest.TempPathFactory) -> Access:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
@@ -38,15 +40,20 @@ def read_geometry(link: Link, identity: HelloReply) -> TransducerArray:
                 f"transducers from {reply.first}"
             )
         elements += reply.elements
-    positions = np.array([(e.x_um, e.y_um, e.z_um) for e in elements]) / 1e6
-    normals = np.array([(e.nx, e.ny, e.nz) for e in elements]) / 32767
-    array = TransducerArray.from_positions(positions, normals)
+    array = array_of(elements)
     if array.digest() != identity.geometry_hash:
         raise WrongProtocolError(
             f"{link.url}: geometry hash {array.digest():08x} of what was read; HELLO named "
             f"{identity.geometry_hash:08x}"
         )
     return array
+
+
+def array_of(elements: Sequence[Element]) -> TransducerArray:
+    """Return the array of which GET_GEOMETRY shows *elements*."""
+    positions = np.array([(e.x_um, e.y_um, e.z_um) for e in elements]) / 1e6
+    normals = np.array([(e.nx, e.ny, e.nz) for e in elements]) / 32767
+    return TransducerArray.from_positions(positions, normals)
 
 
 def model_of(

@@ -1,48 +1,41 @@
-"""The cases, one module per chapter of SPEC.md or part of one."""
+"""The cases: a folder for every chapter of SPEC.md, a module for one or more of its sections."""
 
 from __future__ import annotations
 
+import functools
 import importlib
-from collections.abc import Iterator, Sequence
-from typing import Final
+import pkgutil
+from collections.abc import Iterable, Iterator, Sequence
+from types import ModuleType
 
 from ..case import Case
 from ..clauses import load_clauses
 
-_MODULES: Final = (
-    "conformance",
-    "framing",
-    "line",
-    "header",
-    "numbers",
-    "order",
-    "session",
-    "requests",
-    "stream",
-    "latch",
-    "output",
-    "clock",
-    "timers",
-    "configuration",
-    "uploads",
-    "playback",
-    "evidence",
-    "status",
-    "errors",
-    "focus",
-)
+
+def case_modules() -> tuple[ModuleType, ...]:
+    """Import and return every module of every chapter."""
+    chapters = [importlib.import_module(name) for name in _modules_in(__path__, __name__)]
+    names = [
+        name for chapter in chapters for name in _modules_in(chapter.__path__, chapter.__name__)
+    ]
+    return tuple(importlib.import_module(name) for name in names)
 
 
+def _modules_in(folder: Iterable[str], package: str) -> list[str]:
+    return [module.name for module in pkgutil.iter_modules(folder, f"{package}.")]
+
+
+def cases_in(module: ModuleType) -> list[Case]:
+    """Return the cases that a module defines."""
+    return [value for value in vars(module).values() if isinstance(value, Case)]
+
+
+@functools.cache
 def all_cases() -> tuple[Case, ...]:
-    """Return every case, in the order of the clauses; those that need a reset stay in place."""
+    """Return every case in the order of the clauses; those that need a reset stay in place."""
     order = {number: place for place, number in enumerate(load_clauses())}
-    modules = [importlib.import_module(f"{__name__}.{name}") for name in _MODULES]
-    cases = [value for module in modules for value in vars(module).values() if _is_case(value)]
+    cases = [case for module in case_modules() for case in cases_in(module)]
     return tuple(sorted(cases, key=lambda case: (order[case.clause], case.variant)))
-
-
-def _is_case(value: object) -> bool:
-    return isinstance(value, Case)
 
 
 def select(cases: Sequence[Case], wanted: Sequence[str]) -> Iterator[Case]:

@@ -1,4 +1,4 @@
-"""The bench that a case works at: an open session, its configuration, time and counters."""
+"""The client that a case works with: a session, its configuration, output state and counters."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ from haptogram_protocol.messages import (
     Counters,
     Disarm,
     DisarmReply,
-    Error,
-    ErrorCode,
+    Element,
     Feature,
+    GeometryReply,
     GetConfig,
+    GetGeometry,
     GetStatus,
     Hello,
     HelloReply,
+    Mute,
     PhaseFormat,
     Phases,
     SetConfig,
@@ -35,49 +37,52 @@ from haptogram_protocol.messages import (
     StatusReply,
     TraceMode,
     UploadBegin,
-    UploadBeginReply,
     UploadChunk,
-    UploadChunkReply,
     UploadCommit,
-    UploadCommitReply,
     UploadKind,
     pack_phases,
 )
 from haptogram_protocol.state import OutputState
 
 from ..outcome import CaseEndedError, check, fail, inconclusive, unimplemented
-from .board_clock import DeviceClock
+from .board_clock import BoardClock
+from .request_client import RequestClient
 from .wire import Wire
 
-#: Counters that move without anything being wrong.
+#: Counters that grow in normal operation.
 _HARMLESS: Final = frozenset({"frames", "requests", "latched", "late", "trace_dropped"})
 _STATUS_BYTES: Final = 144  # of a STATUS on the line
 
 
-class Bench(DeviceClock):
-    """A session with a board.
+class BoardClient:
+    """A session with a board: identity, configuration, output state and counters.
 
     Parameters
     ----------
     wire : Wire
         Open port.
     random_source : random.Random
-        Where nonces and contents come from.
+        Source of nonces and contents.
     description_hash : int
-        That of this version.
+        Description hash of this version, for HELLO.
     booted : bool
-        Whether the board has just started, so that its clock is known unwrapped.
+        Whether the board has just started, so that its unwrapped time is known.
 
     Attributes
     ----------
+    link : RequestClient
+        Sends frames and finds their answers.
+    clock : BoardClock
+        The device clock.
     identity : HelloReply
-        What the board said last.
+        The last HELLO_REPLY.
     config : Config
-        In force, as far as the host knows.
+        Configuration in force, as far as the host knows.
     last_boot_id, last_config
-        What the board said, and had in force, before it was reset.
+        Boot id and configuration before the board was reset.
     """
 
+    identity: HelloReply
     config: Config
     last_boot_id: int | None = None
     last_config: Config | None = None
@@ -85,7 +90,10 @@ class Bench(DeviceClock):
     def __init__(
         self, wire: Wire, random_source: random.Random, description_hash: int, *, booted: bool
     ) -> None:
-        super().__init__(wire, random_source, booted=booted)
+        self.wire = wire
+        self.random = random_source
+        self.link = RequestClient(wire, random_source)
+        self.clock = BoardClock(self.link, booted=booted)
         self.description_hash = description_hash
         self._last_nonce = 0
 
@@ -94,7 +102,7 @@ class Bench(DeviceClock):
     def new_nonce(self) -> int:
         """Return a nonce that is not that of the open session."""
         nonce = self._last_nonce
-        while nonce in (0, self._last_nonce, self.session):
+        while nonce in (0, self._last_nonce, self.link.session):
             nonce = self.random.randrange(1, 0x10000)
         self._last_nonce = nonce
         return nonce
@@ -104,39 +112,40 @@ class Bench(DeviceClock):
         return Hello(VERSION_MAJOR, VERSION_MINOR, nonce, self.description_hash)
 
     def hello(self, nonce: int | None = None, **header: Any) -> HelloReply:
-        """Open a session, a new one unless *nonce* says which; FAILED if the board does not."""
+        """Open a session, with a new nonce unless *nonce* is given; FAILED if the board refuses."""
         nonce = self.new_nonce() if nonce is None else nonce
-        reply = self.call(self.hello_message(nonce), HelloReply, session=0, **header)
+        reply = self.link.call(self.hello_message(nonce), HelloReply, session=0, **header)
         self.adopt(reply)
         return reply
 
     def adopt(self, reply: HelloReply) -> None:
-        """Take the session that a HELLO_REPLY names for one's own."""
-        if reply.nonce != self.session:
-            self.stream_next = FIRST_STREAM_SEQ
-        self.session, self.identity = reply.nonce, reply
+        """Go on in the session that a HELLO_REPLY names."""
+        if reply.nonce != self.link.session:
+            self.link.stream_next = FIRST_STREAM_SEQ
+        self.link.session, self.identity = reply.nonce, reply
+        self.clock.carrier_us = 1_000_000 // max(1, reply.carrier_hz)
 
-    def settle(self) -> None:
-        """Open a session and bring the board to where every case begins: DISARMED, quiet.
+    def prepare(self) -> None:
+        """Open a session with the board DISARMED and quiet, as every case begins.
 
-        What the board does wrong here is for the cases to find.
+        The cases, and not this method, judge the replies.
         """
         if self.hello().state is OutputState.FAULT:
             inconclusive("the board is in FAULT")
-        self.ask(Arm())  # the only way out of MUTED
-        self.ask(Disarm())
+        self.link.ask(Arm())  # the only way out of MUTED
+        self.link.ask(Disarm())
         self.config = Config(sound_speed_mm_s=self.identity.sound_speed_mm_s)
-        answer = self.ask(GetConfig()).message
+        answer = self.link.ask(GetConfig()).message
         if isinstance(answer, ConfigReply):
             self.config = answer.config
         if self.has(Feature.CONFIG):
-            self._settle_config()
+            self._prepare_config()
         with contextlib.suppress(CaseEndedError):
-            self.device_us()
+            self.clock.device_us()
 
-    def _settle_config(self) -> None:
-        """Set timers that no case runs into by chance, and no correction."""
-        reply = self.ask(SetConfig(self.base_config)).message
+    def _prepare_config(self) -> None:
+        """Set timers that no case runs into by chance, and a correction of 0."""
+        reply = self.link.ask(SetConfig(self.base_config)).message
         if not isinstance(reply, SetConfigReply):
             return
         self.config = reply.config
@@ -145,30 +154,13 @@ class Bench(DeviceClock):
         if self.has(Feature.CORRECTION) and reply.config_crc != wanted:
             begin = UploadBegin(UploadKind.CORRECTION, 0, 0, len(none), zlib.crc32(none))
             for step in (begin, UploadChunk(0, none), UploadCommit(0)):
-                self.ask(step)
-
-    def learn_wraps(self) -> None:
-        """Find out how often the clock of a board that runs already has wrapped.
-
-        Latches lie on multiples of the carrier period of the unwrapped clock, which the low 32
-        bits of one latch tell.
-        """
-        if self.booted or not self.has_phases:
-            return
-        self.ask(Arm())
-        self.send(self.stream_wire(self.flat_phases()))
-        answer = self.ask(GetStatus()).message
-        self.ask(Disarm())
-        if isinstance(answer, StatusReply) and answer.last_seq:
-            wraps = range(self.carrier_us)
-            fits = (k for k in wraps if (answer.last_latch_us + (k << 32)) % self.carrier_us == 0)
-            self.set_device_us(answer.last_latch_us + (next(fits, 0) << 32))
+                self.link.ask(step)
 
     # --- phases --------------------------------------------------------------------------------
 
     @property
     def has_phases(self) -> bool:
-        """Whether the board takes PHASES in any format."""
+        """True if the board takes PHASES in any format."""
         return bool(self.identity.phase_formats & 7)
 
     @property
@@ -191,7 +183,7 @@ class Bench(DeviceClock):
         return self.phases(bytes([code]) * self.identity.transducers)
 
     def random_registers(self) -> bytes:
-        """Return phase codes that every format can bring about."""
+        """Return random phase codes that every format can carry."""
         return bytes(code & 0xF8 for code in self.random.randbytes(self.identity.transducers))
 
     @property
@@ -213,12 +205,12 @@ class Bench(DeviceClock):
         """Set the base configuration with *changes*; UNIMPLEMENTED without CONFIG."""
         self.need(Feature.CONFIG)
         wanted = dataclasses.replace(self.base_config, **changes)
-        self.config = self.call(SetConfig(wanted), SetConfigReply).config
+        self.config = self.link.call(SetConfig(wanted), SetConfigReply).config
         check(self.config == wanted, f"SET_CONFIG_REPLY shows {self.config}, sent was {wanted}")
         return self.config
 
     def has(self, features: Feature) -> bool:
-        """Tell whether the board advertises all of *features*."""
+        """Return True if the board advertises all of *features*."""
         return self.identity.features & features == features
 
     def need(self, features: Feature) -> None:
@@ -235,35 +227,52 @@ class Bench(DeviceClock):
 
     @property
     def quick_status_ms(self) -> int:
-        """A status period that leaves nine tenths of the line to others (HG-7.1/2)."""
+        """Status period that leaves nine tenths of the line free (HG-7.1/2)."""
         return max(50, -(-_STATUS_BYTES * 10 * 10 * 1000 // self.wire.baudrate))
 
     def arm(self) -> None:
-        """Arm; FAILED if the board is not ARMED then."""
-        state = self.call(Arm(), ArmReply).state
+        """Arm; FAILED unless ARM_REPLY says ARMED."""
+        state = self.link.call(Arm(), ArmReply).state
         check(state is OutputState.ARMED, f"ARM_REPLY says {state.name}")
 
     def arm_at(self, seq: int) -> None:
-        """Arm by a request of a given number."""
-        self.call(Arm(), ArmReply, seq=seq)
-        self.seq = seq
+        """Arm by a request with the number *seq*."""
+        self.link.call(Arm(), ArmReply, seq=seq)
+        self.link.seq = seq
+
+    def bring_to(self, state: OutputState) -> None:
+        """Bring the board to ARMED, DISARMED or MUTED."""
+        self.arm()
+        if state is OutputState.DISARMED:
+            self.disarm()
+        elif state is OutputState.MUTED:
+            self.link.ask(Mute())
 
     def disarm(self) -> OutputState:
         """Disarm, and return the state."""
-        return self.call(Disarm(), DisarmReply).state
+        return self.link.call(Disarm(), DisarmReply).state
+
+    def read_geometry(self) -> list[Element]:
+        """Return position and normal of every transducer; FAILED if a reply shows none."""
+        elements: list[Element] = []
+        while len(elements) < self.identity.transducers:
+            reply = self.link.call(GetGeometry(len(elements), 0xFFFF), GeometryReply)
+            check(bool(reply.elements), f"GET_GEOMETRY from {len(elements)} shows nothing")
+            elements += reply.elements
+        return elements
 
     # --- status --------------------------------------------------------------------------------
 
     def status(self) -> StatusReply:
         """Return the status."""
-        return self.call(GetStatus(), StatusReply)
+        return self.link.call(GetStatus(), StatusReply)
 
     @contextlib.contextmanager
     def counting(self, **wanted: int) -> Iterator[None]:
-        """Judge what was counted meanwhile: *wanted* exactly, and nothing else that is wrong.
+        """FAILED unless the counters grew by *wanted* meanwhile, and no counter of an error did.
 
-        ``frames`` and ``requests`` are judged where they are named, without the GET_STATUS that
-        asks for them.
+        ``frames`` and ``requests`` are judged where they are named, less the GET_STATUS of this
+        method.
         """
         before = self.status().counters
         yield
@@ -280,7 +289,7 @@ class Bench(DeviceClock):
             fail(f"should count {due}; counted {got}")
 
     def counted_since(self, before: Counters) -> dict[str, int]:
-        """Return how far every counter went since, but for the GET_STATUS of this call."""
+        """Return by how much every counter grew, less the GET_STATUS of this call."""
         after = self.status().counters
         counted = {
             name: (getattr(after, name) - getattr(before, name)) & 0xFFFFFFFF
@@ -289,45 +298,3 @@ class Bench(DeviceClock):
         counted["frames"] -= 1
         counted["requests"] -= 1
         return counted
-
-    # --- uploads -------------------------------------------------------------------------------
-
-    def upload(self, kind: UploadKind, target: int, data: bytes, points: int = 0) -> int:
-        """Upload and commit; return what UPLOAD_COMMIT_REPLY says."""
-        self.begin_upload(kind, target, data, points)
-        self.send_chunks(data)
-        return self.call(UploadCommit(target), UploadCommitReply).frames
-
-    def begin_upload(
-        self, kind: UploadKind, target: int, data: bytes, points: int = 0
-    ) -> UploadBeginReply:
-        """Announce an upload."""
-        begin = UploadBegin(kind, points, target, len(data), zlib.crc32(data))
-        return self.call(begin, UploadBeginReply)
-
-    def send_chunks(self, data: bytes) -> None:
-        """Send an upload in pieces, one after the other."""
-        size = max(1, min(self.identity.max_chunk, 1024))
-        for start in range(0, len(data), size):
-            chunk = UploadChunk(start, data[start : start + size])
-            received = self.call(chunk, UploadChunkReply).received
-            due = start + len(chunk.data)
-            check(received == due, f"UPLOAD_CHUNK_REPLY says {received} bytes, sent were {due}")
-
-    def greet(self) -> HelloReply | Error | None:
-        """Say HELLO to a board of which nothing is known; None if nothing answers."""
-        seq = self.next_seq()
-        wire, _ = self.request_wire(self.hello_message(self.new_nonce()), seq=seq, session=0)
-        since = self.mark()
-        self.send(wire)
-        answer = self.try_answer(seq, since)
-        if answer is None or not isinstance(answer.message, HelloReply | Error):
-            return None
-        if isinstance(answer.message, HelloReply):
-            self.adopt(answer.message)
-        return answer.message
-
-
-def is_version_error(reply: HelloReply | Error | None) -> bool:
-    """Tell whether a board refused HELLO because it speaks another major version."""
-    return isinstance(reply, Error) and reply.code == ErrorCode.VERSION

@@ -1,66 +1,62 @@
-"""The clock of the board under test, as far as its answers tell it."""
+"""The device clock of the board under test, as far as the board's answers tell it."""
 
 from __future__ import annotations
 
-import random
 from typing import Final
 
-from haptogram_protocol.messages import HelloReply, Ping, Pong, unwrap
+from haptogram_protocol.messages import Ping, Pong, unwrap
 
 from ..outcome import inconclusive
-from .request_client import Exchange
-from .wire import Wire
+from .request_client import RequestClient
 
 BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
-_SPARE_US: Final = 200  # host's idea of the device clock, in virtual time
+_SPARE_US: Final = 200  # error of the host's estimate of the device clock, in virtual time
 
 
-class DeviceClock(Exchange):
-    """An exchange of frames with a board whose time matters.
+class BoardClock:
+    """Device times: asked for, estimated, unwrapped and waited for.
 
     Parameters
     ----------
-    wire : Wire
-        Open port.
-    random_source : random.Random
-        Where contents come from.
+    link : RequestClient
+        Asks the board for its time.
     booted : bool
-        Whether the board has just started, so that its clock is known unwrapped.
+        Whether the board has just started, so that its unwrapped time is known.
 
     Attributes
     ----------
-    identity : HelloReply
-        What the board said last.
+    carrier_us : int
+        Carrier period of the board that answered HELLO last.
     """
 
-    identity: HelloReply
-
-    def __init__(self, wire: Wire, random_source: random.Random, *, booted: bool) -> None:
-        super().__init__(wire, random_source)
+    def __init__(self, link: RequestClient, *, booted: bool) -> None:
         self.booted = booted
+        self.carrier_us = 1
+        self._link = link
+        self._wire = link.wire
         self._device_us = BOOT_US  # unwrapped, at the last PONG
-        # Device clock - clock of the transport: the least and the most that it can be.
+        # Device clock - clock of the transport: the least and the most that this can be.
         self._behind_us = self._ahead_us = 0
 
     def set_device_us(self, t_us: int) -> None:
-        """Take note of an unwrapped device time, to unwrap the next ones by."""
+        """Take an unwrapped device time, by which the next ones are unwrapped."""
         self._device_us = t_us
 
     def device_us(self) -> int:
         """Ask for the device time and return it, unwrapped as far as that is known."""
-        sent_us = self.wire.now_us()
-        answer = self.ask(Ping(self.random.getrandbits(64)))
-        pong = self.reply_in(answer, Pong, Ping.TYPE)
+        sent_us = self._wire.now_us()
+        answer = self._link.ask(Ping(self._link.random.getrandbits(64)))
+        pong = self._link.reply_in(answer, Pong, Ping.TYPE)
         self._device_us = unwrap(pong.t_rx_us, self._device_us, 32)
         self._ahead_us = self._device_us - sent_us
-        done_us = self.wire.line_us(len(answer.piece) + 2)
+        done_us = self._wire.line_us(len(answer.piece) + 2)
         left_us = unwrap(pong.t_tx_us, self._device_us, 32)
-        self._behind_us = left_us + done_us - self.wire.now_us()
+        self._behind_us = left_us + done_us - self._wire.now_us()
         return self._device_us
 
     def device_estimate_us(self) -> int:
         """Return the device time by the host's clock and the last PONG, or a little less."""
-        return self.wire.now_us() + self._behind_us
+        return self._wire.now_us() + self._behind_us
 
     def unwrap(self, t_wire_us: int) -> int:
         """Return a device time from a frame, unwrapped."""
@@ -68,33 +64,28 @@ class DeviceClock(Exchange):
 
     def soon_us(self, *wires: bytes) -> int:
         """Return a multiple of the carrier period by which *wires* are certain to have come."""
-        extra_us = self.wire.line_us(sum(map(len, wires)))
-        return self.on_carrier(self.device_us() + self.wire.limits.lead_us + 2 * extra_us)
+        extra_us = self._wire.line_us(sum(map(len, wires)))
+        return self.on_carrier(self.device_us() + self._wire.limits.lead_us + 2 * extra_us)
 
     def on_carrier(self, t_us: int) -> int:
         """Return the first multiple of the carrier period at or after *t_us*."""
         return -(-t_us // self.carrier_us) * self.carrier_us
 
-    @property
-    def carrier_us(self) -> int:
-        """Carrier period."""
-        return 1_000_000 // max(1, self.identity.carrier_hz)
-
-    def until(self, t_device_us: int) -> None:
+    def wait_until(self, t_device_us: int) -> None:
         """Wait until the device clock has passed *t_device_us*."""
         left_us = t_device_us - self.device_estimate_us()
-        self.wire.idle(max(0, left_us) + self.wire.limits.slack_us + _SPARE_US)
+        self._wire.idle(max(0, left_us) + self._wire.limits.slack_us + _SPARE_US)
 
-    def rest(self, size: int = 0) -> None:
-        """Wait until *size* bytes have been sent, and what they hold has been latched."""
-        slack_us = self.wire.limits.slack_us
-        if slack_us:  # only an answer shows that a board that had to wait has read them
-            self.barrier()
-        self.wire.idle(self.wire.line_us(size) + 4 * self.carrier_us + slack_us // 10)
+    def wait_latched(self, size: int = 0) -> None:
+        """Wait until *size* bytes have been sent and their frames have been latched."""
+        slack_us = self._wire.limits.slack_us
+        if slack_us:  # only an answer shows that a board that had to wait has read the bytes
+            self._link.barrier()
+        self._wire.idle(self._wire.line_us(size) + 4 * self.carrier_us + slack_us // 10)
 
-    def in_time(self, t_device_us: int) -> None:
-        """End the case as INCONCLUSIVE if it is too late for what had to be sent before."""
-        exact = not self.wire.limits.slack_us
+    def require_in_time(self, t_device_us: int) -> None:
+        """End the case as INCONCLUSIVE if *t_device_us* has passed: the host sent too late."""
+        exact = not self._wire.limits.slack_us
         offset_us = self._behind_us if exact else self._ahead_us
-        if self.wire.now_us() + offset_us >= t_device_us:
+        if self._wire.now_us() + offset_us >= t_device_us:
             inconclusive("the host was held up and sent its frames too late")

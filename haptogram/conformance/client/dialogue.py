@@ -23,8 +23,9 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from .board_client import Bench
+from .board_client import BoardClient
 from .latching import latch_now
+from .uploads import upload
 from .wire import Received
 
 _UNKNOWN_REQUEST: Final = 0x7F
@@ -39,73 +40,73 @@ _TRACES: Final = (
 )
 
 
-def talk(bench: Bench) -> list[Received]:
+def talk(board: BoardClient) -> list[Received]:
     """Return every piece that the board sent in a conversation about everything."""
-    bench.hello()
-    since = bench.mark()
-    bench.hello(bench.session)
-    _ask_for_everything(bench)
-    bench.ask(Arm())
+    board.hello()
+    since = board.link.mark()
+    board.hello(board.link.session)
+    _ask_for_everything(board)
+    board.link.ask(Arm())
     for feature, mode in _TRACES:
-        if bench.has(feature | Feature.CONFIG):
-            bench.configure(trace_mode=mode, status_period_ms=bench.quick_status_ms)
-            _stream_some(bench)
-    if bench.has(Feature.SEQUENCE_PHASES):
-        _play_some(bench)
-    _be_refused(bench)
-    _run_out_of_time(bench)
-    bench.ask(Disarm())
-    bench.ask(Mute())
-    return bench.wire.received[since:]
+        if board.has(feature | Feature.CONFIG):
+            board.configure(trace_mode=mode, status_period_ms=board.quick_status_ms)
+            _stream_some(board)
+    if board.has(Feature.SEQUENCE_PHASES):
+        _play_some(board)
+    _be_refused(board)
+    _run_out_of_time(board)
+    board.link.ask(Disarm())
+    board.link.ask(Mute())
+    return board.wire.received[since:]
 
 
-def _ask_for_everything(bench: Bench) -> None:
-    bench.ask(Ping(0x0102030405060708))
-    bench.ask(GetStatus())
-    bench.ask(GetConfig())
-    bench.ask(GetGeometry(0, 0xFFFF))
+def _ask_for_everything(board: BoardClient) -> None:
+    board.link.ask(Ping(0x0102030405060708))
+    board.link.ask(GetStatus())
+    board.link.ask(GetConfig())
+    board.link.ask(GetGeometry(0, 0xFFFF))
 
 
-def _stream_some(bench: Bench) -> None:
-    if not bench.has_phases:
+def _stream_some(board: BoardClient) -> None:
+    if not board.has_phases:
         return
     # No zero in the registers, nor in the amplitudes: the longest runs that COBS has to cut.
-    latch_now(bench, bench.flat_phases(0x88))
-    latch_now(bench, bench.phases(bench.random_registers()))
-    if bench.has(Feature.READ_LATCHED):
-        bench.ask(ReadDrive(DriveKind.LATCHED, 0, 0xFFFF))
-    if bench.has(Feature.READ_RADIATED):
-        bench.ask(ReadDrive(DriveKind.RADIATED, 0, 0xFFFF))
-    if bench.has(Feature.TRACE_RING):
-        bench.ask(ReadTrace(0, 0xFFFF))
-    bench.wire.idle(1200 * bench.quick_status_ms)  # for a STATUS
+    latch_now(board, board.flat_phases(0x88))
+    latch_now(board, board.phases(board.random_registers()))
+    if board.has(Feature.READ_LATCHED):
+        board.link.ask(ReadDrive(DriveKind.LATCHED, 0, 0xFFFF))
+    if board.has(Feature.READ_RADIATED):
+        board.link.ask(ReadDrive(DriveKind.RADIATED, 0, 0xFFFF))
+    if board.has(Feature.TRACE_RING):
+        board.link.ask(ReadTrace(0, 0xFFFF))
+    board.wire.idle(1200 * board.quick_status_ms)  # for a STATUS
 
 
-def _play_some(bench: Bench) -> None:
-    data = b"".join(bench.random_registers() for _ in range(_FRAMES))
-    bench.upload(UploadKind.PHASES, _SEQUENCE, data)
-    if bench.has(Feature.CONFIG | Feature.TRACE):
-        bench.configure(trace_mode=TraceMode.CRC)
-    bench.ask(Play(_SEQUENCE, _PERIOD_US, 1, _UNATTENDED_MS), flags=0x10)
-    bench.wire.idle(2 * _FRAMES * _PERIOD_US)
-    bench.ask(Stop())
+def _play_some(board: BoardClient) -> None:
+    data = b"".join(board.random_registers() for _ in range(_FRAMES))
+    upload(board, UploadKind.PHASES, _SEQUENCE, data)
+    if board.has(Feature.CONFIG | Feature.TRACE):
+        board.configure(trace_mode=TraceMode.CRC)
+    board.link.ask(Play(_SEQUENCE, _PERIOD_US, 1, _UNATTENDED_MS), flags=0x10)
+    board.wire.idle(2 * _FRAMES * _PERIOD_US)
+    board.link.ask(Stop())
 
 
-def _be_refused(bench: Bench) -> None:
-    bench.ask_raw(_UNKNOWN_REQUEST)
-    bench.ask_raw(GetGeometry.TYPE, b"\x00")
-    bench.ask(Ping(1), session=bench.session ^ 0x5555)
+def _be_refused(board: BoardClient) -> None:
+    board.link.ask_raw(_UNKNOWN_REQUEST)
+    board.link.ask_raw(GetGeometry.TYPE, b"\x00")
+    board.link.ask(Ping(1), session=board.link.session ^ 0x5555)
 
 
-def _run_out_of_time(bench: Bench) -> None:
+def _run_out_of_time(board: BoardClient) -> None:
     """Let the hold mute the board, so that it says STATE_CHANGED."""
-    if not bench.has(Feature.CONFIG):
+    if not board.has(Feature.CONFIG):
         return
-    bench.configure(hold_ms=20)
-    bench.ask(Arm())
-    if bench.has_phases:
-        latch_now(bench, bench.flat_phases())
-    bench.wire.idle(40_000)
+    board.configure(hold_ms=20)
+    board.link.ask(Arm())
+    if board.has_phases:
+        latch_now(board, board.flat_phases())
+    board.wire.idle(40_000)
 
 
 def frames_in(pieces: list[Received]) -> list[Received]:

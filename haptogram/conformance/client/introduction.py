@@ -1,15 +1,63 @@
-"""What is at the other end of a port: a board, and which, or why none is."""
+"""First contact: which board answers at a port, or why none does."""
 
 from __future__ import annotations
 
-from haptogram_protocol.messages import Feature, HelloReply
+from haptogram_protocol.messages import (
+    Arm,
+    Disarm,
+    Error,
+    ErrorCode,
+    Feature,
+    GetStatus,
+    HelloReply,
+    StatusReply,
+)
 
-from .board_client import Bench
+from .board_client import BoardClient
 
 
-def explain_silence(bench: Bench) -> str:
-    """Return why HELLO was not answered, from what came instead."""
-    wire = bench.wire
+def greet(board: BoardClient) -> HelloReply | Error | None:
+    """Say HELLO to a board of unknown state; None if nothing answers."""
+    link = board.link
+    hello = board.hello_message(board.new_nonce())
+    wire, seq = link.request_wire(hello, seq=link.next_seq(), session=0)
+    since = link.mark()
+    link.send(wire)
+    answer = link.try_answer(seq, since)
+    if answer is None or not isinstance(answer.message, HelloReply | Error):
+        return None
+    if isinstance(answer.message, HelloReply):
+        board.adopt(answer.message)
+    return answer.message
+
+
+def is_version_error(reply: HelloReply | Error | None) -> bool:
+    """Return True if a board refused HELLO because it speaks another major version."""
+    return isinstance(reply, Error) and reply.code == ErrorCode.VERSION
+
+
+def learn_wraps(board: BoardClient) -> None:
+    """Find out how often the clock of a board that runs already has wrapped.
+
+    Latches lie on multiples of the carrier period of the unwrapped clock, so that the low 32 bits
+    of the time of one latch give the number of wraps.
+    """
+    clock = board.clock
+    if clock.booted or not board.has_phases:
+        return
+    board.link.ask(Arm())
+    board.link.send(board.link.stream_wire(board.flat_phases()))
+    answer = board.link.ask(GetStatus()).message
+    board.link.ask(Disarm())
+    if isinstance(answer, StatusReply) and answer.last_seq:
+        wraps = range(clock.carrier_us)
+        fits = (k for k in wraps if (answer.last_latch_us + (k << 32)) % clock.carrier_us == 0)
+        clock.set_device_us(answer.last_latch_us + (next(fits, 0) << 32))
+
+
+def explain_silence(board: BoardClient) -> str:
+    """Return why HELLO was not answered, judged by the bytes that came instead."""
+    wire = board.wire
     if not wire.heard:
         return "the port is silent: nothing came back to HELLO"
     if not any(piece.header is not None for piece in wire.received):
@@ -20,7 +68,7 @@ def explain_silence(bench: Bench) -> str:
 
 
 def describe_device(reply: HelloReply) -> dict[str, object]:
-    """Return what a board says of itself, for reports."""
+    """Return firmware, version, size and capabilities of a board, for reports."""
     known = Feature(reply.features & sum(Feature))
     return {
         "firmware": reply.firmware,

@@ -23,7 +23,7 @@ from haptogram_protocol.messages import (
 )
 
 from ..outcome import check, unimplemented
-from .board_client import Bench
+from .board_client import BoardClient
 
 FULL: Final = 255
 
@@ -61,12 +61,12 @@ def shown_in(reply: DriveReply) -> Shown:
     return Shown(reply.data[:half], reply.data[half:], reply)
 
 
-def read_back(bench: Bench, kind: DriveKind = DriveKind.LATCHED) -> Shown:
+def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> Shown:
     """Ask for the drive of all transducers; UNIMPLEMENTED without the capability."""
     latched = kind is DriveKind.LATCHED
-    bench.need(Feature.READ_LATCHED if latched else Feature.READ_RADIATED)
-    count = bench.identity.transducers
-    shown = shown_in(bench.call(ReadDrive(kind, 0, count), DriveReply))
+    board.need(Feature.READ_LATCHED if latched else Feature.READ_RADIATED)
+    count = board.identity.transducers
+    shown = shown_in(board.link.call(ReadDrive(kind, 0, count), DriveReply))
     check(
         len(shown.phases) == count,
         f"DRIVE_REPLY shows {len(shown.phases)} transducers; asked for were {count}",
@@ -74,22 +74,22 @@ def read_back(bench: Bench, kind: DriveKind = DriveKind.LATCHED) -> Shown:
     return shown
 
 
-def radiated(bench: Bench) -> Shown:
+def radiated(board: BoardClient) -> Shown:
     """Ask for what is radiated."""
-    return read_back(bench, DriveKind.RADIATED)
+    return read_back(board, DriveKind.RADIATED)
 
 
-def is_silent(bench: Bench) -> bool:
+def is_silent(board: BoardClient) -> bool:
     """Tell whether the board says that it radiates nothing."""
-    return radiated(bench).loudest == 0
+    return radiated(board).loudest == 0
 
 
-def latch_now(bench: Bench, message: Message) -> int:
+def latch_now(board: BoardClient, message: Message) -> int:
     """Send a stream frame to be latched as soon as complete; return its unwrapped number."""
-    index = bench.stream_next
-    wire = bench.stream_wire(message)
-    bench.send(wire)
-    bench.rest(len(wire))
+    index = board.link.stream_next
+    wire = board.link.stream_wire(message)
+    board.link.send(wire)
+    board.clock.wait_latched(len(wire))
     return index
 
 
@@ -110,34 +110,34 @@ class Latched:
     loop: int = 0
 
 
-def watch(bench: Bench) -> TraceMode:
+def watch(board: BoardClient) -> TraceMode:
     """Switch on whatever trace tells of every latch; UNIMPLEMENTED if there is none."""
     for feature, mode in (
         (Feature.TRACE, TraceMode.CRC),
         (Feature.TRACE_RING, TraceMode.RING),
         (Feature.TRACE_DRIVE, TraceMode.DRIVE),
     ):
-        if bench.has(feature | Feature.CONFIG):
-            bench.configure(trace_mode=mode)
+        if board.has(feature | Feature.CONFIG):
+            board.configure(trace_mode=mode)
             return mode
     unimplemented("the board advertises no trace that can be switched on")
 
 
-def latches(bench: Bench, since: int, mode: TraceMode) -> list[Latched]:
+def latches(board: BoardClient, since: int, mode: TraceMode) -> list[Latched]:
     """Return the latches that came as events since, or lie in the ring."""
-    bench.barrier()
+    board.link.barrier()
     if mode is TraceMode.RING:
-        return _ring(bench)
+        return _ring(board)
     found = []
-    for piece in bench.wire.received[since:]:
+    for piece in board.wire.received[since:]:
         if piece.header is not None and piece.message is not None:
-            latched = _latched(bench, piece.header, piece.message)
+            latched = _latched(board, piece.header, piece.message)
             found += [latched] if latched else []
     return found
 
 
-def _latched(bench: Bench, header: Header, message: Message) -> Latched | None:
-    t_us, late = bench.unwrap(header.time_us), bool(header.flags & Flag.LATE)
+def _latched(board: BoardClient, header: Header, message: Message) -> Latched | None:
+    t_us, late = board.clock.unwrap(header.time_us), bool(header.flags & Flag.LATE)
     if isinstance(message, Trace):
         return Latched(message.index, t_us, message.crc, late)
     if isinstance(message, TracePlayback):
@@ -149,13 +149,13 @@ def _latched(bench: Bench, header: Header, message: Message) -> Latched | None:
     return None
 
 
-def _ring(bench: Bench) -> list[Latched]:
+def _ring(board: BoardClient) -> list[Latched]:
     found: list[Latched] = []
     first = 0
     while True:
-        reply = bench.call(ReadTrace(first, 0xFFFF), TraceReply)
+        reply = board.link.call(ReadTrace(first, 0xFFFF), TraceReply)
         for item in reply.records:
-            t_us, late = bench.unwrap(item.t_latch_us), bool(item.flags & Flag.LATE)
+            t_us, late = board.clock.unwrap(item.t_latch_us), bool(item.flags & Flag.LATE)
             key = item.key
             found.append(Latched(key.index, t_us, item.crc, late, key.sequence, key.loop))
         if not reply.records or reply.records[-1].number + 1 >= reply.next:

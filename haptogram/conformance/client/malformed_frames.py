@@ -9,7 +9,7 @@ from typing import Final
 from haptogram_protocol.framing import cobs_encode
 from haptogram_protocol.messages import Mute
 
-from .board_client import Bench
+from .request_client import RequestClient
 
 BLOCK: Final = 254  # HG-2.2: longest piece of COBS without a zero
 
@@ -34,31 +34,31 @@ def noise(source: random.Random, size: int) -> bytes:
     return bytes(source.randrange(1, 256) for _ in range(size))
 
 
-def mute_of(bench: Bench, payload: bytes) -> tuple[bytes, int]:
+def mute_of(link: RequestClient, payload: bytes) -> tuple[bytes, int]:
     """Return body and number of a MUTE that carries *payload*.
 
     MUTE is carried out whatever its payload is (HG-6.4/1): its reply proves that a frame of any
     length and content has come through.
     """
-    seq = bench.next_seq()
-    return bench.body(Mute.TYPE, payload, seq=seq), seq
+    seq = link.next_seq()
+    return link.body(Mute.TYPE, payload, seq=seq), seq
 
 
-def mute_with_run(bench: Bench, run: int) -> tuple[bytes, int]:
+def mute_with_run(link: RequestClient, run: int) -> tuple[bytes, int]:
     """Return a MUTE with its CRC that ends with exactly *run* bytes that are not zero."""
     for filler in range(1, 256):
         payload = bytes([0] + [filler] * (run - 4))
-        body, seq = mute_of(bench, payload)
+        body, seq = mute_of(link, payload)
         if 0 not in with_crc(body)[-4:]:
             return with_crc(body), seq
     raise AssertionError("one of 255 checksums has no zero byte")
 
 
-def mute_of_encoded_size(bench: Bench, size: int) -> tuple[bytes, int]:
+def mute_of_encoded_size(link: RequestClient, size: int) -> tuple[bytes, int]:
     """Return the stuffed bytes, *size* of them, of a MUTE, and its number."""
-    payload = noise(bench.random, size)
+    payload = noise(link.random, size)
     for length in range(size - 60, size):
-        body, seq = mute_of(bench, payload[:length])
+        body, seq = mute_of(link, payload[:length])
         encoded = cobs_encode(with_crc(body))
         if len(encoded) == size:
             return encoded, seq

@@ -4,23 +4,35 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import Flag, Play, PlayReply, UploadKind
+from haptogram_protocol.messages import (
+    Flag,
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    TraceDrive,
+    TraceMode,
+    UploadKind,
+)
 
-from .board_client import Bench
+from ..outcome import check
+from .board_client import BoardClient
+from .uploads import upload
 
 PERIOD_US: Final = 1000
 UNATTENDED_MS: Final = 2000
+_FLOOD_FRAMES: Final = 400
+_FLOOD_RATE_HZ: Final = 10_000
 
 
-def store_phases(bench: Bench, sequence: int, *, frames: int) -> list[bytes]:
+def store_phases(board: BoardClient, sequence: int, *, frames: int) -> list[bytes]:
     """Upload a sequence of random drives and return the registers that each leads to."""
-    registers = [bench.random.randbytes(bench.identity.transducers) for _ in range(frames)]
-    bench.upload(UploadKind.PHASES, sequence, b"".join(registers))
+    registers = [board.random.randbytes(board.identity.transducers) for _ in range(frames)]
+    upload(board, UploadKind.PHASES, sequence, b"".join(registers))
     return registers
 
 
 def play_now(
-    bench: Bench,
+    board: BoardClient,
     sequence: int,
     *,
     loops: int,
@@ -28,13 +40,29 @@ def play_now(
     unattended_ms: int = UNATTENDED_MS,
 ) -> PlayReply:
     """Play a sequence from now on."""
-    play = Play(sequence, period_us, loops, min(unattended_ms, bench.identity.max_unattended_ms))
-    return bench.call(play, PlayReply, flags=Flag.IMMEDIATE)
+    play = Play(sequence, period_us, loops, min(unattended_ms, board.identity.max_unattended_ms))
+    return board.link.call(play, PlayReply, flags=Flag.IMMEDIATE)
 
 
 def play_at(
-    bench: Bench, sequence: int, start_us: int, *, loops: int, period_us: int = PERIOD_US
+    board: BoardClient, sequence: int, start_us: int, *, loops: int, period_us: int = PERIOD_US
 ) -> PlayReply:
     """Play a sequence from *start_us* on."""
-    play = Play(sequence, period_us, loops, min(UNATTENDED_MS, bench.identity.max_unattended_ms))
-    return bench.call(play, PlayReply, time_us=start_us)
+    play = Play(sequence, period_us, loops, min(UNATTENDED_MS, board.identity.max_unattended_ms))
+    return board.link.call(play, PlayReply, time_us=start_us)
+
+
+def flood_with_traces(board: BoardClient) -> tuple[int, int]:
+    """Latch faster than the line can trace; return the numbers of trace events and of latches."""
+    board.configure(trace_mode=TraceMode.DRIVE)
+    store_phases(board, 1, frames=2)
+    rate = min(board.identity.max_playback_rate_hz, _FLOOD_RATE_HZ)
+    period_us = board.clock.on_carrier(-(-1_000_000 // rate))
+    board.arm()
+    since = board.link.mark()
+    play_now(board, 1, loops=_FLOOD_FRAMES // 2, period_us=period_us)
+    timeout_us = _FLOOD_FRAMES * period_us * 20 + 500_000
+    found = board.link.await_event(PlaybackEnded, since, timeout_us)
+    check(found is not None, "PLAYBACK_ENDED is lost among the traces")
+    board.link.barrier()
+    return len(board.link.events(TraceDrive, since)), _FLOOD_FRAMES

@@ -26,20 +26,20 @@ _M = TypeVar("_M", bound=Message)
 _ECHO_BITS: Final = 64
 
 
-class Exchange:
-    """Sequence numbers and session of the host, without any rule that a host has to keep.
+class RequestClient:
+    """Sends requests and stream frames of any content; keeps no rule that binds a host.
 
     Parameters
     ----------
     wire : Wire
         Open port.
     random_source : random.Random
-        Where nonces and contents come from: the same seed gives the same bytes.
+        Source of nonces and contents: the same seed gives the same bytes.
 
     Attributes
     ----------
     session : int
-        What goes into the header of the next frame.
+        Session in the header of the next frame.
     seq : int
         Number of the last request, unwrapped.
     stream_next : int
@@ -73,16 +73,16 @@ class Exchange:
     def request_wire(
         self, message: Message, *, seq: int | None = None, **header: Any
     ) -> tuple[bytes, int]:
-        """Return the bytes of a request, and its number: the next one unless *seq* is given."""
+        """Return a request's bytes and number: the next number unless *seq* is given."""
         seq = self.next_seq() if seq is None else seq
         return encode_frame(
             self.body(message.TYPE, message.serialize(), seq=seq, **header)
         ), seq & 0xFFFF
 
     def stream_wire(self, message: Message, at_us: int | None = None, **header: Any) -> bytes:
-        """Return the bytes of a stream frame: for *at_us*, or as soon as complete.
+        """Return the bytes of a stream frame, to be latched at *at_us* or as soon as complete.
 
-        It takes the next stream number unless *seq* is given.
+        The frame takes the next stream number unless *seq* is given.
         """
         return self.stream_raw(message.TYPE, message.serialize(), at_us, **header)
 
@@ -112,13 +112,13 @@ class Exchange:
         return self.seq & 0xFFFF
 
     def send(self, *wires: bytes) -> None:
-        """Hand over frames, or bytes that are none, without a pause."""
+        """Send frames, or bytes that are no frames, without a pause."""
         self.wire.send(b"".join(wires))
 
     # --- requests and answers ------------------------------------------------------------------
 
     def ask(self, message: Message, **header: Any) -> Received:
-        """Send a request and return its answer, whatever it is; FAILED if none comes."""
+        """Send a request and return its answer, a refusal too; FAILED if none comes."""
         return self.ask_raw(message.TYPE, message.serialize(), **header)
 
     def ask_raw(
@@ -132,7 +132,7 @@ class Exchange:
         return self.answer_to(kind, seq, since, self.wire.line_us(len(wire)))
 
     def answer_to(self, kind: int, seq: int, since: int, extra_us: int = 0) -> Received:
-        """Return the answer to the request *seq* among what came since; FAILED if none does."""
+        """Return the answer to the request *seq* from piece *since* on; FAILED if none comes."""
         found = self.try_answer(seq, since, extra_us)
         if found is None:
             fail(f"no answer to {type_name(kind)} (seq {seq}) within {self._patience(extra_us)}")
@@ -155,14 +155,14 @@ class Exchange:
         return self.reply_in(self.ask(message, **header), reply, message.TYPE)
 
     def reply_in(self, answer: Received, reply: type[_M], kind: int) -> _M:
-        """Return the reply that *answer* is; FAILED if it is something else."""
+        """Return the reply in *answer*; FAILED if the answer is something else."""
         if isinstance(answer.message, reply):
             return answer.message
         if answer.message is None:
             fail(f"the answer to {type_name(kind)} cannot be read: {answer.fault}")
         fail(
             f"{type_name(kind)} was answered by {type_name(answer.message.TYPE)} "
-            f"({self.words(answer)}) instead of {reply.TYPE.name}"
+            f"({self.answer_text(answer)}) instead of {reply.TYPE.name}"
         )
 
     def refused(
@@ -189,21 +189,23 @@ class Exchange:
     def error_in(
         self, answer: Received, kind: int, code: ErrorCode, detail: int | None = None
     ) -> Error:
-        """Return the ERROR that *answer* is; FAILED unless it has this code and detail."""
+        """Return the ERROR in *answer*; FAILED unless it has this code and detail."""
         wanted = f"ERROR({code.name})" + ("" if detail is None else f", detail {detail:#x}")
         message = answer.message
         if not isinstance(message, Error):
-            fail(f"{type_name(kind)} should be refused with {wanted}; got {self.words(answer)}")
+            fail(
+                f"{type_name(kind)} should be refused with {wanted}; got {self.answer_text(answer)}"
+            )
         same = (message.request, message.code) == (kind, code)
         check(
             same and detail in (None, message.detail),
-            f"{type_name(kind)} should be refused with {wanted}; got {self.words(answer)}",
+            f"{type_name(kind)} should be refused with {wanted}; got {self.answer_text(answer)}",
         )
         return message
 
     @staticmethod
-    def words(answer: Received) -> str:
-        """Return in words what an answer is."""
+    def answer_text(answer: Received) -> str:
+        """Return an answer in words."""
         if answer.message is None:
             return answer.fault or "nothing"
         if isinstance(answer.message, Error):
@@ -215,19 +217,19 @@ class Exchange:
             )
         return f"{type_name(answer.message.TYPE)} ({summary(answer.message)})"
 
-    # --- what came -----------------------------------------------------------------------------
+    # --- received frames -----------------------------------------------------------------------
 
     def mark(self) -> int:
-        """Return a place in what came, for the methods below."""
+        """Return the number of the next piece to come, for ``since`` in the methods below."""
         return len(self.wire.received)
 
     def barrier(self) -> None:
-        """Wait until everything sent so far has been judged: frames are taken in order."""
+        """Wait until the board has read everything sent so far: frames are taken in order."""
         echo = self.random.getrandbits(_ECHO_BITS)
         check(self.call(Ping(echo), Pong).echo == echo, "PONG does not carry the number of PING")
 
     def events(self, kind: type[_M], since: int = 0) -> list[tuple[Header, _M]]:
-        """Return the events of one kind that came, with their headers."""
+        """Return the events of one kind from piece *since* on, with their headers."""
         return [
             (piece.header, piece.message)
             for piece in self.wire.received[since:]
@@ -235,19 +237,22 @@ class Exchange:
         ]
 
     def responses(self, since: int) -> list[Received]:
-        """Return the responses that came since."""
+        """Return the responses from piece *since* on."""
         return [piece for piece in self.wire.received[since:] if piece.is_response]
 
-    def unanswered(self, what: str, *wires: bytes) -> None:
-        """Send what must not be answered, and FAILED if it is."""
+    def unanswered(self, frames: str, *wires: bytes) -> None:
+        """Send *wires*, called *frames* in the message; FAILED if the board answers them."""
         since = self.mark()
         self.send(*wires)
         self.barrier()
         answers = self.responses(since)[:-1]  # the last one is the barrier's
-        check(not answers, f"{what} is answered by {self.words(answers[0]) if answers else ''}")
+        check(
+            not answers,
+            f"{frames} is answered by {self.answer_text(answers[0]) if answers else ''}",
+        )
 
     def await_event(self, kind: type[_M], since: int, timeout_us: int) -> tuple[Header, _M] | None:
-        """Return the first event of a kind since; None if none comes in time."""
+        """Return the first event of a kind from piece *since* on; None if none comes in time."""
         found = self.wire.wait_for(lambda piece: isinstance(piece.message, kind), since, timeout_us)
         if found is None or found.header is None or not isinstance(found.message, kind):
             return None

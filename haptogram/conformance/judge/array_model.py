@@ -3,41 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, PointSource, TransducerArray
 from haptogram.driver.frames import with_sound_speed
-from haptogram.driver.identity import model_of
+from haptogram.driver.identity import array_of, model_of
 from haptogram.records.frame import Focus, FrameKey, Intended
 
-from ..client.board_client import Bench
+from ..client.board_client import BoardClient
 
 
-def model_of_board(bench: Bench, elements: Sequence[tuple[int, ...]]) -> AcousticModel:
-    """Return the model of the array that a board says it has, at its speed of sound.
-
-    Parameters
-    ----------
-    elements : (N, 6) sequence
-        Position in micrometres and normal, 32767 = 1, of every transducer.
-    """
-    identity = bench.identity
-    grid = None
+def model_of_board(board: BoardClient) -> AcousticModel:
+    """Return the model of the array that a board shows, at the board's speed of sound."""
+    identity = board.identity
+    array = array_of(board.read_geometry())
     if identity.grid_nx and identity.grid_ny:
-        grid = TransducerArray.grid(
-            identity.grid_nx, identity.grid_ny, pitch_m=identity.pitch_um / 1e6
-        )
-    read = np.array(elements, dtype=np.float64)
-    array = TransducerArray.from_positions(read[:, :3] / 1e6, read[:, 3:] / 32767)
-    if grid is not None and np.array_equal(grid.positions_um(), array.positions_um()):
-        array = grid
+        pitch_m = identity.pitch_um / 1e6
+        grid = TransducerArray.grid(identity.grid_nx, identity.grid_ny, pitch_m=pitch_m)
+        if np.array_equal(grid.positions_um(), array.positions_um()):
+            array = grid  # which knows its rows and columns
     model = model_of(array, identity)
-    # Phases do not depend on how a transducer beams, and that of a piston needs scipy.
+    # Phases do not depend on the directivity of a transducer, and a piston's needs scipy.
     transducer = dataclasses.replace(model.transducer, directivity=PointSource())
     model = dataclasses.replace(model, transducer=transducer)
-    return with_sound_speed(model, bench.config.sound_speed_mm_s)
+    return with_sound_speed(model, board.config.sound_speed_mm_s)
 
 
 def intended_drive(

@@ -6,9 +6,9 @@ import zlib
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import Feature, GeometryReply, GetGeometry, TraceMode
+from haptogram_protocol.messages import Feature, TraceMode
 
-from ..client.board_client import Bench
+from ..client.board_client import BoardClient
 from ..client.latching import FULL, Shown, latches, read_back, watch
 from ..outcome import check, fail, unimplemented
 
@@ -21,23 +21,23 @@ class Witness:
 
     Attributes
     ----------
-    bench : Bench
+    board : BoardClient
         Where it is asked.
     mode : TraceMode or None
         The trace that tells; None: the read-back does.
     """
 
-    bench: Bench
+    board: BoardClient
     mode: TraceMode | None
 
     @classmethod
-    def of(cls, bench: Bench) -> Witness:
+    def of(cls, board: BoardClient) -> Witness:
         """Return the best one; UNIMPLEMENTED if there is none."""
-        if bench.has(Feature.READ_LATCHED):
-            return cls(bench, None)
-        if not bench.has(Feature.CONFIG):
+        if board.has(Feature.READ_LATCHED):
+            return cls(board, None)
+        if not board.has(Feature.CONFIG):
             unimplemented("the board shows no drive: neither READ_LATCHED nor a trace")
-        return cls(bench, watch(bench))
+        return cls(board, watch(board))
 
     def expect(
         self, registers: bytes, amplitudes: bytes | None = None, *, bits: int = 8, since: int = 0
@@ -45,9 +45,9 @@ class Witness:
         """FAILED unless the last latch brought this drive into the registers."""
         amplitudes = bytes([FULL]) * len(registers) if amplitudes is None else amplitudes
         if self.mode is None:
-            expect_shown(self.bench, read_back(self.bench), registers, amplitudes, bits=bits)
+            expect_shown(self.board, read_back(self.board), registers, amplitudes, bits=bits)
             return
-        seen = latches(self.bench, since, self.mode)
+        seen = latches(self.board, since, self.mode)
         check(bool(seen), "no latch is traced")
         due = zlib.crc32(registers + amplitudes)
         check(
@@ -57,7 +57,7 @@ class Witness:
 
 
 def expect_shown(
-    bench: Bench, shown: Shown, registers: bytes, amplitudes: bytes, *, bits: int = 8
+    board: BoardClient, shown: Shown, registers: bytes, amplitudes: bytes, *, bits: int = 8
 ) -> None:
     """FAILED, by name, unless a drive is the one that was sent."""
     if (shown.phases, shown.amplitudes) == (registers, amplitudes):
@@ -73,7 +73,7 @@ def expect_shown(
         )
         if found != due
     ]
-    named = ", ".join(names_of(bench, shown, registers, amplitudes, bits))
+    named = ", ".join(names_of(board, shown, registers, amplitudes, bits))
     fail(
         f"{named or 'another drive'}: {len(wrong)} transducers differ "
         f"((phase, amplitude) of {'; '.join(wrong[:_SHOWN])})"
@@ -81,7 +81,7 @@ def expect_shown(
 
 
 def names_of(
-    bench: Bench, shown: Shown, registers: bytes, amplitudes: bytes, bits: int
+    board: BoardClient, shown: Shown, registers: bytes, amplitudes: bytes, bits: int
 ) -> tuple[str, ...]:
     """Return what is wrong with a drive, by name, from the array's geometry."""
     # Late: only a drive that is wrong pays for the acoustics.
@@ -95,15 +95,5 @@ def names_of(
     latched = Drive(
         np.frombuffer(shown.phases, np.uint8), np.frombuffer(shown.amplitudes, np.uint8)
     )
-    model = model_of_board(bench, read_elements(bench))
+    model = model_of_board(board)
     return name_faults(model, intended_drive(registers, amplitudes, bits), latched)
-
-
-def read_elements(bench: Bench) -> list[tuple[int, ...]]:
-    """Return position and normal of every transducer as the wire has them."""
-    elements: list[tuple[int, ...]] = []
-    while len(elements) < bench.identity.transducers:
-        reply = bench.call(GetGeometry(len(elements), 0xFFFF), GeometryReply)
-        check(bool(reply.elements), f"GET_GEOMETRY from {len(elements)} shows nothing")
-        elements += [(e.x_um, e.y_um, e.z_um, e.nx, e.ny, e.nz) for e in reply.elements]
-    return elements

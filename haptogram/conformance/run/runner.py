@@ -18,8 +18,14 @@ from haptogram_protocol.messages import HelloReply
 
 from ..case import Case
 from ..clauses import Clause, Level, load_clauses
-from ..client.board_client import Bench, is_version_error
-from ..client.introduction import describe_device, explain_silence
+from ..client.board_client import BoardClient
+from ..client.introduction import (
+    describe_device,
+    explain_silence,
+    greet,
+    is_version_error,
+    learn_wraps,
+)
 from ..client.wire import Limits, Wire
 from ..judge.recovery import farewell, recover
 from ..outcome import CaseEndedError
@@ -86,7 +92,7 @@ class Runner:
         self._hash = description_hash()
         self._clauses = load_clauses()
         self._transport: Transport | None = None
-        self._bench: Bench | None = None
+        self._board: BoardClient | None = None
         self._dead = ""  # why no case that needs a session can be run
         self._device: dict[str, object] = {}
 
@@ -127,16 +133,16 @@ class Runner:
             raise
         if self._greet() is None and self._access.can_reset and not self._access.boots:
             self._revive(self._reset)  # it may have hung before we came
-        if not self._dead and self._bench is not None:
+        if not self._dead and self._board is not None:
             with contextlib.suppress(CaseEndedError, LinkLostError):
-                self._bench.learn_wraps()
+                learn_wraps(self._board)
         return self
 
     def __exit__(self, *_: object) -> None:
         """Leave the board silent, and close the port."""
-        if self._bench is not None and self._transport is not None and not self._dead:
+        if self._board is not None and self._transport is not None and not self._dead:
             try:
-                farewell(self._bench)
+                farewell(self._board)
             except HaptogramError:
                 pass
             except Exception as error:  # it must not cost the results
@@ -144,55 +150,55 @@ class Runner:
         self._drop()
         self._access.close()
 
-    def session(self) -> Bench:
-        """Return a bench with a new session and a board that is DISARMED and quiet.
+    def session(self) -> BoardClient:
+        """Return a board with a new session and a board that is DISARMED and quiet.
 
         Raises
         ------
         LinkError
             If there is no board.
         """
-        if self._dead or self._bench is None:
+        if self._dead or self._board is None:
             raise LinkError(self._dead or "the port is not open")
-        self._bench.wire.begin_case()
-        self._bench.settle()
-        return self._bench
+        self._board.wire.begin_case()
+        self._board.prepare()
+        return self._board
 
-    def _connect(self, transport: Transport, *, booted: bool) -> Bench:
+    def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
         self._transport = transport
         wire = Wire(transport, self._limits, baudrate=self._access.baudrate)
-        self._bench = Bench(wire, self._random, self._hash, booted=booted)
-        return self._bench
+        self._board = BoardClient(wire, self._random, self._hash, booted=booted)
+        return self._board
 
-    def _greet(self) -> Bench | None:
+    def _greet(self) -> BoardClient | None:
         """Find out whether a board of this version is there; note why not."""
-        bench = self._bench
-        assert bench is not None  # _connect came first
+        board = self._board
+        assert board is not None  # _connect came first
         self._dead = ""
         try:
             for _ in range(_GREETINGS):
-                reply = bench.greet()
+                reply = greet(board)
                 if isinstance(reply, HelloReply):
                     self._device = describe_device(reply)
-                    return bench
+                    return board
                 if is_version_error(reply):
                     self._dead = f"the board speaks another major version: {reply}"
                     return None
-            self._dead = explain_silence(bench)
+            self._dead = explain_silence(board)
         except (LinkError, CaseEndedError) as error:
             self._dead = f"the board is gone: {error}" if self._device else str(error)
         return None
 
-    def _reset(self) -> Bench:
-        before = self._bench
+    def _reset(self) -> BoardClient:
+        before = self._board
         self._drop()
-        bench = self._connect(self._access.reset(), booted=True)
+        board = self._connect(self._access.reset(), booted=True)
         identity = getattr(before, "identity", None)
-        bench.last_boot_id = identity.boot_id if identity else None
-        bench.last_config = getattr(before, "config", None)
-        return bench
+        board.last_boot_id = identity.boot_id if identity else None
+        board.last_config = getattr(before, "config", None)
+        return board
 
-    def _reopen(self) -> Bench:
+    def _reopen(self) -> BoardClient:
         self._drop()
         return self._connect(self._access.open(), booted=False)
 
@@ -242,62 +248,62 @@ class Runner:
         if self._dead and case.needs_session and not (case.needs_reset and found):
             return _Outcome(Behaviour.INCONCLUSIVE, self._dead)
         try:
-            bench = self._reset() if case.needs_reset else self._bench
+            board = self._reset() if case.needs_reset else self._board
         except HaptogramError as error:
             why = self._dead = f"the board did not come back after a reset: {error}"
             if not self._access.boots:  # it may be there all the same
                 self._revive(self._reopen)
             return _Outcome(Behaviour.INCONCLUSIVE, why)
-        assert bench is not None  # _begin has connected
-        return self._experiment(case, bench)
+        assert board is not None  # _begin has connected
+        return self._experiment(case, board)
 
-    def _experiment(self, case: Case, bench: Bench) -> _Outcome:
-        bench.wire.begin_case()
+    def _experiment(self, case: Case, board: BoardClient) -> _Outcome:
+        board.wire.begin_case()
         if self._dead and not case.needs_reset:
-            return self._without_board(case, bench)
+            return self._without_board(case, board)
         try:
             if case.needs_session and not case.needs_reset:
-                bench.settle()
+                board.prepare()
         except CaseEndedError as error:
             why = f"at its start: {error}"
-            return self._afterwards(case, bench, _Outcome(Behaviour.INCONCLUSIVE, why))
+            return self._afterwards(case, board, _Outcome(Behaviour.INCONCLUSIVE, why))
         except LinkLostError as error:
-            return self._lost(_Outcome(Behaviour.INCONCLUSIVE, str(error)), bench)
+            return self._lost(_Outcome(Behaviour.INCONCLUSIVE, str(error)), board)
         except Exception as error:
-            return self._afterwards(case, bench, _broke_off(error))
-        bench.wire.begin_case()
+            return self._afterwards(case, board, _broke_off(error))
+        board.wire.begin_case()
         try:
-            outcome = self._judge(case, bench)
+            outcome = self._judge(case, board)
         except LinkError as error:
-            return self._lost(_Outcome(Behaviour.FAILED, str(error)), bench)
-        return self._afterwards(case, bench, outcome)
+            return self._lost(_Outcome(Behaviour.FAILED, str(error)), board)
+        return self._afterwards(case, board, outcome)
 
-    def _without_board(self, case: Case, bench: Bench) -> _Outcome:
+    def _without_board(self, case: Case, board: BoardClient) -> _Outcome:
         """Run a case that may tell why nothing answers; what was never there cannot recover."""
         try:
-            outcome = self._judge(case, bench)
+            outcome = self._judge(case, board)
         except LinkError as error:
             outcome = _Outcome(Behaviour.INCONCLUSIVE, str(error))
-        return dataclasses.replace(outcome, transcript=bench.wire.recording.transcript())
+        return dataclasses.replace(outcome, transcript=board.wire.recording.transcript())
 
-    def _judge(self, case: Case, bench: Bench) -> _Outcome:
+    def _judge(self, case: Case, board: BoardClient) -> _Outcome:
         """Run the body of a case and return its verdict."""
         assert case.body is not None  # _attempt has seen to it
         try:
             if case.needs and not case.needs_reset:
-                bench.need(case.needs)
-            case.body(bench)
+                board.need(case.needs)
+            case.body(board)
         except CaseEndedError as ended:
-            return self._verdict(case, bench, ended)
+            return self._verdict(case, board, ended)
         except LinkError:
             raise
         except Exception as error:  # what no case foresaw is no verdict on the board
             return _broke_off(error)
         return _Outcome(Behaviour.OK)
 
-    def _verdict(self, case: Case, bench: Bench, ended: CaseEndedError) -> _Outcome:
+    def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
         clause = self._clauses[case.clause]
-        away_s = bench.wire.held_up_us / 1e6
+        away_s = board.wire.held_up_us / 1e6
         if ended.behaviour is Behaviour.FAILED and away_s > _HELD_UP_S:
             text = f"the host was held up for {away_s:.1f} s, and then: {ended}"
             return _Outcome(Behaviour.INCONCLUSIVE, text)
@@ -306,21 +312,21 @@ class Runner:
             return _Outcome(Behaviour.NON_STRICT, str(ended))
         return _Outcome(ended.behaviour, str(ended))
 
-    def _afterwards(self, case: Case, bench: Bench, outcome: _Outcome) -> _Outcome:
+    def _afterwards(self, case: Case, board: BoardClient, outcome: _Outcome) -> _Outcome:
         if _is_shown(outcome.behaviour):
-            transcript = bench.wire.recording.transcript()
+            transcript = board.wire.recording.transcript()
             outcome = dataclasses.replace(outcome, transcript=transcript)
         if outcome.behaviour is Behaviour.UNIMPLEMENTED:
             return outcome
         try:
-            recovery = recover(bench)
+            recovery = recover(board)
         except LinkLostError as error:
             detail = outcome.detail or str(error)
-            return self._lost(dataclasses.replace(outcome, detail=detail), bench)
+            return self._lost(dataclasses.replace(outcome, detail=detail), board)
         except Exception as error:
             if _is_shown(outcome.behaviour):  # it has a verdict of its own, or an error
                 return outcome
-            transcript = bench.wire.recording.transcript()
+            transcript = board.wire.recording.transcript()
             return dataclasses.replace(_broke_off(error), transcript=transcript)
         if recovery.frames is None and not self._dead:
             self._dead = "the board does not answer any more"
@@ -329,14 +335,14 @@ class Runner:
             self._dead = ""
         return dataclasses.replace(outcome, recovery=recovery)
 
-    def _lost(self, outcome: _Outcome, bench: Bench) -> _Outcome:
+    def _lost(self, outcome: _Outcome, board: BoardClient) -> _Outcome:
         """Keep the outcome of a case after which the port was gone."""
-        transcript, text = bench.wire.recording.transcript(), outcome.detail
+        transcript, text = board.wire.recording.transcript(), outcome.detail
         self._dead = f"the board is gone: {text}"
         self._revive(self._reset if self._access.can_reset else self._reopen)
         return dataclasses.replace(outcome, recovery=Recovery(None, text), transcript=transcript)
 
-    def _revive(self, connect: Callable[[], Bench]) -> None:
+    def _revive(self, connect: Callable[[], BoardClient]) -> None:
         """Try once to bring a board back that does not answer; if it does it is not dead."""
         why = self._dead
         try:

@@ -64,7 +64,7 @@ class Drowsy(Wrapped):
 
 @pytest.mark.parametrize(("writes", "frames", "status"), [(0, 1, 0), (2, 3, 0), (3, None, 1)])
 def test_recovery_is_a_verdict_of_its_own(writes, frames, status):
-    case = Case("HG-2.3/1", "loses writes", lambda bench: bench.send(b"lose %d" % writes))
+    case = Case("HG-2.3/1", "loses writes", lambda board: board.link.send(b"lose %d" % writes))
     suite = Runner(virtual(array="4x4", wrap=Drowsy), Options(timeout_s=0.2)).run([case])
     (result,) = suite.results
     assert result.behaviour is Behaviour.OK
@@ -179,10 +179,10 @@ def test_a_case_that_breaks_off_is_no_verdict_on_the_board():
 
 @pytest.mark.parametrize(("away_s", "due"), [(0.5, "FAILED"), (3, "INCONCLUSIVE")])
 def test_a_host_that_was_held_up_does_not_blame_the_board(away_s, due):
-    def body(bench):
-        bench.status()
+    def body(board):
+        board.status()
         asleep.late_ns += round(away_s * 1e9)
-        bench.status()
+        board.status()
         check(False, "the board is muted")
 
     asleep = Late(virtual(array="4x4").open())

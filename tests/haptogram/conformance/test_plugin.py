@@ -15,6 +15,12 @@ from haptogram_protocol.messages import Ping, Pong
 def test_own_case(haptogram_link):
     assert haptogram_link.call(Ping(5), Pong).echo == 5
 
+def test_own_case_that_arms(haptogram_board):
+    board = haptogram_board.session()
+    board.arm()
+    with board.counting(requests=1, frames=1):
+        board.link.call(Ping(6), Pong)
+
 def test_board(haptogram_board):
     from haptogram.conformance.cases import all_cases
     case = next(case for case in all_cases() if case.id == "HG-2.3/1")

@@ -1,12 +1,14 @@
 """Every clause has a case, every case a clause, and the clauses are those of SPEC.md."""
 
+import re
 from collections import Counter
 from pathlib import Path
 
 import pytest
 
+from haptogram.conformance import cases
 from haptogram.conformance.case import Case
-from haptogram.conformance.cases import all_cases, select
+from haptogram.conformance.cases import all_cases, case_modules, cases_in, select
 from haptogram.conformance.clauses import Clause, Level, load_clauses, parse_spec, read_spec
 from haptogram.conformance.outcome import WIRE
 
@@ -38,6 +40,27 @@ def test_every_case_has_a_clause():
 
 def test_every_line_that_begins_like_a_clause_was_read():
     assert len(load_clauses()) == SPEC.count("\n- **HG-")
+
+
+def test_a_chapter_folder_holds_the_cases_of_its_chapter_and_no_others():
+    for module in case_modules():
+        chapter = int(re.fullmatch(r".*\.ch(\d\d)_[a-z]+\.[a-z_]+", module.__name__)[1])
+        found = {load_clauses()[case.clause].order[0] for case in cases_in(module)}
+        assert found == {chapter}, module.__name__
+
+
+def test_no_file_of_a_chapter_is_left_out():
+    folder = Path(cases.__file__).parent
+    files = {path for path in folder.rglob("*.py") if path.name != "__init__.py"}
+    assert {Path(module.__file__) for module in case_modules()} == files
+    assert sum(len(cases_in(module)) for module in case_modules()) == len(CASES)
+
+
+@pytest.mark.parametrize("module", case_modules(), ids=lambda module: module.__name__[28:])
+def test_a_module_names_the_sections_of_its_cases_in_its_first_line(module):
+    named = module.__doc__.partition(": ")[0].split(", ")
+    sections = {load_clauses()[case.clause].section for case in cases_in(module)}
+    assert named == sorted(sections, key=lambda name: Clause(name, "").order)
 
 
 def test_ids_are_unique():

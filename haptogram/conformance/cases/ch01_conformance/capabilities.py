@@ -1,0 +1,133 @@
+"""HG-1.2: a board does all that its capabilities say, and refuses everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from haptogram_protocol.messages import (
+    DriveKind,
+    DriveReply,
+    Drives,
+    ErrorCode,
+    Feature,
+    FocalPoint,
+    Message,
+    PhaseFormat,
+    Play,
+    Points,
+    ReadDrive,
+    ReadTrace,
+    SetConfig,
+    SetConfigReply,
+    Trace,
+    TraceDrive,
+    TraceMode,
+    TraceReply,
+    UploadBegin,
+    UploadKind,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.uploads import upload
+from ...outcome import SELF_REPORTED, check, not_observed
+
+_POINT: Final = FocalPoint(0, 0, 150_000, 65_535, 0)
+_USES: Final[dict[Feature, Callable[[BoardClient], object]]] = {
+    Feature.AMPLITUDE: lambda b: _is_latched(b, _drives(b), "AMPLITUDE"),
+    Feature.POINTS: lambda b: _is_latched(b, Points((_POINT,)), "POINTS"),
+    Feature.SEQUENCE_PHASES: lambda b: _stores(
+        b, UploadKind.PHASES, bytes(b.identity.transducers), 1, 0
+    ),
+    Feature.SEQUENCE_POINTS: lambda b: _stores(b, UploadKind.POINTS, _POINT.pack(), 2, 1),
+    Feature.CONFIG: lambda b: b.link.call(SetConfig(b.base_config), SetConfigReply),
+    Feature.CORRECTION: lambda b: _stores(
+        b, UploadKind.CORRECTION, bytes(b.identity.transducers), 0, 0
+    ),
+    Feature.READ_LATCHED: lambda b: b.link.call(ReadDrive(DriveKind.LATCHED, 0, 1), DriveReply),
+    Feature.READ_RADIATED: lambda b: b.link.call(ReadDrive(DriveKind.RADIATED, 0, 1), DriveReply),
+    Feature.TRACE: lambda b: _tells(b, TraceMode.CRC, Trace, "TRACE"),
+    Feature.TRACE_DRIVE: lambda b: _tells(b, TraceMode.DRIVE, TraceDrive, "TRACE_DRIVE"),
+    Feature.TRACE_RING: lambda b: b.link.call(ReadTrace(0, 1), TraceReply),
+}
+# What needs one of these capabilities: a request that is whole but for the capability.
+_REQUESTS: Final[tuple[tuple[Feature, Callable[[BoardClient], Message]], ...]] = (
+    (Feature.CONFIG, lambda b: SetConfig(b.config)),
+    (Feature.READ_LATCHED, lambda _: ReadDrive(DriveKind.LATCHED, 0, 1)),
+    (Feature.READ_RADIATED, lambda _: ReadDrive(DriveKind.RADIATED, 0, 1)),
+    (Feature.TRACE_RING, lambda _: ReadTrace(0, 1)),
+    (Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS, lambda _: Play(1, 1000, 1, 100)),
+    (
+        Feature.SEQUENCE_PHASES,
+        lambda b: UploadBegin(UploadKind.PHASES, 0, 1, b.identity.transducers, 0),
+    ),
+    (Feature.SEQUENCE_POINTS, lambda _: UploadBegin(UploadKind.POINTS, 1, 1, 16, 0)),
+    (
+        Feature.CORRECTION,
+        lambda b: UploadBegin(UploadKind.CORRECTION, 0, 0, b.identity.transducers, 0),
+    ),
+)
+
+
+def _drives(board: BoardClient) -> Drives:
+    return Drives(PhaseFormat.BITS_8, 0, bytes([255]) * 2 * board.identity.transducers)
+
+
+def _is_latched(board: BoardClient, message: Message, name: str) -> None:
+    board.arm()
+    with board.counting(latched=1):
+        latch_now(board, message)
+    check(board.status().last_seq != 0, f"{name} is advertised, but nothing is latched")
+
+
+def _tells(board: BoardClient, mode: TraceMode, kind: type[Message], name: str) -> None:
+    board.configure(trace_mode=mode)
+    board.arm()
+    since = board.link.mark()
+    latch_now(board, board.flat_phases())
+    board.link.barrier()
+    check(bool(board.link.events(kind, since)), f"{name} is advertised, but a latch gives no event")
+
+
+def _stores(board: BoardClient, kind: UploadKind, data: bytes, target: int, points: int) -> None:
+    upload(board, kind, target, data, points)
+
+
+@case("HG-1.2/1", "every capability that the board advertises is used once, and works")
+def advertised_is_there(board: BoardClient) -> None:
+    for feature, use in _USES.items():
+        if board.has(feature):
+            board.hello()
+            use(board)
+
+
+@case("HG-1.2/2", "a request of every capability that is not advertised is refused: UNSUPPORTED")
+def refuses_what_it_lacks(board: BoardClient) -> None:
+    lacking = [make for any_of, make in _REQUESTS if not board.identity.features & any_of]
+    if not lacking:
+        not_observed("the board advertises every capability that a request can need")
+    for make in lacking:
+        message = make(board)
+        board.link.refused(message, ErrorCode.UNSUPPORTED, message.TYPE)
+
+
+@case(
+    "HG-1.2/3",
+    "DRIVES and POINTS are dropped and counted in unsupported where they are not advertised",
+    evidence=SELF_REPORTED,
+)
+def drops_what_it_lacks(board: BoardClient) -> None:
+    frames: dict[Feature, Message] = {
+        Feature.AMPLITUDE: _drives(board),
+        Feature.POINTS: Points((_POINT,)),
+    }
+    lacking = [message for feature, message in frames.items() if not board.has(feature)]
+    if not lacking:
+        not_observed("the board advertises every capability that a stream frame can need")
+    board.arm()
+    with board.counting(unsupported=len(lacking), latched=0):
+        for message in lacking:
+            board.link.send(board.link.stream_wire(message))
+        board.clock.wait_latched()

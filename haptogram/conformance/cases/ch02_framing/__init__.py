@@ -1,0 +1,1 @@
+"""Chapter 2, framing: delimiters, byte stuffing, checksum, lengths, the line."""

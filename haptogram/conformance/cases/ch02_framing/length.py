@@ -1,0 +1,58 @@
+"""HG-2.5, HG-2.6: the shortest and the longest frame."""
+
+from __future__ import annotations
+
+from haptogram_protocol.framing import MAX_ENCODED_BYTES, cobs_encode
+from haptogram_protocol.messages import Arm, Ping
+
+from ...case import case
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...client.dialogue import talk
+from ...outcome import SELF_REPORTED, check, fail
+
+
+@case(
+    "HG-2.5/1",
+    "1 to 13 bytes, some with a right CRC-32, are counted in short, once each",
+    evidence=SELF_REPORTED,
+)
+def drops_short_frames(board: BoardClient) -> None:
+    pieces = [malformed_frames.noise(board.random, size) for size in range(1, 14)]
+    pieces += [malformed_frames.with_crc(bytes([Ping.TYPE] * size)) for size in range(10)]
+    with board.counting(short=len(pieces), frames=0):
+        board.link.send(*(malformed_frames.framed(piece) for piece in pieces))
+
+
+@case("HG-2.6/1", "no frame of a whole conversation is longer than 4096 bytes")
+def sends_no_frame_too_long(board: BoardClient) -> None:
+    longest = max((len(piece.piece) for piece in talk(board)), default=0)
+    check(longest <= MAX_ENCODED_BYTES, f"{longest} bytes between two delimiters")
+
+
+@case("HG-2.6/2", "frames of 4090 to 4096 bytes between their delimiters are read")
+def reads_the_longest_frames(board: BoardClient) -> None:
+    for size in (2048, MAX_ENCODED_BYTES - 6, MAX_ENCODED_BYTES - 1, MAX_ENCODED_BYTES):
+        encoded, seq = malformed_frames.mute_of_encoded_size(board.link, size)
+        since = board.link.mark()
+        board.link.send(b"\x00", encoded, b"\x00")
+        if board.link.try_answer(seq, since, board.wire.line_us(size)) is None:
+            fail(f"a frame of {size} bytes between its delimiters is not read")
+
+
+@case(
+    "HG-2.6/3",
+    "runs of 4097 to 20000 bytes are counted in oversize, once; what they hold has no effect",
+    evidence=SELF_REPORTED,
+)
+def discards_a_run_too_long(board: BoardClient) -> None:
+    inside = cobs_encode(malformed_frames.with_crc(board.link.body(Arm.TYPE, seq=0x7000)))
+    runs = [malformed_frames.noise(board.random, size) for size in (4097, 5000, 8192, 20_000)]
+    with board.counting(oversize=len(runs) + 1):
+        for run in [*runs, malformed_frames.noise(board.random, 4096) + inside]:
+            ping, seq = board.link.request_wire(Ping(len(run)))
+            since = board.link.mark()
+            board.link.send(b"\x00", run, b"\x00", ping)
+            board.link.answer_to(Ping.TYPE, seq, since, board.wire.line_us(len(run)))
+            extra = board.link.responses(since)[:-1]
+            check(not extra, f"what a run of {len(run)} bytes holds was answered")

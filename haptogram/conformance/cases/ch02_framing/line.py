@@ -1,0 +1,47 @@
+"""HG-2.7: the line carries every byte at full rate, and is silent before HELLO."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import Ping, Pong
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.recording import describe
+from ...outcome import SELF_REPORTED, check
+
+_LISTEN_US: Final = 300_000
+
+
+@case("HG-2.7/1", "all 256 byte values come back from PING as they were sent")
+def carries_every_byte(board: BoardClient) -> None:
+    for start in range(0, 256, 8):
+        echo = int.from_bytes(bytes(range(start, start + 8)), "little")
+        got = board.link.call(Ping(echo), Pong).echo
+        check(got == echo, f"sent {echo:016x}, came back {got:016x}: the line changes bytes")
+
+
+@case(
+    "HG-2.7/2",
+    "stream frames of rx_window bytes, sent without a pause, are all counted",
+    evidence=SELF_REPORTED,
+)
+def takes_a_full_window(board: BoardClient) -> None:
+    first = board.link.stream_wire(board.flat_phases())
+    count = max(1, board.identity.rx_window // len(first))
+    frames = [first, *(board.link.stream_wire(board.flat_phases()) for _ in range(count - 1))]
+    with board.counting(dropped_state=count, frames=count):
+        board.link.send(*frames)
+        board.wire.idle(board.wire.line_us(sum(map(len, frames))))
+
+
+@case(
+    "HG-2.7/3",
+    "for 0.3 s after a reset the board sends no frame; boot text is tolerated",
+    needs_reset=True,
+)
+def is_silent_before_hello(board: BoardClient) -> None:
+    board.wire.idle(_LISTEN_US)
+    frames = [piece for piece in board.wire.received if piece.header is not None]
+    check(not frames, f"before the first HELLO: {describe(frames[0].piece) if frames else ''}")

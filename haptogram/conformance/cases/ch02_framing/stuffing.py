@@ -1,0 +1,65 @@
+"""HG-2.2: byte stuffing by COBS."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.framing import cobs_encode
+from haptogram_protocol.messages import Ping
+
+from ...case import case
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...client.dialogue import talk
+from ...client.recording import describe
+from ...outcome import SELF_REPORTED, check, fail
+
+_RUNS: Final = (252, 253, 254, 255, 256, 507, 508, 509, 762)
+
+
+@case("HG-2.2/1", "every frame in a whole conversation is the COBS encoding of what it holds")
+def sends_cobs(board: BoardClient) -> None:
+    pieces = talk(board)
+    broken = [piece for piece in pieces if not piece.unstuffed]
+    check(not broken, f"no COBS: {broken[0].piece[:16].hex(' ') if broken else ''} ...")
+    odd = [p for p in pieces if p.piece != cobs_encode(p.unstuffed)]
+    check(not odd, f"stuffed in another way: {describe(odd[0].piece) if odd else ''}")
+
+
+@case(
+    "HG-2.2/1",
+    "frames that end with 252 to 762 bytes without a zero are read, each as it was sent",
+    variant="runs",
+)
+def reads_long_runs(board: BoardClient) -> None:
+    for run in _RUNS:
+        data, seq = malformed_frames.mute_with_run(board.link, run)
+        since = board.link.mark()
+        board.link.send(malformed_frames.framed(data))
+        if board.link.try_answer(seq, since) is None:
+            fail(f"a frame that ends with {run} bytes without a zero is not read")
+
+
+@case(
+    "HG-2.2/2",
+    "a code byte that points past the end is counted in cobs, once; the frame has no effect",
+    evidence=SELF_REPORTED,
+)
+def drops_what_is_no_cobs(board: BoardClient) -> None:
+    good = cobs_encode(
+        malformed_frames.with_crc(board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq()))
+    )
+    broken = [b"\x05\x01\x02", b"\xff" + b"\x07" * 40, good[:-1], good + b"\x02", b"\x02"]
+    with board.counting(cobs=len(broken)):
+        board.link.unanswered("what is no COBS", *(b"\x00" + piece + b"\x00" for piece in broken))
+
+
+@case("HG-2.2/3", "a frame that ends with a full piece and a code byte 01 is read")
+def accepts_a_spare_code_byte(board: BoardClient) -> None:
+    for run in (malformed_frames.BLOCK, 2 * malformed_frames.BLOCK):
+        data, seq = malformed_frames.mute_with_run(board.link, run)
+        encoded = cobs_encode(data)
+        since = board.link.mark()
+        board.link.send(b"\x00", encoded, b"\x01", b"\x00")
+        if board.link.try_answer(seq, since) is None:
+            fail(f"a code byte 01 behind a full piece ({run} bytes without a zero) is refused")

@@ -1,0 +1,134 @@
+"""HG-3.8: the order in which a board checks a frame."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    ErrorCode,
+    Feature,
+    Hello,
+    HelloReply,
+    Mute,
+    MuteReply,
+    Phases,
+    Ping,
+    Pong,
+    UploadCommit,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...outcome import SELF_REPORTED, check, not_observed
+
+_STALE: Final = 0x0F0F
+_UNKNOWN_REQUEST: Final = 0x7D
+_UNKNOWN_STREAM: Final = 0x3D
+_DEEPEST: Final = 512  # a queue deeper than this is not filled: it would take seconds
+_STEP_US: Final = 1000
+
+
+@case("HG-3.8/1", "requests with two defects are refused for the one that is checked first")
+def requests_in_order(board: BoardClient) -> None:
+    stale = board.link.session ^ _STALE
+    used = board.link.seq
+    refused = board.link.refused_raw
+    refused(_UNKNOWN_REQUEST, b"", ErrorCode.UNSUPPORTED, _UNKNOWN_REQUEST, session=stale)
+    refused(
+        Ping.TYPE, bytes(8), ErrorCode.STALE_SESSION, board.link.session, session=stale, flags=0x40
+    )
+    refused(Ping.TYPE, bytes(3), ErrorCode.STALE_SESSION, board.link.session, session=stale)
+    refused(Ping.TYPE, bytes(3), ErrorCode.UNSUPPORTED, 0x40, flags=0x40)
+    refused(Ping.TYPE, bytes(3), ErrorCode.BAD_LENGTH, 8, seq=used)
+    refused(Ping.TYPE, bytes(8), ErrorCode.UNSUPPORTED, 0x80, seq=used, flags=0x80)
+    if board.identity.features & (Feature.SEQUENCE_PHASES | Feature.CORRECTION):
+        commit = UploadCommit(1).serialize()  # without an upload: BAD_STATE, were it new
+        refused(UploadCommit.TYPE, commit, ErrorCode.SEQUENCE_REUSED, used & 0xFFFF, seq=used)
+
+
+@case(
+    "HG-3.8/1",
+    "stream frames with two defects are counted for the one that is checked first",
+    variant="stream",
+    evidence=SELF_REPORTED,
+)
+def stream_in_order(board: BoardClient) -> None:
+    stale, good = board.link.session ^ _STALE, board.flat_phases()
+    payload = good.serialize()
+    bank = bytes([payload[0], 1]) + payload[2:]
+    first = board.link.stream_wire(good)
+    used = board.link.stream_next - 1
+    tests: list[tuple[str, bytes]] = [
+        ("dropped_state", first),
+        ("unknown_type", board.link.stream_raw(_UNKNOWN_STREAM, b"", session=stale)),
+        ("stale_session", board.link.stream_wire(good, seq=used, session=stale, flags=0x40)),
+        ("stale_session", board.link.stream_raw(Phases.TYPE, b"", seq=used, session=stale)),
+        ("duplicate", board.link.stream_wire(good, seq=used, flags=0x40)),
+        ("duplicate", board.link.stream_raw(Phases.TYPE, b"", seq=used)),
+    ]
+    board.link.stream_next = used + 1  # the unknown frame was of another session
+    tests += [
+        ("unsupported", board.link.stream_raw(Phases.TYPE, b"", flags=0x40)),
+        ("bad_length", board.link.stream_raw(Phases.TYPE, payload + b"\x00")),
+        ("bad_value", board.link.stream_raw(Phases.TYPE, bank)),
+        ("dropped_state", board.link.stream_wire(good, 0)),
+    ]
+    for counter, wire in tests:
+        with board.counting(**{counter: 1}):
+            board.link.send(wire)
+
+
+@case(
+    "HG-3.8/1",
+    "at a queue that is full: order before room, room before horizon, order before lateness",
+    variant="queue",
+    evidence=SELF_REPORTED,
+)
+def queue_in_order(board: BoardClient) -> None:
+    depth = board.identity.queue_depth
+    if depth > _DEEPEST:
+        not_observed(f"a queue of {depth} frames is not filled")
+    good = board.flat_phases()
+    size = len(board.link.stream_wire(good))
+    board.hello()
+    board.arm()
+    start_us = board.clock.soon_us(bytes(size * (depth + 4)))
+    times = [start_us + number * _STEP_US for number in range(depth)]
+    check(times[-1] + _STEP_US < start_us + board.identity.max_horizon_us, "the queue is too long")
+    with board.counting(dropped_order=2, dropped_full=2, flushed=depth):
+        board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
+        beyond_us = times[-1] + 2 * board.identity.max_horizon_us
+        for t_us in (times[-1], times[0] - 10 * 1_000_000, times[-1] + _STEP_US, beyond_us):
+            board.link.send(board.link.stream_wire(good, t_us))
+        board.clock.require_in_time(times[0])
+        board.link.call(Mute(), MuteReply)
+
+
+@case("HG-3.8/2", "a PING of the new session right behind its HELLO is answered, after it")
+def takes_frames_as_they_come(board: BoardClient) -> None:
+    nonce = board.new_nonce()
+    hello, first = board.link.request_wire(board.hello_message(nonce), session=0)
+    ping, second = board.link.request_wire(Ping(5), session=nonce)
+    since = board.link.mark()
+    board.link.send(hello, ping)
+    board.adopt(
+        board.link.reply_in(board.link.answer_to(Hello.TYPE, first, since), HelloReply, Hello.TYPE)
+    )
+    board.link.reply_in(board.link.answer_to(Ping.TYPE, second, since), Pong, Ping.TYPE)
+    numbers = [p.header.seq for p in board.link.responses(since) if p.header is not None]
+    check(numbers == [first, second], f"sent were {first}, {second}; answered {numbers}")
+
+
+@case("HG-3.8/3", "MUTE with any session, flags, payload and number is carried out")
+def mute_passes(board: BoardClient) -> None:
+    for header in (
+        {"session": 0},
+        {"session": board.link.session ^ _STALE},
+        {"flags": 0xFF},
+        {"seq": 1},
+        {"seq": board.link.seq},
+    ):
+        board.arm()
+        answer = board.link.ask_raw(Mute.TYPE, bytes(range(17)), **header)
+        state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
+        check(state.name == "MUTED", f"MUTE with {header}: {state.name}")

@@ -1,0 +1,142 @@
+"""HG-3.9: every dropped frame is counted once, and junk does no harm."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Flag,
+    Phases,
+    Ping,
+    Pong,
+)
+
+from ...case import case
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...outcome import SELF_REPORTED, check
+
+_JUNK_BYTES: Final = 2 << 20
+_JUNK_S: Final = 20
+_JUNK_PIECES: Final = 50  # between two PINGs
+_NOISE: Final = 2000
+_STALE: Final = 0x0F0F
+_UNKNOWN_STREAM: Final = 0x3D
+_DROPS: Final = (
+    "repeated",
+    "duplicate",
+    "stale_session",
+    "bad_length",
+    "bad_value",
+    "unknown_type",
+    "unsupported",
+    "dropped_state",
+    "dropped_order",
+    "dropped_full",
+    "dropped_future",
+    "dropped_late",
+)
+
+
+@case(
+    "HG-3.9/3",
+    "junk of every kind neither restarts the board nor moves a counter back nor disarms it",
+    evidence=SELF_REPORTED,
+)
+def survives_junk(board: BoardClient) -> None:
+    boot_id, before = board.identity.boot_id, board.status()
+    board.arm()
+    for _ in range(40):
+        size = board.random.randrange(1, 600)
+        board.link.send(b"\x00", board.random.randbytes(size), b"\x00")
+        board.wire.idle(board.wire.line_us(size))
+    after = board.status()
+    check(after.state.name == "ARMED", f"junk has moved the board to {after.state.name}")
+    check(after.counters.frames > before.counters.frames, "the counters began anew: a restart")
+    check(board.hello().boot_id == boot_id, "boot_id is another one: junk restarts the board")
+
+
+@case(
+    "HG-3.9/4",
+    "2 MiB of junk (what the line carries in 20 s, if less): PINGs answered, free_bytes as before",
+)
+def does_not_leak(board: BoardClient) -> None:
+    before = board.status()
+    left = min(_JUNK_BYTES, board.wire.baudrate // 10 * _JUNK_S)
+    while left > 0:
+        block = b"".join(_junk(board) for _ in range(_JUNK_PIECES))
+        board.link.send(block)
+        board.wire.idle(board.wire.line_us(len(block)))
+        board.link.call(Ping(left), Pong)
+        left -= len(block)
+    after = board.status()
+    check(
+        after.free_bytes == before.free_bytes,
+        f"free_bytes was {before.free_bytes}, after junk {after.free_bytes}: it leaks",
+    )
+
+
+def _junk(board: BoardClient) -> bytes:
+    """Return what a receiver has to drop, one of every kind: short, no COBS, wrong CRC, endless."""
+    body = board.link.body(Ping.TYPE, board.random.randbytes(8), seq=0)
+    wrong = malformed_frames.framed(
+        malformed_frames.with_wrong_crc(body, 1 << board.random.randrange(32))
+    )
+    noise = board.random.randbytes(_NOISE).replace(b"\x00", b"\x01")
+    return b"".join(
+        (malformed_frames.framed(noise[:5]), b"\xf0" + noise[:20] + b"\x00", wrong, noise + b"\x00")
+    )
+
+
+@case(
+    "HG-3.9/1",
+    "one frame of every defect: each counter goes up by 1, all together by their number",
+    evidence=SELF_REPORTED,
+)
+def counts_once(board: BoardClient) -> None:
+    good, old = board.flat_phases(), board.link.session ^ _STALE
+    payload = good.serialize()
+    used = board.link.stream_next
+    ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
+    wires = [
+        board.link.stream_wire(good),
+        board.link.stream_wire(good, seq=used),
+        board.link.stream_wire(good, seq=used, session=old),
+        board.link.stream_raw(_UNKNOWN_STREAM, b""),
+        board.link.stream_wire(good, flags=0x40),
+        board.link.stream_raw(Phases.TYPE, payload + b"\x00"),
+        board.link.stream_raw(Phases.TYPE, bytes([payload[0], 1]) + payload[2:]),
+        malformed_frames.framed(malformed_frames.with_wrong_crc(ping)),
+        malformed_frames.framed(b"\x40\x01\x02"),
+        b"\x00\xff\x01\x02\x00",
+        b"\x00" + malformed_frames.noise(board.random, 4200) + b"\x00",
+    ]
+    names = (
+        "dropped_state duplicate stale_session unknown_type unsupported bad_length bad_value "
+        "crc short cobs oversize"
+    )
+    with board.counting(frames=7, requests=0, **dict.fromkeys(names.split(), 1)):
+        board.link.send(*wires)
+        board.wire.idle(board.wire.line_us(sum(map(len, wires))))
+
+
+@case(
+    "HG-3.9/2",
+    "frames = queued + requests + repeated + every drop, over 60 frames of all sorts",
+    evidence=SELF_REPORTED,
+)
+def the_sum_holds(board: BoardClient) -> None:
+    board.arm()
+    before = board.status().counters
+    good, queued, sent = board.flat_phases(), 0, 0
+    for number in range(15):
+        board.link.send(board.link.stream_wire(good))
+        queued += 1
+        board.link.send(board.link.stream_wire(good, seq=board.link.stream_next - 1))
+        board.link.call(Ping(number), Pong)
+        board.link.send(board.link.stream_wire(good, flags=Flag.IMMEDIATE | 0x40))
+        sent += 4
+    counted = board.counted_since(before)
+    check(counted["frames"] == sent, f"{sent} frames were sent, frames counts {counted['frames']}")
+    total = queued + counted["requests"] + sum(counted[name] for name in _DROPS)
+    check(total == sent, f"{sent} frames were sent, the parts of the sum are {total}: {counted}")

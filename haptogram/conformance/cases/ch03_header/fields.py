@@ -1,0 +1,58 @@
+"""HG-3.1, HG-3.7: the header of ten bytes, and its session."""
+
+from __future__ import annotations
+
+from haptogram_protocol.framing import HEADER_BYTES
+from haptogram_protocol.messages import (
+    MessageType,
+)
+
+from ...case import about_host, case
+from ...client.board_client import BoardClient
+from ...client.dialogue import frames_in, talk, unstuffed_crc
+from ...client.recording import describe
+from ...outcome import SELF_REPORTED, check
+
+
+@case("HG-3.1/1", "every frame of a whole conversation begins with a header of ten bytes")
+def begins_with_a_header(board: BoardClient) -> None:
+    for piece in talk(board):
+        _, body = unstuffed_crc(piece)
+        check(len(body) >= HEADER_BYTES, f"a frame without a header: {describe(piece.piece)}")
+        check(body[0] >= 0x80, f"the board sends a frame of the host: {describe(piece.piece)}")
+
+
+@case("HG-3.7/1", "every frame of a whole conversation carries its session, ERROR at times 0")
+def carries_the_session(board: BoardClient) -> None:
+    for piece in frames_in(talk(board)):
+        header = piece.header
+        assert header is not None  # frames_in
+        stale = header.type == MessageType.ERROR and header.session == 0
+        check(
+            header.session == board.link.session or stale,
+            f"another session than {board.link.session:#06x}: {describe(piece.piece)}",
+        )
+
+
+@case(
+    "HG-3.7/2",
+    "a stream frame of another session is counted in stale_session and uses up no number",
+    evidence=SELF_REPORTED,
+)
+def drops_another_session(board: BoardClient) -> None:
+    old = board.link.session
+    board.hello()
+    board.arm()
+    sessions = (old, board.link.session ^ 0x0100, board.link.session ^ 0x0001, 0)
+    with board.counting(stale_session=len(sessions), latched=1):
+        for session in sessions:
+            board.link.send(
+                board.link.stream_wire(
+                    board.flat_phases(), seq=board.link.stream_next, session=session
+                )
+            )
+        board.link.send(board.link.stream_wire(board.flat_phases()))
+        board.clock.wait_latched()
+
+
+not_host_session = about_host("HG-3.7/3")

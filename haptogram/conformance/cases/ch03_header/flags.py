@@ -1,0 +1,99 @@
+"""HG-3.4, HG-3.5: flags, and IMMEDIATE among them."""
+
+from __future__ import annotations
+
+from haptogram_protocol.messages import (
+    MUST_UNDERSTAND,
+    ErrorCode,
+    Flag,
+    MessageType,
+    Ping,
+    Play,
+    Pong,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.capabilities import requests_of, session_for
+from ...client.dialogue import frames_in, talk
+from ...client.latching import latch_now
+from ...client.recording import describe
+from ...outcome import SELF_REPORTED, check
+
+
+@case("HG-3.4/1", "each must-understand flag that is unknown refuses a request, by its bit")
+def refuses_unknown_flags(board: BoardClient) -> None:
+    flags = (0x20, 0x40, 0x80, 0xE0, 0x21)
+    with board.counting(unsupported=len(flags)):
+        for flag in flags:
+            board.link.refused(Ping(0), ErrorCode.UNSUPPORTED, flag & MUST_UNDERSTAND, flags=flag)
+
+
+@case(
+    "HG-3.4/1",
+    "each must-understand flag that is unknown drops a stream frame",
+    variant="stream",
+    evidence=SELF_REPORTED,
+)
+def drops_unknown_flags(board: BoardClient) -> None:
+    board.arm()
+    with board.counting(unsupported=3, latched=0):
+        for flag in (0x20, 0x40, 0x80):
+            board.link.send(
+                board.link.stream_wire(board.flat_phases(), flags=flag | Flag.IMMEDIATE)
+            )
+        board.clock.wait_latched()
+
+
+@case("HG-3.4/2", "PING with each bit of the low nibble is answered; a stream frame is latched")
+def ignores_the_low_nibble(board: BoardClient) -> None:
+    for flag in (1, 2, 4, 8, 15):
+        board.link.call(Ping(flag), Pong, flags=flag)
+    board.arm()
+    with board.counting(latched=1):
+        board.link.send(board.link.stream_wire(board.flat_phases(), flags=Flag.IMMEDIATE | 0x0F))
+        board.clock.wait_latched()
+
+
+@case("HG-3.4/3", "no frame of a whole conversation has a flag but LATE, and that in traces only")
+def sends_no_flags(board: BoardClient) -> None:
+    traces = {MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE}
+    for piece in frames_in(talk(board)):
+        if piece.header is not None:
+            allowed = Flag.LATE if piece.header.type in traces else 0
+            check(not piece.header.flags & ~allowed, f"flags: {describe(piece.piece)}")
+
+
+@case("HG-3.5/1", "IMMEDIATE on any request but PLAY is refused with UNSUPPORTED, detail 0x10")
+def takes_immediate_where_it_belongs(board: BoardClient) -> None:
+    kinds = [kind for kind in requests_of(board) if kind is not Play]
+    for kind in kinds:
+        board.link.refused_raw(
+            kind.TYPE,
+            bytes(kind.LAYOUT.size),
+            ErrorCode.UNSUPPORTED,
+            Flag.IMMEDIATE,
+            flags=Flag.IMMEDIATE,
+            session=session_for(board, kind),
+        )
+    board.arm()
+    with board.counting(latched=1):
+        latch_now(board, board.flat_phases())
+
+
+@case(
+    "HG-3.5/2",
+    "with IMMEDIATE a frame is latched at once, whatever time it carries",
+    evidence=SELF_REPORTED,
+)
+def ignores_the_time_of_immediate(board: BoardClient) -> None:
+    board.arm()
+    now_us = board.clock.device_us()
+    for time_us in (0, 1, now_us - 1_000_000, now_us + 5_000_000, now_us + 2**31, 0xFFFFFFFF):
+        with board.counting(latched=1):
+            board.link.send(
+                board.link.stream_wire(
+                    board.flat_phases(), time_us & 0xFFFFFFFF, flags=Flag.IMMEDIATE
+                )
+            )
+            board.clock.wait_latched()

@@ -1,0 +1,70 @@
+"""HG-3.3: message types."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    MESSAGES,
+    REQUEST_RANGE,
+    RESPONSE_OFFSET,
+    STREAM_RANGE,
+    ErrorCode,
+    Hello,
+    Message,
+    MessageType,
+    Mute,
+)
+
+from ...case import about_host, case
+from ...client.board_client import BoardClient
+from ...client.capabilities import requests_of, session_for
+from ...client.recording import type_name
+from ...outcome import SELF_REPORTED, check
+
+_UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
+
+
+@case("HG-3.3/1", "each request is answered by its type + 0x40, or by ERROR")
+def answers_with_the_right_type(board: BoardClient) -> None:
+    kinds: list[type[Message]] = [*requests_of(board), Mute]
+    for kind in kinds:
+        payload = bytes(kind.LAYOUT.size)
+        if kind is Hello:
+            payload = board.hello_message(board.link.session).serialize()
+        answer = board.link.ask_raw(kind.TYPE, payload, session=session_for(board, kind))
+        got = board.link.type_of(answer)
+        check(
+            got in (kind.TYPE + RESPONSE_OFFSET, MessageType.ERROR),
+            f"{kind.TYPE.name} is answered by {type_name(got)}",
+        )
+
+
+@case(
+    "HG-3.3/2",
+    "stream, response and event frames of unknown types are counted in unknown_type, unanswered",
+    evidence=SELF_REPORTED,
+)
+def drops_unknown_types(board: BoardClient) -> None:
+    kinds = (0x00, 0x04, 0x3F, 0x80, 0xBE, 0xBF, 0xC0, 0xFF)
+    frames = [
+        board.link.stream_raw(kind, bytes(5))
+        if kind in STREAM_RANGE
+        else encode_frame(board.link.body(kind, bytes(5), seq=kind))
+        for kind in kinds
+    ]
+    with board.counting(unknown_type=len(kinds)):
+        board.link.unanswered("a frame of an unknown type", *frames)
+
+
+@case("HG-3.3/3", "unknown requests are refused with UNSUPPORTED and their type, and counted")
+def refuses_unknown_requests(board: BoardClient) -> None:
+    unknown = [kind for kind in _UNKNOWN_REQUESTS if kind not in MESSAGES]
+    with board.counting(unsupported=len(unknown)):
+        for kind in unknown:
+            assert kind in REQUEST_RANGE  # the tuple above says so
+            board.link.refused_raw(kind, bytes(3), ErrorCode.UNSUPPORTED, kind)
+
+
+not_host_response = about_host("HG-3.3/4")

@@ -1,0 +1,155 @@
+"""HG-3.2: byte order, text, lengths and values of fields."""
+
+from __future__ import annotations
+
+import math
+
+from haptogram_protocol.messages import (
+    ConfigReply,
+    Drives,
+    ErrorCode,
+    Feature,
+    GeometryReply,
+    GetConfig,
+    GetGeometry,
+    Hello,
+    Phases,
+    Ping,
+    Points,
+    Pong,
+    ReadDrive,
+    SetConfig,
+    UploadBegin,
+    signed_difference,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.capabilities import PLAYBACK, requests_of, session_for
+from ...client.dialogue import talk
+from ...client.recording import describe
+from ...outcome import SELF_REPORTED, check
+
+
+@case("HG-3.2/1", "numbers of 16, 32 and 64 bits, signed ones too, make sense lowest byte first")
+def is_little_endian(board: BoardClient) -> None:
+    nonce = 0x1FE2 if board.link.session != 0x1FE2 else 0x1FE3
+    reply = board.hello(nonce)
+    check(reply.nonce == nonce, f"HELLO_REPLY has the nonce {reply.nonce:#06x}, not {nonce:#06x}")
+    check(reply.clock_hz == 1_000_000, f"clock_hz is {reply.clock_hz:#x}, not 1000000 = 0xf4240")
+    echo = 0x0123456789ABCDEF
+    pong = board.link.call(Ping(echo), Pong)
+    check(pong.echo == echo, f"PONG has {pong.echo:016x}, sent was {echo:016x}")
+    apart_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
+    check(0 <= apart_us < 1_000_000, f"t_rx {pong.t_rx_us:#x} and t_tx {pong.t_tx_us:#x} disagree")
+    board.link.refused(Ping(0), ErrorCode.STALE_SESSION, nonce, session=nonce ^ 0x0101)
+    _check_frames_counted(board)
+    _check_geometry(board)
+
+
+def _check_frames_counted(board: BoardClient) -> None:
+    first, second = board.status().counters.frames, board.status().counters.frames
+    check((second - first) & 0xFFFFFFFF == 1, f"frames: {first:#x}, one request later {second:#x}")
+
+
+def _check_geometry(board: BoardClient) -> None:
+    reply = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply)
+    far = [e for e in reply.elements if max(abs(e.x_um), abs(e.y_um), abs(e.z_um)) > 5_000_000]
+    check(not far, f"a transducer 5 m away: {far[:1]}")
+    bent = [e for e in reply.elements if not 0.98 < _length(e.nx, e.ny, e.nz) / 32767 < 1.02]
+    check(not bent, f"a normal that is not of length 1 (32767): {bent[:1]}")
+    if board.identity.transducers > 2:
+        some = board.link.call(GetGeometry(1, 2), GeometryReply)
+        got = (some.first, len(some.elements))
+        check(got == (1, 2), f"GET_GEOMETRY of 2 from 1: {got[1]} from {got[0]}")
+
+
+def _length(*parts: int) -> float:
+    return math.hypot(*parts)
+
+
+@case(
+    "HG-3.2/1",
+    "a configuration of six different numbers comes back as it was sent",
+    variant="config",
+    needs=Feature.CONFIG,
+)
+def takes_little_endian(board: BoardClient) -> None:
+    sent = board.configure(
+        hold_ms=0x0102, ramp_ms=0x0304, host_timeout_ms=0x0506, status_period_ms=0x0708
+    )
+    got = board.link.call(GetConfig(), ConfigReply).config
+    check(got == sent, f"sent was {sent}, in force is {got}")
+
+
+@case("HG-3.2/2", "the firmware's name is UTF-8 and filled with zeros to 16 bytes")
+def text_is_filled(board: BoardClient) -> None:
+    answer = board.link.ask(board.hello_message(board.link.session), session=0)
+    raw = answer.body[-16:]
+    name = raw.rstrip(b"\x00")
+    check(b"\x00" not in name, f"{raw!r} has something behind its first zero")
+    try:
+        name.decode()
+    except UnicodeDecodeError as error:
+        check(False, f"{raw!r} is no UTF-8: {error}")
+
+
+@case("HG-3.2/3", "every payload of a whole conversation has the length of its type")
+def payloads_have_their_length(board: BoardClient) -> None:
+    wrong = [piece for piece in talk(board) if piece.reason == "bad_length"]
+    check(not wrong, f"{describe(wrong[0].piece) if wrong else ''}")
+
+
+@case("HG-3.2/4", "requests a byte too long and too short are refused with their right length")
+def refuses_a_wrong_length(board: BoardClient) -> None:
+    kinds = requests_of(board)
+    wrong = [(kind, size) for kind in kinds for size in _wrong_sizes(kind.LAYOUT.size)]
+    with board.counting(bad_length=len(wrong)):
+        for kind, size in wrong:
+            right = kind.LAYOUT.size
+            session = session_for(board, kind)
+            board.link.refused_raw(
+                kind.TYPE, bytes(size), ErrorCode.BAD_LENGTH, right, session=session
+            )
+
+
+def _wrong_sizes(right: int) -> tuple[int, ...]:
+    return (right + 1,) if right == 0 else (right - 1, right + 1)
+
+
+@case(
+    "HG-3.2/4",
+    "stream frames a byte too long and too short are counted in bad_length and not answered",
+    variant="stream",
+    evidence=SELF_REPORTED,
+)
+def drops_a_wrong_length(board: BoardClient) -> None:
+    right = board.flat_phases()
+    payloads = [right.serialize() + b"\x00", right.serialize()[:-1], b"\x08"]
+    bodies = [(Phases.TYPE, payload) for payload in payloads]
+    if board.has(Feature.AMPLITUDE):
+        bodies += [(Drives.TYPE, b"\x08\x00" + bytes(2 * board.identity.transducers - 2))]
+    if board.has(Feature.POINTS):
+        bodies += [(Points.TYPE, b""), (Points.TYPE, bytes(15)), (Points.TYPE, bytes(17))]
+    with board.counting(bad_length=len(bodies)):
+        board.link.unanswered(
+            "a stream frame of a wrong length",
+            *(board.link.stream_raw(kind, payload) for kind, payload in bodies),
+        )
+
+
+@case("HG-3.2/5", "values that no table has are refused with BAD_VALUE and the field's offset")
+def refuses_a_wrong_value(board: BoardClient) -> None:
+    wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, b"\x01\x00\x00\x00" + bytes(4), 2)]
+    if board.has(Feature.READ_LATCHED):
+        wrong.append((ReadDrive.TYPE, b"\x07\x00\x00\x01\x00", 0))
+    if board.identity.features & (PLAYBACK | Feature.CORRECTION):
+        wrong.append((UploadBegin.TYPE, b"\x09" + bytes(11), 0))
+    if board.has(Feature.CONFIG):
+        payload = bytearray(board.config.pack())
+        payload[16] = 0x77
+        wrong.append((SetConfig.TYPE, bytes(payload), 16))
+    with board.counting(bad_value=len(wrong)):
+        for kind, value, offset in wrong:
+            session = 0 if kind == Hello.TYPE else board.link.session
+            board.link.refused_raw(kind, value, ErrorCode.BAD_VALUE, offset, session=session)

@@ -1,0 +1,130 @@
+"""HG-3.6: sequence numbers and times that wrap."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Final
+
+from haptogram_protocol.messages import FIRST_STREAM_SEQ, Feature, Ping, Pong, Status
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.dialogue import talk
+from ...client.latching import latch_now
+from ...client.recording import describe
+from ...outcome import SELF_REPORTED, check
+
+_ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
+_WRAP_US: Final = 2**32
+_JUMPS: Final = (2, 255, 256, 300, 20_000, 30_000, 32_000, 0x7FFF)
+
+
+@case(
+    "HG-3.6/1",
+    "40 stream frames across 0xFFFF are latched: no gap, no duplicate",
+    evidence=SELF_REPORTED,
+)
+def stream_numbers_wrap(board: BoardClient) -> None:
+    board.arm()
+    with board.counting(latched=_ACROSS):
+        for _ in range(_ACROSS):
+            latch_now(board, board.flat_phases())
+
+
+@case("HG-3.6/1", "requests across 0xFFFF are answered; old ones are refused", variant="requests")
+def request_numbers_wrap(board: BoardClient) -> None:
+    board.link.seq = 0xFFFC
+    board.hello()
+    for _ in range(8):
+        board.link.call(Ping(board.link.seq), Pong)
+
+
+@case(
+    "HG-3.6/1",
+    "frames for times on both sides of 2^32 us are latched, each at its time",
+    variant="time",
+    needs_reset=True,
+    evidence=SELF_REPORTED,
+)
+def times_wrap(board: BoardClient) -> None:
+    board.prepare()
+    board.configure(hold_ms=10_000)
+    lead_us = board.wire.limits.lead_us
+    board.clock.wait_until(_WRAP_US - 4 * lead_us - 200_000)
+    board.arm()
+    start_us = board.clock.on_carrier(_WRAP_US - 20_000)
+    times = [start_us + 10_000 * number for number in range(6)]
+    with board.counting(latched=len(times)):
+        board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
+        board.clock.require_in_time(times[0])
+        board.clock.wait_until(times[-1] + 1000)
+        last_us = board.status().last_latch_us
+    check(
+        last_us == times[-1] & 0xFFFFFFFF,
+        f"the last frame was for {times[-1]} us (mod 2^32: {times[-1] & 0xFFFFFFFF}); "
+        f"last_latch_us is {last_us}",
+    )
+
+
+@case("HG-3.6/2", "events count up by 1; requests in between make no gap in the stream")
+def three_sequences(board: BoardClient) -> None:
+    pieces = [piece for piece in talk(board) if piece.is_event]
+    for before, after in itertools.pairwise(pieces):
+        assert before.header is not None  # is_event
+        assert after.header is not None
+        step = (after.header.seq - before.header.seq) & 0xFFFF
+        check(step == 1, f"an event {step} after the one before: {describe(after.piece)}")
+    board.hello()
+    with board.counting(dropped_state=8):
+        for number in range(8):
+            board.link.send(board.link.stream_wire(board.flat_phases()))
+            board.link.call(Ping(number), Pong)
+
+
+@case(
+    "HG-3.6/3",
+    "a first stream frame 0xFFF0 is no gap, 0xFFF3 is a gap of 3",
+    evidence=SELF_REPORTED,
+)
+def first_stream_number(board: BoardClient) -> None:
+    with board.counting(dropped_state=1):
+        board.link.send(board.link.stream_wire(board.flat_phases()))
+    board.hello()
+    with board.counting(dropped_state=1, gap=3):
+        board.link.send(board.link.stream_wire(board.flat_phases(), seq=FIRST_STREAM_SEQ + 3))
+
+
+@case("HG-3.6/4", "the first event of each of 3 sessions has the number 0", needs=Feature.CONFIG)
+def first_event_number(board: BoardClient) -> None:
+    period_ms = board.quick_status_ms
+    board.configure(status_period_ms=period_ms)
+    for _ in range(3):
+        board.hello()
+        since = board.link.mark()
+        event = board.link.await_event(
+            Status, since, 2000 * period_ms + 2 * board.wire.limits.slack_us
+        )
+        check(event is not None, "no STATUS came within two periods of a session")
+        first = next(piece for piece in board.wire.received[since:] if piece.is_event)
+        header = first.header
+        assert header is not None  # is_event
+        check(header.seq == 0, f"first event of the session: {describe(first.piece)}")
+
+
+@case(
+    "HG-3.6/5",
+    "after gaps of up to 2^15 - 1 and several wraps STATUS reports the unwrapped number",
+    evidence=SELF_REPORTED,
+)
+def unwrapped_numbers(board: BoardClient) -> None:
+    board.arm()
+    check(board.status().last_seq == 0, "last_seq is not 0 before the first latch")
+    index = latch_now(board, board.flat_phases())
+    for jump in _JUMPS:
+        got = board.status().last_seq
+        check(got == index, f"unwrapped number {index}: last_seq is {got}")
+        board.link.stream_next += jump - 1
+        with board.counting(gap=jump - 1, latched=1):
+            index = latch_now(board, board.flat_phases())
+    got = board.status().last_seq
+    check(got == index, f"unwrapped number {index}: last_seq is {got}")

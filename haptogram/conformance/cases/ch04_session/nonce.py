@@ -1,0 +1,171 @@
+"""HG-4.6: HELLO with the nonce of the session, and with a new one."""
+
+from __future__ import annotations
+
+from haptogram_protocol.messages import (
+    Arm,
+    ConfigReply,
+    ErrorCode,
+    Feature,
+    GetConfig,
+    Mute,
+    Ping,
+    PlaybackEnded,
+    Pong,
+    ReadTrace,
+    TraceMode,
+    TraceReply,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, store_phases
+from ...client.uploads import begin_upload
+from ...outcome import SELF_REPORTED, check
+
+
+@case(
+    "HG-4.6/1",
+    "HELLO with the open nonce: same reply, ARMED stays, queue and numbers go on; repeated + 1",
+)
+def the_same_nonce(board: BoardClient) -> None:
+    first = board.hello()
+    board.arm()
+    t_us = board.clock.soon_us(bytes(2000))
+    with board.counting(repeated=1, latched=2):
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        again = board.hello(board.link.session)
+        board.clock.require_in_time(t_us)
+        board.clock.wait_until(t_us)
+        latch_now(board, board.flat_phases())
+    check(again == first, f"HELLO_REPLY was {first}, then {again}")
+    state = board.status().state
+    check(state is OutputState.ARMED, f"HELLO of the open session has led to {state.name}")
+
+
+@case("HG-4.6/2", "a new nonce: ARMED becomes DISARMED (NEW_SESSION), MUTED stays MUTED")
+def a_new_nonce_and_the_state(board: BoardClient) -> None:
+    board.arm()
+    latch_now(board, board.flat_phases())
+    status = (board.hello(), board.status())[1]
+    found = (status.state, status.reason)
+    due = (OutputState.DISARMED, MuteReason.NEW_SESSION)
+    check(found == due, f"ARMED, then a new session: {found[0].name}, {found[1].name}")
+    board.link.ask(Mute())
+    state = board.hello().state
+    check(state is OutputState.MUTED, f"MUTED, then a new session: {state.name}")
+    board.link.ask(Arm())
+
+
+@case("HG-4.6/3", "a new nonce flushes the queue; nothing of it is latched", evidence=SELF_REPORTED)
+def a_new_nonce_flushes(board: BoardClient) -> None:
+    board.arm()
+    start_us = board.clock.soon_us(bytes(4000))
+    with board.counting(flushed=3, latched=0):
+        for number in range(3):
+            board.link.send(board.link.stream_wire(board.flat_phases(), start_us + number * 1000))
+        board.clock.require_in_time(start_us)
+        board.hello()
+        board.arm()
+        board.clock.wait_until(start_us + 5000)
+
+
+@case(
+    "HG-4.6/3",
+    "a new nonce ends playback and abandons an upload",
+    variant="playback",
+    needs=Feature.SEQUENCE_PHASES,
+)
+def a_new_nonce_ends_playback(board: BoardClient) -> None:
+    store_phases(board, 3, frames=4)
+    board.arm()
+    play_now(board, 3, loops=0)
+    board.hello()
+    board.arm()
+    with board.counting(latched=0):
+        board.wire.idle(20_000)
+    data = bytes(board.identity.transducers)
+    begin_upload(board, UploadKind.PHASES, 4, data)
+    board.hello()
+    board.link.refused(UploadChunk(0, data[:1]), ErrorCode.BAD_STATE)
+    board.link.refused(UploadCommit(4), ErrorCode.BAD_STATE)
+    check(
+        not board.link.events(PlaybackEnded, board.link.mark()), "an event of the old session came"
+    )
+
+
+@case("HG-4.6/4", "a new nonce: requests and stream count anew, an old reply is forgotten")
+def a_new_nonce_starts_anew(board: BoardClient) -> None:
+    board.arm()
+    for _ in range(20):
+        latch_now(board, board.flat_phases())
+    board.link.seq = 500
+    nonce = board.new_nonce()
+    board.hello(nonce, seq=3)
+    board.link.call(Ping(1), Pong, seq=4)  # far behind 500
+    board.arm_at(5)
+    with board.counting(latched=1):
+        index = latch_now(board, board.flat_phases())
+    last = board.status().last_seq
+    check(last == index, f"first frame of a session has the number {index}, last_seq is {last}")
+
+
+@case(
+    "HG-4.6/4",
+    "a new nonce empties the trace ring",
+    variant="ring",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def a_new_nonce_empties_the_ring(board: BoardClient) -> None:
+    board.configure(trace_mode=TraceMode.RING)
+    board.arm()
+    for _ in range(3):
+        latch_now(board, board.flat_phases())
+    board.hello()
+    reply = board.link.call(ReadTrace(0, 100), TraceReply)
+    check(not reply.records and reply.next == 0, f"the ring still holds {len(reply.records)}")
+
+
+@case("HG-4.6/5", "a new nonce keeps configuration and counters", needs=Feature.CONFIG)
+def a_new_nonce_keeps(board: BoardClient) -> None:
+    sent = board.configure(hold_ms=4321, ramp_ms=77)
+    before = board.status()
+    board.hello()
+    after = board.status()
+    got = board.link.call(GetConfig(), ConfigReply).config
+    check(got == sent, f"configuration was {sent}, after HELLO {got}")
+    check(after.config_crc == before.config_crc, "config_crc has changed: the correction is gone")
+    grown = after.counters.requests - before.counters.requests
+    check(grown == 2, f"requests went up by {grown} over HELLO and GET_STATUS")
+
+
+@case(
+    "HG-4.6/5",
+    "a new nonce keeps stored sequences",
+    variant="sequences",
+    needs=Feature.SEQUENCE_PHASES,
+)
+def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
+    store_phases(board, 9, frames=2)
+    board.hello()
+    board.arm()
+    with board.counting(latched=2):
+        play_now(board, 9, loops=1)
+        board.wire.idle(10_000)
+
+
+@case(
+    "HG-4.6/6", "HELLO of number 0, 0x8000, 0xFFFF, ...: accepted; the next request is ahead of it"
+)
+def a_hello_of_any_number(board: BoardClient) -> None:
+    for seq in (0, 0x8000, 0xFFFF, 0x7FFF, 1):
+        board.hello(seq=seq)
+        board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+        board.link.call(Ping(2), Pong, seq=seq + 1)
+        board.link.seq = seq + 1

@@ -1,0 +1,82 @@
+"""HG-4.1, HG-4.2, HG-4.4, HG-4.7: opening a session, versions, events without a session."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    VERSION_MAJOR,
+    ErrorCode,
+    Hello,
+    Mute,
+    Ping,
+    Pong,
+)
+from haptogram_protocol.state import OutputState
+
+from ...case import about_host, case
+from ...client.board_client import BoardClient
+from ...outcome import check
+
+_LISTEN_US: Final = 300_000
+
+
+host_opens = about_host("HG-4.1/1")
+
+
+host_chooses = about_host("HG-4.1/2")
+
+
+host_stops = about_host("HG-4.4/2")
+
+
+@case("HG-4.1/3", "HELLO with the nonce 0 is refused with BAD_VALUE, detail 2; nothing changes")
+def refuses_nonce_0(board: BoardClient) -> None:
+    board.link.refused(board.hello_message(0), ErrorCode.BAD_VALUE, 2, session=0)
+    board.link.call(Ping(1), Pong)
+
+
+@case("HG-4.1/4", "after a second HELLO the first session is stale, for requests and stream")
+def has_one_session(board: BoardClient) -> None:
+    old = board.link.session
+    board.hello()
+    board.link.refused(Ping(0), ErrorCode.STALE_SESSION, board.link.session, session=old)
+    with board.counting(stale_session=1):
+        board.link.send(board.link.stream_wire(board.flat_phases(), seq=0xFFF0, session=old))
+
+
+@case("HG-4.1/4", "after a reset no session is open", variant="reset", needs_reset=True)
+def has_no_session_after_reset(board: BoardClient) -> None:
+    board.link.refused(Ping(0), ErrorCode.STALE_SESSION, 0, session=board.new_nonce())
+
+
+@case("HG-4.2/1", "HELLO_REPLY states the version that the board has")
+def states_its_version(board: BoardClient) -> None:
+    reply = board.hello()
+    check(reply.major == VERSION_MAJOR, f"HELLO_REPLY says version {reply.major}.{reply.minor}")
+    hello = Hello(VERSION_MAJOR + 1, 0, board.new_nonce(), 0)
+    board.link.refused(hello, ErrorCode.VERSION, reply.major, session=0)
+
+
+@case("HG-4.4/1", "HELLO of other major versions is refused with VERSION; the session goes on")
+def refuses_other_versions(board: BoardClient) -> None:
+    board.arm()
+    with board.counting(unsupported=3):
+        for major in (0, VERSION_MAJOR + 1, 255):
+            hello = Hello(major, 0, board.new_nonce(), 0)
+            board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR, session=0)
+    state = board.status().state
+    check(state is OutputState.ARMED, f"a refused HELLO has moved the state to {state.name}")
+
+
+@case(
+    "HG-4.7/1",
+    "for 0.3 s after a reset, and a PING of no session, no event comes",
+    needs_reset=True,
+)
+def no_event_without_a_session(board: BoardClient) -> None:
+    board.link.refused(Ping(0), ErrorCode.STALE_SESSION, 0, session=77)
+    board.link.ask(Mute(), session=0)
+    board.wire.idle(_LISTEN_US)
+    events = [piece for piece in board.wire.received if piece.is_event]
+    check(not events, f"{len(events)} events came before the first HELLO")

@@ -1,0 +1,171 @@
+"""HG-4.8, HG-4.9, HG-4.10, HG-4.12: requests one at a time, remembered, never done twice."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Arm,
+    Disarm,
+    ErrorCode,
+    Feature,
+    GetStatus,
+    Message,
+    Mute,
+    MuteReply,
+    Ping,
+    Pong,
+    UploadChunk,
+    UploadChunkReply,
+    UploadKind,
+)
+from haptogram_protocol.state import OutputState
+
+from ...case import about_host, case
+from ...client.board_client import BoardClient
+from ...client.uploads import begin_upload
+from ...outcome import check
+
+_UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.CORRECTION
+
+
+host_waits = about_host("HG-4.8/1")
+
+
+host_repeats = about_host("HG-4.8/2")
+
+
+host_counts = about_host("HG-4.8/3")
+
+
+host_starts_at_0 = about_host("HG-4.8/4")
+
+
+def _repeat(board: BoardClient, wire: bytes, kind: type[Message], seq: int) -> bytes:
+    """Send the same bytes again and return the body of the answer."""
+    since = board.link.mark()
+    board.link.send(wire)
+    return board.link.answer_to(kind.TYPE, seq, since).body
+
+
+@case(
+    "HG-4.9/1",
+    "ARM sent again after a MUTE of no session: same reply to the byte, still MUTED; repeated + 1",
+)
+def repeats_its_reply(board: BoardClient) -> None:
+    wire, seq = board.link.request_wire(Arm())
+    first = _repeat(board, wire, Arm, seq)
+    board.link.ask(Mute(), session=0, seq=seq + 1000)
+    with board.counting(repeated=2):
+        # GET_STATUS would be the last request: the repetitions come first.
+        board.link.seq = seq + 1
+        state = board.status().state
+        check(state is OutputState.MUTED, f"after MUTE: {state.name}")
+        wire, seq = board.link.request_wire(Ping(7))
+        first = _repeat(board, wire, Ping, seq)
+        board.wire.idle(5000)
+        for _ in range(2):
+            again = _repeat(board, wire, Ping, seq)
+            check(again == first, f"PING again: {again.hex(' ')} instead of {first.hex(' ')}")
+    _arm_is_not_done_twice(board)
+
+
+def _arm_is_not_done_twice(board: BoardClient) -> None:
+    wire, seq = board.link.request_wire(Arm())
+    first = _repeat(board, wire, Arm, seq)
+    board.link.ask(Mute(), session=0, seq=seq + 1000)
+    again = _repeat(board, wire, Arm, seq)
+    check(again == first, f"ARM again: {again.hex(' ')} instead of {first.hex(' ')}")
+    board.link.seq = seq
+    state = board.status().state
+    check(state is OutputState.MUTED, f"ARM sent again was carried out again: {state.name}")
+
+
+@case("HG-4.9/2", "the number of the last request with other bytes: SEQUENCE_REUSED, its detail")
+def refuses_a_reused_number(board: BoardClient) -> None:
+    board.arm()
+    seq = board.link.seq & 0xFFFF
+    board.link.refused(Disarm(), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+    board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+    state = board.status().state
+    check(state is OutputState.ARMED, f"a refused DISARM has led to {state.name}")
+
+
+@case("HG-4.9/3", "a delayed copy of ARM does not undo the DISARM behind it: SEQUENCE_REUSED")
+def refuses_a_delayed_copy(board: BoardClient) -> None:
+    wire, seq = board.link.request_wire(Arm())
+    _repeat(board, wire, Arm, seq)
+    board.disarm()
+    since = board.link.mark()
+    board.link.send(wire)
+    answer = board.link.answer_to(Arm.TYPE, seq, since)
+    board.link.error_in(answer, Arm.TYPE, ErrorCode.SEQUENCE_REUSED, seq)
+    for back in (2, 100, 30_000):
+        old = (board.link.seq - back) & 0xFFFF
+        board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, old, seq=old)
+    state = board.status().state
+    check(state is OutputState.DISARMED, f"a delayed ARM has led to {state.name}")
+
+
+@case("HG-4.9/4", "after refusals for flags, length and type the same number is still free")
+def refusals_use_up_nothing(board: BoardClient) -> None:
+    wire, seq = board.link.request_wire(Arm())
+    reply = _repeat(board, wire, Arm, seq)
+    free = (seq + 1) & 0xFFFF
+    board.link.refused(Ping(1), ErrorCode.UNSUPPORTED, 0x20, seq=free, flags=0x20)
+    board.link.refused_raw(Ping.TYPE, bytes(3), ErrorCode.BAD_LENGTH, 8, seq=free)
+    board.link.refused_raw(0x7C, b"", ErrorCode.UNSUPPORTED, 0x7C, seq=free)
+    board.link.refused(
+        Ping(1), ErrorCode.STALE_SESSION, seq=free, session=board.link.session ^ 0x0F0F
+    )
+    check(_repeat(board, wire, Arm, seq) == reply, "the remembered reply is gone")
+    board.link.call(Ping(2), Pong, seq=free)
+    board.link.seq = free
+
+
+@case("HG-4.10/1", "MUTE is carried out each time; its number in the session counts as used")
+def does_mute_again(board: BoardClient) -> None:
+    board.arm()
+    wire, seq = board.link.request_wire(Mute())
+    _repeat(board, wire, Mute, seq)
+    board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+    board.arm()
+    _repeat(board, wire, Mute, seq)
+    state = board.status().state
+    check(state is OutputState.MUTED, f"the same MUTE again has led to {state.name}")
+    board.link.call(Mute(), MuteReply, session=0, seq=board.link.seq + 500)
+    board.link.call(Ping(1), Pong)  # the number of a MUTE of no session is not used up
+
+
+@case("HG-4.10/1", "UPLOAD_CHUNK is carried out each time", variant="chunk")
+def does_chunks_again(board: BoardClient) -> None:
+    board.need_any(_UPLOADS)
+    kind = UploadKind.PHASES if board.has(Feature.SEQUENCE_PHASES) else UploadKind.CORRECTION
+    target = 1 if kind is UploadKind.PHASES else 0
+    data = bytes(board.identity.transducers)
+    begin_upload(board, kind, target, data)
+    wire, seq = board.link.request_wire(UploadChunk(0, data[:1]))
+    first = _repeat(board, wire, UploadChunk, seq)
+    begin_upload(board, kind, target, data)
+    since = board.link.mark()
+    board.link.send(wire)
+    again = board.link.reply_in(
+        board.link.answer_to(UploadChunk.TYPE, seq, since), UploadChunkReply, UploadChunk.TYPE
+    )
+    check(again.received == 1, f"a chunk of 1 byte again: {again.received} received, {first!r}")
+
+
+@case("HG-4.12/1", "ARM, DISARM, PING of another session: STALE_SESSION, session 0; not done")
+def refuses_another_session(board: BoardClient) -> None:
+    board.arm()
+    requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
+    with board.counting(stale_session=2 * len(requests)):
+        for message in requests:
+            for session in (0, board.link.session ^ 0x8001):
+                answer = board.link.ask(message, session=session)
+                board.link.error_in(
+                    answer, message.TYPE, ErrorCode.STALE_SESSION, board.link.session
+                )
+                assert answer.header is not None  # ask
+                check(answer.header.session == 0, "ERROR(STALE_SESSION) is not of session 0")
+    check(board.status().state is OutputState.ARMED, "a DISARM of another session was done")

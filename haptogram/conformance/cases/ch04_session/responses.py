@@ -1,0 +1,137 @@
+"""HG-4.11: number, time and order of responses."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Final
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    Arm,
+    Disarm,
+    DisarmReply,
+    Feature,
+    GetConfig,
+    GetStatus,
+    HelloReply,
+    Message,
+    Mute,
+    MuteReply,
+    Ping,
+    PlaybackEnded,
+    Pong,
+    StateChanged,
+    Stop,
+    StopReply,
+    signed_difference,
+)
+
+from ...case import about_host, case
+from ...client.board_client import BoardClient
+from ...client.playback import play_now, store_phases
+from ...client.recording import type_name
+from ...outcome import check
+
+_PROMPT_US: Final = 10_000
+_TRIES: Final = 8
+_CLOCK_US: Final = 10
+_EVENTS_US: Final = 10_000  # until what a request leads to has been told
+
+
+host_ignores = about_host("HG-4.11/4")
+
+
+@case("HG-4.11/1", "responses have the number of their request and the open session")
+def responses_belong(board: BoardClient) -> None:
+    requests: tuple[Message, ...] = (Ping(1), GetStatus(), GetConfig(), Arm(), Disarm())
+    for message in requests:
+        board.link.seq += 77
+        answer = board.link.ask(message)  # waits for its number
+        header = answer.header
+        assert header is not None  # ask
+        check(
+            header.session == board.link.session,
+            f"{type_name(header.type)} has session {header.session:#06x}, "
+            f"open is {board.link.session:#06x}",
+        )
+    answer = board.link.ask(Ping(1), session=board.link.session ^ 0x0F0F)
+    session = answer.header.session if answer.header else -1
+    check(session == 0, f"ERROR(STALE_SESSION) has session {session:#06x}, must be 0")
+
+
+@case("HG-4.11/2", "the time in the header is that of the first byte: t_tx of a PONG, in between")
+def responses_tell_the_time(board: BoardClient) -> None:
+    for _ in range(_TRIES):
+        first = board.link.ask(Ping(1))
+        middle = board.link.ask(GetStatus())
+        last = board.link.ask(Ping(2))
+        headers = [piece.header for piece in (first, middle, last)]
+        times = [header.time_us for header in headers if header is not None]
+        for time_us, piece in ((times[0], first), (times[2], last)):
+            pong = board.link.reply_in(piece, Pong, Ping.TYPE)
+            apart_us = abs(signed_difference(time_us, pong.t_tx_us, 32))
+            check(apart_us <= _CLOCK_US, f"header time and t_tx differ by {apart_us} us")
+        steps = [signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
+        check(
+            all(0 <= step < 5_000_000 for step in steps),
+            f"times of three responses in a row: {times}",
+        )
+
+
+@case("HG-4.11/3", "of 8 PINGs one is answered within 10 ms")
+def answers_promptly(board: BoardClient) -> None:
+    took_us = min(_round_trip_us(board, number) for number in range(_TRIES))
+    size = 2 * len(encode_frame(bytes(26)))
+    check(
+        took_us <= _PROMPT_US + board.wire.line_us(size),
+        f"the fastest of {_TRIES} answers took {took_us} us",
+    )
+
+
+def _round_trip_us(board: BoardClient, number: int) -> int:
+    start_us = board.wire.now_us()
+    board.link.call(Ping(number), Pong)
+    return board.wire.now_us() - start_us
+
+
+@case("HG-4.11/5", "MUTE of no session: MUTE_REPLY comes before STATE_CHANGED")
+def answers_before_it_reports(board: BoardClient) -> None:
+    board.arm()
+    _in_order(board, Mute(), (MuteReply, StateChanged), session=0)
+
+
+@case(
+    "HG-4.11/5",
+    "STOP, MUTE, DISARM, HELLO during playback: reply, STATE_CHANGED, then PLAYBACK_ENDED",
+    variant="play",
+    needs=Feature.SEQUENCE_PHASES,
+)
+def answers_before_playback_ends(board: BoardClient) -> None:
+    store_phases(board, 1, frames=2)
+    hello = board.hello_message(board.new_nonce())
+    told: tuple[tuple[Message, int, tuple[type[Message], ...]], ...] = (
+        (Stop(), board.link.session, (StopReply, PlaybackEnded)),
+        (Mute(), board.link.session, (MuteReply, PlaybackEnded)),
+        (Mute(), 0, (MuteReply, StateChanged, PlaybackEnded)),
+        (Disarm(), board.link.session, (DisarmReply, PlaybackEnded)),
+        (hello, 0, (HelloReply, PlaybackEnded)),
+    )
+    for message, session, order in told:
+        board.arm()
+        play_now(board, 1, loops=0)
+        _in_order(board, message, order, session=session)
+    board.link.session = hello.nonce
+
+
+def _in_order(
+    board: BoardClient, message: Message, due: tuple[type[Message], ...], *, session: int
+) -> None:
+    """Send a request; of what it is due to lead to, what comes has to come in that order."""
+    since = board.link.mark()
+    board.link.ask(message, session=session)
+    board.wire.idle(_EVENTS_US + board.wire.limits.slack_us)
+    came = [type(p.message) for p in board.wire.received[since:] if isinstance(p.message, due)]
+    check(
+        came == sorted(came, key=due.index),
+        f"{message.TYPE.name} was followed by {', '.join(kind.__name__ for kind in came)}",
+    )

@@ -1,0 +1,184 @@
+"""HG-5.8, HG-5.9: when a frame is latched, and as a whole."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Final
+
+from haptogram_protocol.messages import DriveKind, DriveReply, Feature, ReadDrive
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import full_drive, latch_now, latches, shown_in, watch
+from ...judge.witness import Witness
+from ...outcome import SELF_REPORTED, check, fail, not_observed
+
+_OFFSETS_US: Final = (0, 1, 7, 12, 24, 25, 26, 49, 1000)
+_BURST: Final = 48
+_READS: Final = 12
+
+
+@case(
+    "HG-5.8/1",
+    "frames for 0 to 49 us past a carrier period are latched on the next one, none before",
+    evidence=SELF_REPORTED,
+)
+def latches_on_the_carrier(board: BoardClient) -> None:
+    board.arm()
+    for offset_us in _OFFSETS_US:
+        t_us = board.clock.soon_us(bytes(400)) + offset_us
+        before = board.status().counters.latched
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        early = board.status()
+        if (
+            board.clock.unwrap(early.last_latch_us) < t_us
+            and board.clock.device_estimate_us() < t_us - 500
+        ):
+            check(early.counters.latched == before, "a frame is latched before its t_apply")
+        board.clock.require_in_time(t_us)
+        board.clock.wait_until(t_us + 100)
+        due_us = board.clock.on_carrier(t_us)
+        got_us = board.clock.unwrap(board.status().last_latch_us)
+        check(
+            got_us == due_us,
+            f"t_apply {t_us} us: latched at {got_us} us, due is {due_us} us "
+            f"({got_us - due_us:+d} us)",
+        )
+
+
+@case(
+    "HG-5.8/1",
+    "frames latched as soon as complete lie on multiples of the carrier period",
+    variant="immediate",
+    evidence=SELF_REPORTED,
+)
+def immediate_on_the_carrier(board: BoardClient) -> None:
+    board.arm()
+    for _ in range(12):
+        latch_now(board, board.flat_phases())
+        t_us = board.clock.unwrap(board.status().last_latch_us)
+        off_us = t_us % board.clock.carrier_us
+        check(off_us == 0, f"latched at {t_us} us, {off_us} us past a carrier period")
+
+
+@case(
+    "HG-5.8/2",
+    "two drives that alternate on every carrier period are never mixed in a read-back or a trace",
+    needs=Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def latches_all_at_once(board: BoardClient) -> None:
+    count = board.identity.transducers
+    mode = watch(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
+    drives = (bytes([0x08]) * count, bytes([0xF0]) * count)
+    since = board.link.mark()
+    board.arm()
+    for _ in range(3):
+        _check_burst(board, drives)
+    if mode is not None:
+        known = {zlib.crc32(full_drive(drive)) for drive in drives}
+        mixed = [latch for latch in latches(board, since, mode) if latch.crc not in known]
+        check(not mixed, f"a traced drive is neither of the two: {mixed[:1]}")
+
+
+def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
+    """Read back again and again while every carrier period brings another drive."""
+    rate = max(1, board.identity.max_frame_rate_hz)
+    step_us = board.clock.on_carrier(-(-1_000_000 // rate))
+    number = min(_BURST, board.identity.queue_depth)
+    message = [board.phases(drive) for drive in drives]
+    start_us = board.clock.soon_us(bytes(number * len(board.link.stream_wire(message[0], seq=0))))
+    board.link.send(
+        *(board.link.stream_wire(message[n % 2], start_us + n * step_us) for n in range(number))
+    )
+    board.clock.require_in_time(start_us)
+    board.wire.idle(max(0, start_us - board.clock.device_estimate_us()))
+    since = board.link.mark()
+    reads = [
+        board.link.request_wire(ReadDrive(DriveKind.LATCHED, 0, len(drives[0])))
+        for _ in range(_READS)
+    ]
+    board.link.send(*(wire for wire, _ in reads))
+    for _, seq in reads:
+        answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
+        shown = shown_in(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        if len(set(shown.phases)) > 1:
+            share = shown.phases.count(drives[0][0]), shown.phases.count(drives[1][0])
+            fail(f"non-atomic latch: one read-back shows two drives mixed, {share} transducers")
+    board.clock.wait_until(start_us + number * step_us)
+
+
+@case(
+    "HG-5.8/3",
+    "of two frames for the same carrier period the later is latched, the other flushed",
+    evidence=SELF_REPORTED,
+)
+def one_latch_a_period(board: BoardClient) -> None:
+    if board.clock.carrier_us < 3:
+        not_observed("a carrier period of this board has no room for two times")
+    board.arm()
+    t_us = board.clock.soon_us(bytes(1200))
+    with board.counting(latched=2, flushed=1):
+        for early_us in (board.clock.carrier_us - 1, board.clock.carrier_us - 2):
+            board.link.send(board.link.stream_wire(board.flat_phases(), t_us - early_us))
+        last = board.link.stream_next - 1
+        board.clock.require_in_time(t_us - board.clock.carrier_us)
+        board.clock.wait_until(t_us + 100)
+        got = board.status().last_seq
+        check(got == last, f"frame {last} replaces {last - 1}; latched was {got}")
+        latch_now(board, board.flat_phases())
+
+
+@case("HG-5.8/4", "25 latches count 25 in latched, no more", evidence=SELF_REPORTED)
+def counts_latches(board: BoardClient) -> None:
+    board.arm()
+    with board.counting(latched=25):
+        for _ in range(25):
+            latch_now(board, board.flat_phases())
+
+
+@case(
+    "HG-5.8/5",
+    "each of 8 drives is in the registers from its time to that of the next",
+    evidence=SELF_REPORTED,
+)
+def holds_the_last_drive(board: BoardClient) -> None:
+    witness = Witness.of(board)
+    board.arm()
+    before = board.random_registers()
+    latch_now(board, board.phases(before))
+    for _ in range(8):
+        registers = board.random_registers()
+        t_us = board.clock.soon_us(bytes(1000)) + 10_000 + board.wire.limits.lead_us
+        since = board.link.mark()
+        board.link.send(board.link.stream_wire(board.phases(registers), t_us))
+        if witness.mode is None:
+            witness.expect(before, bits=board.finest)
+            board.clock.require_in_time(t_us)
+        board.clock.wait_until(t_us + 100)
+        witness.expect(registers, bits=board.finest, since=since)
+        before = registers
+    board.wire.idle(200_000)
+    if witness.mode is None:
+        witness.expect(before, bits=board.finest)
+
+
+@case(
+    "HG-5.9/1",
+    "IMMEDIATE flushes 3 queued frames and is latched at once",
+    evidence=SELF_REPORTED,
+)
+def immediate_flushes(board: BoardClient) -> None:
+    board.arm()
+    t_us = board.clock.soon_us(bytes(2000)) + 50_000
+    with board.counting(flushed=3, latched=1):
+        for number in range(3):
+            board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))
+        index = latch_now(board, board.flat_phases())
+        board.clock.require_in_time(t_us)
+        got = board.status()
+        check(
+            (got.last_seq, got.queued) == (index, 0),
+            f"frame {index} as soon as complete: last_seq {got.last_seq}, queued {got.queued}",
+        )
+        board.clock.wait_until(t_us + 5000)

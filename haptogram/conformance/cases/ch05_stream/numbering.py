@@ -1,0 +1,69 @@
+"""HG-5.5, HG-5.6: duplicates, gaps, and numbers that dropped frames use up."""
+
+from __future__ import annotations
+
+from haptogram_protocol.messages import (
+    Phases,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...outcome import SELF_REPORTED
+
+
+@case(
+    "HG-5.5/1",
+    "frames 1 to 32767 behind the newest are counted in duplicate and not latched",
+    evidence=SELF_REPORTED,
+)
+def drops_duplicates(board: BoardClient) -> None:
+    board.arm()
+    for _ in range(20):
+        latch_now(board, board.flat_phases())
+    behind = (1, 2, 17, 255, 256, 257, 5000, 32_768)
+    with board.counting(duplicate=len(behind), latched=1):
+        for back in behind:
+            board.link.send(
+                board.link.stream_wire(board.flat_phases(), seq=board.link.stream_next - back)
+            )
+        board.clock.wait_latched()
+        latch_now(board, board.flat_phases())
+
+
+@case("HG-5.5/2", "frames ahead by 1 to 32767 add to gap and are latched", evidence=SELF_REPORTED)
+def counts_gaps(board: BoardClient) -> None:
+    board.arm()
+    for ahead in (1, 15, 16, 255, 256, 300, 32_767):
+        board.link.stream_next += ahead
+        with board.counting(gap=ahead, latched=1):
+            latch_now(board, board.flat_phases())
+
+
+@case(
+    "HG-5.6/1",
+    "frames dropped for type, flags, length, value, state and time have used up their numbers",
+    evidence=SELF_REPORTED,
+)
+def numbers_are_used_up(board: BoardClient) -> None:
+    good = board.flat_phases()
+    payload = good.serialize()
+    board.link.send(board.link.stream_wire(good))  # not armed: dropped_state
+    board.arm()
+    past_us = board.clock.device_us() - 1_000_000
+    beyond_us = board.clock.device_us() + board.identity.max_horizon_us + 10_000_000
+    dropped = {
+        "unknown_type": board.link.stream_raw(0x3B, b""),
+        "unsupported": board.link.stream_wire(good, flags=0x40),
+        "bad_length": board.link.stream_raw(Phases.TYPE, payload + b"\x00"),
+        "bad_value": board.link.stream_raw(Phases.TYPE, bytes([payload[0], 9]) + payload[2:]),
+        "dropped_late": board.link.stream_wire(good, past_us),
+        "dropped_future": board.link.stream_wire(good, beyond_us),
+    }
+    with board.counting(latched=1, **dict.fromkeys(dropped, 1)):
+        board.link.send(*dropped.values())
+        latch_now(board, good)
+    used = range(board.link.stream_next - 1 - len(dropped), board.link.stream_next)
+    with board.counting(duplicate=len(used)):
+        for seq in used:
+            board.link.send(board.link.stream_wire(good, seq=seq))

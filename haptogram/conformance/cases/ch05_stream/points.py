@@ -1,0 +1,189 @@
+"""HG-5.2, HG-5.3, HG-5.4: the focus of a latched drive lies on its target.
+
+Targets lie well off every plane of symmetry of a grid: on such a plane a mirrored or transposed
+drive is a correct one, and the fault could not be seen.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature, FocalPoint, PhaseFormat, Points
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import Shown, latch_now, read_back
+from ...outcome import SELF_REPORTED, check, not_observed
+
+if TYPE_CHECKING:
+    from haptogram.acoustics import AcousticModel
+
+_TARGETS_M: Final = ((0.017, 0.031, 0.150), (-0.026, 0.012, 0.120), (0.009, -0.024, 0.180))
+_ROUNDING: Final = 0.25  # of a step: the mean error is 0 when rounded, 0.5 when cut off
+_MANY: Final = 24
+_COMPUTES: Final = Feature.POINTS | Feature.READ_LATCHED
+
+
+def _model(board: BoardClient) -> AcousticModel:
+    from ...judge.array_model import model_of_board
+
+    return model_of_board(board)
+
+
+@case(
+    "HG-5.2/1",
+    "PHASES for a focus, in every format: the focus of what is latched lies on its target",
+    variant="focus",
+    needs=Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def phases_make_a_focus(board: BoardClient) -> None:
+    from ...judge.focusing import check_focus, host_frames, judge_of
+
+    model = _model(board)
+    judge = judge_of(model)
+    board.arm()
+    offered = [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
+    for form, target in zip(offered, _TARGETS_M, strict=False):
+        for frame in host_frames(model, board.identity, (target,), form):
+            latch_now(board, frame.message)
+            check_focus(judge, frame, read_back(board))
+
+
+@case(
+    "HG-5.3/1",
+    "DRIVES for two foci: the focus of what is latched lies on its target",
+    variant="focus",
+    needs=Feature.READ_LATCHED | Feature.AMPLITUDE,
+    evidence=SELF_REPORTED,
+)
+def drives_make_a_focus(board: BoardClient) -> None:
+    from ...judge.focusing import check_focus, host_frames, judge_of
+
+    model = _model(board)
+    judge = judge_of(model)
+    board.arm()
+    for frame in host_frames(model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "drives"):
+        latch_now(board, frame.message)
+        check_focus(judge, frame, read_back(board))
+
+
+@case(
+    "HG-5.4/1",
+    "POINTS for two foci: the focus lies on its target; sign, order and axes are as they are due",
+    needs=_COMPUTES,
+    evidence=SELF_REPORTED,
+)
+def points_make_a_focus(board: BoardClient) -> None:
+    from ...judge.focusing import check_focus, host_frames, judge_of
+
+    model = _model(board)
+    judge = judge_of(model)
+    board.arm()
+    for frame in host_frames(model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "points"):
+        latch_now(board, frame.message)
+        check_focus(judge, frame, read_back(board))
+
+
+def _random_point(board: BoardClient) -> FocalPoint:
+    def away(low: int, high: int) -> int:
+        return board.random.choice((-1, 1)) * board.random.randrange(low, high)
+
+    return FocalPoint(
+        away(4_000, 40_000),
+        away(4_000, 40_000),
+        board.random.randrange(80_000, 200_000),
+        board.random.randrange(10_000, 30_000),
+        board.random.randrange(65_536),
+    )
+
+
+def _random_latches(board: BoardClient, points: int) -> list[tuple[tuple[FocalPoint, ...], Shown]]:
+    number = max(_MANY, -(-400 // board.identity.transducers))
+    found = []
+    for _ in range(number):
+        group = tuple(_random_point(board) for _ in range(points))
+        latch_now(board, Points(group))
+        found.append((group, read_back(board)))
+    return found
+
+
+@case(
+    "HG-5.4/1",
+    "over 24 random foci phase codes are rounded to the nearest, not cut off",
+    variant="rounding",
+    needs=_COMPUTES,
+    evidence=SELF_REPORTED,
+)
+def points_are_rounded(board: BoardClient) -> None:
+    from ...judge.focusing import phase_errors
+
+    model = _model(board)
+    board.arm()
+    found = _random_latches(board, 1)
+    mean = float(phase_errors(model, found).mean())
+    kind = "cut off" if mean < 0 else "rounded up"
+    check(abs(mean) < _ROUNDING, f"phase codes are {kind}: off by {mean:+.2f} steps on average")
+
+
+@case(
+    "HG-5.4/2",
+    "amplitude codes of two points together: floor(255 min(1, |w|) + 1/2), 255 without AMPLITUDE",
+    needs=_COMPUTES,
+    evidence=SELF_REPORTED,
+)
+def points_have_their_amplitude(board: BoardClient) -> None:
+    from ...judge.focusing import amplitude_errors
+
+    model = _model(board)
+    board.arm()
+    points = min(2, board.identity.max_points)
+    found = _random_latches(board, points)
+    if not board.has(Feature.AMPLITUDE):
+        check(all(set(shown.amplitudes) == {255} for _, shown in found), "amplitudes are not 255")
+        return
+    errors = amplitude_errors(model, found)
+    worst, mean = float(abs(errors).max()), float(errors.mean())
+    check(worst <= 1.5 + 1e-6, f"an amplitude is off by {worst:.1f} codes")
+    if points > 1:
+        check(abs(mean) < _ROUNDING, f"amplitudes are off by {mean:+.2f} codes on average")
+
+
+@case(
+    "HG-5.4/3",
+    "over 24 random superpositions no phase and no amplitude is off by more than one step",
+    needs=_COMPUTES,
+    evidence=SELF_REPORTED,
+)
+def points_are_exact(board: BoardClient) -> None:
+    from ...judge.focusing import amplitude_errors, phase_errors
+
+    model = _model(board)
+    board.arm()
+    found = _random_latches(board, min(3, board.identity.max_points))
+    # One step beyond the rounding, which is half of one.
+    worst = float(abs(phase_errors(model, found)).max())
+    check(worst <= 1.5 + 1e-6, f"a phase is off by {worst:.2f} steps before rounding")
+    if board.has(Feature.AMPLITUDE):
+        worst = float(abs(amplitude_errors(model, found)).max())
+        check(worst <= 1.5 + 1e-6, f"an amplitude is off by {worst:.2f} steps before rounding")
+
+
+@case(
+    "HG-5.4/4",
+    "max_points points are latched, one more is counted in bad_value, none in bad_length",
+    needs=Feature.POINTS,
+    evidence=SELF_REPORTED,
+)
+def counts_its_points(board: BoardClient) -> None:
+    most = board.identity.max_points
+    if (most + 1) * FocalPoint.LAYOUT.size > 4000:
+        not_observed("more points than max_points do not fit into a frame")
+    board.arm()
+    point = FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
+    with board.counting(latched=1, bad_value=2, bad_length=1):
+        latch_now(board, Points((point,) * most))
+        for number in (most + 1, 2 * most):
+            board.link.send(board.link.stream_wire(Points((point,) * min(number, 250))))
+        board.link.send(board.link.stream_raw(Points.TYPE, b""))
+        board.clock.wait_latched()

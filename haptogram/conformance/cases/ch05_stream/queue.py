@@ -1,0 +1,156 @@
+"""HG-5.7: which stream frames are queued, and which are dropped."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import Feature
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now, latches, watch
+from ...outcome import SELF_REPORTED, check, not_observed
+
+_DEEPEST: Final = 512
+_MAX_LATE_US: Final = 100_000  # HG-7.1
+
+
+@case(
+    "HG-5.7/1",
+    "frames while DISARMED and MUTED are counted in dropped_state",
+    evidence=SELF_REPORTED,
+)
+def drops_unless_armed(board: BoardClient) -> None:
+    t_us = board.clock.soon_us(bytes(2000))
+    with board.counting(dropped_state=2, latched=0):
+        board.link.send(board.link.stream_wire(board.flat_phases()))
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.clock.wait_until(t_us)
+    board.arm()
+    board.link.ask_raw(0x42)
+    with board.counting(dropped_state=1, latched=0):
+        latch_now(board, board.flat_phases())
+
+
+@case(
+    "HG-5.7/2",
+    "a t_apply equal to, or before, that of the last queued frame: dropped_order",
+    evidence=SELF_REPORTED,
+)
+def keeps_its_order(board: BoardClient) -> None:
+    board.arm()
+    t_us = board.clock.soon_us(bytes(4000)) + 20_000
+    good = board.flat_phases()
+    with board.counting(dropped_order=3, latched=2):
+        board.link.send(board.link.stream_wire(good, t_us))
+        for early_us in (0, 1, 10_000):
+            board.link.send(board.link.stream_wire(good, t_us - early_us))
+        board.link.send(board.link.stream_wire(good, t_us + 1000))
+        board.clock.require_in_time(t_us - 10_000)
+        board.clock.wait_until(t_us + 2000)
+
+
+@case(
+    "HG-5.7/3",
+    "queue_depth frames are queued and latched, the one more is dropped_full",
+    evidence=SELF_REPORTED,
+)
+def holds_its_depth(board: BoardClient) -> None:
+    depth = board.identity.queue_depth
+    if depth > _DEEPEST:
+        not_observed(f"a queue of {depth} frames is not filled")
+    board.arm()
+    good = board.flat_phases()
+    size = len(board.link.stream_wire(good, 0, seq=0))
+    start_us = board.clock.soon_us(bytes(size * (depth + 1)))
+    with board.counting(dropped_full=1, latched=depth):
+        for number in range(depth + 1):
+            board.link.send(board.link.stream_wire(good, start_us + 1000 * number))
+        queued = board.status().queued
+        board.clock.require_in_time(start_us)
+        check(queued == depth, f"{depth} frames wait, queued is {queued}")
+        board.clock.wait_until(start_us + 1000 * depth)
+
+
+@case(
+    "HG-5.7/4",
+    "a frame beyond max_horizon_us is dropped_future, one 1% nearer is queued",
+    evidence=SELF_REPORTED,
+)
+def sees_its_horizon(board: BoardClient) -> None:
+    board.arm()
+    horizon_us = board.identity.max_horizon_us
+    size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
+    slack_us = 20_000 + 2 * board.wire.limits.lead_us + 10 * board.wire.line_us(size)
+    now_us = board.clock.device_us()
+    with board.counting(dropped_future=3, flushed=1):
+        for t_us in (now_us + horizon_us + slack_us, now_us + 2 * horizon_us, now_us + 2**31 - 1):
+            board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.send(
+            board.link.stream_wire(board.flat_phases(), now_us + horizon_us - horizon_us // 100)
+        )
+        board.link.barrier()
+        board.disarm()
+
+
+@case(
+    "HG-5.7/5",
+    "with late_window_us = 0 frames 1 us to 1 s late are dropped_late, none is latched",
+    evidence=SELF_REPORTED,
+)
+def drops_what_is_late(board: BoardClient) -> None:
+    board.arm()
+    late = (1, 100, 5_000, 200_000, 1_000_000)
+    with board.counting(dropped_late=len(late), latched=0):
+        for late_us in late:
+            board.link.send(
+                board.link.stream_wire(board.flat_phases(), board.clock.device_us() - late_us)
+            )
+        board.clock.wait_latched()
+
+
+@case(
+    "HG-5.7/5",
+    "with a window of 100 ms a frame 0.5 s late is dropped_late",
+    variant="window",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def drops_beyond_the_window(board: BoardClient) -> None:
+    board.configure(late_window_us=_MAX_LATE_US)
+    board.arm()
+    with board.counting(dropped_late=1, latched=0):
+        board.link.send(
+            board.link.stream_wire(board.flat_phases(), board.clock.device_us() - 500_000)
+        )
+        board.clock.wait_latched()
+
+
+@case(
+    "HG-5.7/6",
+    "with a window of 100 ms a frame 5 ms late is latched, counted in late, LATE in its trace",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def latches_within_the_window(board: BoardClient) -> None:
+    traced = board.identity.features & (Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING)
+    mode = watch(board) if traced else None
+    board.configure(late_window_us=_MAX_LATE_US, **({"trace_mode": mode} if mode else {}))
+    board.arm()
+    since = board.link.mark()
+    with board.counting(late=1, latched=2):
+        board.link.send(board.link.stream_wire(board.flat_phases(), board.clock.device_us() - 5000))
+        board.clock.wait_latched()
+        t_us = board.clock.soon_us(bytes(600))
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.clock.require_in_time(t_us)
+        board.clock.wait_until(t_us + 1000)
+    if mode is not None:
+        flags = [latch.late for latch in latches(board, since, mode)]
+        check(flags == [True, False], f"a late frame, then one in time: LATE is {flags}")
+
+
+@case("HG-5.7/7", "max_horizon_us is less than 2^31")
+def horizon_is_less(board: BoardClient) -> None:
+    horizon_us = board.identity.max_horizon_us
+    check(0 < horizon_us < 2**31, f"max_horizon_us is {horizon_us}")

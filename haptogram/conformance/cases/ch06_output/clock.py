@@ -1,0 +1,136 @@
+"""HG-6.9: the device clock."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import GetGeometry, Ping, Pong, signed_difference
+
+from ...case import about_host, case
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...client.board_clock import BOOT_US
+from ...client.wire import Received
+from ...outcome import check, not_observed
+
+_LIMIT_US: Final = 10
+_SAMPLES: Final = 24
+
+
+host_subtracts = about_host("HG-6.9/3")
+
+
+class _Watch:
+    """Compares the device clock with that of the transport, PING by PING."""
+
+    def __init__(self, board: BoardClient) -> None:
+        self._board = board
+        self._first: tuple[int, int, int] | None = None
+        self._device_us = 0
+
+    def look(self) -> None:
+        """FAILED if the device clock has left the band that clock_ppm allows."""
+        board = self._board
+        start_us = board.wire.now_us()
+        pong = board.link.call(Ping(start_us), Pong)
+        trip_us = board.wire.now_us() - start_us
+        if self._first is None:
+            self._device_us = pong.t_rx_us
+            self._first = (start_us, self._device_us, trip_us)
+            return
+        self._device_us += signed_difference(pong.t_rx_us, self._device_us & 0xFFFFFFFF, 32)
+        host_us, device_us, first_trip_us = self._first
+        passed_us = start_us - host_us
+        error_us = (self._device_us - device_us) - passed_us
+        drift_us = passed_us * board.identity.clock_ppm / 1e6
+        bound_us = drift_us + max(trip_us, first_trip_us) + 2
+        check(
+            abs(error_us) <= bound_us,
+            f"after {passed_us / 1e6:.3f} s the device clock is off by {error_us:+d} us; "
+            f"{board.identity.clock_ppm} ppm and the round trips allow {bound_us:.0f} us",
+        )
+
+
+@case("HG-6.9/1", "over 10 s (2 s in wall time) the clock keeps its rate and makes no step")
+def keeps_time(board: BoardClient) -> None:
+    duration_us = 2_000_000 if board.wire.limits.slack_us else 10_000_000
+    watch = _Watch(board)
+    for _ in range(_SAMPLES + 1):
+        watch.look()
+        board.wire.idle(duration_us // _SAMPLES)
+
+
+@case(
+    "HG-6.9/1",
+    "the clock starts at 2^32 - 10 s at a reset and goes on across 2^32",
+    variant="wrap",
+    needs_reset=True,
+)
+def crosses_the_wrap(board: BoardClient) -> None:
+    board.prepare()
+    start_us = board.link.call(Ping(0), Pong).t_rx_us
+    up_us = signed_difference(start_us, BOOT_US & 0xFFFFFFFF, 32)
+    check(
+        0 <= up_us < 9_000_000,
+        f"soon after a reset the clock is at {start_us} us, {up_us} us past 2^32 - 10 s",
+    )
+    watch = _Watch(board)
+    watch.look()
+    board.wire.idle(max(0, 10_000_000 - up_us - 200_000))
+    for _ in range(_SAMPLES):
+        watch.look()
+        board.wire.idle(20_000)
+
+
+def _pong(board: BoardClient, answer: Received) -> Pong:
+    return board.link.reply_in(answer, Pong, Ping.TYPE)
+
+
+@case("HG-6.9/2", "t_rx is not after t_tx, both lie within the round trip, t_tx is that sent")
+def stamps_pings(board: BoardClient) -> None:
+    for number in range(_SAMPLES):
+        start_us = board.wire.now_us()
+        answer = board.link.ask(Ping(number))
+        trip_us = board.wire.now_us() - start_us
+        pong = _pong(board, answer)
+        inside_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
+        check(
+            0 <= inside_us <= trip_us + _LIMIT_US,
+            f"t_tx - t_rx is {inside_us} us, the round trip took {trip_us} us",
+        )
+
+
+@case(
+    "HG-6.9/2",
+    "behind 4000 bytes t_rx is that of the PING's own end; behind a reply t_tx waits for the line",
+    variant="exact",
+)
+def stamps_exactly(board: BoardClient) -> None:
+    if board.wire.limits.slack_us:
+        not_observed("when a byte is on a real line is not known to 10 us here")
+    device_us = board.clock.device_us()
+    ping, first = board.link.request_wire(Ping(1))
+    encoded, _ = malformed_frames.mute_of_encoded_size(board.link, 4000)
+    sent_us = board.wire.now_us()
+    base_us = board.link.call(Ping(0), Pong).t_rx_us - sent_us - board.wire.line_us(len(ping))
+    ping, first = board.link.request_wire(Ping(2))
+    before = b"\x00" + encoded + b"\x00"
+    since, sent_us = board.link.mark(), board.wire.now_us()
+    board.link.send(before, ping)
+    pong = _pong(board, board.link.answer_to(Ping.TYPE, first, since, 50_000))
+    due_us = base_us + sent_us + board.wire.line_us(len(before) + len(ping))
+    off_us = signed_difference(pong.t_rx_us, due_us & 0xFFFFFFFF, 32)
+    check(abs(off_us) <= _LIMIT_US, f"t_rx is off by {off_us:+d} us (clock at {device_us})")
+    _check_first_byte(board, base_us)
+
+
+def _check_first_byte(board: BoardClient, base_us: int) -> None:
+    long, _ = board.link.request_wire(GetGeometry(0, 0xFFFF))
+    ping, seq = board.link.request_wire(Ping(3))
+    since = board.link.mark()
+    board.link.send(long, ping)
+    answer = board.link.answer_to(Ping.TYPE, seq, since, 50_000)
+    pong = _pong(board, answer)
+    due_us = base_us + answer.t_us - board.wire.line_us(len(answer.piece) + 2)
+    off_us = signed_difference(pong.t_tx_us, due_us & 0xFFFFFFFF, 32)
+    check(abs(off_us) <= _LIMIT_US, f"t_tx of a PONG behind a long reply is off by {off_us:+d} us")

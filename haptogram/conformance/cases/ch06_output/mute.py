@@ -1,0 +1,169 @@
+"""HG-6.4, HG-6.5, HG-6.6: MUTE, DISARM, and silence after them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Disarm,
+    DisarmReply,
+    DriveKind,
+    DriveReply,
+    Feature,
+    Message,
+    Mute,
+    MuteReply,
+    PlaybackEnded,
+    ReadDrive,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+from ...case import about_host, case, unobservable
+from ...client.board_client import BoardClient
+from ...client.latching import is_silent, latch_now, radiated, shown_in
+from ...client.playback import play_now, store_phases
+from ...outcome import EXTERNAL, SELF_REPORTED, check
+
+_STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
+
+
+host_keeps_room = about_host("HG-6.4/3")
+
+
+fault_lasts = unobservable(
+    "HG-6.6/3", "a fault of the hardware, which nothing on the line can bring about", EXTERNAL
+)
+
+
+@case("HG-6.4/1", "MUTE in every state, from no session and with a payload, mutes; frames drop")
+def mutes_always(board: BoardClient) -> None:
+    for state in _STATES:
+        for header in (
+            {},
+            {"session": 0},
+            {"session": board.link.session ^ 0x1111},
+            {"flags": 0xF0},
+        ):
+            board.bring_to(state)
+            if state is OutputState.ARMED:
+                latch_now(board, board.flat_phases())
+            answer = board.link.ask_raw(Mute.TYPE, b"\x01\x02\x03", **header)
+            said = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
+            found = board.status()
+            check(
+                said is found.state is OutputState.MUTED,
+                f"MUTE while {state.name}: {said.name}, then {found.state.name}",
+            )
+            with board.counting(dropped_state=1, latched=0):
+                latch_now(board, board.flat_phases())
+            if board.has(Feature.READ_RADIATED):
+                check(is_silent(board), "MUTE is acknowledged, but the board still radiates")
+
+
+def _check_flush(board: BoardClient, message: Message) -> None:
+    board.arm()
+    t_us = board.clock.soon_us(bytes(2000)) + 20_000
+    with board.counting(flushed=3, latched=0):
+        for number in range(3):
+            board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))
+        board.link.ask(message)
+        board.clock.require_in_time(t_us)
+        board.arm()
+        board.clock.wait_until(t_us + 4000)
+
+
+def _check_end_of_playback(board: BoardClient, message: Message) -> None:
+    if not board.has(Feature.SEQUENCE_PHASES):
+        return
+    store_phases(board, 2, frames=3)
+    board.arm()
+    since = board.link.mark()
+    play_now(board, 2, loops=0)
+    board.wire.idle(5000)
+    board.link.ask(message)
+    event = board.link.await_event(PlaybackEnded, since, 20_000 + board.wire.limits.slack_us)
+    check(event is not None, f"{message.TYPE.name} did not end the playback")
+    board.arm()
+    with board.counting(latched=0):
+        board.wire.idle(10_000)
+
+
+@case("HG-6.4/2", "MUTE flushes 3 queued frames and ends a playback", evidence=SELF_REPORTED)
+def mute_flushes(board: BoardClient) -> None:
+    _check_flush(board, Mute())
+    _check_end_of_playback(board, Mute())
+
+
+@case(
+    "HG-6.4/4",
+    "MUTE, of the session and of none, while a timer has muted: the reason becomes MUTE",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def mute_takes_the_reason(board: BoardClient) -> None:
+    for session in (board.link.session, 0):
+        board.configure(hold_ms=20, ramp_ms=0)
+        board.arm()
+        latch_now(board, board.flat_phases())
+        board.wire.idle(40_000 + board.wire.limits.slack_us)
+        before = board.status().reason
+        check(before is MuteReason.HOLD_EXPIRED, f"the hold ran out, the reason is {before.name}")
+        board.link.call(Mute(), MuteReply, session=session)
+        after = board.status().reason
+        check(after is MuteReason.MUTE, f"MUTE while MUTED: the reason is {after.name}")
+
+
+@case("HG-6.5/1", "DISARM flushes 3 queued frames and ends a playback", evidence=SELF_REPORTED)
+def disarm_flushes(board: BoardClient) -> None:
+    _check_flush(board, Disarm())
+    _check_end_of_playback(board, Disarm())
+
+
+@case("HG-6.5/2", "DISARM while MUTED: DISARM_REPLY and STATUS say MUTED")
+def disarm_leaves_muted(board: BoardClient) -> None:
+    board.link.ask(Mute())
+    said, found = board.link.call(Disarm(), DisarmReply).state, board.status().state
+    check(said is found is OutputState.MUTED, f"{said.name}, then {found.name}")
+
+
+@case(
+    "HG-6.6/1",
+    "a read-back of what is radiated, right behind MUTE, DISARM and HELLO, shows silence",
+    needs=Feature.READ_RADIATED,
+    evidence=SELF_REPORTED,
+)
+def is_off_at_once(board: BoardClient) -> None:
+    for message in (Mute(), Disarm(), board.hello_message(board.new_nonce())):
+        board.prepare()
+        board.arm()
+        latch_now(board, board.flat_phases())
+        check(radiated(board).loudest > 0, "a latch is not radiated")
+        greets = message.TYPE == board.hello_message(1).TYPE
+        session = getattr(message, "nonce", board.link.session)
+        order, _ = board.link.request_wire(message, session=0 if greets else board.link.session)
+        read = ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
+        look, seq = board.link.request_wire(read, session=session)
+        since = board.link.mark()
+        board.link.send(order, look)
+        answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
+        board.link.session = session
+        shown = shown_in(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        check(shown.loudest == 0, f"right behind {message.TYPE.name}: amplitude {shown.loudest}")
+
+
+@case(
+    "HG-6.6/2",
+    "in DISARMED and MUTED nothing is radiated, whatever was latched before",
+    needs=Feature.READ_RADIATED,
+    evidence=SELF_REPORTED,
+)
+def is_off_unless_armed(board: BoardClient) -> None:
+    for message in (Mute(), Disarm()):
+        board.arm()
+        latch_now(board, board.flat_phases())
+        board.link.ask(message)
+        for _ in range(3):
+            check(is_silent(board), f"after {message.TYPE.name} the board radiates")
+            board.wire.idle(20_000)
+        latch_now(board, board.flat_phases())
+        check(is_silent(board), f"after {message.TYPE.name} a stream frame is radiated")

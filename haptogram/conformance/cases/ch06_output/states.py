@@ -1,0 +1,193 @@
+"""HG-6.1, HG-6.2, HG-6.3, HG-6.8: output states, their transitions, and the notice of a change."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Arm,
+    Disarm,
+    ErrorCode,
+    Feature,
+    Message,
+    Mute,
+    Play,
+    StateChanged,
+    Stop,
+    UploadCommit,
+)
+from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import is_silent, latch_now
+from ...client.playback import store_phases
+from ...outcome import SELF_REPORTED, check, fail
+
+_SEQUENCES: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
+_STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
+_INPUTS: Final[dict[OutputInput, Message]] = {
+    OutputInput.ARM: Arm(),
+    OutputInput.MUTE: Mute(),
+    OutputInput.DISARM: Disarm(),
+    OutputInput.STOP: Stop(),
+}
+_REASONS: Final = {
+    OutputInput.ARM: MuteReason.NONE,
+    OutputInput.MUTE: MuteReason.MUTE,
+    OutputInput.DISARM: MuteReason.DISARM,
+    OutputInput.NEW_SESSION: MuteReason.NEW_SESSION,
+}
+
+
+@case(
+    "HG-6.1/1",
+    "after a reset: DISARMED, NEVER_ARMED, nothing radiated; frames are dropped",
+    needs_reset=True,
+)
+def starts_disarmed(board: BoardClient) -> None:
+    state = board.hello().state
+    check(state is OutputState.DISARMED, f"after a reset HELLO_REPLY says {state.name}")
+    found = board.status()
+    check(found.state is OutputState.DISARMED, f"after a reset the state is {found.state.name}")
+    with board.counting(dropped_state=1, latched=0):
+        latch_now(board, board.flat_phases())
+    if board.has(Feature.READ_RADIATED):
+        check(is_silent(board), "transducers are driven after a reset")
+
+
+@case("HG-6.2/1", "ARM, MUTE, DISARM, STOP and HELLO in every state lead where the table says")
+def follows_the_table(board: BoardClient) -> None:
+    for state in _STATES:
+        for event in (*_INPUTS, OutputInput.NEW_SESSION):
+            if event is OutputInput.STOP and not board.identity.features & _SEQUENCES:
+                continue
+            board.bring_to(state)
+            _do(board, event)
+            due = OUTPUT_TRANSITIONS[state, event]
+            found = board.status()
+            check(
+                found.state is due,
+                f"{event.name} while {state.name}: {found.state.name}, due is {due.name}",
+            )
+            if due is not state and event in _REASONS:
+                check(
+                    found.reason is _REASONS[event],
+                    f"{event.name} while {state.name}: reason {found.reason.name}",
+                )
+
+
+def _do(board: BoardClient, event: OutputInput) -> None:
+    if event is OutputInput.NEW_SESSION:
+        board.hello()
+        return
+    message = _INPUTS[event]
+    reply = board.link.ask(message).message
+    state = getattr(reply, "state", None)
+    if state is None:
+        fail(f"{event.name} is not answered by its reply")
+    told = board.status().state
+    check(state is told, f"the reply to {event.name} says {state.name}, STATUS {told.name}")
+
+
+@case("HG-6.2/1", "PLAY while DISARMED and MUTED is refused", variant="play")
+def plays_only_when_armed(board: BoardClient) -> None:
+    board.need(Feature.SEQUENCE_PHASES)
+    store_phases(board, 1, frames=2)
+    for state in (OutputState.DISARMED, OutputState.MUTED):
+        board.bring_to(state)
+        board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, int(state), flags=0x10)
+
+
+@case("HG-6.2/2", "ERROR(BAD_STATE) has the output state as its detail, in each state")
+def tells_the_state(board: BoardClient) -> None:
+    board.need_any(_SEQUENCES | Feature.CORRECTION)
+    for state in _STATES:
+        board.bring_to(state)
+        board.link.refused(UploadCommit(1), ErrorCode.BAD_STATE, int(state))
+
+
+@case(
+    "HG-6.2/3",
+    "an input that leaves the state, but for MUTE, leaves the reason too",
+    evidence=SELF_REPORTED,
+)
+def keeps_the_reason(board: BoardClient) -> None:
+    for state in _STATES:
+        for event in (OutputInput.ARM, OutputInput.DISARM, OutputInput.NEW_SESSION):
+            if OUTPUT_TRANSITIONS[state, event] is not state:
+                continue
+            board.bring_to(state)
+            before = board.status().reason
+            _do(board, event)
+            after = board.status().reason
+            check(
+                after is before,
+                f"{event.name} while {state.name}: the reason was {before.name}, is {after.name}",
+            )
+
+
+@case(
+    "HG-6.3/1",
+    "after a latch, DISARM and ARM nothing is radiated until the next latch",
+    needs=Feature.READ_RADIATED,
+    evidence=SELF_REPORTED,
+)
+def is_silent_until_the_first_latch(board: BoardClient) -> None:
+    board.arm()
+    check(is_silent(board), "ARM makes a sound")
+    latch_now(board, board.flat_phases())
+    check(not is_silent(board), "a latch is not radiated")
+    board.disarm()
+    board.arm()
+    check(is_silent(board), "ARM sounds the drive that was latched before")
+    latch_now(board, board.flat_phases())
+    check(not is_silent(board), "a latch is not radiated")
+
+
+@case("HG-6.3/2", "ARM while ARMED keeps the queue and the drive", evidence=SELF_REPORTED)
+def arms_again(board: BoardClient) -> None:
+    board.arm()
+    latch_now(board, board.flat_phases())
+    t_us = board.clock.soon_us(bytes(1500))
+    with board.counting(latched=2, flushed=0):
+        for number in range(2):
+            board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))
+        board.arm()
+        board.clock.require_in_time(t_us)
+        if board.has(Feature.READ_RADIATED):
+            check(not is_silent(board), "ARM while ARMED silences the board")
+        board.clock.wait_until(t_us + 2000)
+
+
+@case("HG-6.8/2", "MUTE of no session and of another one: STATE_CHANGED(MUTED, MUTE)")
+def tells_of_a_foreign_mute(board: BoardClient) -> None:
+    for session in (0, board.link.session ^ 0x0AA0):
+        board.arm()
+        since = board.link.mark()
+        board.link.ask(Mute(), session=session)
+        found = board.link.await_event(StateChanged, since, 20_000 + board.wire.limits.slack_us)
+        check(found is not None, f"MUTE of session {session:#06x}: no STATE_CHANGED")
+        if found is not None:
+            event = found[1]
+            check(
+                (event.state, event.reason) == (OutputState.MUTED, MuteReason.MUTE),
+                f"STATE_CHANGED says {event.state.name}, {event.reason.name}",
+            )
+
+
+@case("HG-6.8/1", "when the lease and the hold run out STATE_CHANGED says so", needs=Feature.CONFIG)
+def tells_of_a_timer(board: BoardClient) -> None:
+    for reason, changes in (
+        (MuteReason.HOST_SILENT, {"host_timeout_ms": 100}),
+        (MuteReason.HOLD_EXPIRED, {"hold_ms": 50}),
+    ):
+        board.configure(**changes)
+        board.arm()
+        since = board.link.mark()
+        latch_now(board, board.flat_phases())
+        found = board.link.await_event(StateChanged, since, 200_000 + board.wire.limits.slack_us)
+        if found is None:
+            fail(f"{reason.name}: no STATE_CHANGED within 200 ms")
+        got = (found[1].state, found[1].reason)
+        check(got == (OutputState.MUTED, reason), f"{reason.name}: {got[0].name}, {got[1].name}")

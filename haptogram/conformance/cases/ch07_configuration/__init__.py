@@ -1,0 +1,1 @@
+"""Chapter 7, configuration, geometry, uploads and playback."""

@@ -1,0 +1,187 @@
+"""HG-7.1: bounds, effect and life of the configuration."""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from typing import Any, Final
+
+from haptogram_protocol.messages import (
+    Config,
+    ConfigReply,
+    ErrorCode,
+    Feature,
+    GetConfig,
+    SetConfig,
+    StateChanged,
+    Status,
+    TraceMode,
+    UploadKind,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.uploads import upload
+from ...outcome import SELF_REPORTED, check, informational, not_observed
+
+_MS: Final = 1000
+_TOO_FAR: Final = (
+    ("hold_ms", 0),
+    ("hold_ms", 10_001),
+    ("ramp_ms", 2001),
+    ("host_timeout_ms", 19),
+    ("host_timeout_ms", 10_001),
+    ("status_period_ms", 9),
+    ("late_window_us", 100_001),
+    ("sound_speed_mm_s", 299_999),
+    ("sound_speed_mm_s", 380_001),
+    ("trace_divider", 0),
+)
+_JUST_RIGHT: Final[tuple[dict[str, Any], ...]] = (
+    {"hold_ms": 1, "host_timeout_ms": 20, "sound_speed_mm_s": 300_000, "late_window_us": 0},
+    {"hold_ms": 10_000, "ramp_ms": 2000, "host_timeout_ms": 10_000, "late_window_us": 100_000},
+    {"sound_speed_mm_s": 380_000, "trace_divider": 0xFFFF, "status_period_ms": 65_535},
+)
+_MODES: Final = {
+    TraceMode.CRC: Feature.TRACE,
+    TraceMode.DRIVE: Feature.TRACE_DRIVE,
+    TraceMode.RING: Feature.TRACE_RING,
+}
+_STATUS_BYTES: Final = 143
+
+
+def _in_force(board: BoardClient) -> Config:
+    return board.link.call(GetConfig(), ConfigReply).config
+
+
+@case(
+    "HG-7.1/1",
+    "values one beyond a bound are refused by their offset and change nothing; bounds are taken",
+    needs=Feature.CONFIG,
+)
+def keeps_its_bounds(board: BoardClient) -> None:
+    before = _in_force(board)
+    for name, value in _TOO_FAR:
+        changes: dict[str, Any] = {"hold_ms": 777, name: value}
+        wrong = dataclasses.replace(board.base_config, **changes)
+        offset = Config.WIRE[name].offset
+        board.link.refused(SetConfig(wrong), ErrorCode.BAD_VALUE, offset)
+        check(_in_force(board) == before, f"{name} = {value} is refused, but has changed something")
+    for values in _JUST_RIGHT:
+        board.configure(**values)
+
+
+@case(
+    "HG-7.1/2",
+    "a status_period_ms at which STATUS takes more than a tenth of the line is refused",
+    needs=Feature.CONFIG,
+)
+def spares_the_line(board: BoardClient) -> None:
+    least_ms = _STATUS_BYTES * 10 * 10 * 1000 // board.wire.baudrate
+    if least_ms <= 10:
+        not_observed("on a line this fast STATUS every 10 ms takes less than a tenth")
+    if board.wire.limits.slack_us:
+        informational("whether this port is a line of that rate is not known here")
+    period_ms = max(10, least_ms * 9 // 10)
+    wrong = dataclasses.replace(board.base_config, status_period_ms=period_ms)
+    offset = Config.WIRE["status_period_ms"].offset
+    board.link.refused(SetConfig(wrong), ErrorCode.BAD_VALUE, offset)
+
+
+@case(
+    "HG-7.1/3",
+    "a hold, a STATUS period and a late window are in force for the frame behind SET_CONFIG",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def is_in_force_at_once(board: BoardClient) -> None:
+    board.arm()
+    period_ms = board.quick_status_ms
+    wanted = dataclasses.replace(
+        board.base_config, late_window_us=100_000, status_period_ms=period_ms
+    )
+    late_us = board.clock.device_us() - 1000
+    with board.counting(late=1, latched=1):
+        order, seq = board.link.request_wire(SetConfig(wanted))
+        since = board.link.mark()
+        board.link.send(order, board.link.stream_wire(board.flat_phases(), late_us))
+        board.link.answer_to(SetConfig.TYPE, seq, since)
+        board.clock.wait_latched(400)
+    board.config = wanted
+    check(_in_force(board) == wanted, "GET_CONFIG shows another configuration than was set")
+    found = board.link.await_event(Status, since, 3 * period_ms * _MS + board.wire.limits.slack_us)
+    check(found is not None, f"status_period_ms = {period_ms} is not in force")
+
+
+@case(
+    "HG-7.1/3",
+    "a ramp that has begun goes on as it began",
+    variant="ramp",
+    needs=Feature.CONFIG | Feature.AMPLITUDE,
+)
+def a_ramp_goes_on(board: BoardClient) -> None:
+    board.configure(hold_ms=50, ramp_ms=400)
+    board.arm()
+    since = board.link.mark()
+    latch_now(board, board.flat_phases())
+    start_us = board.clock.unwrap(board.status().last_latch_us)
+    board.wire.idle(150 * _MS)
+    board.configure(hold_ms=5000, ramp_ms=0)
+    found = board.link.await_event(StateChanged, since, 600 * _MS + board.wire.limits.slack_us)
+    took_ms = (board.clock.unwrap(found[0].time_us) - start_us) / _MS if found else float("inf")
+    check(abs(took_ms - 450) <= 1.0, f"a ramp of 50 + 400 ms ended after {took_ms:.1f} ms")
+
+
+@case(
+    "HG-7.1/4",
+    "what was set before a reset is gone, unless CONFIG_KEPT is advertised",
+    needs_reset=True,
+)
+def starts_with_its_default(board: BoardClient) -> None:
+    board.hello()
+    board.need(Feature.CONFIG)
+    found, set_before = _in_force(board), board.last_config
+    if set_before is None:
+        not_observed("nothing was set before the reset")
+    kept = found == set_before
+    if board.has(Feature.CONFIG_KEPT):
+        check(kept, f"CONFIG_KEPT is advertised; before the reset {set_before}, now {found}")
+    else:
+        check(not kept, f"{found} has survived a reset, but CONFIG_KEPT is not advertised")
+
+
+@case("HG-7.1/5", "config_crc is that of the 20 bytes in force and N bytes of the correction")
+def config_crc_is_right(board: BoardClient) -> None:
+    none = bytes(board.identity.transducers)
+    corrections = [none]
+    if board.has(Feature.CORRECTION):
+        corrections.append(board.random.randbytes(len(none)))
+    for correction in corrections:
+        if board.has(Feature.CORRECTION):
+            upload(board, UploadKind.CORRECTION, 0, correction)
+        reply = board.link.call(GetConfig(), ConfigReply)
+        due = zlib.crc32(reply.config.pack() + correction)
+        places = {
+            "CONFIG_REPLY": reply.config_crc,
+            "STATUS_REPLY": board.status().config_crc,
+            "HELLO_REPLY": board.hello().config_crc,
+        }
+        for name, got in places.items():
+            check(got == due, f"config_crc in {name} is {got:#010x}, due is {due:#010x}")
+
+
+@case(
+    "HG-7.1/6",
+    "trace modes that are not advertised, those of no version included, are refused",
+    needs=Feature.CONFIG,
+)
+def refuses_other_traces(board: BoardClient) -> None:
+    lacking = [int(mode) for mode, feature in _MODES.items() if not board.has(feature)]
+    offset = Config.WIRE["trace_mode"].offset
+    for mode in (*lacking, max(TraceMode) + 1, 0xFF):
+        payload = bytearray(SetConfig(board.base_config).serialize())
+        payload[offset] = mode
+        board.link.refused_raw(SetConfig.TYPE, bytes(payload), ErrorCode.BAD_VALUE, offset)
+    config = board.link.call(GetConfig(), ConfigReply).config
+    check(config == board.base_config, f"a refused SET_CONFIG has led to {config}")

@@ -1,0 +1,57 @@
+"""HG-7.9: phase correction and amplitude ceiling."""
+
+from __future__ import annotations
+
+from haptogram_protocol.messages import (
+    DriveKind,
+    Feature,
+    UploadKind,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now, radiated, read_back
+from ...client.uploads import upload
+from ...judge.witness import expect_shown
+from ...outcome import SELF_REPORTED, check
+
+
+@case(
+    "HG-7.9/1",
+    "a correction is added to what is radiated, modulo 256; the latched drive stays",
+    needs=Feature.CORRECTION | Feature.READ_RADIATED | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def adds_the_correction(board: BoardClient) -> None:
+    count = board.identity.transducers
+    correction = board.random.randbytes(count)
+    upload(board, UploadKind.CORRECTION, 0, correction)
+    registers = board.random_registers()
+    board.arm()
+    latch_now(board, board.phases(registers))
+    full = b"\xff" * count
+    expect_shown(board, read_back(board), registers, full)
+    shown = radiated(board)
+    due = bytes((a + b) % 256 for a, b in zip(registers, correction, strict=True))
+    wrong = sum(a != b for a, b in zip(shown.phases, due, strict=True))
+    check(wrong == 0, f"{wrong} of {count} radiated phases are not latched + correction")
+    upload(board, UploadKind.CORRECTION, 0, bytes(count))
+    shown = radiated(board)
+    check(shown.phases == registers, "a correction of 0 is not in force after its commit")
+
+
+@case(
+    "HG-7.9/2",
+    "with a ceiling of 100 no radiated amplitude is above 100; the latched drive stays",
+    needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def keeps_under_the_ceiling(board: BoardClient) -> None:
+    board.arm()
+    for ceiling in (100, 1, 255):
+        board.configure(amplitude_ceiling=ceiling)
+        latch_now(board, board.flat_phases())
+        loudest = read_back(board, DriveKind.RADIATED).loudest
+        check(loudest <= ceiling, f"ceiling {ceiling}: amplitude {loudest} is radiated")
+        check(loudest > 0, f"ceiling {ceiling}: nothing is radiated")
+        check(read_back(board).loudest == 255, f"ceiling {ceiling} changes the latched drive")

@@ -1,0 +1,42 @@
+"""HG-7.5: positions of the transducers."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    ErrorCode,
+    GeometryReply,
+    GetGeometry,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...outcome import check
+
+_ELEMENTS: Final = 18
+
+
+@case("HG-7.5/1", "GET_GEOMETRY of 1, of some and of too many transducers shows those from first")
+def shows_its_geometry(board: BoardClient) -> None:
+    count = board.identity.transducers
+    room = (4075 - 14) // _ELEMENTS
+    whole = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply)
+    for first in {0, 1, count // 2, count - 1} & set(range(count)):
+        for asked in (0, 1, 5, 0xFFFF):
+            reply = board.link.call(GetGeometry(first, asked), GeometryReply)
+            got = (reply.total, reply.first, len(reply.elements))
+            due = (count, first, min(asked, count - first, room))
+            check(got == due, f"{asked} from {first}: (total, first, count) is {got}, due {due}")
+            known = whole.elements[first : first + asked]
+            check(
+                reply.elements[: len(known)] == known,
+                f"transducer {first} and on are others than in a reply from 0 on",
+            )
+
+
+@case("HG-7.5/2", "GET_GEOMETRY from N on is refused with NOT_FOUND, detail N")
+def has_no_more_transducers(board: BoardClient) -> None:
+    count = board.identity.transducers
+    for first in (count, count + 1, 0xFFFF):
+        board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, count)

@@ -1,0 +1,213 @@
+"""HG-7.6, HG-7.7, HG-7.8: playback on the device clock, STOP, and the end."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Disarm,
+    ErrorCode,
+    Feature,
+    Mute,
+    Play,
+    PlaybackEnded,
+    Stop,
+    StopReply,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now, latches, watch
+from ...client.playback import play_at, play_now, store_phases
+from ...judge.timers import muted_by_timer
+from ...outcome import SELF_REPORTED, check, fail, not_observed
+
+_MS: Final = 1000
+_NEEDS: Final = Feature.SEQUENCE_PHASES
+
+
+def _ended(board: BoardClient, since: int, timeout_us: int) -> PlaybackEnded:
+    found = board.link.await_event(
+        PlaybackEnded, since, timeout_us + 2 * board.wire.limits.slack_us
+    )
+    if found is None:
+        fail(f"no PLAYBACK_ENDED within {timeout_us / _MS:.0f} ms")
+    return found[1]
+
+
+@case("HG-7.6/1", "PLAY while one plays: BAD_STATE; of no sequence: NOT_FOUND", needs=_NEEDS)
+def refuses_to_play(board: BoardClient) -> None:
+    store_phases(board, 1, frames=2)
+    board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, 0, flags=0x10)
+    board.arm()
+    board.link.refused(Play(0xFFF7, 1000, 1, 100), ErrorCode.NOT_FOUND, flags=0x10)
+    play_now(board, 1, loops=0)
+    board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, 1, flags=0x10)
+    with board.counting(dropped_state=1):
+        board.link.send(board.link.stream_wire(board.flat_phases()))
+
+
+@case("HG-7.6/2", "periods, unattended times and starts out of bounds: BAD_VALUE", needs=_NEEDS)
+def checks_its_times(board: BoardClient) -> None:
+    store_phases(board, 1, frames=2)
+    board.arm()
+    identity = board.identity
+    least_us = -(-1_000_000 // identity.max_playback_rate_hz)
+    bad = ErrorCode.BAD_VALUE
+    period, alone = Play.WIRE["period_us"].offset, Play.WIRE["unattended_ms"].offset
+    if least_us > 1:
+        board.link.refused(Play(1, least_us - 1, 1, 100), bad, period, flags=0x10)
+    board.link.refused(Play(1, 1000, 1, 0), bad, alone, flags=0x10)
+    board.link.refused(Play(1, 1000, 1, identity.max_unattended_ms + 1), bad, alone, flags=0x10)
+    play = Play(1, 1000, 1, 100)
+    board.link.refused(play, bad, 0, time_us=board.clock.device_us() - 1000)
+    beyond_us = board.clock.device_us() + identity.max_horizon_us + 1_000_000
+    board.link.refused(play, bad, 0, time_us=beyond_us)
+    since = board.link.mark()
+    play_now(board, 1, loops=1, period_us=least_us)
+    _ended(board, since, 50 * _MS)
+
+
+@case("HG-7.6/3", "PLAY flushes 3 queued frames", needs=_NEEDS, evidence=SELF_REPORTED)
+def play_flushes(board: BoardClient) -> None:
+    store_phases(board, 1, frames=2)
+    board.arm()
+    t_us = board.clock.soon_us(bytes(2000)) + 30_000
+    with board.counting(flushed=3, latched=2):
+        for number in range(3):
+            board.link.send(board.link.stream_wire(board.flat_phases(), t_us + 1000 * number))
+        play_now(board, 1, loops=1)
+        board.clock.require_in_time(t_us)
+        board.clock.wait_until(t_us + 5000)
+
+
+@case(
+    "HG-7.6/4",
+    "60 frames of a period that is no multiple of the carrier: each on the next carrier period",
+    needs=_NEEDS | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def plays_in_time(board: BoardClient) -> None:
+    mode = watch(board)
+    store_phases(board, 1, frames=3)
+    least_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
+    period_us, loops = max(1003, least_us), 20
+    board.arm()
+    since = board.link.mark()
+    start_us = board.clock.soon_us(bytes(100)) + 5003
+    play_at(board, 1, start_us, loops=loops, period_us=period_us)
+    event = _ended(board, since, 3 * loops * period_us + 200 * _MS)
+    seen = latches(board, since, mode)
+    due = [
+        (1, number // 3, number % 3, board.clock.on_carrier(start_us + number * period_us))
+        for number in range(3 * loops)
+    ]
+    got = [(latch.sequence, latch.loop, latch.index, latch.t_us) for latch in seen]
+    wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
+    check(len(got) == len(due), f"{len(got)} frames are traced, {len(due)} were due")
+    check(not wrong, f"(sequence, loop, index, time): seen and due are {wrong[:1]}")
+    told = (event.sequence, event.loops, event.frames)
+    check(told == (1, loops, 3 * loops), f"PLAYBACK_ENDED says {told}")
+
+
+@case(
+    "HG-7.6/5",
+    "a playback outlives host_timeout_ms, and is muted after unattended_ms: UNATTENDED",
+    needs=_NEEDS | Feature.CONFIG,
+)
+def may_be_left_alone(board: BoardClient) -> None:
+    board.configure(host_timeout_ms=60)
+    store_phases(board, 1, frames=2)
+    alone_ms = min(300, board.identity.max_unattended_ms)
+    if alone_ms <= 100:
+        not_observed("max_unattended_ms is too short to tell it from host_timeout_ms")
+    board.arm()
+    since = board.link.mark()
+    play_now(board, 1, loops=0, unattended_ms=alone_ms)
+    start_us = board.clock.device_us()
+    header, _ = muted_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
+    took_ms = (board.clock.unwrap(header.time_us) - start_us) / _MS
+    check(abs(took_ms - alone_ms) <= 1, f"unattended_ms = {alone_ms}: muted after {took_ms:.1f} ms")
+
+
+@case(
+    "HG-7.6/6",
+    "with loops = 0 it plays on until STOP, DISARM, MUTE and a new session end it",
+    needs=_NEEDS,
+)
+def plays_until_it_is_ended(board: BoardClient) -> None:
+    store_phases(board, 1, frames=2)
+    for message in (Stop(), Disarm(), Mute(), None):
+        board.arm()
+        since = board.link.mark()
+        play_now(board, 1, loops=0)
+        with board.counting():
+            board.wire.idle(50 * _MS)
+            check(not board.link.events(PlaybackEnded, since), "it ended by itself")
+        if message is None:
+            board.hello()
+        else:
+            board.link.ask(message)
+            event = _ended(board, since, 20 * _MS)
+            check(event.frames >= 40, f"{event.frames} frames were latched in 50 ms at 1 kHz")
+        board.arm()
+        with board.counting(latched=0):
+            board.wire.idle(10 * _MS)
+
+
+@case("HG-7.7/1", "STOP ends a playback; the board stays ARMED and holds the drive", needs=_NEEDS)
+def stops(board: BoardClient) -> None:
+    store_phases(board, 1, frames=2)
+    board.arm()
+    since = board.link.mark()
+    play_now(board, 1, loops=0)
+    board.wire.idle(5 * _MS)
+    state = board.link.call(Stop(), StopReply).state
+    check(state is OutputState.ARMED, f"STOP_REPLY says {state.name}")
+    _ended(board, since, 20 * _MS)
+    with board.counting(latched=0):
+        board.wire.idle(10 * _MS)
+        check(board.status().state is OutputState.ARMED, "STOP does not leave the board ARMED")
+
+
+@case("HG-7.7/2", "STOP without a playback is answered with STOP_REPLY")
+def stops_nothing(board: BoardClient) -> None:
+    board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
+    since = board.link.mark()
+    state = board.link.call(Stop(), StopReply).state
+    check(state is board.status().state, f"STOP_REPLY says {state.name}")
+    check(not board.link.events(PlaybackEnded, since), "PLAYBACK_ENDED without a playback")
+
+
+@case("HG-7.8/1", "one PLAYBACK_ENDED for each end: by itself, STOP, MUTE, DISARM", needs=_NEEDS)
+def tells_of_the_end(board: BoardClient) -> None:
+    store_phases(board, 4, frames=3)
+    for message in (None, Stop(), Mute(), Disarm()):
+        board.arm()
+        since = board.link.mark()
+        play_now(board, 4, loops=2 if message is None else 0)
+        board.wire.idle(15 * _MS)
+        if message is not None:
+            board.link.ask(message)
+        event = _ended(board, since, 20 * _MS)
+        board.link.barrier()
+        number = len(board.link.events(PlaybackEnded, since))
+        check(number == 1, f"{number} PLAYBACK_ENDED for one playback")
+        check(event.sequence == 4, f"PLAYBACK_ENDED of sequence {event.sequence}")
+        check(
+            event.loops == event.frames // 3,
+            f"{event.frames} frames of 3 are {event.frames // 3} passes, not {event.loops}",
+        )
+
+
+@case("HG-7.8/2", "after the last frame the board is ARMED and latches stream frames", needs=_NEEDS)
+def streams_after_playback(board: BoardClient) -> None:
+    store_phases(board, 1, frames=2)
+    board.arm()
+    since = board.link.mark()
+    play_now(board, 1, loops=1)
+    _ended(board, since, 50 * _MS)
+    with board.counting(latched=1):
+        latch_now(board, board.flat_phases())
+    check(board.status().state is OutputState.ARMED, "not ARMED after a playback")

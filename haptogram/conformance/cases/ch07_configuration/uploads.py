@@ -1,0 +1,241 @@
+"""HG-7.2, HG-7.3, HG-7.4: uploads, refused before the first byte, taken whole or not at all."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Final
+
+from haptogram_protocol.messages import (
+    ErrorCode,
+    Feature,
+    PlaybackEnded,
+    UploadBegin,
+    UploadChunk,
+    UploadChunkReply,
+    UploadCommit,
+    UploadCommitReply,
+    UploadKind,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latches, watch
+from ...client.playback import play_now, store_phases
+from ...client.uploads import begin_upload, send_chunks, upload
+from ...outcome import SELF_REPORTED, check, not_observed
+
+_ANY: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CORRECTION
+_LARGEST: Final = 0xFFFFFFFF
+
+
+def _kind(board: BoardClient) -> tuple[UploadKind, int, int]:
+    """Return a kind that the board takes, a target for it and the bytes of one frame."""
+    board.need_any(_ANY)
+    if board.has(Feature.SEQUENCE_PHASES):
+        return UploadKind.PHASES, 1, board.identity.transducers
+    if board.has(Feature.CORRECTION):
+        return UploadKind.CORRECTION, 0, board.identity.transducers
+    return UploadKind.POINTS, 1, 16
+
+
+def _begin(board: BoardClient, size: int, crc: int = 0) -> UploadBegin:
+    kind, target, _ = _kind(board)
+    return UploadBegin(kind, int(kind is UploadKind.POINTS), target, size, crc)
+
+
+@case("HG-7.2/1", "more bytes, or more frames, than there is room for: TOO_LARGE, by the limit")
+def refuses_what_is_too_large(board: BoardClient) -> None:
+    kind, _, frame = _kind(board)
+    identity = board.identity
+    size = identity.max_upload_bytes - identity.max_upload_bytes % frame + frame
+    tested = False
+    if size <= _LARGEST:
+        error = board.link.refused(_begin(board, size), ErrorCode.TOO_LARGE)
+        check(
+            error.detail <= identity.max_upload_bytes,
+            f"the limit is {identity.max_upload_bytes}, the detail says {error.detail}",
+        )
+        tested = True
+    frames = identity.max_sequence_frames + 1
+    if kind is not UploadKind.CORRECTION and frames * frame <= identity.max_upload_bytes:
+        board.link.refused(
+            _begin(board, frames * frame), ErrorCode.TOO_LARGE, identity.max_sequence_frames
+        )
+        tested = True
+    if not tested:
+        not_observed("no upload that 32 bits can announce is too large for this board")
+    board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
+
+
+@case("HG-7.2/2", "sizes of 0 and of a frame and a byte: BAD_LENGTH, by the bytes in a frame")
+def refuses_a_broken_size(board: BoardClient) -> None:
+    _, _, frame = _kind(board)
+    for size in (0, frame + 1, 2 * frame - 1):
+        if size == 0 or size % frame:
+            board.link.refused(_begin(board, size), ErrorCode.BAD_LENGTH, frame)
+
+
+@case("HG-7.2/3", "a sequence 0, and a correction for 1, are refused with BAD_VALUE")
+def refuses_a_wrong_target(board: BoardClient) -> None:
+    board.need_any(_ANY)
+    count, offset = board.identity.transducers, UploadBegin.WIRE["target"].offset
+    if board.has(Feature.SEQUENCE_PHASES):
+        wrong = UploadBegin(UploadKind.PHASES, 0, 0, count, 0)
+        board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)
+    if board.has(Feature.SEQUENCE_POINTS):
+        wrong = UploadBegin(UploadKind.POINTS, 1, 0, 16, 0)
+        board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)
+    if board.has(Feature.CORRECTION):
+        wrong = UploadBegin(UploadKind.CORRECTION, 0, 1, count, 0)
+        board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)
+
+
+@case("HG-7.2/4", "a second UPLOAD_BEGIN abandons what came for the first")
+def begins_anew(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    data = b"\x07" * frame
+    points = int(kind is UploadKind.POINTS)
+    begin_upload(board, kind, target, data, points)
+    send_chunks(board, data)
+    begin_upload(board, kind, target, data, points)
+    board.link.refused(UploadCommit(target), ErrorCode.INCOMPLETE, 0)
+
+
+@case(
+    "HG-7.2/5",
+    "UPLOAD_BEGIN for the sequence that plays is refused with BAD_STATE",
+    needs=Feature.SEQUENCE_PHASES,
+)
+def protects_what_plays(board: BoardClient) -> None:
+    store_phases(board, 5, frames=2)
+    board.arm()
+    play_now(board, 5, loops=0)
+    size = board.identity.transducers
+    board.link.refused(UploadBegin(UploadKind.PHASES, 0, 5, size, 0), ErrorCode.BAD_STATE, 1)
+
+
+@case("HG-7.3/1", "chunks backwards and three times each are put together as they belong")
+def takes_any_order(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    data = board.random.randbytes(frame)
+    begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
+    size = max(1, min(board.identity.max_chunk, 1 + frame // 5))
+    starts = list(range(0, frame, size))
+    for start in [*reversed(starts), *starts, starts[0]]:
+        reply = board.link.call(UploadChunk(start, data[start : start + size]), UploadChunkReply)
+    check(reply.received == frame, f"{reply.received} of {frame} bytes are there")
+    board.link.call(UploadCommit(target), UploadCommitReply)
+
+
+@case("HG-7.3/2", "a window of chunks without a pause: all are taken")
+def takes_a_window(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    identity = board.identity
+    most = 1 if kind is UploadKind.CORRECTION else identity.max_sequence_frames
+    frames = max(1, min(most, identity.upload_window * identity.max_chunk // frame))
+    data = board.random.randbytes(frame * frames)
+    reply = begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
+    pieces = [
+        UploadChunk(start, data[start : start + reply.max_chunk])
+        for start in range(0, len(data), reply.max_chunk)
+    ][: reply.window]
+    wires = [board.link.request_wire(piece) for piece in pieces]
+    since = board.link.mark()
+    board.link.send(*(wire for wire, _ in wires))
+    extra_us = board.wire.line_us(sum(len(wire) for wire, _ in wires))
+    for _, seq in wires:
+        answer = board.link.answer_to(UploadChunk.TYPE, seq, since, extra_us)
+        board.link.reply_in(answer, UploadChunkReply, UploadChunk.TYPE)
+    sent = sum(len(piece.data) for piece in pieces)
+    received = board.link.call(UploadChunk(0, pieces[0].data), UploadChunkReply).received
+    check(received == sent, f"{sent} bytes in {len(pieces)} chunks were sent, {received} are there")
+
+
+@case("HG-7.3/3", "a chunk of max_chunk bytes is taken, one byte more is BAD_LENGTH")
+def limits_its_chunks(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    limit = board.identity.max_chunk
+    if limit + 1 > 4000 or (kind is UploadKind.CORRECTION and frame <= limit):
+        not_observed("no chunk longer than max_chunk fits, or makes sense")
+    frames = -(-(limit + 1) // frame)
+    begin_upload(board, kind, target, bytes(frame * frames), int(kind is UploadKind.POINTS))
+    board.link.refused(UploadChunk(0, bytes(limit + 1)), ErrorCode.BAD_LENGTH, limit)
+    received = board.link.call(UploadChunk(0, bytes(limit)), UploadChunkReply).received
+    check(received == limit, f"a chunk of {limit} bytes: {received} are there")
+
+
+@case("HG-7.3/4", "a chunk past the end is BAD_VALUE, one without an upload BAD_STATE")
+def refuses_stray_chunks(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    board.hello()
+    board.link.refused(UploadChunk(0, b"\x01"), ErrorCode.BAD_STATE)
+    begin_upload(board, kind, target, bytes(frame), int(kind is UploadKind.POINTS))
+    for offset, size in ((frame, 1), (frame - 1, 2), (0xFFFFFFF0, 1), (0xFFFFFFFF, 2)):
+        board.link.refused(UploadChunk(offset, bytes(size)), ErrorCode.BAD_VALUE)
+
+
+@case(
+    "HG-7.4/1",
+    "until the commit the old sequence plays, then the new one, whole",
+    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def keeps_the_old_one(board: BoardClient) -> None:
+    mode = watch(board)
+    old = store_phases(board, 6, frames=2)
+    new = [board.random.randbytes(len(old[0])) for _ in range(2)]
+    begin_upload(board, UploadKind.PHASES, 6, b"".join(new))
+    send_chunks(board, b"".join(new))
+    for due in (old, new):
+        board.hello()  # a new session: the ring begins anew, and an upload that is not committed
+        if due is new:
+            upload(board, UploadKind.PHASES, 6, b"".join(new))
+        board.arm()
+        since = board.link.mark()
+        play_now(board, 6, loops=1)
+        board.link.await_event(PlaybackEnded, since, 100_000)
+        full = b"\xff" * len(old[0])
+        got = [latch.crc for latch in latches(board, since, mode)]
+        wanted = [zlib.crc32(phases + full) for phases in due]
+        which = "old" if due is old else "new"
+        check(got == wanted, f"the {which} sequence is due; traced are {len(got)} other drives")
+
+
+@case("HG-7.4/2", "a commit with a gap is INCOMPLETE, by the first byte; then the rest is taken")
+def refuses_a_gap(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    frames = 1 if kind is UploadKind.CORRECTION else 2
+    data = board.random.randbytes(frame * frames)
+    begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
+    board.link.refused(UploadCommit(target), ErrorCode.INCOMPLETE, 0)
+    half = max(1, frame // 2)
+    board.link.call(UploadChunk(0, data[:1]), UploadChunkReply)
+    board.link.call(UploadChunk(half, data[half:][: board.identity.max_chunk]), UploadChunkReply)
+    if half > 1:
+        board.link.refused(UploadCommit(target), ErrorCode.INCOMPLETE, 1)
+    send_chunks(board, data)
+    got = board.link.call(UploadCommit(target), UploadCommitReply).frames
+    due = board.identity.transducers if kind is UploadKind.CORRECTION else frames
+    check(got == due, f"UPLOAD_COMMIT_REPLY says {got}, due is {due}")
+
+
+@case("HG-7.4/3", "a commit of other bytes than announced is CRC_MISMATCH, by their CRC-32")
+def refuses_other_bytes(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    data = board.random.randbytes(frame)
+    begin = _begin(board, frame, zlib.crc32(data) ^ 0x10)
+    board.link.ask(begin)
+    send_chunks(board, data)
+    board.link.refused(UploadCommit(target), ErrorCode.CRC_MISMATCH, zlib.crc32(data))
+    check(kind is begin.kind, "the upload is of another kind")
+
+
+@case("HG-7.4/4", "a commit of another target is BAD_VALUE, one without an upload BAD_STATE")
+def refuses_a_stray_commit(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    board.hello()
+    board.link.refused(UploadCommit(target), ErrorCode.BAD_STATE)
+    data = bytes(frame)
+    begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
+    send_chunks(board, data)
+    board.link.refused(UploadCommit(target + 1), ErrorCode.BAD_VALUE, 0)

@@ -1,0 +1,1 @@
+"""Chapter 8, evidence: trace and read-back."""

@@ -1,0 +1,97 @@
+"""HG-8.6: the read-back of a drive."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    DriveKind,
+    DriveReply,
+    ErrorCode,
+    Feature,
+    LatchKey,
+    ReadDrive,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now, latches, read_back, shown_in, watch
+from ...judge.witness import expect_shown
+from ...outcome import SELF_REPORTED, check
+
+_ANY_READ: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
+
+
+@case(
+    "HG-8.6/1",
+    "READ_DRIVE of 1, of some and of too many transducers shows those from first on",
+    evidence=SELF_REPORTED,
+)
+def reads_some(board: BoardClient) -> None:
+    board.need_any(_ANY_READ)
+    kind = DriveKind.LATCHED if board.has(Feature.READ_LATCHED) else DriveKind.RADIATED
+    count = board.identity.transducers
+    registers = board.random_registers()
+    board.arm()
+    latch_now(board, board.phases(registers))
+    for first in {0, 1, count // 2, count - 1} & set(range(count)):
+        for asked in (0, 1, 7, 0xFFFF):
+            reply = board.link.call(ReadDrive(kind, first, asked), DriveReply)
+            shown = shown_in(reply)
+            due = registers[first : first + asked]
+            check(reply.first == first, f"asked from {first}, shown from {reply.first}")
+            check(shown.phases == due, f"{asked} from {first}: other codes than were sent")
+            check(shown.amplitudes == b"\xff" * len(due), f"{asked} from {first}: not full")
+
+
+@case("HG-8.6/2", "READ_DRIVE from N on is refused with NOT_FOUND, detail N")
+def reads_no_more(board: BoardClient) -> None:
+    board.need_any(_ANY_READ)
+    count = board.identity.transducers
+    for kind, feature in (
+        (DriveKind.LATCHED, Feature.READ_LATCHED),
+        (DriveKind.RADIATED, Feature.READ_RADIATED),
+    ):
+        if board.has(feature):
+            for first in (count, 0xFFFF):
+                board.link.refused(ReadDrive(kind, first, 1), ErrorCode.NOT_FOUND, count)
+
+
+@case(
+    "HG-8.6/3",
+    "codes, key and time of a read-back are those of one latch, as trace and STATUS have them",
+    needs=Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def reads_one_latch(board: BoardClient) -> None:
+    mode = watch(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
+    board.arm()
+    for _ in range(8):
+        registers, index = board.random_registers(), board.link.stream_next
+        since = board.link.mark()
+        latch_now(board, board.phases(registers))
+        shown = read_back(board)
+        expect_shown(board, shown, registers, b"\xff" * len(registers), bits=board.finest)
+        check(shown.reply.key == LatchKey(0, 0, index), f"key {shown.reply.key}, due is {index}")
+        status = board.status()
+        got, due = shown.reply.t_latch_us, status.last_latch_us
+        check(got == due, f"the read-back was latched at {got} us, says STATUS {due} us")
+        if mode is not None:
+            seen = latches(board, since, mode)
+            check(bool(seen) and seen[-1].crc == shown.crc, "trace and read-back disagree")
+
+
+@case(
+    "HG-8.6/4",
+    "before the first latch of a session codes, key and time are 0",
+    needs=Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def reads_nothing_at_first(board: BoardClient) -> None:
+    board.arm()
+    latch_now(board, board.phases(board.random_registers()))
+    board.hello()
+    shown = read_back(board)
+    check(not any(shown.reply.data), "codes of the session before are shown")
+    key, t_us = shown.reply.key, shown.reply.t_latch_us
+    check((key, t_us) == (LatchKey(0, 0, 0), 0), f"key {key}, time {t_us}")

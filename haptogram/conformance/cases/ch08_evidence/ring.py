@@ -1,0 +1,83 @@
+"""HG-8.5: the trace ring."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Feature,
+    LatchKey,
+    PlaybackEnded,
+    ReadTrace,
+    TraceMode,
+    TraceReply,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import full_drive, latch_now
+from ...client.playback import play_now, store_phases
+from ...outcome import SELF_REPORTED, check
+
+_RING_TRIED: Final = 6000  # latches: a longer ring is not filled
+
+
+@case(
+    "HG-8.5/1",
+    "the ring keeps the last trace_ring latches, numbered from 0, and forgets the oldest",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def ring_keeps_the_last(board: BoardClient) -> None:
+    size = board.identity.trace_ring
+    check(size > 0, "TRACE_RING is advertised, trace_ring is 0")
+    board.configure(trace_mode=TraceMode.RING)
+    board.arm()
+    total = _fill(board, size)
+    reply = board.link.call(ReadTrace(0, 0xFFFF), TraceReply)
+    due = (max(0, total - size), total)
+    got = (reply.oldest, reply.next)
+    check(got == due, f"{total} latches, room for {size}: oldest and next are {got}, due {due}")
+
+
+def _fill(board: BoardClient, size: int) -> int:
+    """Latch a few more drives than the ring holds, if that can be done; return how many."""
+    if not board.has(Feature.SEQUENCE_PHASES) or size > _RING_TRIED:
+        for _ in range(20):
+            latch_now(board, board.flat_phases())
+        return 20
+    loops = size // 2 + 3
+    store_phases(board, 2, frames=2)
+    period_us = max(100, -(-1_000_000 // board.identity.max_playback_rate_hz))
+    since = board.link.mark()
+    play_now(board, 2, loops=loops, period_us=period_us, unattended_ms=10_000)
+    lasts_us = 2 * loops * period_us
+    found = board.link.await_event(PlaybackEnded, since, 2 * lasts_us + 100_000)
+    check(found is not None, "the playback that fills the ring does not end")
+    return 2 * loops
+
+
+@case(
+    "HG-8.5/2",
+    "READ_TRACE of some, of none and of all: numbers, keys and CRCs, oldest first",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def ring_is_read(board: BoardClient) -> None:
+    board.configure(trace_mode=TraceMode.RING)
+    board.arm()
+    first = board.link.stream_next
+    drives = [board.random_registers() for _ in range(9)]
+    for registers in drives:
+        latch_now(board, board.phases(registers))
+    for start, count in ((0, 9), (2, 3), (8, 100), (9, 5), (0, 0), (4, 1)):
+        reply = board.link.call(ReadTrace(start, count), TraceReply)
+        numbers = [item.number for item in reply.records]
+        due = list(range(9))[start : start + count]
+        check(numbers == due, f"{count} from {start}: {numbers}")
+        for item in reply.records:
+            key = LatchKey(0, 0, first + item.number)
+            check(item.key == key, f"latch {item.number} has the key {item.key}, due is {key}")
+            crc = zlib.crc32(full_drive(drives[item.number]))
+            check(item.crc == crc, f"latch {item.number} has the CRC of another drive")

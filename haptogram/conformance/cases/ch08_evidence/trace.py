@@ -1,0 +1,186 @@
+"""HG-8.1, HG-8.2, HG-8.3, HG-8.4, HG-8.7: traces of latches agree with the frames sent."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Feature,
+    PlaybackEnded,
+    Trace,
+    TraceDrive,
+    TraceMode,
+    TracePlayback,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import full_drive, latch_now, latches, watch
+from ...client.playback import flood_with_traces, play_now, store_phases
+from ...outcome import SELF_REPORTED, check, not_observed
+
+_KINDS: Final = (Trace, TracePlayback, TraceDrive)
+
+
+def _events(board: BoardClient, since: int) -> int:
+    board.link.barrier()
+    return sum(len(board.link.events(kind, since)) for kind in _KINDS)
+
+
+@case(
+    "HG-8.1/1",
+    "of 6 latches OFF and RING tell nothing by itself, CRC and DRIVE tell 6",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def reports_as_told(board: BoardClient) -> None:
+    modes = {
+        TraceMode.OFF: (Feature(0), 0),
+        TraceMode.CRC: (Feature.TRACE, 6),
+        TraceMode.DRIVE: (Feature.TRACE_DRIVE, 6),
+        TraceMode.RING: (Feature.TRACE_RING, 0),
+    }
+    for mode, (feature, due) in modes.items():
+        if not board.has(feature):
+            continue
+        board.configure(trace_mode=mode)
+        board.arm()
+        since = board.link.mark()
+        for _ in range(6):
+            latch_now(board, board.flat_phases())
+        got = _events(board, since)
+        check(got == due, f"trace_mode {mode.name}: {got} events of 6 latches, due are {due}")
+
+
+@case(
+    "HG-8.2/1",
+    "40 stream latches across 0xFFFF and two passes of a sequence have keys of their own",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def keys_are_unique(board: BoardClient) -> None:
+    mode = watch(board)
+    board.arm()
+    since, first = board.link.mark(), board.link.stream_next
+    for _ in range(40):
+        latch_now(board, board.flat_phases())
+    due = [(0, 0, first + number) for number in range(40)]
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, 12, frames=3)
+        play_now(board, 12, loops=2)
+        board.link.await_event(PlaybackEnded, since, 100_000)
+        due += [(12, loop, index) for loop in range(2) for index in range(3)]
+    got = [(latch.sequence, latch.loop, latch.index) for latch in latches(board, since, mode)]
+    check(len(set(got)) == len(got), f"{len(got)} latches have {len(set(got))} keys")
+    wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
+    check(got == due, f"keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}")
+
+
+@case(
+    "HG-8.3/1",
+    "the time in a trace is the carrier period at or after t_apply, as in STATUS",
+    needs=Feature.TRACE | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def traces_tell_the_time(board: BoardClient) -> None:
+    board.configure(trace_mode=TraceMode.CRC)
+    board.arm()
+    for offset_us in (0, 3, 990):
+        since = board.link.mark()
+        t_us = board.clock.soon_us(bytes(400)) + offset_us
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.clock.require_in_time(t_us)
+        board.clock.wait_until(t_us + 100)
+        seen = latches(board, since, TraceMode.CRC)
+        check(len(seen) == 1, f"one latch gives {len(seen)} TRACE")
+        latch = seen[0]
+        due_us = board.clock.on_carrier(t_us)
+        check(latch.t_us == due_us, f"traced at {latch.t_us} us, due is {due_us} us")
+        status_us = board.clock.unwrap(board.status().last_latch_us)
+        check(latch.t_us == status_us, f"TRACE says {latch.t_us} us, STATUS {status_us} us")
+
+
+@case(
+    "HG-8.3/2",
+    "the CRC in TRACE is that of N phases and N amplitudes 255, of 8 random drives and a sequence",
+    needs=Feature.TRACE | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def traces_hash_the_drive(board: BoardClient) -> None:
+    board.configure(trace_mode=TraceMode.CRC, amplitude_ceiling=99)
+    board.arm()
+    since = board.link.mark()
+    drives = [board.random_registers() for _ in range(8)]
+    for registers in drives:
+        latch_now(board, board.phases(registers))
+    if board.has(Feature.SEQUENCE_PHASES):
+        drives += store_phases(board, 3, frames=3)
+        play_now(board, 3, loops=1)
+        board.link.await_event(PlaybackEnded, since, 100_000)
+    got = [latch.crc for latch in latches(board, since, TraceMode.CRC)]
+    due = [zlib.crc32(full_drive(registers)) for registers in drives]
+    wrong = sum(a != b for a, b in zip(got, due, strict=False))
+    check(len(got) == len(due), f"{len(got)} of {len(due)} latches are traced")
+    check(wrong == 0, f"{wrong} of {len(due)} traced CRCs are not those of the drives sent")
+
+
+@case(
+    "HG-8.4/1",
+    "with trace_divider 3 latches 0, 3, 6 and 9 are told in full, anew after HELLO, no others",
+    needs=Feature.TRACE_DRIVE | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def traces_every_third(board: BoardClient) -> None:
+    board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
+    for anew in range(2):
+        if anew:
+            board.hello()
+        board.arm()
+        since, first = board.link.mark(), board.link.stream_next
+        drives = [board.random_registers() for _ in range(10)]
+        for registers in drives:
+            latch_now(board, board.phases(registers))
+        board.link.barrier()
+        found = board.link.events(TraceDrive, since)
+        got = [event.key.index - first for _, event in found]
+        check(got == [0, 3, 6, 9], f"of latches 0 to 9 these are told: {got}")
+        check(_events(board, since) == 4, "latches are told in another way as well")
+        for number, (_, event) in zip(got, found, strict=True):
+            same = event.data == full_drive(drives[number])
+            check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")
+
+
+@case(
+    "HG-8.7/1",
+    "while traces fill the line 400 latches at the highest rate are all made, each in its time",
+    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def traces_delay_nothing(board: BoardClient) -> None:
+    before = board.status().counters
+    _, frames = flood_with_traces(board)
+    counted = board.counted_since(before)
+    check(counted["latched"] == frames, f"{counted['latched']} of {frames} frames were latched")
+    times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(TraceDrive)]
+    start = times[0] if times else 0
+    off = [t_us for t_us in times if (t_us - start) % board.clock.carrier_us]
+    check(not off, "a trace that waits for the line tells another time than that of its latch")
+
+
+@case(
+    "HG-8.7/2",
+    "traces that find no room are counted in trace_dropped; PONG and PLAYBACK_ENDED get through",
+    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def traces_give_way(board: BoardClient) -> None:
+    before = board.status().counters
+    seen, frames = flood_with_traces(board)
+    dropped = board.counted_since(before)["trace_dropped"]
+    check(
+        seen + dropped == frames,
+        f"{frames} latches: {seen} TRACE_DRIVE came, {dropped} are counted as dropped",
+    )
+    if not dropped:
+        not_observed("this line is fast enough for every trace: none had to give way")

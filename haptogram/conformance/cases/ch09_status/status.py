@@ -1,0 +1,97 @@
+"""HG-9.1, HG-9.3: STATUS, and the arrival margins in it."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Feature,
+    Status,
+    StatusReply,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...outcome import SELF_REPORTED, check
+
+_MS: Final = 1000
+
+
+@case("HG-9.1/1", "in 8.4 periods of status_period_ms eight STATUS come, with a period of 0 none")
+def sends_status(board: BoardClient) -> None:
+    board.need(Feature.CONFIG)
+    period_ms = board.quick_status_ms
+    board.configure(status_period_ms=period_ms)
+    since = board.link.mark()
+    board.wire.idle(int(8.4 * period_ms * _MS) + board.wire.limits.slack_us)
+    board.link.barrier()
+    times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
+    check(len(times) >= 8, f"{len(times)} STATUS in 8.4 periods, due are 8")
+    off = [b - a for a, b in itertools.pairwise(times) if abs(b - a - period_ms * _MS) > _MS]
+    check(not off, f"between two STATUS: {off} us")
+    board.configure(status_period_ms=0)
+    since = board.link.mark()
+    board.wire.idle(200 * _MS)
+    check(not board.link.events(Status, since), "STATUS comes although status_period_ms is 0")
+
+
+@case(
+    "HG-9.1/2",
+    "last_seq and last_latch_us are 0 until a latch, and again in a new session",
+    evidence=SELF_REPORTED,
+)
+def begins_with_nothing(board: BoardClient) -> None:
+    board.arm()
+    for _ in range(2):
+        found = board.status()
+        got = (found.last_seq, found.last_latch_us)
+        check(got == (0, 0), f"before the first latch (last_seq, last_latch_us) is {got}")
+        index = latch_now(board, board.flat_phases())
+        found = board.status()
+        check(found.last_seq == index, f"last_seq is {found.last_seq}, due is {index}")
+        check(found.last_latch_us != 0, "last_latch_us is 0 after a latch")
+        board.hello()
+        board.arm()
+
+
+@case(
+    "HG-9.3/1",
+    "margins of 3 frames in time and one too late, by number, least and mean; then anew",
+    evidence=SELF_REPORTED,
+)
+def tells_margins(board: BoardClient) -> None:
+    board.arm()
+    board.status()
+    empty = board.status()
+    _check_margins(empty, 0, 0, 0, 0)
+    good = board.flat_phases()
+    base_us = board.clock.device_us()
+    ahead = (200_000, 300_000, 400_000)
+    size = len(board.link.stream_wire(good, 0, seq=0))
+    board.link.send(*(board.link.stream_wire(good, base_us + margin) for margin in ahead))
+    board.link.send(
+        board.link.stream_wire(good, base_us - 1_000_000)
+    )  # not after the last: dropped, counted
+    board.link.send(board.link.stream_wire(good))  # IMMEDIATE: no margin; flushes
+    sent_us = board.wire.line_us(size * 5)
+    found = board.status()
+    late_us = board.clock.device_us() - base_us
+    mean_us = (sum(ahead) - 1_000_000) // 4
+    _check_margins(found, 4, -1_000_000, mean_us, late_us + sent_us)
+    _check_margins(board.status(), 0, 0, 0, 0)
+
+
+def _check_margins(
+    status: StatusReply, number: int, least_us: int, mean_us: int, slack_us: int
+) -> None:
+    check(status.margins == number, f"margins of {status.margins} frames, due are {number}")
+    for name, got, due in (
+        ("margin_min_us", status.margin_min_us, least_us),
+        ("margin_mean_us", status.margin_mean_us, mean_us),
+    ):
+        check(
+            due - slack_us - 1 <= got <= due + 1,
+            f"{name} is {got}, due is {due} less at most {slack_us}",
+        )

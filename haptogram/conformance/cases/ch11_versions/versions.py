@@ -1,0 +1,91 @@
+"""HG-11.1, HG-11.2, HG-11.3, HG-11.4, HG-11.5: versions, deprecation, reserved numbers."""
+
+from __future__ import annotations
+
+from haptogram_protocol.messages import (
+    MESSAGES,
+    VERSION_MAJOR,
+    VERSION_MINOR,
+    Error,
+    ErrorCode,
+    Feature,
+    Hello,
+    HelloReply,
+    Mute,
+    MuteReply,
+)
+
+from ...case import about_host, about_text, case
+from ...client.board_client import BoardClient
+from ...client.dialogue import frames_in, talk
+from ...client.recording import describe, type_name
+from ...outcome import SELF_REPORTED, check
+
+minor_rules = about_text("HG-11.2/1")
+
+
+host_warns = about_host("HG-11.3/1")
+
+
+deprecation = about_text("HG-11.4/1")
+
+
+numbers_gone = about_text("HG-11.4/2")
+
+
+host_versions = about_host("HG-11.4/3")
+
+
+@case("HG-11.1/1", "HELLO of major 0 to 255 and MUTE with a longer payload are understood")
+def keeps_what_never_changes(board: BoardClient) -> None:
+    for major in (0, 2, 3, 127, 255):
+        hello = Hello(major, 99, board.new_nonce(), 0xFFFFFFFF)
+        board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR, session=0)
+    board.arm()
+    answer = board.link.ask_raw(Mute.TYPE, b"of another version", flags=0xF0, session=0x7777)
+    check(isinstance(answer.message, MuteReply), "MUTE of another version is not carried out")
+    reply = board.link.ask(board.hello_message(board.new_nonce()), session=0)
+    check(reply.body[10] == VERSION_MAJOR, f"byte 0 of HELLO_REPLY is {reply.body[10]}")
+
+
+@case("HG-11.2/2", "a host of minor version 255 is answered; the board sends what 1.0 has")
+def uses_the_smaller_minor(board: BoardClient) -> None:
+    hello = Hello(VERSION_MAJOR, 255, board.new_nonce(), board.description_hash ^ 1)
+    reply = board.link.call(hello, HelloReply, session=0)
+    board.adopt(reply)
+    check(reply.minor >= VERSION_MINOR, f"HELLO_REPLY says minor {reply.minor}")
+    board.hello()
+    unknown = [p for p in frames_in(talk(board)) if p.reason == "unknown_type"]
+    check(
+        not unknown,
+        f"to a host of {VERSION_MAJOR}.{VERSION_MINOR}: "
+        f"{describe(unknown[0].piece) if unknown else ''}",
+    )
+
+
+@case("HG-11.5/1", "SYNC_IN and COMMIT are not advertised")
+def advertises_nothing_reserved(board: BoardClient) -> None:
+    reserved = Feature.SYNC_IN | Feature.COMMIT
+    found = Feature(board.identity.features & int(reserved))
+    check(not found, f"{found.name} is reserved in this version")
+
+
+@case(
+    "HG-11.5/2",
+    "in a whole conversation no type, flag, code, value or capability that no table names",
+    evidence=SELF_REPORTED,
+)
+def sends_nothing_reserved(board: BoardClient) -> None:
+    known = sum(int(feature) for feature in Feature)
+    spare = board.identity.features & ~known
+    check(not spare, f"capability bits {spare:#x} are in no table")
+    for piece in frames_in(talk(board)):
+        header = piece.header
+        assert header is not None  # frames_in
+        check(header.type in MESSAGES, f"{type_name(header.type)} is in no table")
+        check(piece.reason != "bad_value", f"{describe(piece.piece)}")
+        if isinstance(piece.message, Error):
+            code = piece.message.code
+            check(code in ErrorCode._value2member_map_, f"error code {code} is in no table")
+    check(board.identity.phase_formats & ~7 == 0, "phase_formats has bits that no table names")
+    check(board.identity.banks == 1, f"banks is {board.identity.banks}; 1 in this version")

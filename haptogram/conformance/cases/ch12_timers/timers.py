@@ -1,0 +1,123 @@
+"""HG-12.1, HG-12.2, HG-12.3, HG-12.4, HG-12.5, HG-12.6: timers of board and host."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Feature,
+    PlaybackEnded,
+    Status,
+)
+from haptogram_protocol.state import MuteReason
+
+from ...case import about_host, case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, store_phases
+from ...judge.timers import EXACT_US, check_mute_time, muted_by_timer
+from ...outcome import check, fail
+
+_MS: Final = 1000
+
+
+host_times = about_host("HG-12.6/1")
+
+
+host_gives_up = about_host("HG-12.6/2")
+
+
+@case("HG-12.1/1", "hold and STATUS come within 1 ms of their time", needs=Feature.CONFIG)
+def timers_are_exact(board: BoardClient) -> None:
+    for hold_ms in (50, 137):
+        board.configure(hold_ms=hold_ms)
+        board.arm()
+        since = board.link.mark()
+        latch_now(board, board.flat_phases())
+        start_us = board.clock.unwrap(board.status().last_latch_us)
+        header, _ = muted_by_timer(board, since, hold_ms * 2 * _MS, MuteReason.HOLD_EXPIRED)
+        check_mute_time(board, start_us, header, hold_ms, f"hold_ms = {hold_ms}")
+    period_ms = board.quick_status_ms + 10
+    board.configure(status_period_ms=period_ms)
+    since = board.link.mark()
+    board.wire.idle(6 * period_ms * _MS + board.wire.limits.slack_us)
+    times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
+    check(len(times) >= 5, f"status_period_ms = {period_ms}: {len(times)} STATUS in 6 periods")
+    steps = [b - a for a, b in itertools.pairwise(times)]
+    off = [step for step in steps if abs(step - period_ms * _MS) > EXACT_US]
+    check(not off, f"status_period_ms = {period_ms}: steps of {off} us")
+
+
+@case("HG-12.2/1", "without a frame the board is muted host_timeout_ms later", needs=Feature.CONFIG)
+def lease_runs_out(board: BoardClient) -> None:
+    for timeout_ms in (80, 200):
+        board.configure(host_timeout_ms=timeout_ms)
+        board.arm()
+        latch_now(board, board.flat_phases())
+        start_us, since = board.clock.device_us(), board.link.mark()
+        header, _ = muted_by_timer(board, since, 3 * timeout_ms * _MS, MuteReason.HOST_SILENT)
+        check_mute_time(board, start_us, header, timeout_ms, f"host_timeout_ms = {timeout_ms}")
+
+
+@case(
+    "HG-12.2/2",
+    "between ARM and the first latch the hold does not run, the lease does",
+    needs=Feature.CONFIG,
+)
+def hold_waits_for_a_latch(board: BoardClient) -> None:
+    board.configure(hold_ms=30, host_timeout_ms=250)
+    board.arm()
+    start_us, since = board.clock.device_us(), board.link.mark()
+    header, _ = muted_by_timer(board, since, 600 * _MS, MuteReason.HOST_SILENT)
+    check_mute_time(board, start_us, header, 250, "host_timeout_ms = 250")
+
+
+@case("HG-12.3/1", "the hold runs from the last of several latches", needs=Feature.CONFIG)
+def hold_runs_from_the_last_latch(board: BoardClient) -> None:
+    board.configure(hold_ms=150)
+    board.arm()
+    since = board.link.mark()
+    for _ in range(4):
+        latch_now(board, board.flat_phases())
+        board.wire.idle(60 * _MS)
+    start_us = board.clock.unwrap(board.status().last_latch_us)
+    header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
+    check_mute_time(board, start_us, header, 150, "hold_ms = 150 after the last latch")
+
+
+@case(
+    "HG-12.4/1",
+    "when a playback ends the lease is host_timeout_ms again, from then on",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+)
+def lease_after_playback(board: BoardClient) -> None:
+    board.configure(host_timeout_ms=150, hold_ms=5000)
+    store_phases(board, 1, frames=2)
+    board.arm()
+    since = board.link.mark()
+    play_now(board, 1, loops=150, period_us=1000, unattended_ms=5000)
+    ended = board.link.await_event(PlaybackEnded, since, 600 * _MS + board.wire.limits.slack_us)
+    if ended is None:
+        fail("a playback of 300 ms did not end: host_timeout_ms counted while it played?")
+    header, _ = muted_by_timer(board, since, 500 * _MS, MuteReason.HOST_SILENT)
+    check_mute_time(board, board.clock.unwrap(ended[0].time_us), header, 150, "after the playback")
+
+
+@case("HG-12.5/1", "the timer that runs out first mutes, in both orders", needs=Feature.CONFIG)
+def the_first_timer_wins(board: BoardClient) -> None:
+    for reason, hold_ms, lease_ms, ramp_ms in (
+        (MuteReason.HOLD_EXPIRED, 60, 120, 100),
+        (MuteReason.HOST_SILENT, 160, 80, 100),
+    ):
+        board.configure(hold_ms=hold_ms, host_timeout_ms=lease_ms, ramp_ms=ramp_ms)
+        board.arm()
+        since = board.link.mark()
+        with board.counting(timeouts=1):
+            latch_now(board, board.flat_phases())
+            start_us = board.clock.device_us()
+            header, _ = muted_by_timer(board, since, 600 * _MS, reason)
+        took_ms = (board.clock.unwrap(header.time_us) - start_us) / _MS
+        ramp = ramp_ms if board.has(Feature.AMPLITUDE) else 0
+        most = min(hold_ms, lease_ms) + ramp + 1
+        check(took_ms <= most, f"muted after {took_ms:.1f} ms, {most} ms is the most")

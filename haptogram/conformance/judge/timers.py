@@ -1,0 +1,40 @@
+"""Mutes by a timer of the board: which timer, and when."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import Header, StateChanged
+from haptogram_protocol.state import MuteReason, OutputState
+
+from ..client.board_client import BoardClient
+from ..outcome import check, fail
+
+EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms
+_MS: Final = 1000
+
+
+def muted_by_timer(
+    board: BoardClient, since: int, timeout_us: int, reason: MuteReason
+) -> tuple[Header, StateChanged]:
+    """Return the STATE_CHANGED of a timer; FAILED if none comes, or one of another timer."""
+    found = board.link.await_event(StateChanged, since, timeout_us + 2 * board.wire.limits.slack_us)
+    if found is None:
+        fail(f"{reason.name}: the board is not muted within {timeout_us / _MS:.0f} ms")
+    header, event = found
+    check(
+        (event.state, event.reason) == (OutputState.MUTED, reason),
+        f"due is MUTED, {reason.name}; STATE_CHANGED says {event.state.name}, {event.reason.name}",
+    )
+    return header, event
+
+
+def check_mute_time(
+    board: BoardClient, start_us: int, header: Header, due_ms: int, timer: str
+) -> None:
+    """FAILED unless the mute in *header* came *due_ms* after *start_us*, within 1 ms."""
+    took_us = board.clock.unwrap(header.time_us) - start_us
+    check(
+        abs(took_us - due_ms * _MS) <= EXACT_US,
+        f"{timer}: muted {took_us / _MS:.3f} ms after, due is {due_ms} ms within 1 ms",
+    )
