@@ -133,7 +133,7 @@ def row(fault: str) -> Row:
     )
     name = f"`{fault}`" if fault else "none"
     try:
-        with board_in_virtual_time(config) as board:
+        with board_in_virtual_time(config.virtual_board()) as board:
             found = measure(config, board, None)
     except HaptogramError as error:
         return Row((name, *[_NOTHING] * (len(COLUMNS) - 3), "no result", str(error)))

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import parse_qsl, urlencode, urlsplit
+from typing import TYPE_CHECKING, Final
 
 from . import __version__
 from .commands import bench, budget, paper, presets, soak
@@ -26,16 +26,18 @@ from .commands.shell.interrupts import heard_interrupts, leave_at_once
 from .commands.shell.places import joined
 from .commands.shell.standard_streams import patient_streams
 from .commands.verify import command as verify
-from .errors import ConfigurationError, HaptogramError
+from .errors import HaptogramError
+from .settings.board import BoardConfig
+from .settings.board_url import SCHEME, PortConfig, read_url, write_url
 
 if TYPE_CHECKING:
     from .campaigns.soak import MakeBoard
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import Transport
     from .evidence.boards import BoardUnderTest
+    from .settings.faults.plan import FaultPlan
     from .settings.verify_config import VerifyConfig
 
-_SCHEME: Final = "haptogram://"
 _ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -96,64 +98,33 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _prepare_simulator(config: VerifyConfig) -> verify.PlannedFaults:
-    """Open the way to a board in this program, and read the faults that it shall have.
+def _prepare_simulator(config: VerifyConfig) -> FaultPlan:
+    """Open the way to a board in this program, and return the faults of the virtual board.
 
     Raises
     ------
     ConfigurationError
-        For a fault that is not known, or a parameter of it; for a plan that cannot be read.
+        For a URL or a fault that is refused, or a plan that cannot be read.
     """
-    if config.port is not None and config.port.startswith(_SCHEME):
-        return _faults_of_url(config.port)
-    if not config.fault and config.fault_plan is None:
-        return verify.PlannedFaults((), config.seed)
-    from .settings.faults.plan import read_fault_plan
+    if config.port is not None and config.port.startswith(SCHEME):
+        import sim_device
 
-    plan = read_fault_plan(config.fault, config.fault_plan, config.seed)
-    in_file = plan.faults[: len(plan.faults) - len(config.fault)]
-    return verify.PlannedFaults((*map(str, in_file), *config.fault), plan.seed)
-
-
-def _faults_of_url(url: str) -> verify.PlannedFaults:
-    import sim_device
-    from sim_device.protocol_haptogram import parse_url
-
-    from .settings.faults.plan import read_fault_plan
-
-    sim_device.register_url_handler()
-    said = parse_url(url)
-    plan = read_fault_plan(said.get("fault", ()), said.get("fault_plan"), said.get("seed", 0))
-    return verify.PlannedFaults(tuple(map(str, plan.faults)), plan.seed)
+        sim_device.register_url_handler()
+        return read_url(config.port).board.plan
+    return config.virtual_board().plan
 
 
 @contextlib.contextmanager
-def board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
+def board_in_virtual_time(config: BoardConfig) -> Iterator[BoardUnderTest]:
     """Make a virtual board in this program, behind the same bytes as any other."""
-    import serial
-
-    import sim_device
+    from sim_device.protocol_haptogram import open_port
 
     from .driver.line.port import PyserialTransport
     from .evidence.boards import InProcessBoard
 
-    sim_device.register_url_handler()
-    options: dict[str, Any] = {
-        "clock": "virtual",
-        "array": config.virtual_array,
-        "pitch_mm": config.pitch_mm,
-        "temperature_c": config.air_over_board_c,
-        "baud": config.link_baud,
-        "seed": config.seed,
-        "reconstruct": 1,
-        "fault": config.fault,
-    }
-    for name in ("calibration", "fault_plan"):
-        if (path := getattr(config, name)) is not None:
-            options[name] = path
-    url = f"{_SCHEME}?{urlencode(options, doseq=True)}"
-    virtual: Any = serial.serial_for_url(url, timeout=0)  # the stubs know no URL handler
-    with contextlib.closing(virtual) as port:
+    with contextlib.closing(
+        open_port(PortConfig(board=config, clock="virtual", reconstruct=True))
+    ) as port:
         model = port.simulation.board.settings.truth
         transport = PyserialTransport(port, "virtual board")
         yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model)
@@ -162,36 +133,27 @@ def board_in_virtual_time(config: VerifyConfig) -> Iterator[BoardUnderTest]:
 def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAccess:
     """Return a virtual board in this program that starts anew whenever its port is opened.
 
-    Without a URL its time is virtual, and so is that of a URL that says ``clock=virtual``.
+    Without a URL its time is virtual; *baudrate* and *seed* hold unless the URL gives others.
     """
-    import serial
-
-    import sim_device
+    from sim_device.protocol_haptogram import open_port
 
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import PyserialTransport
 
-    sim_device.register_url_handler()
-    given = [("clock", "virtual")] if url is None else parse_qsl(urlsplit(url).query)
-    options = {"baud": str(baudrate), "seed": str(seed)} | dict(given)
-    repeated = [(name, value) for name, value in given if name not in ("baud", "seed")]
-    for name in ("baud", "seed"):
-        if not options[name].isdecimal():
-            raise ConfigurationError(f"{url}: {name} is {options[name]!r}, must be a number")
-    first_seed = int(options["seed"])
+    defaults = BoardConfig.of(baud=baudrate, seed=seed)
+    first = PortConfig(clock="virtual", board=defaults) if url is None else read_url(url, defaults)
 
     def start(number: int) -> Transport:
-        # Another seed is another boot_id, as after a reset.
-        own = [("baud", options["baud"]), ("seed", str(first_seed + number))]
-        here = f"{_SCHEME}?{urlencode(own + repeated)}"
-        port: Any = serial.serial_for_url(here, timeout=0)  # the stubs know no URL handler
-        return PyserialTransport(port, here)
+        # Another seed gives another boot_id, as a reset does.
+        board = dataclasses.replace(first.board, seed=first.board.seed + number)
+        config = dataclasses.replace(first, board=board)
+        return PyserialTransport(open_port(config), write_url(config))
 
     return VirtualAccess(
-        url or f"{_SCHEME}?{urlencode(options)}",
+        url or write_url(first),
         start,
-        baudrate=int(options["baud"]),
-        virtual=options.get("clock") == "virtual",
+        baudrate=first.board.line.baud or baudrate,
+        virtual=first.is_virtual,
     )
 
 

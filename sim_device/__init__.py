@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from .backdoor.worker import ReconstructionWorker
     from .board.board import Board, StreamFrame
     from .board.events import Latch
-    from .board.settings import BoardSettings
-    from .options import board_settings
+    from .board.settings import BoardSettings, board_settings
     from .protocol_haptogram import register_url_handler
     from .simulation import Simulation
 
@@ -27,7 +26,7 @@ _HOME: Final = {
     "ReconstructionWorker": "backdoor.worker",
     "Simulation": "simulation",
     "StreamFrame": "board.board",
-    "board_settings": "options",
+    "board_settings": "board.settings",
     "register_url_handler": "protocol_haptogram",
 }
 

@@ -11,15 +11,17 @@ import sys
 from typing import Final, NoReturn
 
 from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
+from haptogram.settings.command_line import add_options, given
 from haptogram.settings.faults.kinds import described
-from haptogram.settings.faults.plan import read_fault_plan
+from haptogram.settings.line import LineSettings
+from haptogram.settings.option import options_of
 
 from .backdoor.worker import ReconstructionWorker
 from .board.settings import BoardSettings
 from .line.port import Port, PtyPort, SerialPort, TcpPort
 from .log import CountLog, NoticeLog
 from .mutants import parts_of
-from .options import board_settings
 from .simulation import Recorder, Simulation
 from .wallclock import Heartbeat
 
@@ -27,13 +29,6 @@ _LOG: Final = logging.getLogger(__name__)
 _SERIAL_BAUD: Final = 3_000_000
 _COUNTS_S: Final = 10
 _LOOPBACK: Final = "127.0.0.1"
-_LINE_OPTIONS: Final = (
-    "baud_error_ppm",
-    "rx_fifo",
-    "rx_poll_us",
-    "latency_ms",
-    "host_buffer",
-)
 _EPILOG: Final = """\
 examples:
   python -m sim_device --link /tmp/board            open /tmp/board as a serial port
@@ -46,10 +41,10 @@ examples:
   python -m sim_device --link /tmp/board --seed 1 --fault "line.flip ber=1e-5" \\
       --fault "device.stuck column=3 from=2s"
 
-The line: without --baud it takes no time, as a pseudo-terminal does, and whatever fits a
-pseudo-terminal fits it.  With --baud a byte takes 10 bits, in both directions; the other
-options of the line say what else a real one has.  What it loses by its nature is counted:
-in the log at the end and in the last record of the back door.
+Without --baud the line takes no time, as a pseudo-terminal does, and holds as much as one.
+With --baud a byte takes 10 bits, in both directions; the other options give the line the
+imperfections of a real one.  The bytes that it loses by them are counted in the log at the end
+and in the last record of the back door.
 
 It ends on SIGINT or SIGTERM: muted, every record written, the link removed.
 """
@@ -71,41 +66,18 @@ def _parser() -> argparse.ArgumentParser:
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--link", metavar="PATH", help="pseudo-terminal with this stable name")
     where.add_argument("--tcp", metavar="[HOST:]PORT", help="TCP server [host 127.0.0.1]")
-    where.add_argument("--serial", metavar="PORT", help="real serial port, at its far end")
-    parser.add_argument(
-        "--baud", type=int, metavar="N", help="pace of the line [none; --serial: 3000000]"
+    where.add_argument(
+        "--serial", metavar="PORT", help="real serial port, at its far end; --baud is 3000000 there"
     )
-    _add_line(parser)
-    parser.add_argument("--array", default="16x16", help="NXxNY or a CSV file [%(default)s]")
-    parser.add_argument("--pitch-mm", type=float, default=10.0, metavar="MM", help="[%(default)s]")
+    line = options_of(LineSettings)
+    board = [row for name, row in BOARD_OPTIONS.items() if name not in line]
+    add_options(parser.add_argument_group("board; without --seed another one each time"), board)
+    add_options(parser.add_argument_group("line"), line.values())
     parser.add_argument(
-        "--temperature-c", type=float, default=20.0, metavar="C", help="of the air [%(default)s]"
-    )
-    parser.add_argument(
-        "--calibration",
-        metavar="FILE",
-        help="CSV file: gain, phase and place of each element, as the field has them and neither "
-        "the board nor its host knows [all equal]",
-    )
-    parser.add_argument("--seed", type=int, metavar="N", help="of the board [random]")
-    parser.add_argument(
-        "--backdoor", metavar="PATH|unix:PATH", help="what it really radiated, as JSON lines"
+        "--backdoor", metavar="PATH|unix:PATH", help="radiated drives, as JSON lines"
     )
     parser.add_argument(
         "--no-reconstruct", action="store_true", help="leave the field out of the back door"
-    )
-    parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
-    parser.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="FAULT",
-        help="something that goes wrong on purpose, as listed below; may be given many times",
-    )
-    parser.add_argument(
-        "--fault-plan",
-        metavar="FILE",
-        help="faults from a TOML file: seed = N, and tables [[fault]] with name and parameters",
     )
     parser.add_argument(
         "--until-eof", action="store_true", help="end with standard input: with who started it"
@@ -115,45 +87,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_line(parser: argparse.ArgumentParser) -> None:
-    line = parser.add_argument_group("the line, beyond its rate")
-    line.add_argument(
-        "--baud-error-ppm",
-        type=int,
-        metavar="PPM",
-        help="the board's UART is so fast; from 53000 (5.3 %%) on characters are damaged [0]",
-    )
-    line.add_argument(
-        "--rx-fifo",
-        type=int,
-        metavar="BYTES",
-        help="the board's UART holds so many bytes, what finds it full is lost [no limit]",
-    )
-    line.add_argument(
-        "--rx-poll-us", type=int, metavar="US", help="how often its firmware empties that [50]"
-    )
-    line.add_argument(
-        "--latency-ms",
-        type=float,
-        metavar="MS",
-        help="the host has a USB adapter with this latency timer: bytes come in packets of 62, or "
-        "when it runs out; 16 is usual, 1 the least of a good driver [no adapter]",
-    )
-    line.add_argument(
-        "--host-buffer",
-        type=int,
-        metavar="BYTES",
-        help="so much may lie unread at the host, what comes then is lost [the board waits]",
-    )
-
-
 def _epilog() -> str:
     """Return examples, and the faults with their parameters."""
     faults = "\n".join(f"  {text}" for text in described())
     return (
-        f"{_EPILOG}\nfaults, their parameters and what these are if left out (all but those of the "
-        f"clock take\nfrom=500ms until=2s, those of the line direction=down or up; docs/faults.md "
-        f"tells more):\n"
+        f"{_EPILOG}\nfaults, their parameters and defaults (all but those of the clock also take\n"
+        f"from=500ms until=2s, those of the line direction=down or up; see docs/faults.md):\n"
         f"{faults}\n"
     )
 
@@ -178,11 +117,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    settings, parts = _settings(options), parts_of(options.mutant)
-    plan = read_fault_plan(options.fault, options.fault_plan, settings.seed)
+    config = _config(options)
+    settings, parts = BoardSettings.of(config), parts_of(config.mutant)
+    plan = config.plan
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
-    port = _open_port(options)
+    port = _open_port(options, config)
     worker = None
     with contextlib.ExitStack() as signals:  # heard until everything is closed
         try:
@@ -216,31 +156,22 @@ def _serve(heartbeat: Heartbeat, port: Port) -> None:
     heartbeat.run()
 
 
-def _settings(options: argparse.Namespace) -> BoardSettings:
-    baud = options.baud
-    if options.serial is not None and baud is None:
-        baud = _SERIAL_BAUD
-    line = {name: getattr(options, name) for name in _LINE_OPTIONS}
-    given = {name: value for name, value in line.items() if value is not None}
-    if given and options.serial is not None:
-        named = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise ConfigurationError(f"{named}: the line of --serial is a real one")
-    return board_settings(
-        array=options.array,
-        pitch_mm=options.pitch_mm,
-        temperature_c=options.temperature_c,
-        calibration=options.calibration,
-        seed=secrets.randbits(32) if options.seed is None else options.seed,
-        baud=baud,
-        **given,
-    )
+def _config(options: argparse.Namespace) -> BoardConfig:
+    values = given(options, BOARD_OPTIONS)
+    line = [BOARD_OPTIONS[name].word for name in options_of(LineSettings) if name in values]
+    if options.serial is not None:
+        if imperfect := [word for word in line if word != "--baud"]:
+            raise ConfigurationError(f"{', '.join(imperfect)}: the line of --serial is a real one")
+        values.setdefault("baud", _SERIAL_BAUD)
+    values.setdefault("seed", secrets.randbits(32))
+    return BoardConfig.of(**values)
 
 
-def _open_port(options: argparse.Namespace) -> Port:
+def _open_port(options: argparse.Namespace, config: BoardConfig) -> Port:
     if options.link is not None:
         return PtyPort(options.link)
     if options.serial is not None:
-        return SerialPort(options.serial, options.baud or _SERIAL_BAUD)
+        return SerialPort(options.serial, config.line.baud or _SERIAL_BAUD)
     host, _, port = options.tcp.rpartition(":")
     if not port.isdecimal() or int(port) > 0xFFFF:
         raise ConfigurationError(f"--tcp {options.tcp}: must be HOST:PORT, the port 0 to 65535")

@@ -16,25 +16,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from typing import Any, Final
-from urllib.parse import parse_qsl, urlsplit
 
 import serial
 
-from haptogram.errors import ConfigurationError
-from haptogram.settings.faults.plan import read_fault_plan
+from haptogram.settings.board_url import SCHEME, PortConfig, read_url
 
-from .assembly import HEALTHY
 from .backdoor.recorder import InlineReconstruction
 from .backdoor.records import Record, to_line
 from .backdoor.sinks import RecordSink, open_sink
 from .backdoor.worker import ReconstructionWorker
 from .board.settings import BoardSettings
 from .mutants import parts_of
-from .options import board_settings
 from .simulation import Recorder, Simulation
 
 _LONGEST_SLEEP_NS: Final = 50_000_000  # another thread may write meanwhile
-_CLOCKS: Final = ("wall", "virtual")
 
 
 def register_url_handler() -> None:
@@ -44,74 +39,19 @@ def register_url_handler() -> None:
         serial.protocol_handler_packages.append(package)
 
 
-def _number(kind: Callable[[str], Any]) -> Callable[[str, str], Any]:
-    def parse(name: str, text: str) -> Any:
-        try:
-            return kind(text)
-        except ValueError as error:
-            raise ConfigurationError(f"{name}={text} is not a number") from error
-
-    return parse
-
-
-def _choice(**meanings: object) -> Callable[[str, str], Any]:
-    def parse(name: str, text: str) -> Any:
-        if text not in meanings:
-            raise ConfigurationError(f"{name}={text}; known are {', '.join(meanings)}")
-        return meanings[text]
-
-    return parse
-
-
-def _text(_: str, text: str) -> str:
-    return text
-
-
-_PARAMETERS: Final[dict[str, Callable[[str, str], Any]]] = {
-    "seed": _number(int),
-    "clock": _choice(**{clock: clock for clock in _CLOCKS}),
-    "array": _text,
-    "pitch_mm": _number(float),
-    "temperature_c": _number(float),
-    "calibration": _text,
-    "baud": _number(int),
-    "baud_error_ppm": _number(int),
-    "rx_fifo": _number(int),
-    "rx_poll_us": _number(int),
-    "latency_ms": _number(float),
-    "host_buffer": _number(int),
-    "backdoor": _text,
-    "reconstruct": _choice(**{"0": False, "1": True}),
-    "fault": _text,
-    "fault_plan": _text,
-    "mutant": lambda _, name: parts_of(name),
-}
-
-_REPEATABLE: Final = frozenset({"fault"})
-
-
-def parse_url(url: str) -> dict[str, Any]:
-    """Return the parameters of a ``haptogram://`` URL.
+def open_port(config: PortConfig, timeout_s: float | None = 0) -> Serial:
+    """Power up a virtual board in this process, and return the port to it.
 
     Raises
     ------
     ConfigurationError
-        For a parameter that is not known, or makes no sense.
+        If the board cannot be built.
     """
-    parts = urlsplit(url)
-    if parts.scheme != "haptogram" or parts.netloc or parts.path.strip("/"):
-        raise ConfigurationError(f"{url}: must be haptogram://?name=value&...")
-    values: dict[str, Any] = {}
-    for name, text in parse_qsl(parts.query, keep_blank_values=True):
-        if name not in _PARAMETERS:
-            raise ConfigurationError(f"{url}: no parameter {name!r}; known: {_known()}")
-        value = _PARAMETERS[name](name, text)
-        values[name] = [*values.get(name, []), value] if name in _REPEATABLE else value
-    return values
-
-
-def _known() -> str:
-    return ", ".join(_PARAMETERS)
+    port = Serial(timeout=timeout_s)
+    port.config = config
+    port.port = SCHEME
+    port.open()
+    return port
 
 
 class Serial(serial.SerialBase):
@@ -119,12 +59,15 @@ class Serial(serial.SerialBase):
 
     Attributes
     ----------
+    config : PortConfig or None
+        Port and board; None: the URL names them.
     simulation : Simulation
         The board and its line, while the port is open.
     records : list of dict
         Records of the back door, where ``reconstruct`` is given and no worker writes them.
     """
 
+    config: PortConfig | None = None
     simulation: Simulation
     records: list[Record]
 
@@ -147,22 +90,16 @@ class Serial(serial.SerialBase):
             raise serial.SerialException("Port must be configured before it can be used.")
         if self.is_open:
             raise serial.SerialException("Port is already open.")
-        options = parse_url(self._port)
-        self._is_virtual = options.pop("clock", "wall") == "virtual"
-        backdoor = options.pop("backdoor", None)
-        reconstruct = options.pop("reconstruct", None)
-        parts = options.pop("mutant", HEALTHY)
-        plan = read_fault_plan(
-            options.pop("fault", []), options.pop("fault_plan", None), options.get("seed", 0)
-        )
-        settings = board_settings(**options)
+        config = self.config or read_url(self._port)
+        board, self._is_virtual = config.board, config.is_virtual
+        parts, settings = parts_of(board.mutant), BoardSettings.of(board)
         self.records = []
         self._sink: RecordSink | None = None
         self._worker: ReconstructionWorker | None = None
         self._inline: InlineReconstruction | None = None
         try:
-            recorders = self._recorders(settings, backdoor, reconstruct)
-            self.simulation = Simulation(settings, *recorders, parts=parts, faults=plan)
+            recorders = self._recorders(settings, config.backdoor, config.reconstruct)
+            self.simulation = Simulation(settings, *recorders, parts=parts, faults=board.plan)
         except BaseException:
             self._close_records()
             raise
@@ -172,7 +109,7 @@ class Serial(serial.SerialBase):
     def _recorders(
         self, settings: BoardSettings, backdoor: str | None, reconstruct: bool | None
     ) -> list[Recorder]:
-        """Return who takes down the records: nobody, unless somebody asked for them."""
+        """Return the recorders: none, unless the configuration asks for records."""
         if backdoor is None and reconstruct is None:
             return []
         wanted = reconstruct is not False

@@ -47,7 +47,7 @@ class Simulation:
     Parameters
     ----------
     settings : BoardSettings
-        The board; its ``baud`` is that of both directions of the line.
+        The board, with its line.
     *recorders : Recorder
         What takes down what the board does.
     paced : bool, keyword-only
@@ -81,8 +81,8 @@ class Simulation:
         self.dialect = parts.assemble(settings, description_hash())
         self.board: Board = self.dialect.board
         self._recorders = recorders
-        baud, self._line = (settings.baud, settings.line) if paced else (None, LineSettings())
-        self._down, self._up = line_to_board(baud, self._line), line_to_host(baud, self._line)
+        self._line = settings.line if paced else LineSettings()
+        self._down, self._up = line_to_board(self._line), line_to_host(self._line)
         self._unread = bytearray()
         self._unread_lost = 0
         self._now_ns = 0
@@ -173,7 +173,7 @@ class Simulation:
     def report_counts(self) -> None:
         """Tell the recorders of faults and losses, for their last record."""
         notices: list[Notice] = []
-        if self._line != LineSettings():
+        if self._line != LineSettings(baud=self._line.baud):
             notices.append(LineCounted(self.board.now_us, self.line_counts))
         if self._injector is not None:
             notices.append(self._injector.counted(self.board.now_us, self._now_ns))

@@ -3,6 +3,7 @@
 from collections import deque
 
 from haptogram.errors import LinkLostError
+from haptogram.settings.line import LineSettings
 from sim_device.board.settings import BoardSettings
 from sim_device.simulation import Simulation
 
@@ -18,7 +19,7 @@ class BoardPort:
     url = "virtual://board"
 
     def __init__(self, *, baud=BAUD, tamper=None, **settings):
-        self.simulation = Simulation(BoardSettings(baud=baud, **settings), self)
+        self.simulation = Simulation(BoardSettings(line=LineSettings(baud=baud), **settings), self)
         self.board = self.simulation.board
         self.latches = []
         self.notices = []

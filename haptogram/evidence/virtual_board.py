@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import haptogram
 import haptogram_protocol
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
-from haptogram.driver.line.port import MOST_BAUDRATE
 from haptogram.errors import ConfigurationError, LinkLostError
 from haptogram.evidence.backdoor import (
     BackdoorFile,
@@ -39,14 +38,11 @@ from haptogram.evidence.backdoor import (
 from haptogram.machine.working_folder import WorkingFolder
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import Kept
-from haptogram.settings.arguments import (
-    MOST_SEED,
-    check_callable,
-    check_kind,
-    check_number,
-    check_whole,
-    shown,
-)
+from haptogram.settings.arguments import check_callable, check_kind, check_number, check_whole
+from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
+from haptogram.settings.command_line import written
+from haptogram.settings.faults.plan import parse_faults
+from haptogram.settings.line import MAX_BAUD, LineSettings
 
 if TYPE_CHECKING:
     from haptogram.verification import RunVerdict, Tolerance, Uncertainty
@@ -71,21 +67,21 @@ class VirtualBoard:
     pitch_mm : float
         Pitch of a grid.
     temperature_c : float
-        Air over the board.
+        Temperature of the air over the board.
     calibration : Calibration or path, optional
-        How its elements really are, or the CSV file that says so. Neither its firmware nor its
-        host knows.
+        Gain, phase and position of its elements as they really are, or the CSV file of them.
+        Neither its firmware nor its host knows them.
     seed : int
-        Everything about the board that looks random follows from it.
+        Seed of everything random.
     baudrate : int or None
         Rate at which its line carries bytes; None: as fast as they come.  A driver keeps to its
-        own rate in any case.  With a rate here, what piles up while the board's process has to
-        wait for a processor is slow to catch up, as it would not be in a real board.
+        own rate in any case.  With a rate here, bytes that pile up while the board's process waits
+        for a processor are slow to catch up, as they would not be in a real board.
     reconstruct : bool
         Whether it rebuilds the field of every latch.
     faults : sequence of str
-        What goes wrong with its line, clock and transducers, such as ``"line.flip ber=1e-5"``; all
-        of them are in docs/faults.md.
+        Faults on purpose of line, clock and transducers, such as ``"line.flip ber=1e-5"``;
+        docs/faults.md lists them.
     fault_plan : path, optional
         TOML file with faults, which come before those of *faults*.
 
@@ -105,31 +101,49 @@ class VirtualBoard:
 
     def __init__(
         self,
-        array: str = "16x16",
+        array: str = BoardConfig.array,
         *,
-        pitch_mm: float = 10.0,
-        temperature_c: float = 20.0,
+        pitch_mm: float = BoardConfig.pitch_mm,
+        temperature_c: float = BoardConfig.temperature_c,
         calibration: Calibration | str | Path | None = None,
-        seed: int = 0,
-        baudrate: int | None = None,
+        seed: int = BoardConfig.seed,
+        baudrate: int | None = LineSettings.baud,
         reconstruct: bool = True,
         faults: Sequence[str] = (),
         fault_plan: Path | None = None,
     ) -> None:
-        check_kind("array", array, str, "NXxNY or the name of a file")
-        check_number("pitch_mm", pitch_mm, 1.0, 100.0)
-        check_number("temperature_c", temperature_c, -20.0, 50.0)
-        check_whole("seed", seed, 0, MOST_SEED)
         if baudrate is not None:
-            check_whole("baudrate", baudrate, 1, MOST_BAUDRATE)
+            check_whole("baudrate", baudrate, 1, MAX_BAUD)
         check_kind("reconstruct", reconstruct, bool, "True or False")
-        _check_faults(faults, fault_plan)
+        elements = None if calibration is None else Calibration.of(calibration)
+        config = BoardConfig.of(
+            array=array,
+            pitch_mm=pitch_mm,
+            temperature_c=temperature_c,
+            seed=seed,
+            baud=baudrate,
+            fault_plan=fault_plan,
+        )
+        added = dataclasses.replace(config, faults=config.faults + parse_faults(faults))
+        self._power_up(added, elements, reconstruct=reconstruct)
+
+    @classmethod
+    def of(cls, config: BoardConfig) -> Self:
+        """Start the board that *config* describes."""
+        board = cls.__new__(cls)
+        file = config.calibration
+        elements = None if file is None else Calibration.from_file(file)
+        board._power_up(config, elements)  # noqa: SLF001  its own class
+        return board
+
+    def _power_up(
+        self, config: BoardConfig, elements: Calibration | None, *, reconstruct: bool = True
+    ) -> None:
         self.model = AcousticModel(
-            TransducerArray.parse(array, pitch_m=pitch_mm / 1000),
-            Medium.air(temperature_c),
+            TransducerArray.parse(config.array, pitch_m=config.pitch_mm / 1000),
+            Medium.air(config.temperature_c),
             Transducer(),
         )
-        elements = None if calibration is None else Calibration.of(calibration)
         if elements is not None:
             self.model = self.model.calibrated(elements)
         self._folder = WorkingFolder("haptogram-board-")
@@ -137,24 +151,16 @@ class VirtualBoard:
         self._backdoor = BackdoorFile(records)
         self._log = self._folder.path / "log"
         self.url = str(self._folder.path / "board")
-        options: dict[str, object] = {
-            "--link": self.url,
-            "--array": array,
-            "--pitch-mm": pitch_mm,
-            "--temperature-c": temperature_c,
-            "--seed": seed,
-            "--backdoor": records,
-        }
-        if baudrate is not None:
-            options["--baud"] = baudrate
         if elements is not None:
-            options["--calibration"] = copy = self._folder.path / "calibration.csv"
+            copy = self._folder.path / "calibration.csv"
             elements.to_file(copy)
-        if fault_plan is not None:
-            options["--fault-plan"] = fault_plan
-        arguments = [str(part) for option in options.items() for part in option]
-        arguments += [f"--fault={fault}" for fault in faults]
-        self._process = self._start(arguments + ([] if reconstruct else ["--no-reconstruct"]))
+            config = dataclasses.replace(config, calibration=copy)
+        port = [f"--link={self.url}", f"--backdoor={records}"]
+        if not reconstruct:
+            port.append("--no-reconstruct")
+        # Without a seed the process takes a random one.
+        values = {"seed": config.seed} | config.non_default()
+        self._process = self._start([*port, *written(values, BOARD_OPTIONS)])
         try:
             self._wait_until_ready()
         except BaseException:
@@ -402,17 +408,6 @@ class VirtualBoard:
         if kind is not None:
             self._hurry()  # nobody will ask for fields
         self.close()
-
-
-def _check_faults(faults: Sequence[str], fault_plan: Path | None) -> None:
-    told = 'a sequence of texts, such as ["line.flip ber=1e-5"]'
-    if isinstance(faults, str):
-        raise ConfigurationError(f"faults is the text {shown(faults)}, must be {told}")
-    check_kind("faults", faults, Sequence, told)
-    for number, fault in enumerate(faults):
-        check_kind(f"faults[{number}]", fault, str, "a text")
-    if fault_plan is not None:
-        check_kind("fault_plan", fault_plan, (str, Path), "the path of a file, or None")
 
 
 def _check_intended(intended: Sequence[Intended]) -> None:

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any, Final, get_args, get_type_hints
 
 from ..errors import ConfigurationError
+from .board import DEFAULT_ARRAY, BoardConfig
+from .option import SettingError
 
 MODES: Final = ("phases", "drives", "points", "sequence")
 PHASE_BITS: Final = (8, 6, 5)
@@ -18,7 +20,6 @@ SOLVERS: Final = ("naive", "ibp", "gs", "wgs", "gspat", "gradient")
 MODULATIONS: Final = ("am", "lm", "stm")  # those of haptogram.objects.modulation, which takes numpy
 SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
 MESH_SUFFIXES: Final = (".stl", ".obj", ".ply")
-DEFAULT_ARRAY: Final = "16x16"
 #: The largest tolerance of a miss and of the air, and uncertainty of air and elements.
 MOST_MISS_MM: Final = 10.0
 MOST_OFF_C: Final = 20.0
@@ -36,22 +37,6 @@ _SECTION: Final = "verify"
 
 def _limits(low: float, high: float) -> dict[str, tuple[float, float]]:
     return {"limits": (low, high)}
-
-
-class SettingError(ConfigurationError):
-    """A setting has a value that cannot be.
-
-    Parameters
-    ----------
-    name : str
-        Field of :class:`VerifyConfig`.
-    told : str
-        What is wrong: the rest of the sentence that begins with the name.
-    """
-
-    def __init__(self, name: str, told: str) -> None:
-        super().__init__(f"{name} {told}")
-        self.name, self.told = name, told
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -219,6 +204,19 @@ class VerifyConfig:
         board_c = self.board_temperature_c
         return self.temperature_c if board_c is None else board_c
 
+    def virtual_board(self) -> BoardConfig:
+        """Return the virtual board that is started here; a driver paces its line."""
+        return BoardConfig.of(
+            array=self.virtual_array,
+            pitch_mm=self.pitch_mm,
+            temperature_c=self.air_over_board_c,
+            calibration=self.calibration,
+            seed=self.seed,
+            baud=self.link_baud if self.virtual_time else None,
+            fault=self.fault,
+            fault_plan=self.fault_plan,
+        )
+
     def job(self) -> dict[str, Any]:
         """Return what decides the result, for the report: no output path, JSON types only."""
         outputs = {"frames", "json", "junit", "report"}
@@ -270,7 +268,7 @@ def load_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig
         return VerifyConfig(**(in_file | given))
     except SettingError as error:
         written = option_name(error.name) if error.name in given else f"{path}: {error.name}"
-        raise ConfigurationError(f"{written} {error.told}") from error
+        raise ConfigurationError(f"{written} {error.message}") from error
 
 
 def option_name(setting: str) -> str:

@@ -37,7 +37,7 @@ def board_record(settings: BoardSettings) -> Record:
         "seed": settings.seed,
         "boot_id": settings.boot_id,
         "boot_us": settings.boot_us,
-        "baud": settings.baud,
+        "baud": settings.line.baud,
         "carrier_hz": settings.carrier_hz,
         "queue_depth": settings.queue_depth,
         "transducers": settings.count,

@@ -41,7 +41,7 @@ def least_status_period_ms(baud: int | None) -> int:
 
 def initial_config(settings: BoardSettings) -> Config:
     """Return the configuration after power-up: the defaults, as far as the line allows."""
-    period_ms = max(Config().status_period_ms, least_status_period_ms(settings.baud))
+    period_ms = max(Config().status_period_ms, least_status_period_ms(settings.line.baud))
     return Config(
         sound_speed_mm_s=round(settings.model.medium.sound_speed_m_s * 1000),
         status_period_ms=min(period_ms, 0xFFFF),
@@ -56,7 +56,7 @@ def check_config(config: Config, settings: BoardSettings) -> None:
     for name, (low, high) in _BOUNDS.items():
         _check(name, getattr(config, name), low, high)
     if config.status_period_ms:
-        least_ms = least_status_period_ms(settings.baud)
+        least_ms = least_status_period_ms(settings.line.baud)
         _check("status_period_ms", config.status_period_ms, least_ms, 0xFFFF)
 
 

@@ -1,22 +1,19 @@
-"""What a board is: fixed at power-up, told to the host in HELLO_REPLY."""
+"""Hardware and limits of a board: fixed at power-up, told to the host in HELLO_REPLY."""
 
 from __future__ import annotations
 
 import random
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final, Self
 
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
+from haptogram.settings.board import BoardConfig
 from haptogram.settings.line import LineSettings
 from haptogram_protocol.messages import Feature, PhaseFormat
 
-if TYPE_CHECKING:
-    from haptogram.acoustics import Calibration
-
 BOOT_US: Final = 2**32 - 10_000_000  # the 32-bit clock of every run wraps 10 s after power-up
-MAX_BAUD: Final = 50_000_000
 ALL_FEATURES: Final = (
     Feature.AMPLITUDE
     | Feature.POINTS
@@ -39,22 +36,20 @@ class BoardSettings:
     Attributes
     ----------
     model : AcousticModel
-        Array, air and transducers as the firmware knows them: what the host is told, and what the
-        drives of focal points are computed with.
+        Array, air and transducers as the firmware knows them: the board tells them to the host, and
+        computes the drives of focal points with them.
     calibration : Calibration or None
-        How its elements really are; None: as the firmware knows them.
+        Gain, phase and position of the elements as they really are; None: as in the model.
     seed : int
-        Everything about this board that looks random follows from it.
+        Seed of everything random.
     queue_depth : int
         Stream frames that may wait for their t_apply.
     max_horizon_us : int
-        How far ahead t_apply may lie.
+        Largest distance of t_apply in the future.
     boot_us : int
         Unwrapped device time at power-up.
-    baud : int or None
-        Rate of the line, for the share of it that STATUS may take; None: no limit.
     line : LineSettings
-        What else the line is: FIFOs, USB adapter, error of the rate.
+        The line to the host.
     phase_formats : tuple of PhaseFormat
         Resolutions that PHASES frames may have.
 
@@ -73,7 +68,6 @@ class BoardSettings:
     queue_depth: int = 128
     max_horizon_us: int = 10_000_000
     boot_us: int = BOOT_US
-    baud: int | None = None
     line: LineSettings = field(default_factory=LineSettings)
     clock_ppm: int = 50
     trace_ring: int = 4096
@@ -96,15 +90,33 @@ class BoardSettings:
             )
         for name, limit in _LIMITS.items():
             value = getattr(self, name)
-            if value is not None and not 1 <= value <= limit:
+            if not 1 <= value <= limit:
                 raise ConfigurationError(f"{name} is {value}, must be 1 to {limit}")
-        self.line.check(self.baud)
         if self.calibration is not None:
             self.calibration.moved(self.model.array)
 
+    @classmethod
+    def of(cls, config: BoardConfig) -> Self:
+        """Return the board that *config* describes: its array, its air and its elements.
+
+        Raises
+        ------
+        ConfigurationError
+            If the array or the calibration cannot be read.
+        """
+        transducer = Transducer()
+        model = AcousticModel(
+            TransducerArray.parse(config.array, pitch_m=config.pitch_mm * 1e-3),
+            Medium.air(config.temperature_c, frequency_hz=transducer.frequency_hz),
+            transducer,
+        )
+        file = config.calibration
+        elements = None if file is None else Calibration.from_file(file)
+        return cls(model=model, calibration=elements, seed=config.seed, line=config.line)
+
     @cached_property
     def truth(self) -> AcousticModel:
-        """What the board radiates with: its model, with the elements as they really are."""
+        """The model with the elements as they really are: the board radiates with it."""
         return self.model if self.calibration is None else self.model.calibrated(self.calibration)
 
     @property
@@ -129,7 +141,6 @@ class BoardSettings:
 
 
 _LIMITS: Final = {
-    "baud": MAX_BAUD,
     "queue_depth": 0xFFFF,
     "max_horizon_us": 2**31 - 1,
     "trace_ring": 0xFFFF,
@@ -141,3 +152,19 @@ _LIMITS: Final = {
     "upload_window": 0xFFFF,
     "max_chunk": 0xFFFF,
 }
+
+
+def board_settings(**options: Any) -> BoardSettings:
+    """Return a board from options by name; see :class:`~haptogram.settings.board.BoardConfig`.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is outside its limits; the message names both.
+
+    Examples
+    --------
+    >>> board_settings(array="8x8", baud=3_000_000).count
+    64
+    """
+    return BoardSettings.of(BoardConfig.of(**options))

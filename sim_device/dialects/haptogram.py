@@ -263,7 +263,7 @@ class BoardDialect:
     @property
     def _first_byte_us(self) -> int:
         """Device time at which the first byte of the next frame leaves."""
-        baud = self.board.settings.baud
+        baud = self.board.settings.line.baud
         waiting_us = 0 if baud is None else -(-self._link.output_bytes * 10_000_000 // baud)
         return max(self.board.now_us, self.line_free_us) + waiting_us
 

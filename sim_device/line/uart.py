@@ -241,17 +241,17 @@ class UsbLine(Line):
         return self._sent_ns + periods * self._latency_ns
 
 
-def line_to_board(baud: int | None, line: LineSettings) -> Line:
+def line_to_board(line: LineSettings) -> Line:
     """Return the direction from host to board."""
     ppm = line.baud_error_ppm
     if line.rx_fifo is None:
-        return Line(baud, receiver_ppm=ppm)
-    return PolledLine(baud, line.rx_fifo, line.rx_poll_us * _NS_PER_US, receiver_ppm=ppm)
+        return Line(line.baud, receiver_ppm=ppm)
+    return PolledLine(line.baud, line.rx_fifo, line.poll_us * _NS_PER_US, receiver_ppm=ppm)
 
 
-def line_to_host(baud: int | None, line: LineSettings) -> Line:
+def line_to_host(line: LineSettings) -> Line:
     """Return the direction from board to host."""
     ppm = line.baud_error_ppm
     if line.latency_us is None:
-        return Line(baud, sender_ppm=ppm)
-    return UsbLine(baud, line.latency_us * _NS_PER_US, sender_ppm=ppm)
+        return Line(line.baud, sender_ppm=ppm)
+    return UsbLine(line.baud, line.latency_us * _NS_PER_US, sender_ppm=ppm)

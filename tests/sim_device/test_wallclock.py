@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from sim_device.board.settings import board_settings
 from sim_device.line.port import Port, PortLostError, PtyPort
-from sim_device.options import board_settings
 from sim_device.simulation import Simulation
 from sim_device.wallclock import Heartbeat
 
@@ -173,7 +173,7 @@ def test_a_board_runs_on_descriptors_above_1024(tmp_path):
 SHORT = """
 import logging, os, resource, socket, sys, threading
 from sim_device.wallclock import Heartbeat
-from sim_device.options import board_settings
+from sim_device.board.settings import board_settings
 from sim_device.line.port import TcpPort
 from sim_device.simulation import Simulation
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.errors import (
     ConfigurationError,
@@ -28,14 +28,9 @@ from .options import add_options
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
     from haptogram.evidence.run_record import Measured, Progress
+    from haptogram.settings.board import BoardConfig
+    from haptogram.settings.faults.plan import FaultPlan
     from haptogram.verification import RunVerdict
-
-
-class PlannedFaults(NamedTuple):
-    """What goes wrong with the virtual board on purpose, as it is written, and the seed of that."""
-
-    plan: tuple[str, ...]
-    seed: int
 
 
 class _BrokenByPlanError(HaptogramError):
@@ -43,8 +38,8 @@ class _BrokenByPlanError(HaptogramError):
 
 
 #: Looks at what concerns the virtual board, before anything starts.
-Prepare: TypeAlias = "Callable[[VerifyConfig], PlannedFaults]"
-InProcess: TypeAlias = "Callable[[VerifyConfig], AbstractContextManager[BoardUnderTest]]"
+Prepare: TypeAlias = "Callable[[VerifyConfig], FaultPlan]"
+InProcess: TypeAlias = "Callable[[BoardConfig], AbstractContextManager[BoardUnderTest]]"
 
 _LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
 _EXAMPLES: Final = """\
@@ -100,7 +95,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
             _bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming(planned, board),
         ):
-            found = measure(config, board, progress, settling, faulty=bool(planned.plan))
+            found = measure(config, board, progress, settling, faulty=bool(planned.faults))
     except _BrokenByPlanError as error:
         print(f"haptogram: {error}", file=sys.stderr)
         return INCONCLUSIVE
@@ -154,19 +149,10 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
             board_computes=config.frame_kind == "points",
         )
     elif config.virtual_time:
-        with in_process(config) as board:
+        with in_process(config.virtual_board()) as board:
             yield board
     else:
-        with VirtualBoard(
-            config.virtual_array,
-            pitch_mm=config.pitch_mm,
-            temperature_c=config.air_over_board_c,
-            calibration=config.calibration,
-            seed=config.seed,
-            baudrate=None,  # the driver paces itself; twice would count every stall twice
-            faults=config.fault,
-            fault_plan=config.fault_plan,
-        ) as virtual:
+        with VirtualBoard.of(config.virtual_board()) as virtual:
             try:
                 yield ProcessBoard(virtual)
             except LinkError as error:
@@ -176,7 +162,7 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
 
 
 @contextlib.contextmanager
-def _blaming(planned: PlannedFaults, board: BoardUnderTest) -> Iterator[None]:
+def _blaming(planned: FaultPlan, board: BoardUnderTest) -> Iterator[None]:
     """Say of a session that did not come up, or broke, that the planned faults did it.
 
     Not of a board that has died, nor if no fault has fired: then something else did it.
@@ -184,7 +170,7 @@ def _blaming(planned: PlannedFaults, board: BoardUnderTest) -> Iterator[None]:
     try:
         yield
     except (LinkError, DeviceError) as error:
-        if not planned.plan or not board.give_up():
+        if not planned.faults or not board.give_up():
             raise
         fired = board.fault_counts
         if fired is not None and not any(fired.values()):
@@ -239,11 +225,12 @@ def _board_dict(found: Measured) -> dict[str, object]:
     }
 
 
-def _faults_dict(planned: PlannedFaults, fired: dict[str, int] | None) -> dict[str, object] | None:
+def _faults_dict(planned: FaultPlan, fired: dict[str, int] | None) -> dict[str, object] | None:
     """Return the faults on purpose, and how often each fired (None: the board did not tell)."""
-    if not planned.plan:
+    if not planned.faults:
         return None
-    return {"plan": list(planned.plan), "seed": planned.seed, "fired": fired}
+    plan = [fault.written for fault in planned.faults]
+    return {"plan": plan, "seed": planned.seed, "fired": fired}
 
 
 def _host_dict(found: Measured) -> dict[str, object] | None:

@@ -7,7 +7,15 @@ from typing import Final
 
 from haptogram.errors import ConfigurationError
 
-from .kinds import FAULT_KINDS, NOWHERE, PLACES, REPORTS, has_direction, is_of_transducers, shown
+from .kinds import (
+    FAULT_KINDS,
+    NOWHERE,
+    PLACES,
+    REPORTS,
+    has_direction,
+    is_of_transducers,
+    number_text,
+)
 
 FOR_EVER_NS: Final = 1 << 62
 _UNITS_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
@@ -44,16 +52,16 @@ def check_value(name: str, key: str, value: float) -> None:
     if not isinstance(value, int | float):
         raise ConfigurationError(f"{name} {key}={value!r} is not a number")
     if not limits.least <= value <= limits.most:
-        span = f"{shown(limits.least)} to {shown(limits.most)}"
-        raise ConfigurationError(f"{name} {key}={shown(value)}, must be {span}")
+        span = f"{number_text(limits.least)} to {number_text(limits.most)}"
+        raise ConfigurationError(f"{name} {key}={number_text(value)}, must be {span}")
     if limits.whole and value != round(value):
-        raise ConfigurationError(f"{name} {key}={shown(value)}, must be a whole number")
+        raise ConfigurationError(f"{name} {key}={number_text(value)}, must be a whole number")
 
 
 def _check_place(name: str, values: Mapping[str, float]) -> None:
     if not is_of_transducers(name):
         return
-    said = [f"{place}={shown(values[place])}" for place in PLACES if values[place] >= 0]
+    said = [f"{place}={number_text(values[place])}" for place in PLACES if values[place] >= 0]
     if len(said) != 1:
         words = [f"{place}=N" for place in PLACES]
         text = f"{', '.join(words[:-1])} or {words[-1]}"

@@ -99,14 +99,14 @@ def described() -> Iterator[str]:
     places = "|".join(f"{place}=N" for place in PLACES)
     for name, parameters in FAULT_KINDS.items():
         words = [
-            f"{key}={shown(limits.default)}"
+            f"{key}={number_text(limits.default)}"
             for key, limits in parameters.items()
             if key not in PLACES
         ]
         yield " ".join([name, *([places] if PLACES[0] in parameters else []), *words])
 
 
-def shown(value: float) -> str:
+def number_text(value: float) -> str:
     """Return *value* as one writes it: 9, not 9.0; 1e-05."""
     return f"{value:.0f}" if math.isfinite(value) and value == round(value) else repr(value)
 

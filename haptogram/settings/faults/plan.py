@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Self
 
 from haptogram.errors import ConfigurationError
 
+from ..arguments import shown
 from .checks import (
     FOR_EVER_NS,
     check_direction,
@@ -21,7 +22,7 @@ from .checks import (
     time_text,
     usual_direction,
 )
-from .kinds import FAULT_KINDS, shown, words_of
+from .kinds import FAULT_KINDS, number_text, words_of
 
 _NS_PER_MS: Final = 1_000_000
 _BOTH: Final = "both"
@@ -42,7 +43,9 @@ class Fault:
     from_ns, until_ns : int
         When it is there, since power-up.
     direction : str
-        ``down`` to the board, ``up`` from it, or ``both``: on which bytes it acts.
+        Bytes that it acts on: ``down`` to the board, ``up`` from it, or ``both``.
+    written : str
+        The text that a user wrote, for reports.
     """
 
     name: str
@@ -50,15 +53,17 @@ class Fault:
     from_ns: int = 0
     until_ns: int = FOR_EVER_NS
     direction: str = _BOTH
+    written: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense, however the fault was made."""
+        """Check name, values, direction and times, and set the text if none was written."""
         check_values(self.name, self.values)
         check_direction(self.name, self.direction)
         check_window(self.name, self.from_ns, self.until_ns)
         end_ns = _end_ns(self.name, self.values, self.from_ns)
-        if self.name == _DISCONNECT and self.until_ns != end_ns and "ms" in self.said:
+        if self.name == _DISCONNECT and self.until_ns != end_ns and "ms" in self.non_default:
             raise ConfigurationError(_twice(self.values["ms"], time_text(self.until_ns)))
+        object.__setattr__(self, "written", self.written or str(self))
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -67,8 +72,8 @@ class Fault:
         Raises
         ------
         ConfigurationError
-            For what is no text, for a fault or a parameter that is not known or said twice, and
-            for a value that makes no sense, by itself or beside another one.
+            For another type, for a fault or a parameter that is not known or given twice, and for
+            a value that is outside its limits or contradicts another one.
         """
         if not isinstance(text, str):
             raise ConfigurationError(f"fault {text!r}: must be a text such as {_SUCH_AS!r}")
@@ -77,10 +82,10 @@ class Fault:
         for number, (key, value) in enumerate(pairs):
             if key in (earlier for earlier, _ in pairs[:number]):
                 raise ConfigurationError(f"{name} {key}={value}: {key} is said twice; say it once")
-        return cls.of(name, dict(pairs))
+        return cls.of(name, dict(pairs), text)
 
     @classmethod
-    def of(cls, name: str, texts: Mapping[str, str]) -> Self:
+    def of(cls, name: str, texts: Mapping[str, str], written: str = "") -> Self:
         """Return the fault *name* with the parameters in *texts*; see :meth:`parse`."""
         check_name(name)
         known = words_of(name)
@@ -98,27 +103,29 @@ class Fault:
         times = {key: time_ns(name, key, texts[key]) for key in ("from", "until") if key in texts}
         from_ns = times.get("from", 0)
         until_ns = times.get("until", _end_ns(name, values, from_ns))
-        return cls(name, values, from_ns, until_ns, texts.get("direction", usual_direction(name)))
+        direction = texts.get("direction", usual_direction(name))
+        return cls(name, values, from_ns, until_ns, direction, written)
 
     @property
-    def said(self) -> dict[str, float | str]:
-        """Parameters that are not what they would be if nothing were said, in order."""
-        said: dict[str, float | str] = {
+    def non_default(self) -> dict[str, float | str]:
+        """Parameters whose value is not the default, in order."""
+        given: dict[str, float | str] = {
             key: value
             for key, value in self.values.items()
             if value != FAULT_KINDS[self.name][key].default
         }
         if self.direction != usual_direction(self.name):
-            said["direction"] = self.direction
+            given["direction"] = self.direction
         if self.from_ns:
-            said["from"] = time_text(self.from_ns)
+            given["from"] = time_text(self.from_ns)
         if self.until_ns != _end_ns(self.name, self.values, self.from_ns):
-            said["until"] = time_text(self.until_ns)
-        return said
+            given["until"] = time_text(self.until_ns)
+        return given
 
     def __str__(self) -> str:
-        """Return the text that :meth:`parse` takes."""
-        return " ".join([self.name, *(f"{key}={_text(value)}" for key, value in self.said.items())])
+        """Return the shortest text that :meth:`parse` takes."""
+        given = self.non_default.items()
+        return " ".join([self.name, *(f"{key}={_text(value)}" for key, value in given)])
 
     def is_there(self, t_ns: int) -> bool:
         """Return whether the fault is there at *t_ns*."""
@@ -127,7 +134,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class FaultPlan:
-    """Faults, and the seed of what is random about them.
+    """Faults, and the seed of their chance.
 
     Attributes
     ----------
@@ -141,14 +148,14 @@ class FaultPlan:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what is no plan, and faults that cannot both be."""
+        """Refuse objects that are no faults, and faults that exclude each other."""
         if not all(isinstance(fault, Fault) for fault in self.faults):
             raise ConfigurationError("the faults of a plan must be Fault; see FaultPlan.parse")
         if len(wraps := [str(fault) for fault in self.named("clock.wrap")]) > 1:
             raise ConfigurationError(f"{' and '.join(wraps)}: the clock wraps once; say it once")
 
     @classmethod
-    def parse(cls, texts: Iterable[str], seed: int = 0) -> Self:
+    def parse(cls, texts: Sequence[str], seed: int = 0) -> Self:
         """Return the plan of *texts*; see :meth:`Fault.parse`.
 
         Raises
@@ -156,9 +163,7 @@ class FaultPlan:
         ConfigurationError
             Also for one text where a list of them is wanted.
         """
-        if isinstance(texts, str | bytes) or not isinstance(texts, Iterable):
-            raise ConfigurationError(f"faults {texts!r}: must be a list such as [{_SUCH_AS!r}]")
-        return cls(tuple(Fault.parse(text) for text in texts), seed)
+        return cls(parse_faults(texts), seed)
 
     @classmethod
     def from_toml(cls, text: str, seed: int = 0) -> Self:
@@ -174,24 +179,16 @@ class FaultPlan:
         ConfigurationError
             If it is no TOML, or for what :meth:`Fault.parse` refuses.
         """
-        try:
-            document = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigurationError(f"fault plan: {error}") from error
-        tables, own_seed = document.pop("fault", []), document.pop("seed", seed)
-        if document:
-            raise ConfigurationError(f"fault plan: {', '.join(document)}; known: seed, [[fault]]")
-        if type(own_seed) is not int or own_seed < 0:
-            raise ConfigurationError(f"fault plan: seed = {own_seed}, must be 0 or more")
-        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-            raise ConfigurationError("fault plan: must have tables [[fault]]")
-        return cls(tuple(_from_table(table) for table in tables), own_seed)
+        faults, own_seed = _from_toml(text)
+        return cls(faults, seed if own_seed is None else own_seed)
 
     def as_toml(self) -> str:
         """Return the document that :meth:`from_toml` makes this plan of."""
         tables = (
             "\n".join(["[[fault]]", *(f"{key} = {_toml(value)}" for key, value in items)])
-            for items in ([("name", fault.name), *fault.said.items()] for fault in self.faults)
+            for items in (
+                [("name", fault.name), *fault.non_default.items()] for fault in self.faults
+            )
         )
         return "\n\n".join([f"seed = {self.seed}", *tables]) + "\n"
 
@@ -200,13 +197,66 @@ class FaultPlan:
         return (fault for fault in self.faults if fault.name == name)
 
 
+def parse_faults(texts: Sequence[str]) -> tuple[Fault, ...]:
+    """Return the faults of *texts*; see :meth:`Fault.parse`.
+
+    Raises
+    ------
+    ConfigurationError
+        Also for one text instead of a list.
+    """
+    if isinstance(texts, str | bytes) or not isinstance(texts, Sequence):
+        raise ConfigurationError(f"faults is {shown(texts)}, must be a list such as [{_SUCH_AS!r}]")
+    for number, text in enumerate(texts):
+        if not isinstance(text, str):
+            must_be = f"must be a text such as {_SUCH_AS!r}"
+            raise ConfigurationError(f"faults[{number}] is {shown(text)}, {must_be}")
+    return tuple(map(Fault.parse, texts))
+
+
+def read_faults(
+    texts: Sequence[str], file: str | Path | None
+) -> tuple[tuple[Fault, ...], int | None]:
+    """Return the faults of a file, if one is named, then those of *texts*, and the file's seed.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, or a fault is refused.
+    """
+    added = parse_faults(texts)
+    if file is None:
+        return added, None
+    try:
+        faults, seed = _from_toml(Path(file).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigurationError(f"cannot read the fault plan {file}: {reason}") from error
+    return faults + added, seed
+
+
+def _from_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError(f"fault plan: {error}") from error
+    tables, seed = document.pop("fault", []), document.pop("seed", None)
+    if document:
+        raise ConfigurationError(f"fault plan: {', '.join(document)}; known: seed, [[fault]]")
+    if seed is not None and (type(seed) is not int or seed < 0):
+        raise ConfigurationError(f"fault plan: seed = {seed}, must be 0 or more")
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigurationError("fault plan: must have tables [[fault]]")
+    return tuple(map(_from_table, tables)), seed
+
+
 def _end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
     """Return when a fault is over by itself."""
     return from_ns + round(values["ms"] * _NS_PER_MS) if name == _DISCONNECT else FOR_EVER_NS
 
 
 def _twice(ms: float, until: str) -> str:
-    return f"{_DISCONNECT} ms={shown(ms)} until={until}: say either how long, or until when"
+    return f"{_DISCONNECT} ms={number_text(ms)} until={until}: say either how long, or until when"
 
 
 def _from_table(table: dict[str, Any]) -> Fault:
@@ -217,32 +267,8 @@ def _from_table(table: dict[str, Any]) -> Fault:
 
 
 def _text(value: float | str) -> str:
-    return value if isinstance(value, str) else shown(value)
+    return value if isinstance(value, str) else number_text(value)
 
 
 def _toml(value: float | str) -> str:
-    return f'"{value}"' if isinstance(value, str) else shown(value)
-
-
-def read_fault_plan(texts: Iterable[str], file: str | Path | None, seed: int) -> FaultPlan:
-    """Return the plan of a file, if one is named, and of *texts* after it.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the plan, unless the file gives another.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read, or a fault is refused.
-    """
-    added = FaultPlan.parse(texts, seed)
-    if file is None:
-        return added
-    try:
-        plan = FaultPlan.from_toml(Path(file).read_text(encoding="utf-8"), seed)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigurationError(f"cannot read the fault plan {file}: {reason}") from error
-    return FaultPlan(plan.faults + added.faults, plan.seed)
+    return f'"{value}"' if isinstance(value, str) else number_text(value)

@@ -63,7 +63,7 @@ def test_an_interrupt_cancels_what_is_on_its_way_and_loses_nothing() -> None:
     config = VerifyConfig(
         object="circle", radius_mm=20, resolution_mm=2, repeat=8, virtual_time=True
     )
-    with board_in_virtual_time(config) as board:
+    with board_in_virtual_time(config.virtual_board()) as board:
         found = measure(config, board, interrupt)
     assert found.interrupted
     run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)

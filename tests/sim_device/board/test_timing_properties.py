@@ -17,7 +17,7 @@ from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Arm, Config, PhaseFormat, Phases, SetConfig
 from haptogram_protocol.state import OutputState
 from sim_device.board.events import StateChange
-from sim_device.options import board_settings
+from sim_device.board.settings import board_settings
 from sim_device.simulation import Simulation
 
 US, MS = 1_000, 1_000_000

@@ -27,8 +27,8 @@ from haptogram_protocol.messages import (
     build_body,
 )
 from sim_device.board.clock import DeviceClock
+from sim_device.board.settings import board_settings
 from sim_device.faults.clock import faulty_clock
-from sim_device.options import board_settings
 from sim_device.simulation import Simulation
 
 MS = 1_000_000

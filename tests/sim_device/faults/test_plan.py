@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from haptogram.cli import main as verify
 from haptogram.errors import ConfigurationError
+from haptogram.settings.board import BoardConfig
 from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, described, words_of
-from haptogram.settings.faults.plan import Fault, FaultPlan, read_fault_plan
+from haptogram.settings.faults.plan import Fault, FaultPlan
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import GetStatus, Ping, build_body, parse_body
 from haptogram_protocol.state import OutputState
@@ -74,10 +75,11 @@ def test_toml_says_the_same_as_the_command_line():
 def test_a_file_and_the_command_line_add_up(tmp_path):
     file = tmp_path / "plan.toml"
     file.write_text(EXAMPLE)
-    plan = read_fault_plan(["line.break"], str(file), seed=1)
+    plan = BoardConfig.of(fault=["line.break"], fault_plan=file, seed=1).plan
     assert [fault.name for fault in plan.faults] == ["line.flip", "line.break"]
     assert plan.seed == 7
-    assert read_fault_plan([], None, seed=1) == FaultPlan((), 1)
+    assert BoardConfig.of(fault_plan=file, fault_seed=8).plan.seed == 8
+    assert BoardConfig.of(seed=1).plan == FaultPlan((), 1)
 
 
 def test_a_url_takes_a_file_as_well(tmp_path, open_host):
@@ -443,14 +445,14 @@ def test_a_fault_that_is_made_by_hand_is_refused_too(fault, problem):
 @pytest.mark.parametrize(
     ("texts", "problem"),
     [
-        ("line.flip", "faults 'line.flip': must be a list such as ['line.flip ber=1e-5']"),
-        (b"line.flip", "faults b'line.flip': must be a list"),
-        (None, "faults None: must be a list"),
-        (5, "faults 5: must be a list"),
-        ([5], "fault 5: must be a text such as 'line.flip ber=1e-5'"),
-        ([None], "fault None: must be a text"),
-        ([b"line.flip"], "fault b'line.flip': must be a text"),
-        ([["line.flip"]], "fault ['line.flip']: must be a text"),
+        ("line.flip", "faults is 'line.flip', must be a list such as ['line.flip ber=1e-5']"),
+        (b"line.flip", "faults is b'line.flip', must be a list"),
+        (None, "faults is None, must be a list"),
+        (5, "faults is 5, must be a list"),
+        ([5], "faults[0] is 5, must be a text such as 'line.flip ber=1e-5'"),
+        ([None], "faults[0] is None, must be a text"),
+        ([b"line.flip"], "faults[0] is b'line.flip', must be a text"),
+        ([["line.flip"]], "faults[0] is ['line.flip'], must be a text"),
         (["line.flip ber=1 ber=0.5"], "line.flip ber=0.5: ber is said twice"),
         (["line.flip from=1s from=2s"], "line.flip from=2s: from is said twice"),
     ],

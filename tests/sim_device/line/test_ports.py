@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from haptogram.errors import ConfigurationError
 from sim_device.backdoor import sinks as sinks
 from sim_device.backdoor.sinks import SocketSink, open_sink
+from sim_device.board.settings import board_settings
 from sim_device.line.port import Doorman, PortLostError, PtyPort, TcpPort, UnixListener
 from sim_device.line.uart import Line
 from sim_device.log import CountLog
-from sim_device.options import board_settings
 from sim_device.simulation import Simulation
 
 BURSTS = st.lists(st.tuples(st.integers(0, 10**7), st.binary(min_size=1, max_size=40)), max_size=8)

@@ -8,9 +8,9 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.line import LineSettings
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Ping
+from sim_device.board.settings import board_settings
 from sim_device.line.sampling import FRAMING_ERROR, is_understood, sample
 from sim_device.line.uart import Line, PolledLine, UsbLine, line_to_board, line_to_host
-from sim_device.options import board_settings
 
 MS = 1_000_000
 BYTE_NS = 10_000  # at 1 Mbaud
@@ -63,7 +63,7 @@ def test_the_receiver_looks_in_the_middle_of_its_own_bits():
 @pytest.mark.parametrize("way", [line_to_board, line_to_host])
 def test_a_uart_that_is_too_fast_is_damage_in_both_directions_and_counted(way):
     for ppm, damaged in ((50_000, False), (70_000, True)):
-        line = way(1_000_000, LineSettings(baud_error_ppm=ppm))
+        line = way(LineSettings(baud=1_000_000, baud_error_ppm=ppm))
         line.send(bytes([0x55] * 20), 0)
         received = line.receive(10**9)
         assert (received != bytes([0x55] * 20)) is damaged
@@ -71,17 +71,17 @@ def test_a_uart_that_is_too_fast_is_damage_in_both_directions_and_counted(way):
 
 
 def test_the_rate_of_the_sender_paces_the_line():
-    fast = line_to_host(1_000_000, LineSettings(baud_error_ppm=10_000))
+    fast = line_to_host(LineSettings(baud=1_000_000, baud_error_ppm=10_000))
     fast.send(bytes(101), 0)
     assert fast.free_ns == 1_000_000
-    slow_receiver = line_to_board(1_000_000, LineSettings(baud_error_ppm=-10_000))
+    slow_receiver = line_to_board(LineSettings(baud=1_000_000, baud_error_ppm=-10_000))
     slow_receiver.send(bytes(100), 0)
     assert slow_receiver.free_ns == 1_000_000
 
 
 @given(st.binary(min_size=1, max_size=40), st.sampled_from(RATES_PPM))
 def test_what_is_misread_comes_while_it_is_sent_however_much_it_is(data, ppm):
-    line = line_to_host(1_000_000, LineSettings(baud_error_ppm=ppm))
+    line = line_to_host(LineSettings(baud=1_000_000, baud_error_ppm=ppm))
     line.send(data, 0)
     received = sample(data, 1 + ppm / 1e6)[0]
     found = deliveries(line, [])
@@ -92,7 +92,7 @@ def test_what_is_misread_comes_while_it_is_sent_however_much_it_is(data, ppm):
 
 
 def test_a_receiver_that_is_faster_reads_characters_that_were_not_sent():
-    line = line_to_board(1_000_000, LineSettings(baud_error_ppm=190_000))
+    line = line_to_board(LineSettings(baud=1_000_000, baud_error_ppm=190_000))
     line.send(bytes([0x55] * 20), 0)
     assert line.in_transit == 25
     assert len(line.receive(line.free_ns - 1)) == 24
@@ -100,7 +100,7 @@ def test_a_receiver_that_is_faster_reads_characters_that_were_not_sent():
 
 
 def test_what_is_sent_behind_misread_characters_comes_behind_them():
-    line = line_to_host(1_000_000, LineSettings(baud_error_ppm=-160_000))
+    line = line_to_host(LineSettings(baud=1_000_000, baud_error_ppm=-160_000))
     line.send(bytes([0x55] * 20), 0)
     first_ns = line.free_ns
     line.send(b"\x01", 0)
@@ -253,7 +253,7 @@ def test_no_buffer_of_the_host_is_so_large_that_the_board_waits(open_host, room)
         ({"baud": 9600, "rx_fifo": 0}, "rx_fifo is 0, must be 1 to 65536"),
         ({"baud": 9600, "rx_poll_us": 9}, "give rx_fifo too"),
         ({"baud": 9600, "baud_error_ppm": 10**6}, "must be -200000 to 200000"),
-        ({"latency_ms": 256}, "latency_ms is 256, must be above 0, at most 255"),
+        ({"latency_ms": 256}, "latency_ms is 256, must be 0.001 to 255"),
         ({"latency_ms": float("nan")}, "latency_ms is nan"),
         ({"host_buffer": 0}, "host_buffer is 0"),
     ],

@@ -1,0 +1,119 @@
+"""The settings of a virtual board: the one table of its options."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, Self
+
+from .faults.plan import Fault, FaultPlan, read_faults
+from .line import LineSettings
+from .option import Option, SettingError, Settings, build, group, option, options_of
+
+MAX_SEED: Final = 2**64 - 1
+DEFAULT_ARRAY: Final = "16x16"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultWords(Settings):
+    """Faults as they are written on a command line, in a URL or in TOML."""
+
+    fault: tuple[str, ...] = option(
+        (),
+        unit="FAULT",
+        help='fault on purpose, such as "line.flip ber=1e-5"; may be given many times',
+    )
+    fault_plan: Path | None = option(
+        None,
+        unit="FILE",
+        help="TOML file with faults, before those of fault: seed = N, and tables [[fault]] with "
+        "name and parameters",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardConfig(Settings):
+    """A virtual board before it is built.
+
+    Attributes
+    ----------
+    line : LineSettings
+        The line to its host.
+    faults : tuple of Fault
+        Faults on purpose, in the order in which they act.
+
+    Raises
+    ------
+    SettingError
+        If a value is outside its limits.
+    """
+
+    array: str = option(DEFAULT_ARRAY, unit="NXxNY|FILE", help="grid, or CSV file of positions")
+    pitch_mm: float = option(10.0, unit="MM", low=1.0, high=100.0, help="pitch of a grid")
+    temperature_c: float = option(
+        20.0, unit="C", low=-20.0, high=50.0, help="temperature of the air over the board"
+    )
+    calibration: Path | None = option(
+        None,
+        unit="FILE",
+        help="CSV file with gain, phase and position of each element as they really are; neither "
+        "the firmware nor the host knows them",
+        absent="all equal",
+    )
+    seed: int = option(0, unit="N", low=0, high=MAX_SEED, help="seed of everything random")
+    mutant: str | None = option(
+        None, unit="NAME", help="firmware that is wrong in one way", absent="healthy"
+    )
+    fault_seed: int | None = option(
+        None,
+        unit="N",
+        low=0,
+        high=MAX_SEED,
+        help="seed of the faults",
+        absent="that of fault_plan, else of the board",
+    )
+    line: LineSettings = group(LineSettings)
+    faults: tuple[Fault, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the values, and that the faults can be there together."""
+        super().__post_init__()
+        self.plan  # noqa: B018  it checks
+
+    @property
+    def plan(self) -> FaultPlan:
+        """The faults with their seed."""
+        return FaultPlan(self.faults, self.seed if self.fault_seed is None else self.fault_seed)
+
+    @classmethod
+    def of(cls, **values: Any) -> Self:
+        """Return the board with *values*: options of :data:`BOARD_OPTIONS` by name.
+
+        Raises
+        ------
+        SettingError
+            For a name that is no option, or a value outside its limits.
+        ConfigurationError
+            For a fault that is refused, or a plan that cannot be read.
+        """
+        for name in values.keys() - BOARD_OPTIONS.keys():
+            raise SettingError(name, f"is not an option; known are {', '.join(BOARD_OPTIONS)}")
+        words = FaultWords.of(**{n: values.pop(n) for n in options_of(FaultWords) if n in values})
+        faults, seed = read_faults(words.fault, words.fault_plan)
+        if values.get("fault_seed") is None:
+            values["fault_seed"] = seed
+        return dataclasses.replace(build(cls, values), faults=faults)
+
+    def non_default(self) -> dict[str, Any]:
+        """Return the options whose value is not the default; :meth:`of` takes them."""
+        faults = {"fault": tuple(map(str, self.faults))} if self.faults else {}
+        return super().non_default() | faults
+
+
+#: Every option of a virtual board by name.
+BOARD_OPTIONS: Final[Mapping[str, Option]] = MappingProxyType(
+    {**options_of(BoardConfig), **options_of(FaultWords)}
+)

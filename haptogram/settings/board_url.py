@@ -1,0 +1,90 @@
+"""The URL ``haptogram://?name=value&...``: one reader, and one writer that is its inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Final
+from urllib.parse import parse_qsl, urlencode, urlsplit
+
+from haptogram.errors import ConfigurationError
+
+from .board import BOARD_OPTIONS, BoardConfig
+from .option import Option, Settings, option, options_of
+
+SCHEME: Final = "haptogram://"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortConfig(Settings):
+    """A port in this process with a virtual board behind it.
+
+    Attributes
+    ----------
+    board : BoardConfig
+        The board.
+    """
+
+    clock: str = option("wall", choices=("wall", "virtual"), help="clock of the port")
+    backdoor: str | None = option(
+        None, unit="PATH|unix:PATH", help="file or socket for the drives that were radiated"
+    )
+    reconstruct: bool | None = option(
+        None, help="whether the back door holds the field", absent="only if there is a back door"
+    )
+    board: BoardConfig = field(default_factory=BoardConfig)
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether its time is virtual."""
+        return self.clock == "virtual"
+
+
+#: Every parameter of the URL by name.
+URL_OPTIONS: Final[Mapping[str, Option]] = MappingProxyType(
+    {**options_of(PortConfig), **BOARD_OPTIONS}
+)
+
+
+def read_url(url: str, default: BoardConfig | None = None) -> PortConfig:
+    """Return the port that a ``haptogram://`` URL names.
+
+    Parameters
+    ----------
+    default : BoardConfig, optional
+        The options that the URL does not give.
+
+    Raises
+    ------
+    ConfigurationError
+        For another scheme, and for a parameter that is not known or is refused.
+    """
+    parts = urlsplit(url)
+    if parts.scheme != "haptogram" or parts.netloc or parts.path.strip("/"):
+        raise ConfigurationError(f"{url}: must be haptogram://?name=value&...")
+    values: dict[str, Any] = {} if default is None else default.non_default()
+    given: dict[str, Any] = {}
+    for name, text in parse_qsl(parts.query, keep_blank_values=True):
+        if name not in URL_OPTIONS:
+            raise ConfigurationError(
+                f"{url}: no parameter {name!r}; known: {', '.join(URL_OPTIONS)}"
+            )
+        row = URL_OPTIONS[name]
+        value = row.read(text)
+        given[name] = value if row.count is None else (*given.get(name, ()), value)
+    values |= given
+    port = {name: values.pop(name) for name in options_of(PortConfig) if name in values}
+    return PortConfig(**port, board=BoardConfig.of(**values))
+
+
+def write_url(port: PortConfig) -> str:
+    """Return the URL that :func:`read_url` takes, without the options that have their default."""
+    values = port.non_default() | port.board.non_default()
+    words = [(name, text) for name, value in values.items() for text in _texts(name, value)]
+    return f"{SCHEME}?{urlencode(words)}" if words else SCHEME
+
+
+def _texts(name: str, value: Any) -> list[str]:
+    row = URL_OPTIONS[name]
+    return [row.write(item) for item in (value if row.count is not None else [value])]

@@ -1,0 +1,42 @@
+"""Options on a command line: one reader for argparse, and one writer that is its inverse."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+from .option import Option
+
+_FLAG: Final = argparse.BooleanOptionalAction
+
+
+def add_options(group: argparse._ActionsContainer, rows: Iterable[Option]) -> None:
+    """Add the options; one that is not given is None, so that a file or a default can set it."""
+    for row in rows:
+        text = f"{row.help} [{row.default_text}]".replace("%", "%%")
+        if row.kind is bool:
+            group.add_argument(row.word, action=_FLAG, help=text)
+        elif row.count == 0:
+            group.add_argument(row.word, action="append", metavar=row.unit, help=text)
+        else:
+            group.add_argument(row.word, type=row.kind, metavar=row.unit, help=text)
+
+
+def given(arguments: argparse.Namespace, rows: Mapping[str, Option]) -> dict[str, Any]:
+    """Return the options that *arguments* hold, by name."""
+    values = {name: getattr(arguments, name) for name in rows}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def written(values: Mapping[str, Any], rows: Mapping[str, Option]) -> list[str]:
+    """Return the words of a command line that say *values*, which :func:`given` returns."""
+    words = []
+    for name, value in values.items():
+        row = rows[name]
+        if row.kind is bool:
+            words.append(row.word if value else f"--no-{row.word[2:]}")
+        else:
+            items = [value] if row.count is None else value
+            words += [f"{row.word}={row.write(item)}" for item in items]
+    return words

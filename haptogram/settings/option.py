@@ -1,0 +1,285 @@
+"""Options: fields of a settings class with unit, limits and help.
+
+A settings class is the one table of its options. The command line, the URL, TOML, Python and the
+tables of the documentation all read its rows.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, Self, TypeVar, get_args, get_origin, get_type_hints
+
+from haptogram.errors import ConfigurationError
+
+from .arguments import check_choice, check_kind, check_number, check_whole, shown
+
+_S = TypeVar("_S", bound="Settings")
+_FLAGS: Final = {"0": False, "1": True}
+
+
+class SettingError(ConfigurationError):
+    """A setting has a value that is refused.
+
+    Parameters
+    ----------
+    name : str
+        Name of the setting, as a field.
+    message : str
+        The rest of the sentence that begins with the name.
+    """
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(f"{name} {message}")
+        self.name, self.message = name, message
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Option:
+    """One row of the table of options.
+
+    Attributes
+    ----------
+    name : str
+        Name of the field, with its unit.
+    kind : type
+        int, float, str, bool or Path; of the items, if there are several.
+    is_optional : bool
+        Whether the value may be None.
+    count : int or None
+        Number of items: None for a single value, 0 for any number.
+    default : object
+        Value if none is given.
+    low, high : float
+        Limits of a number.
+    choices : tuple
+        The values that are allowed; empty: every value.
+    unit : str
+        Placeholder of the value in help texts.
+    help : str
+        One sentence for help texts, without the default.
+    absent : str
+        Meaning of None in help texts.
+    """
+
+    name: str
+    kind: type
+    is_optional: bool
+    count: int | None
+    default: Any
+    low: float
+    high: float
+    choices: tuple[Any, ...]
+    unit: str
+    help: str
+    absent: str
+
+    @property
+    def word(self) -> str:
+        """The option on a command line."""
+        return f"--{self.name.replace('_', '-')}"
+
+    @property
+    def default_text(self) -> str:
+        """The default in help texts."""
+        if self.default is None or self.default == ():
+            return self.absent
+        if self.count:
+            return ",".join(f"{item:g}" for item in self.default)
+        return f"{self.default:g}" if self.kind is float else str(self.default)
+
+    def checked(self, value: Any) -> Any:
+        """Return *value* in its own type.
+
+        Raises
+        ------
+        ConfigurationError
+            Names the option, the value and the limit.
+        """
+        if value is None and self.is_optional:
+            return None
+        if self.count is None:
+            return self._checked_item(value)
+        wanted = "a list of texts" if self.kind is str else "[x, y, z]"
+        is_list = isinstance(value, list | tuple)
+        if not is_list or self.count not in (0, len(value)) or not all(map(self._fits, value)):
+            raise ConfigurationError(f"{self.name} is {shown(value)}, must be {wanted}")
+        return tuple(map(self._checked_item, value))
+
+    def _fits(self, item: Any) -> bool:
+        try:
+            self._checked_item(item)
+        except ConfigurationError:
+            return False
+        return True
+
+    def _checked_item(self, value: Any) -> Any:
+        if self.choices and self.kind is str:
+            check_choice(self.name, value, self.choices)
+        elif self.choices:
+            self._check_number_choice(value)
+        elif self.kind is int:
+            return check_whole(self.name, value, int(self.low), int(self.high))
+        elif self.kind is float:
+            return check_number(self.name, value, self.low, self.high)
+        elif self.kind is Path:
+            check_kind(self.name, value, (str, Path), "the path of a file")
+            return Path(value)
+        else:
+            check_kind(self.name, value, self.kind, _KIND_TEXTS[self.kind])
+        return value
+
+    def _check_number_choice(self, value: Any) -> None:
+        if isinstance(value, bool) or value not in self.choices:
+            known = ", ".join(map(str, self.choices))
+            raise ConfigurationError(f"{self.name} is {shown(value)}; known are {known}")
+
+    def read(self, text: str) -> Any:
+        """Return the value that *text* is, of one item where there may be several.
+
+        Raises
+        ------
+        ConfigurationError
+            If *text* is not a number, or not 0 or 1 for a flag.
+        """
+        if self.kind is bool:
+            if text not in _FLAGS:
+                raise ConfigurationError(f"{self.name}={text}; known are {', '.join(_FLAGS)}")
+            return _FLAGS[text]
+        try:
+            return self.kind(text)
+        except ValueError as error:
+            raise ConfigurationError(f"{self.name}={text} is not a number") from error
+
+    def write(self, value: Any) -> str:
+        """Return the text that :meth:`read` takes for *value*."""
+        if self.kind is bool:
+            return str(int(value))
+        return repr(value) if self.kind is float else str(value)
+
+
+_KIND_TEXTS: Final = {str: "a text", bool: "True or False"}
+
+
+def option(
+    default: Any,
+    *,
+    help: str,
+    unit: str = "",
+    low: float = 0.0,
+    high: float = 0.0,
+    choices: tuple[Any, ...] = (),
+    absent: str = "none",
+) -> Any:
+    """Return a dataclass field that is an option; see :class:`Option`."""
+    row = {"help": help, "unit": unit, "low": low, "high": high, "choices": choices}
+    return dataclasses.field(default=default, metadata={"option": row | {"absent": absent}})
+
+
+def group(kind: type[Settings]) -> Any:
+    """Return a dataclass field that holds a settings class of its own."""
+    return dataclasses.field(default_factory=kind, metadata={"group": kind})
+
+
+def options_of(kind: type[Any]) -> Mapping[str, Option]:
+    """Return the options of a settings class and of its groups by name."""
+    key: Any = kind  # mypy takes no class for hashable
+    return _table(key)
+
+
+@functools.cache
+def _table(kind: type[Any]) -> Mapping[str, Option]:
+    hints, rows = get_type_hints(kind), dict[str, Option]()
+    for field in dataclasses.fields(kind):
+        if "group" in field.metadata:
+            rows |= options_of(field.metadata["group"])
+        elif "option" in field.metadata:
+            rows[field.name] = _row(field, hints[field.name])
+    return MappingProxyType(rows)
+
+
+def _row(field: dataclasses.Field[Any], hint: Any) -> Option:
+    kinds = get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    kind = next(kind for kind in kinds if kind is not type(None))
+    count = None
+    if get_origin(kind) is tuple:
+        items = get_args(kind)
+        kind, count = items[0], 0 if items[-1] is Ellipsis else len(items)
+    return Option(
+        name=field.name,
+        kind=kind,
+        is_optional=type(None) in kinds,
+        count=count,
+        default=field.default,
+        **field.metadata["option"],
+    )
+
+
+def build(kind: type[_S], values: Mapping[str, Any]) -> _S:
+    """Return the settings with those of *values* that are its options, or those of its groups."""
+    given: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):  # type: ignore[arg-type]  # subclasses are dataclasses
+        if (part := field.metadata.get("group")) is not None:
+            given[field.name] = build(part, values)
+        elif field.name in values:
+            given[field.name] = values[field.name]
+    return kind(**given)
+
+
+class Settings:
+    """Base of the settings classes, which are frozen dataclasses of options and groups.
+
+    Every value is checked once, when an object is made, and converted to its own type.
+    """
+
+    def __post_init__(self) -> None:
+        """Check every option.
+
+        Raises
+        ------
+        SettingError
+            Names the option, the value and the limit.
+        """
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]  # of the subclass
+            if "option" in field.metadata:
+                row = options_of(type(self))[field.name]
+                try:
+                    value = row.checked(getattr(self, field.name))
+                except ConfigurationError as error:
+                    message = str(error).removeprefix(f"{field.name} ")
+                    raise SettingError(field.name, message) from error
+                object.__setattr__(self, field.name, value)
+
+    @classmethod
+    def of(cls, **values: Any) -> Self:
+        """Return the settings with *values*, which are those of the groups as well.
+
+        Raises
+        ------
+        SettingError
+            Also for a name that is no option.
+        """
+        for name in values.keys() - options_of(cls).keys():
+            raise SettingError(name, f"is not a setting; known are {', '.join(options_of(cls))}")
+        return build(cls, values)
+
+    def values(self) -> dict[str, Any]:
+        """Return every option with its value, those of the groups as well."""
+        values: dict[str, Any] = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]  # of the subclass
+            value = getattr(self, field.name)
+            if "group" in field.metadata:
+                values |= value.values()
+            elif "option" in field.metadata:
+                values[field.name] = value
+        return values
+
+    def non_default(self) -> dict[str, Any]:
+        """Return the options whose value is not the default."""
+        rows = options_of(type(self))
+        return {name: value for name, value in self.values().items() if value != rows[name].default}

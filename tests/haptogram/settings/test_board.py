@@ -1,0 +1,184 @@
+"""The options of a board: one table, and readers and writers that are each other's inverse."""
+
+import argparse
+import inspect
+import math
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.settings.board import BOARD_OPTIONS, BoardConfig, FaultWords
+from haptogram.settings.board_url import URL_OPTIONS, PortConfig, read_url, write_url
+from haptogram.settings.command_line import add_options, written
+from haptogram.settings.command_line import given as given_words
+from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, words_of
+from haptogram.settings.faults.plan import Fault
+from haptogram.settings.option import options_of
+
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "board.md"
+TEXTS = st.text(st.characters(codec="utf-8", exclude_categories=("C",)), min_size=1)
+# An option that says nothing without another one.
+NEEDS = {"baud_error_ppm": "baud", "rx_fifo": "baud", "rx_poll_us": "rx_fifo"}
+
+
+def values_of(row):
+    """Values within the limits of an option, to its very edges."""
+    if row.choices:
+        return st.sampled_from(row.choices)
+    if row.kind is bool:
+        return st.booleans()
+    if row.kind is int:
+        return st.integers(int(row.low), int(row.high))
+    if row.kind is float:
+        return st.floats(row.low, row.high)
+    return TEXTS.map(row.kind)
+
+
+@st.composite
+def faults(draw, name):
+    """A fault of this kind with any of its words."""
+    parameters = {
+        key: draw(
+            st.integers(int(row.least), int(row.most))
+            if row.whole
+            else st.floats(row.least, row.most)
+        )
+        for key, row in FAULT_KINDS[name].items()
+        if key not in PLACES and draw(st.booleans())
+    }
+    if set(PLACES) <= FAULT_KINDS[name].keys():
+        parameters[draw(st.sampled_from(PLACES))] = draw(st.integers(0, 65_535))
+    words = [f"{key}={value!r}" for key, value in parameters.items()]
+    start_ns, length_ns = draw(st.integers(0, 10**12)), draw(st.integers(1, 10**12))
+    times = {"from": f"from={start_ns}ns", "until": f"until={start_ns + length_ns}ns"}
+    usable = [word for word in words_of(name) if word in times]
+    if name == "line.disconnect" and "ms" in parameters:
+        usable.remove("until")
+    words += [times[key] for key in usable if draw(st.booleans())]
+    if "until" in "".join(words) and "from" not in "".join(words):
+        words.append(times["from"])
+    if "direction" in words_of(name):
+        words.append(f"direction={draw(st.sampled_from(['down', 'up', 'both']))}")
+    return Fault.parse(" ".join([name, *words]))
+
+
+@st.composite
+def boards(draw):
+    rows = options_of(BoardConfig)
+    names = draw(st.sets(st.sampled_from(sorted(rows))))
+    for name in sorted(names):
+        while name in NEEDS:
+            name = NEEDS[name]
+            names.add(name)
+    values = {name: draw(values_of(rows[name])) for name in sorted(names)}
+    kinds = draw(st.lists(st.sampled_from(sorted(FAULT_KINDS)), max_size=3, unique=True))
+    return BoardConfig(
+        faults=tuple(draw(faults(kind)) for kind in kinds),
+        line=BoardConfig.of(**{n: v for n, v in values.items() if n in LINE}).line,
+        **{name: value for name, value in values.items() if name not in LINE},
+    )
+
+
+LINE = options_of(type(BoardConfig().line))
+
+
+def read_words(words):
+    parser = argparse.ArgumentParser()
+    add_options(parser, BOARD_OPTIONS.values())
+    return BoardConfig.of(**given_words(parser.parse_args(words), BOARD_OPTIONS))
+
+
+@settings(max_examples=200)
+@given(boards())
+def test_a_command_line_that_was_written_reads_as_the_same_board(board):
+    assert read_words(written(board.non_default(), BOARD_OPTIONS)) == board
+
+
+@settings(max_examples=200)
+@given(boards(), st.data())
+def test_a_url_that_was_written_reads_as_the_same_port(board, data):
+    rows = options_of(PortConfig)
+    given_ = {name: data.draw(values_of(row)) for name, row in rows.items()}
+    port = PortConfig(board=board, **given_)
+    assert read_url(write_url(port)) == port
+
+
+@pytest.mark.parametrize("name", sorted(FAULT_KINDS))
+def test_every_kind_of_fault_survives_url_and_command_line(name):
+    @settings(max_examples=10)
+    @given(faults(name))
+    def survives(fault):
+        board = BoardConfig(faults=(fault,))
+        assert read_words(written(board.non_default(), BOARD_OPTIONS)) == board
+        assert read_url(write_url(PortConfig(board=board))).board == board
+
+    survives()
+
+
+@pytest.mark.parametrize("name", sorted(BOARD_OPTIONS.keys() - options_of(FaultWords).keys()))
+def test_every_option_survives_url_and_command_line(name):
+    row = BOARD_OPTIONS[name]
+    others = {"baud": 9600, "rx_fifo": 9} if name in LINE else {}
+
+    @settings(max_examples=10)
+    @given(values_of(row))
+    def survives(value):
+        board = BoardConfig.of(**(others | {name: value}))
+        assert board.values()[name] == value
+        assert read_words(written(board.non_default(), BOARD_OPTIONS)) == board
+        assert read_url(write_url(PortConfig(board=board))).board == board
+
+    survives()
+
+
+def beyond(row):
+    below, above = math.nextafter(row.low, -math.inf), math.nextafter(row.high, math.inf)
+    return (int(row.low) - 1, int(row.high) + 1) if row.kind is int else (below, above, math.nan)
+
+
+NUMBERS = [name for name, row in BOARD_OPTIONS.items() if row.kind in (int, float)]
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_number_beyond_its_limits_is_the_same_error_everywhere(name):
+    row = BOARD_OPTIONS[name]
+    for value in beyond(row):
+        said = set()
+        for read in (
+            lambda value=value: BoardConfig.of(**{name: value}),
+            lambda value=value: read_url(f"haptogram://?{name}={value!r}"),
+            lambda value=value: read_words([f"{row.word}={value!r}"]),
+        ):
+            with pytest.raises(
+                ConfigurationError, match=rf"^{name} is .*, must be .* to "
+            ) as error:
+                read()
+            said.add(str(error.value))
+        assert len(said) == 1
+
+
+def test_the_keywords_of_a_virtual_board_are_options_with_the_same_defaults():
+    other_names = {"baudrate": "baud", "faults": "fault"}
+    parameters = inspect.signature(VirtualBoard).parameters
+    for name, parameter in parameters.items():
+        if name != "reconstruct":
+            assert parameter.default == BOARD_OPTIONS[other_names.get(name, name)].default
+
+
+def test_the_documentation_has_every_option_with_unit_limits_and_default():
+    documented = re.findall(r"^\| `(\w+)` .*\|$", DOCS.read_text(encoding="utf-8"), re.MULTILINE)
+    assert documented == [*URL_OPTIONS]
+    for name, row in URL_OPTIONS.items():
+        assert table_row(name, row) in DOCS.read_text(encoding="utf-8").splitlines()
+
+
+def table_row(name, row):
+    """The line of docs/board.md for an option."""
+    limits = f"{row.low:.10g} to {row.high:.10g}" if row.kind in (int, float) else ""
+    values = ", ".join(row.choices) or limits or row.unit.replace("|", " or ")
+    return f"| `{name}` | {values} | {row.default_text} | {row.help} |"
