@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.campaigns.bench.measure import circle
-from haptogram.driver.frames import FrameBuilder, as_foci
+from haptogram.driver.frames.builder import FrameBuilder
+from haptogram.driver.frames.targets import as_foci
 from haptogram.driver.handshake import open_session
 from haptogram.driver.identity import model_of, read_array
 from haptogram.driver.line.link import Link

@@ -1,65 +1,85 @@
-"""A session that keeps the output state of the board: armed, and again after its timers ran out."""
+"""The output state of a board: armed by the host, and armed again after a timer muted the board."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from haptogram.driver.session import Session
+from haptogram.driver.configuration import BoardConfiguration
+from haptogram.driver.line.link import Link
+from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.errors import ConfigurationError
-from haptogram_protocol.messages import Arm, ArmReply, Disarm, DisarmReply, StatusReply, unwrap
+from haptogram_protocol.messages import (
+    Arm,
+    ArmReply,
+    Disarm,
+    DisarmReply,
+    GetStatus,
+    MuteReply,
+    StatusReply,
+    unwrap,
+)
 from haptogram_protocol.state import MuteReason, OutputState
 
-_PAUSES: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
-_AT_ONCE_US: Final = 2_000  # from a question to the latch of what is sent upon the answer
+_TIMEOUTS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
+_AT_ONCE_US: Final = 2_000  # from a question to the latch of the frame that follows the answer
 _REFRESHES: Final = 4  # within the shorter one of the two timers
 
 
-class ArmedSession(Session):
-    """A session in which output can be allowed, and stays allowed over pauses of the host.
+class Arming:
+    """Keeps the output of one board as the host wants it.
 
-    Parameters and attributes are those of :class:`haptogram.driver.driver.Driver`.
+    Parameters
+    ----------
+    link : Link
+    clock : ClockEstimate
+        Of the board.
+    configuration : BoardConfiguration
+        Holds the timers that mute the board.
     """
 
-    _armed = False
+    def __init__(self, link: Link, clock: ClockEstimate, configuration: BoardConfiguration) -> None:
+        self._link = link
+        self._clock = clock
+        self._configuration = configuration
+        self._wanted = False  # by the caller: a timeout does not change that
 
     def arm(self) -> OutputState:
-        """Allow output; it stays silent until the first frame is latched.
-
-        A board mutes itself when it hears no frame for a while.  What is asked of the driver after
-        such a pause arms it again, until :meth:`mute` or :meth:`disarm`.
-        """
-        self._armed = True
+        """Allow output; it stays silent until the first frame is latched."""
+        self._wanted = True
         return self._link.request(Arm(), ArmReply).state
 
     def mute(self) -> OutputState:
         """Switch the output off, ahead of everything that waits."""
-        self._armed = False
-        return super().mute()
+        self._wanted = False
+        return self._mute()
 
     def disarm(self) -> OutputState:
         """Switch the output off and forbid it."""
-        self._armed = False
+        self._wanted = False
         return self._link.request(Disarm(), DisarmReply).state
 
-    def _resume(self, first_us: int) -> None:
-        """Arm again a board whose timers muted it, or would, while this host had nothing to send.
+    def _mute(self) -> OutputState:
+        return self._link.mute(MuteReply, self._link.timeout_ns).state
+
+    def rearm_if_timed_out(self, first_us: int) -> None:
+        """Arm again a board that a timer muted, or would mute before the next frame is latched.
 
         Parameters
         ----------
         first_us : int
-            How long until the first latch of what comes.  A hold that runs out before would mute
-            the board under the frames on their way, and all of them would be lost.
+            Time until the first latch of the frames to come.  A hold that runs out before would
+            mute the board under the frames on their way, and all of them would be lost.
 
         Raises
         ------
         ConfigurationError
-            If it is not armed for any other reason.
+            If the board is not armed for any other reason.
         """
         status = self._fresh_status()
-        if self._armed and self._hold_ends_before(first_us, status):
-            super().mute()
+        if self._wanted and self._hold_ends_before(first_us, status):
+            self._mute()
             self.arm()
-        elif self._armed and status.reason in _PAUSES:
+        elif self._wanted and status.reason in _TIMEOUTS:
             self.arm()
         elif status.state is not OutputState.ARMED:
             raise ConfigurationError(
@@ -67,29 +87,31 @@ class ArmedSession(Session):
             )
 
     @property
-    def _refresh_ns(self) -> int:
-        """How often to be heard of, so that neither of the two timers mutes the board."""
-        shorter_ms = min(self._config.hold_ms, self._config.host_timeout_ms)
-        return shorter_ms * 1_000_000 // _REFRESHES
+    def refresh_ns(self) -> int:
+        """Time between two frames that keeps both timers of the board from running out."""
+        known = self._configuration.known
+        return min(known.hold_ms, known.host_timeout_ms) * 1_000_000 // _REFRESHES
 
     def _fresh_status(self) -> StatusReply:
         """Return the status, asked again if this host was held up before it read the answer."""
         for _ in range(_REFRESHES):
             asked_ns = self._link.now_ns()
-            status = self.status()
-            if self._link.now_ns() - asked_ns < self._refresh_ns:
+            status = self._link.request(GetStatus(), StatusReply)
+            if self._link.now_ns() - asked_ns < self.refresh_ns:
                 break
         return status
 
     def _hold_ends_before(self, first_us: int, status: StatusReply) -> bool:
-        """Tell whether a drive is held now that may not be any more when the first frame latches.
+        """Return True if the hold of the present drive may end before the first frame latches.
 
-        That may miss its plan: by half the time until then; at once is a few milliseconds.
+        The first frame may come later than planned: by half of *first_us*, or by some
+        milliseconds if it is sent at once.
         """
         if status.state is not OutputState.ARMED or not status.counters.latched:
             return False
-        now_us = self.clock.to_device_us(self._link.now_ns())
+        known = self._configuration.known
+        now_us = self._clock.to_device_us(self._link.now_ns())
         held_us = now_us - unwrap(status.last_latch_us, now_us, 32)
-        hold_us, ramp_us = self._config.hold_ms * 1000, self._config.ramp_ms * 1000
+        hold_us, ramp_us = known.hold_ms * 1000, known.ramp_ms * 1000
         wait_us = first_us + max(first_us // 2, min(_AT_ONCE_US, hold_us // 4))
         return hold_us - wait_us < held_us <= hold_us + ramp_us  # later: armed, nothing latched yet

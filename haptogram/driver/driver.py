@@ -10,41 +10,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, cast
+from types import TracebackType
+from typing import Any, Final, Self
 
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics import AcousticModel, Calibration, Medium
+from haptogram.acoustics import AcousticModel, Calibration, Medium, TransducerArray
 from haptogram.acoustics.solvers.several import Method
-from haptogram.driver.arming import ArmedSession
-from haptogram.driver.frames import (
-    REGISTER_BITS,
-    Frame,
-    FrameBuilder,
-    Mode,
-    Targets,
-    are_frames,
-    as_foci,
-    check_asked,
-    check_frames,
-)
-from haptogram.driver.line.budget import frame_bytes, transmission_ns
-from haptogram.driver.line.link import NS_PER_S, Progress
-from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport
-from haptogram.driver.playback import MOST_PLAYED, Player, PlayReport, Timing, playback_period_us
-from haptogram.driver.session import Sink
-from haptogram.driver.stream import Pacing, Streamer, StreamReport, preparation_ns
-from haptogram.driver.timing.lead import LeadTrim
-from haptogram.driver.timing.realtime import next_deadline_ns
+from haptogram.driver.frames.builder import FrameBuilder
+from haptogram.driver.frames.frame import REGISTER_BITS, Frame, Mode
+from haptogram.driver.frames.targets import Targets, as_foci
+from haptogram.driver.identity import check_air, read_geometry
+from haptogram.driver.line.link import Progress
+from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port
+from haptogram.driver.output import Output
+from haptogram.driver.playback import MOST_PLAYED, PlayReport, Timing, playback_period_us
+from haptogram.driver.session import Session, Sink, choose_nonce
+from haptogram.driver.stream import Pacing, StreamReport
 from haptogram.driver.timing.schedule import Schedule
-from haptogram.driver.upload import SequenceData
-from haptogram.errors import ConfigurationError
-from haptogram.records.frame import Focus, Intended
-from haptogram.records.kept import MOST_KEPT, Kept
+from haptogram.driver.upload import upload_correction
+from haptogram.errors import HaptogramError
+from haptogram.records.frame import Focus, Intended, Observation
+from haptogram.records.kept import MOST_KEPT, Kept, check_keep
 from haptogram.settings.arguments import check_callable, check_kind, check_number, check_whole
-from haptogram_protocol.messages import Feature, TraceMode
+from haptogram_protocol.connection import EventReceived
+from haptogram_protocol.messages import (
+    Config,
+    DriveKind,
+    GetStatus,
+    Status,
+    StatusReply,
+    TraceMode,
+)
+from haptogram_protocol.state import OutputState
 
 DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
 _MOST_STREAMED: Final = 10_000_000  # frames in one call: each leaves 64 bytes in its report
@@ -52,21 +52,21 @@ _LONGEST_SPIN_US: Final = 1_000_000
 _LONGEST_HOLD_S: Final = 1e7
 
 
-class Driver(ArmedSession):
+class Driver:
     """A session with one board.
 
     Parameters
     ----------
     port : str or Transport
-        Any URL that pyserial takes, or a port that is open; it is closed with the driver.
+        Any URL that pyserial takes, or an open port; the driver closes it.
     baudrate : int
         Bits per second.
     nonce : int, optional
-        Session to ask for, 1 to 65535; by default one at random.
+        Number of the session, 1 to 65535; by default drawn at random.
     seed : int, optional
-        Seed of the nonce instead, for a board that was just started: its runs repeat exactly.
+        Seed that draws the nonce: runs with a board that was just started repeat exactly.
     timeout_s : float
-        How long the board may take to answer, and the port to take a byte.
+        Longest time in seconds in which the board must answer and the port take a byte.
     phase_bits : int
         Bits per phase on the wire.
     model : AcousticModel, optional
@@ -74,45 +74,45 @@ class Driver(ArmedSession):
     medium : Medium, optional
         Air that the host assumes over the board's own array; by default of 20 C.
     calibration : Calibration or path, optional
-        How the elements really are, or the CSV file that says so: the drives compensate for their
-        phases and places. The board's array is still compared with the nominal one.
+        Measured phases and places of the elements, or a CSV file of them: the drives compensate
+        for both.  The board's array is still compared with the nominal one.
     trace : TraceMode, optional
-        What the board shall report of every latch; by default what it is set to.
+        Report that the board sends of every latch; by default as the board is configured.
     keep : int or None
-        How many entries :attr:`intended`, :attr:`observations` and :attr:`events` keep each: the
-        newest ones; None: all, which is 1 GB an hour at 1 kHz.  A verdict over frames that are not
-        kept any more is no pass.
+        Number of the newest entries that :attr:`intended`, :attr:`observations` and
+        :attr:`events` keep, each.  None keeps all, which is 1 GB an hour at 1 kHz.  A verdict over
+        frames that were dropped is no pass.
     sink : callable, optional
-        Called with every :class:`Intended` and :class:`Observation` as it comes, kept or not: for
-        example a :class:`~haptogram.evidence.record_file.RecordFile`.
+        Called with every :class:`Intended` and :class:`Observation`, kept or not: for example a
+        :class:`~haptogram.evidence.record_file.RecordFile`.
 
     Attributes
     ----------
+    session : int
+        Nonce of the session.
     identity : HelloReply
-        What the board said of itself.
+        The board's answer to HELLO.
     model : AcousticModel
-        May be set to another one of the same array, in other air; frames that are ready stay what
-        they are.
+        Array and air of the frames to come.  May be set to another model of the same array; frames
+        that are ready keep theirs.
     clock : ClockEstimate
-        Of the device clock.
+        Estimate of the device clock.
     intended : Kept of Intended
-        What was sent or should have been, in order; ``intended.dropped`` is not kept any more.
+        Frames that were sent or due, in order; ``intended.dropped`` counts those not kept.
     observations : Kept of Observation
-        What the board said it latched.
+        Latches that the board reported.
     events : Kept of EventReceived
-        What it reported otherwise, but for the periodic status.
-    last_status : Status or None
-        The newest periodic status.
+        Other events of the board, without the periodic status.
     warnings : list of str
-        What is odd, but does not keep the two from working together.
+        Oddities with which host and board can still work together.
 
     Raises
     ------
     PortNotFoundError, PortBusyError, NoAnswerError, WrongProtocolError, VersionMismatchError
         Every way in which connecting can fail.
     ConfigurationError
-        An argument that cannot be, before the port is opened; the model is not that of the board,
-        the calibration not that of its array, or the board does not take *phase_bits*.
+        An argument is out of its limits (before the port is opened), the model is not that of the
+        board, the calibration not that of its array, or the board does not take *phase_bits*.
     """
 
     def __init__(
@@ -132,36 +132,155 @@ class Driver(ArmedSession):
         sink: Sink | None = None,
     ) -> None:
         check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
-        super().__init__(
+        check_port(port, baudrate, timeout_s)
+        check_air(model, medium)
+        if trace is not None:
+            check_kind("trace", trace, TraceMode, "a TraceMode, or None")
+        check_keep(keep)
+        check_callable("sink", sink)
+        elements = None if calibration is None else Calibration.of(calibration)
+        self.session = choose_nonce(nonce, seed)
+        self._session = Session.open(
             port,
             baudrate=baudrate,
-            nonce=nonce,
-            seed=seed,
             timeout_s=timeout_s,
-            model=model,
-            medium=medium,
-            calibration=calibration,
-            trace=trace,
+            nonce=self.session,
             keep=keep,
             sink=sink,
         )
+        link, pinger = self._session.link, self._session.pinger
+        self.identity, self.clock = self._session.identity, self._session.clock
+        self.observations, self.events = self._session.observations, self._session.events
+        self.warnings = self._session.warnings
         self.intended = Kept[Intended](keep, sink)
-        self._held: Frame | None = None
-        self._phase_bits = phase_bits
+        self._link, self._pinger, self._phase_bits = link, pinger, phase_bits
+        self._closed = False
         try:
-            self._builder()
-        except ConfigurationError:
-            self._link.close()
+            self.model = self._session.start(model, medium, elements)
+            if trace is not None:
+                self.configure(trace_mode=trace)
+            self._builder()  # refuses *phase_bits* that the board does not take
+        except BaseException:
+            link.close()
             raise
-        link, pinger, identity = self._link, self._pinger, self.identity
-        self._streamer = Streamer(
-            link,
-            pinger,
-            identity,
-            intended=self.intended,
-            status=lambda: self.last_status,
-        )
-        self._player = Player(link, pinger, identity, events=self.events)
+        self._output = Output(self._session, self.intended)
+
+    # --- life ----------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self.close()
+        except HaptogramError as unmuted:
+            if error is None:
+                raise
+            error.add_note(str(unmuted))  # the first error is the one that tells more
+
+    def close(self) -> None:
+        """Mute the board and close the port, in bounded time.  Closing twice does no harm.
+
+        Raises
+        ------
+        LinkError
+            If the board did not confirm that it is mute; its own timers will mute it.
+        """
+        if not self._closed:
+            self._closed = True
+            self._session.close()
+
+    def arm(self) -> OutputState:
+        """Allow output; it stays silent until the first frame is latched.
+
+        A board mutes itself if it hears no frame for a while.  The next call that sends frames
+        arms the board again after such a pause, until :meth:`mute` or :meth:`disarm`.
+        """
+        return self._session.arming.arm()
+
+    def mute(self) -> OutputState:
+        """Switch the output off, ahead of everything that waits."""
+        return self._session.arming.mute()
+
+    def disarm(self) -> OutputState:
+        """Switch the output off and forbid it."""
+        return self._session.arming.disarm()
+
+    # --- questions -----------------------------------------------------------------------------
+
+    @property
+    def url(self) -> str:
+        """URL of the port."""
+        return self._link.url
+
+    @property
+    def link_counters(self) -> dict[str, int]:
+        """Counts of good and damaged frames from the board, by name."""
+        return dict(self._link.connection.counters)
+
+    @property
+    def last_status(self) -> Status | None:
+        """The newest periodic status of the board; None before the first."""
+        return self._session.last_status
+
+    def device_time_us(self) -> int:
+        """Return the present time on the board's clock, unwrapped, as the host estimates it."""
+        return self.clock.to_device_us(self._link.now_ns())
+
+    def time_of_event_us(self, event: EventReceived) -> int:
+        """Return the device time of *event*, unwrapped."""
+        return self._session.time_of_event_us(event)
+
+    def status(self) -> StatusReply:
+        """Return the board's counters and arrival margin; the margin then starts anew."""
+        return self._link.request(GetStatus(), StatusReply)
+
+    def ping(self) -> float:
+        """Measure the device clock anew and return the error that is left, in microseconds."""
+        self._pinger.synchronise()
+        return self.clock.uncertainty_us
+
+    def config(self) -> Config:
+        """Return the board's configuration."""
+        return self._session.configuration.read()
+
+    def configure(self, **changes: Any) -> Config:
+        """Change fields of the board's configuration and return the one then in force.
+
+        Parameters
+        ----------
+        **changes
+            Fields of :class:`~haptogram_protocol.messages.Config`.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such field, or a value does not fit its field.
+        DeviceError
+            If the board refuses a value.
+        """
+        return self._session.configuration.change(**changes)
+
+    def correct_phases(self, codes: bytes) -> None:
+        """Set the phase correction of every transducer, in 1/256 turns."""
+        upload_correction(self._link, self.identity, codes)
+
+    def geometry(self) -> TransducerArray:
+        """Return the board's array, read element by element."""
+        return read_geometry(self._link, self.identity)
+
+    def read_drive(self, kind: DriveKind = DriveKind.LATCHED) -> Observation:
+        """Return the present drive at the transducers, latched or radiated."""
+        return self._session.read_drive(kind)
+
+    def collect_ring(self) -> None:
+        """Add the latches in the board's trace ring, if it keeps one, to the observations."""
+        self._session.collect_ring()
 
     # --- output --------------------------------------------------------------------------------
 
@@ -169,10 +288,7 @@ class Driver(ArmedSession):
         """Focus on one point, as soon as the frame is complete, and return what was sent."""
         focus = target_m if isinstance(target_m, Focus) else Focus.at(target_m)
         (frame,) = self._builder().build([(focus,)], mode)
-        self._agree_on_air([frame])
-        self._resume(0)
-        self._held = frame
-        return self._streamer.send_now(frame)
+        return self._output.focus(frame)
 
     def hold(self, seconds: float) -> None:
         """Keep the last focus for so long: neither lease nor hold timer expires meanwhile.
@@ -185,21 +301,7 @@ class Driver(ArmedSession):
             If nothing was focused on yet, or the board is not armed.
         """
         check_number("seconds", seconds, 0.0, _LONGEST_HOLD_S)
-        if self._held is None:
-            raise ConfigurationError("there is no focus to hold; call focus first")
-        deadline_ns = self._link.now_ns()
-        end_ns = deadline_ns + int(seconds * NS_PER_S)
-        while deadline_ns < end_ns:
-            self._link.run_until(deadline_ns)
-            self._pinger.keep()
-            self._agree_on_air([self._held])
-            self._resume(0)  # every time: a timer may have run out whenever the host was held up
-            self._streamer.send_now(self._held)
-            now_ns = self._link.now_ns()
-            deadline_ns = next_deadline_ns(
-                deadline_ns=deadline_ns, now_ns=now_ns, period_ns=self._refresh_ns
-            )
-        self._link.run_until(end_ns)
+        self._output.hold(seconds)
 
     def frames(
         self, targets: Targets, *, mode: Mode = "phases", solver: Method = "naive"
@@ -269,59 +371,23 @@ class Driver(ArmedSession):
             The link broke, or the board's clock jumped; :attr:`intended` holds what was sent until
             then.
         """
-        queue_depth = self.identity.queue_depth
-        schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=queue_depth)
+        schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=self.identity.queue_depth)
         check_whole("loops", loops, 1, _MOST_STREAMED)
         check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
         check_number("miss_share", miss_share, 0.0, 1.0)
         for name, value in (("trim", trim), ("realtime", realtime)):
             check_kind(name, value, bool, "True or False")
         check_callable("progress", progress)
-        once = self._made(targets, mode, solver)
+        once = self._builder().frames_of(targets, mode, solver)
         check_whole("number of frames, all loops of them", loops * len(once), 1, _MOST_STREAMED)
-        schedule.check(once, self.identity, self._link.line.baudrate)
-        schedule.check_timers(self._config)
-        frames = once * loops
-        lead_trim = self._trim(schedule, frames, miss_share) if trim else None
-        pacing = Pacing(spin_us, realtime, lead_trim)
-        self._agree_on_air(once)
-        self._resume(schedule.lead_us + preparation_ns(len(frames)) // 1000)
-        stalls = self._link.stalls
-        done = self._streamer.stream(frames, schedule, pacing, progress)
-        self.collect_ring()
-        for text in done.not_permitted:
-            self._warn(text)
-        lateness_us = done.ticks.lateness_us()
-        return StreamReport(
-            frames=len(frames),
-            skipped=tuple(done.skipped),
-            lateness_us=lateness_us,
-            late_ticks=int((lateness_us >= float(schedule.period_us)).sum()),
-            write_stalls=self._link.stalls - stalls,
-            lead_us=done.lead_us,
-            lead_moves=lead_trim.moves if lead_trim else 0,
-            ticks=done.ticks,
-            not_permitted=done.not_permitted,
-            clock_uncertainty_us=self.clock.uncertainty_us,
-            t0_us=done.t0_us,
-            status=self.status(),
+        return self._output.stream(
+            once,
+            loops,
+            schedule,
+            Pacing(spin_us, realtime),
+            trim_to=miss_share if trim else None,
+            progress=progress,
         )
-
-    def _trim(self, schedule: Schedule, frames: list[Frame], miss_share: float) -> LeadTrim:
-        """Return what moves the lead down from that of *schedule*.
-
-        Raises
-        ------
-        ConfigurationError
-            If the board was told not to report its arrival margins.
-        """
-        if not self._config.status_period_ms:
-            raise ConfigurationError(
-                "trim needs the STATUS of the board, and status_period_ms is 0: configure it"
-            )
-        size = frame_bytes(max(frame.payload_bytes for frame in frames))
-        shortest_us = -(-transmission_ns(size, self._link.line.baudrate) // 1000) + 1
-        return LeadTrim(schedule.lead_us, shortest_us, miss_share)
 
     def play(
         self,
@@ -352,48 +418,9 @@ class Driver(ArmedSession):
         period_us = playback_period_us(rate_hz, self.identity)
         timing = Timing(period_us, loops, lead_us, unattended_ms)
         timing.check(self.identity)
-        frames = self._made(targets, mode, solver)
+        frames = self._builder().frames_of(targets, mode, solver)
         check_whole("number of frames, all loops of them", loops * len(frames), 1, MOST_PLAYED)
-        data = SequenceData.of(frames)
-        data.check(self.identity)
-        self._agree_on_air(frames)
-        self._resume(lead_us)
-        self._player.store(data)
-        self._resume(lead_us)  # an upload takes longer than a drive is held
-        t0_us, end = self._player.play(frames, timing, self.intended, progress)
-        self.collect_ring()
-        return PlayReport(
-            frames=loops * len(frames),
-            latched=None if end is None else end.frames,
-            t0_us=t0_us,
-            clock_uncertainty_us=self.clock.uncertainty_us,
-            status=self.status(),
-        )
+        return self._output.play(frames, timing, progress)
 
     def _builder(self) -> FrameBuilder:
         return FrameBuilder(self.model, self.identity, self._phase_bits)
-
-    def _made(
-        self, targets: Targets | Sequence[Frame], mode: Mode | None, solver: Method | None
-    ) -> list[Frame]:
-        if not are_frames(targets):
-            mode, solver = "phases" if mode is None else mode, "naive" if solver is None else solver
-            return self.frames(cast("Targets", targets), mode=mode, solver=solver)
-        check_asked(targets, mode, solver)
-        check_frames(targets, self.model, self.identity, self._phase_bits)
-        return list(targets)
-
-    def _agree_on_air(self, frames: Iterable[Frame]) -> None:
-        """Tell a board that computes drives for which speed of sound *frames* were made."""
-        if self._in_doubt:
-            self.config()
-        speeds = (f.sound_speed_mm_s for f in frames if f.sound_speed_mm_s is not None)
-        speed_mm_s = next(speeds, None)
-        if speed_mm_s is None or speed_mm_s == self._config.sound_speed_mm_s:
-            return
-        if not self.identity.features & Feature.CONFIG:
-            raise ConfigurationError(
-                f"the frames are for a speed of sound of {speed_mm_s / 1000:g} m/s; the board "
-                f"assumes {self._config.sound_speed_mm_s / 1000:g} m/s and cannot be told"
-            )
-        self.configure(sound_speed_mm_s=speed_mm_s)

@@ -9,6 +9,7 @@ import numpy as np
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.driver.line.link import Link
 from haptogram.errors import ConfigurationError, WrongProtocolError
+from haptogram.settings.arguments import check_kind
 from haptogram_protocol.messages import Element, GeometryReply, GetGeometry, HelloReply
 
 
@@ -56,6 +57,18 @@ def array_of(elements: Sequence[Element]) -> TransducerArray:
     return TransducerArray.from_positions(positions, normals)
 
 
+def assumed_model(
+    link: Link, identity: HelloReply, model: AcousticModel | None, medium: Medium | None
+) -> tuple[AcousticModel, list[str]]:
+    """Return the model that the host assumes, and the warnings of :func:`check_model`.
+
+    Without *model* it is that of the board's own array in *medium*.
+    """
+    if model is None:
+        model = model_of(read_array(link, identity), identity, medium)
+    return model, check_model(model, identity)
+
+
 def model_of(
     array: TransducerArray, identity: HelloReply, medium: Medium | None = None
 ) -> AcousticModel:
@@ -87,3 +100,22 @@ def check_model(model: AcousticModel, identity: HelloReply) -> list[str]:
             f"{model.array.digest():08x}: their transducers are not in the same places"
         ]
     return []
+
+
+def check_air(model: AcousticModel | None, medium: Medium | None) -> None:
+    """Refuse a *medium* that is not the one of *model*.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming both speeds of sound; or if either argument is of another type.
+    """
+    if model is not None:
+        check_kind("model", model, AcousticModel, "an AcousticModel, or None")
+    if medium is not None:
+        check_kind("medium", medium, Medium, "a Medium, or None")
+    if model is not None and medium is not None and model.medium != medium:
+        raise ConfigurationError(
+            f"medium has a speed of sound of {medium.sound_speed_m_s:g} m/s, that of the model "
+            f"{model.medium.sound_speed_m_s:g} m/s; the model has its own: leave medium out"
+        )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram.driver.frames import Frame
+from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link, Progress
 from haptogram.driver.timing.clock import next_boundary_us
 from haptogram.driver.timing.pings import PING_PERIOD_NS, Pinger

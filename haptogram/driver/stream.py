@@ -19,10 +19,10 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.driver.frames import Frame
+from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link, Progress
 from haptogram.driver.timing.clock import next_boundary_us
-from haptogram.driver.timing.lead import LeadTrim, Reserve
+from haptogram.driver.timing.lead import LeadTrim, SafetyMargin
 from haptogram.driver.timing.pings import Pinger
 from haptogram.driver.timing.realtime import PeriodicLoop, TickLog, can_arrive
 from haptogram.driver.timing.schedule import Schedule
@@ -116,13 +116,33 @@ class Pacing:
 
 @dataclass(frozen=True, slots=True)
 class Streamed:
-    """What came of a stream: ticks, numbers skipped, t0, last lead, what was not permitted."""
+    """The host's part of a finished stream; attributes as in :class:`StreamReport`."""
 
     ticks: TickLog
-    skipped: list[int]
-    t0_us: int
+    skipped: tuple[int, ...]
+    late_ticks: int
+    write_stalls: int
     lead_us: int
+    lead_moves: int
     not_permitted: tuple[str, ...]
+    t0_us: int
+
+    def report(self, clock_uncertainty_us: float, status: StatusReply) -> StreamReport:
+        """Return the report, with the error of the clock and the board's own counts."""
+        return StreamReport(
+            frames=self.ticks.count,
+            skipped=self.skipped,
+            lateness_us=self.ticks.lateness_us(),
+            late_ticks=self.late_ticks,
+            write_stalls=self.write_stalls,
+            lead_us=self.lead_us,
+            lead_moves=self.lead_moves,
+            ticks=self.ticks,
+            not_permitted=self.not_permitted,
+            clock_uncertainty_us=clock_uncertainty_us,
+            t0_us=self.t0_us,
+            status=status,
+        )
 
 
 class Streamer:
@@ -181,6 +201,7 @@ class Streamer:
         LinkError
             The link broke, or the board's clock jumped: the frames would come at wrong times.
         """
+        stalls = self._link.stalls
         with real_time(strict=pacing.strict) as refused:
             run = _Run(self._link, self._pinger, schedule, pacing, self._status, len(frames))
             t0_us = self._start_us(schedule, len(frames))
@@ -200,7 +221,17 @@ class Streamer:
             run.settle(due_us)
         if progress is not None:
             progress(len(frames), len(frames))
-        return Streamed(run.ticks, run.skipped, t0_us, run.lead_us, tuple(refused))
+        late = run.ticks.lateness_us() >= float(schedule.period_us)
+        return Streamed(
+            ticks=run.ticks,
+            skipped=tuple(run.skipped),
+            late_ticks=int(late.sum()),
+            write_stalls=self._link.stalls - stalls,
+            lead_us=run.lead_us,
+            lead_moves=pacing.trim.moves if pacing.trim else 0,
+            not_permitted=tuple(refused),
+            t0_us=t0_us,
+        )
 
     def _start_us(self, schedule: Schedule, count: int) -> int:
         """Return when the first frame is due: late enough to encode what is encoded before it."""
@@ -250,7 +281,7 @@ class _Run:
             period_ns=int(schedule.period_us * 1000),
             spin_ns=pacing.spin_us * 1000,
         )
-        self._reserve = Reserve(pinger.clock.uncertainty_us)
+        self._safety = SafetyMargin(pinger.clock.uncertainty_us)
         self._deadline_ns = self._wake_ns = 0
         self._lead_changed = True  # until the first report that began with this stream
 
@@ -282,7 +313,7 @@ class _Run:
             now_ns=ready_ns,
             line_free_ns=link.line.free_ns,
             transmission_ns=link.transmission_ns(wire),
-            due_ns=self._pinger.clock.to_host_ns(due_us) - self._reserve.ns,
+            due_ns=self._pinger.clock.to_host_ns(due_us) - self._safety.ns,
         )
         if in_time:
             room_ns = link.write_frame(wire)
@@ -313,7 +344,7 @@ class _Run:
         self._lead_changed = False
         if not status.margins:
             return
-        self._reserve.take(status.margin_min_us, self._pinger.clock.uncertainty_us)
+        self._safety.take(status.margin_min_us, self._pinger.clock.uncertainty_us)
         if self._trim is not None and not changed:  # else its frames had two different leads
             lead_us = self._trim.add(self.lead_us - status.margin_min_us, status.margins)
             self._lead_changed = lead_us != self.lead_us

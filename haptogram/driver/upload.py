@@ -6,9 +6,10 @@ import zlib
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram.driver.frames import Frame
+from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link, Progress
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_kind
 from haptogram_protocol.messages import (
     Feature,
     HelloReply,
@@ -124,6 +125,17 @@ def upload(
     reply = link.request(begin, UploadBeginReply)
     _send_chunks(link, data, min(reply.max_chunk, _LARGEST_CHUNK), progress)
     return link.request(UploadCommit(target), UploadCommitReply)
+
+
+def upload_correction(link: Link, identity: HelloReply, codes: bytes) -> None:
+    """Set the phase correction of every transducer, in 1/256 turns."""
+    check_kind("codes", codes, bytes, "bytes")
+    if len(codes) != identity.transducers:
+        raise ConfigurationError(
+            f"{len(codes)} phase corrections; the board has {identity.transducers} transducers"
+        )
+    check_upload(identity, UploadKind.CORRECTION, len(codes))
+    upload(link, UploadKind.CORRECTION, 0, codes)
 
 
 def _send_chunks(link: Link, data: bytes, size: int, progress: Progress | None) -> None:

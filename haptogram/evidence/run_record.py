@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, Driver
-from haptogram.driver.frames import Frame, Mode
+from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.playback import PlayReport
 from haptogram.driver.stream import StreamReport
 from haptogram.errors import ConfigurationError, DeviceError, LinkError

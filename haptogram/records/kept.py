@@ -7,11 +7,22 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from typing import Any, Final, TypeVar, overload
 
+from haptogram.settings.arguments import check_whole
+
 _T = TypeVar("_T")
 
 #: How many entries are kept unless the caller says otherwise: 200 s of frames at 1 kHz, 60 MB where
 #: the frames repeat and 0.3 GB where each of 256 transducers is its own.
 MOST_KEPT: Final = 200_000
+
+
+_MOST_EVER: Final = 10**9  # entries that a caller can ask to be kept
+
+
+def check_keep(keep: int | None) -> None:
+    """Refuse a number of entries to keep that is neither None nor 1 to 1e9."""
+    if keep is not None:
+        check_whole("keep", keep, 1, _MOST_EVER)
 
 
 class Kept(Sequence[_T]):

@@ -31,7 +31,7 @@ from haptogram.acoustics import (
 )
 from haptogram.acoustics.solvers.several import weights_for_foci
 from haptogram.driver.driver import Driver
-from haptogram.driver.frames import Frame
+from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import ConfigurationError, HaptogramError, LinkError
 from haptogram.evidence.boards import InProcessBoard

@@ -7,7 +7,6 @@ import dataclasses
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, PointSource, TransducerArray
-from haptogram.driver.frames import with_sound_speed
 from haptogram.driver.identity import array_of, model_of
 from haptogram.records.frame import Focus, FrameKey, Intended
 
@@ -27,7 +26,7 @@ def model_of_board(board: BoardClient) -> AcousticModel:
     # Phases do not depend on the directivity of a transducer, and a piston's needs scipy.
     transducer = dataclasses.replace(model.transducer, directivity=PointSource())
     model = dataclasses.replace(model, transducer=transducer)
-    return with_sound_speed(model, board.config.sound_speed_mm_s)
+    return model.with_sound_speed(board.config.sound_speed_mm_s / 1000)
 
 
 def intended_drive(

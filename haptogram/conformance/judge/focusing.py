@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, superpose
-from haptogram.driver.frames import Frame, FrameBuilder, Mode, as_foci
+from haptogram.driver.frames.builder import FrameBuilder
+from haptogram.driver.frames.frame import Frame, Mode
+from haptogram.driver.frames.targets import as_foci
 from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.verification import FrameStatus, Judge
 from haptogram_protocol.messages import FocalPoint, HelloReply

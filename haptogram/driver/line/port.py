@@ -24,7 +24,7 @@ from haptogram.errors import (
     PortNotFoundError,
 )
 from haptogram.machine.waiter import Waiter
-from haptogram.settings.arguments import check_whole
+from haptogram.settings.arguments import check_number, check_whole, shown
 
 DEFAULT_BAUDRATE: Final = 3_000_000
 MOST_BAUDRATE: Final = 1_000_000_000  # a line without a rate, such as a pty, can be taken as fast
@@ -70,6 +70,17 @@ class Transport(Protocol):
     def close(self) -> None:
         """Close the port; never raises."""
         ...
+
+
+def check_port(port: object, baudrate: int, timeout_s: float) -> None:
+    """Refuse a port that is neither a URL nor a Transport, before anything is opened."""
+    methods = ("url", "now_ns", "read_available", "write_some", "close")
+    if not (port and isinstance(port, str)) and not all(hasattr(port, name) for name in methods):
+        raise ConfigurationError(
+            f"port is {shown(port)}, must be a URL such as '/dev/ttyUSB0', or an open Transport"
+        )
+    check_whole("baudrate", baudrate, 1, MOST_BAUDRATE)
+    check_number("timeout_s", timeout_s, 0.001, 3600.0)
 
 
 class FdTransport:

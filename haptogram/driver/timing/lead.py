@@ -13,8 +13,8 @@ LONGEST_DEFAULT_US: Final = 100_000
 _QUEUE_SHARE: Final = Fraction(3, 4)  # of the board's queue: the rest takes up a burst
 _GUARD_US: Final = 200  # above the worst delay seen: two clocks and a carrier period
 _GUARD_SHARE: Final = 4  # and a part in so many of it
-_RESERVE_DECAY: Final = 0.9  # per report without a late frame
-_LONGEST_RESERVE_US: Final = 10_000.0
+_LATENESS_DECAY: Final = 0.9  # per report without a late frame
+_MOST_LATENESS_US: Final = 10_000.0
 _FIRST_EPOCH: Final = 8  # reports; each epoch is twice as long as the one before
 
 
@@ -114,11 +114,11 @@ class LeadTrim:
         self._epoch *= 2
 
 
-class Reserve:
+class SafetyMargin:
     """Time before t_apply at which a frame must be complete, to be worth sending.
 
-    The error of the clock, and what the board has shown to need beyond that: frames that were to be
-    there in time and were late.  Without it a host that is late by its whole lead would go on
+    The margin is the error of the clock, and the lateness that the board reported of frames that
+    should have been in time.  Without the margin a host that is late by its whole lead would go on
     sending frames that the board drops, and never catch up.
 
     Parameters
@@ -135,11 +135,11 @@ class Reserve:
         """Take a report: the least arrival margin, negative if a frame was late."""
         self._uncertainty_us = uncertainty_us
         if margin_min_us < 0:
-            self._lateness_us = min(_LONGEST_RESERVE_US, self._lateness_us - margin_min_us)
+            self._lateness_us = min(_MOST_LATENESS_US, self._lateness_us - margin_min_us)
         else:
-            self._lateness_us *= _RESERVE_DECAY
+            self._lateness_us *= _LATENESS_DECAY
 
     @property
     def ns(self) -> int:
-        """The reserve, in nanoseconds."""
+        """The margin, in nanoseconds."""
         return int((self._uncertainty_us + self._lateness_us) * 1000)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
-from haptogram.driver.frames import Frame
-from haptogram.driver.line.budget import check_rate, frame_bytes
-from haptogram.driver.timing.lead import default_lead_us
+from haptogram.driver.frames.frame import Frame
+from haptogram.driver.line.budget import check_rate, frame_bytes, transmission_ns
+from haptogram.driver.timing.lead import LeadTrim, default_lead_us
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_whole
 from haptogram_protocol.messages import Config, HelloReply
@@ -104,3 +104,21 @@ class Schedule:
                 f"itself after hold_ms = {config.hold_ms}, host_timeout_ms = "
                 f"{config.host_timeout_ms}: configure both to be longer"
             )
+
+    def lead_trim(
+        self, frames: list[Frame], config: Config, baudrate: int, miss_share: float
+    ) -> LeadTrim:
+        """Return the trim that moves the lead of this schedule down.
+
+        Raises
+        ------
+        ConfigurationError
+            If the board is configured not to report its arrival margins.
+        """
+        if not config.status_period_ms:
+            raise ConfigurationError(
+                "trim needs the STATUS of the board, and status_period_ms is 0: configure it"
+            )
+        size = frame_bytes(max(frame.payload_bytes for frame in frames))
+        shortest_us = -(-transmission_ns(size, baudrate) // 1000) + 1
+        return LeadTrim(self.lead_us, shortest_us, miss_share)

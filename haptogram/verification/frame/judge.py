@@ -20,7 +20,7 @@ from haptogram.acoustics import (
     SingleFocus,
 )
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
-from haptogram.driver.frames import sound_speed_mm_s, weights_of_foci, with_sound_speed
+from haptogram.driver.frames.builder import sound_speed_mm_s, weights_of_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey, Intended, Observation
 
@@ -124,7 +124,7 @@ class Judge:
         """
         model = self._model
         if board_computed:
-            model = with_sound_speed(model, sound_speed_mm_s(model))
+            model = model.with_sound_speed(sound_speed_mm_s(model) / 1000)
         yield model
         if self._grain_rad > _EXACT_RAD:
             yield dataclasses.replace(model, array=model.array.on_wire())

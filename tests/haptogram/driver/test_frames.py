@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from haptogram.acoustics import AcousticModel, Drive, focus_phases, saturated, superpose
 from haptogram.acoustics.solvers.several import METHODS, solve
 from haptogram.driver.driver import Driver
-from haptogram.driver.frames import FrameBuilder, as_foci, sound_speed_mm_s, with_sound_speed
+from haptogram.driver.frames.builder import FrameBuilder, sound_speed_mm_s
+from haptogram.driver.frames.targets import as_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
 from haptogram_protocol.messages import unpack_phases
@@ -115,7 +116,7 @@ def test_what_are_no_targets(targets):
 
 @given(st.integers(300_000, 380_000))
 def test_the_speed_of_sound_survives_the_wire(speed_mm_s):
-    assert sound_speed_mm_s(with_sound_speed(MODEL, speed_mm_s)) == speed_mm_s
+    assert sound_speed_mm_s(MODEL.with_sound_speed(speed_mm_s / 1000)) == speed_mm_s
 
 
 # --- Several foci by a solver --------------------------------------------------------------------

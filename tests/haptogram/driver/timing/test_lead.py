@@ -5,7 +5,7 @@ from fractions import Fraction
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.driver.timing.lead import LeadTrim, Reserve, default_lead_us, sufficient_lead_us
+from haptogram.driver.timing.lead import LeadTrim, SafetyMargin, default_lead_us, sufficient_lead_us
 
 DELAYS = st.lists(st.integers(-1000, 60_000), min_size=1, max_size=400)
 
@@ -73,21 +73,21 @@ def test_one_freak_in_a_thousand_frames_is_not_waited_for():
 
 
 @given(st.lists(st.integers(-30_000, 90_000), max_size=100), st.floats(0, 1000))
-def test_the_reserve_covers_the_clock_and_what_was_late_within_its_limit(margins, uncertainty):
-    reserve = Reserve(uncertainty)
+def test_the_safety_margin_covers_clock_and_lateness_within_its_limit(margins, uncertainty):
+    safety = SafetyMargin(uncertainty)
     for margin in margins:
-        before = reserve.ns
-        reserve.take(margin, uncertainty)
+        before = safety.ns
+        safety.take(margin, uncertainty)
         if margin < 0:
             grown = before - 1000 * margin
-            assert reserve.ns >= min(grown, 10_000_000) - 2
-        assert uncertainty * 1000 - 1 <= reserve.ns <= (uncertainty + 10_000) * 1000
+            assert safety.ns >= min(grown, 10_000_000) - 2
+        assert uncertainty * 1000 - 1 <= safety.ns <= (uncertainty + 10_000) * 1000
 
 
-def test_the_reserve_fades_when_nothing_is_late():
-    reserve = Reserve(5.0)
-    reserve.take(-400, 5.0)
-    assert reserve.ns == 405_000
+def test_the_safety_margin_fades_when_nothing_is_late():
+    safety = SafetyMargin(5.0)
+    safety.take(-400, 5.0)
+    assert safety.ns == 405_000
     for _ in range(100):
-        reserve.take(3, 5.0)
-    assert 5_000 <= reserve.ns < 5_100
+        safety.take(3, 5.0)
+    assert 5_000 <= safety.ns < 5_100

@@ -1,25 +1,35 @@
-"""From what is wanted to what is sent: foci -> expected drive and message.
+"""Makes frames of foci: the expected drive and the message.
 
-Three modes: ``phases`` and ``drives``, whose drive the host computes, and ``points``, whose drive
-the board computes from the foci as the wire rounds them.
+Three modes: the host computes the drive of ``phases`` and ``drives``; the board computes that of
+``points`` from the foci as the wire rounds them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, Literal, TypeAlias, TypeGuard
+from collections.abc import Sequence
+from typing import Final, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_target, focus_phases
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, quantise_phase
 from haptogram.acoustics.solvers.several import METHODS, Method, weights_for_foci
+from haptogram.driver.frames.frame import (
+    MODE_OF,
+    NEEDED_FEATURE,
+    REGISTER_BITS,
+    Frame,
+    Mode,
+    are_frames,
+    check_asked,
+    check_frames,
+)
+from haptogram.driver.frames.targets import Targets, as_foci
 from haptogram.errors import ConfigurationError
-from haptogram.records.frame import Focus, FrameKey, Intended
-from haptogram.settings.arguments import check_choice, check_whole, shown
+from haptogram.records.frame import Focus
+from haptogram.settings.arguments import check_choice, check_whole
 from haptogram_protocol.messages import (
     PHASE_FORMAT_BIT,
     Drives,
@@ -32,130 +42,10 @@ from haptogram_protocol.messages import (
     pack_phases,
 )
 
-Mode: TypeAlias = Literal["phases", "drives", "points"]
-Targets: TypeAlias = ArrayLike | Sequence[Focus] | Sequence[Sequence[Focus]]
-
-REGISTER_BITS: Final = 8  # resolution of a board's phase registers
 _U16: Final = 65_535
 _TURN: Final = 65_536
 LEAST_SPEED_MM_S, MOST_SPEED_MM_S = 300_000, 380_000  # of the configuration: HG-7.1
-_MODE_OF: Final[Mapping[type, Mode]] = {Phases: "phases", Drives: "drives", Points: "points"}
-_NEEDS: Final = {"drives": Feature.AMPLITUDE, "points": Feature.POINTS}
 _BATCH: Final = 512  # targets whose phases are computed at a time: 3 MB per 256 transducers
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """One frame, ready but for its number and its time.
-
-    Attributes
-    ----------
-    foci : tuple of Focus
-        What it is for; as the wire rounds them where the board computes the drive.
-    drive : Drive
-        What is expected in the registers.
-    message : Phases, Drives or Points
-        What is sent.
-    geometry_hash : int
-        Digest of the array that it was made for.
-    solver : str
-        What made the drive.
-    sound_speed_mm_s : int or None
-        What a board that computes the drive must assume; None: the host computed it.
-    """
-
-    foci: tuple[Focus, ...]
-    drive: Drive
-    message: Phases | Drives | Points
-    geometry_hash: int
-    solver: Method = "naive"
-    sound_speed_mm_s: int | None = None
-
-    @property
-    def mode(self) -> Mode:
-        """What it holds: ``phases``, ``drives`` or ``points``."""
-        return _MODE_OF[type(self.message)]
-
-    @property
-    def phase_bits(self) -> int:
-        """Resolution of the phases on the wire; of the registers where the board computes them."""
-        return REGISTER_BITS if isinstance(self.message, Points) else int(self.message.bits)
-
-    @property
-    def board_computed(self) -> bool:
-        """Whether the board computes the drive."""
-        return isinstance(self.message, Points)
-
-    @property
-    def payload_bytes(self) -> int:
-        """Length of the payload."""
-        if isinstance(self.message, Points):
-            return len(self.message.points) * FocalPoint.LAYOUT.size
-        return self.message.LAYOUT.size + len(self.message.data)
-
-    def intended(self, number: int, key: FrameKey, t_apply_us: int | None) -> Intended:
-        """Return the record that it is to be latched."""
-        return Intended(
-            number=number,
-            key=key,
-            t_apply_us=t_apply_us,
-            foci=self.foci,
-            drive=self.drive,
-            phase_bits=self.phase_bits,
-            board_computed=self.board_computed,
-            solver=self.solver,
-        )
-
-
-def are_frames(targets: object) -> TypeGuard[Sequence[Frame]]:
-    """Tell whether *targets* are frames already.
-
-    Raises
-    ------
-    ConfigurationError
-        If some are and some are not.
-    """
-    if not isinstance(targets, Sequence) or isinstance(targets, str | bytes):
-        return False
-    ready = sum(isinstance(target, Frame) for target in targets)
-    if 0 < ready < len(targets):
-        raise ConfigurationError(
-            f"{ready} of {len(targets)} targets are frames; all must be, or none"
-        )
-    return ready > 0
-
-
-def as_foci(targets: Targets) -> list[tuple[Focus, ...]]:
-    """Return the foci of every frame.
-
-    Parameters
-    ----------
-    targets : (T, 3) array_like, sequence of Focus, or sequence of sequences of Focus
-        One focus per frame, as a position in metres or a :class:`Focus`; or several.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no frame, a frame without a focus, or something that is no focus.
-    """
-    try:
-        entries: Iterable[Any] = targets if isinstance(targets, Sequence) else np.asarray(targets)
-        frames = [_foci_of(entry) for entry in entries]
-    except (TypeError, ValueError) as error:
-        if isinstance(error, ConfigurationError):
-            raise
-        raise ConfigurationError(f"targets are not (T, 3) positions or foci: {error}") from error
-    if not frames:
-        raise ConfigurationError("0 targets; there must be 1 or more")
-    return frames
-
-
-def _foci_of(entry: Any) -> tuple[Focus, ...]:
-    if isinstance(entry, Focus):
-        return (entry,)
-    if isinstance(entry, Sequence) and entry and all(isinstance(f, Focus) for f in entry):
-        return tuple(entry)
-    return (Focus.at(entry),)
 
 
 class FrameBuilder:
@@ -186,6 +76,25 @@ class FrameBuilder:
         self._bits = _phase_format(identity, phase_bits)
         self._geometry_hash = model.array.digest()
         self._graded = bool(identity.features & Feature.AMPLITUDE)
+
+    def frames_of(
+        self, targets: Targets | Sequence[Frame], mode: Mode | None, solver: Method | None
+    ) -> list[Frame]:
+        """Return *targets* as frames: those that are ready are checked, all others are built.
+
+        Raises
+        ------
+        ConfigurationError
+            As :meth:`build`; or ready frames do not fit the board, *mode* or *solver*.
+        """
+        if are_frames(targets):
+            check_asked(targets, mode, solver)
+            check_frames(targets, self._model, self._identity, int(self._bits))
+            return list(targets)
+        foci = as_foci(cast("Targets", targets))
+        return self.build(
+            foci, "phases" if mode is None else mode, "naive" if solver is None else solver
+        )
 
     def build(
         self, foci: list[tuple[Focus, ...]], mode: Mode, solver: Method = "naive"
@@ -222,8 +131,8 @@ class FrameBuilder:
         return [frame for batch in batches for frame in self._phases(batch, solver)]
 
     def _check_mode(self, mode: Mode) -> None:
-        check_choice("mode", mode, tuple(_MODE_OF.values()))
-        if mode in _NEEDS and not self._identity.features & _NEEDS[mode]:
+        check_choice("mode", mode, tuple(MODE_OF.values()))
+        if mode in NEEDED_FEATURE and not self._identity.features & NEEDED_FEATURE[mode]:
             raise ConfigurationError(f"mode {mode}: the board takes no such frames")
         if mode == "points" and self._model.calibration is not None:
             raise ConfigurationError(
@@ -297,7 +206,7 @@ class FrameBuilder:
         points = tuple(_on_wire(focus) for focus in foci)
         rounded = tuple(_from_wire(point) for point in points)
         speed_mm_s = sound_speed_mm_s(self._model)
-        model = with_sound_speed(self._model, speed_mm_s)
+        model = self._model.with_sound_speed(speed_mm_s / 1000)
         drive = Drive.from_weights(weights_of_foci(model, rounded, "naive"), REGISTER_BITS)
         if not self._graded:  # HG-5.4/2
             drive = Drive(drive.phase_codes, np.full_like(drive.amplitude_codes, FULL_AMPLITUDE))
@@ -305,77 +214,9 @@ class FrameBuilder:
         return Frame(rounded, drive, message, self._geometry_hash, sound_speed_mm_s=speed_mm_s)
 
 
-def check_asked(frames: Sequence[Frame], mode: Mode | None, solver: Method | None) -> None:
-    """Refuse a mode or a solver that is not the one by which *frames* were made.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming both.
-    """
-    for name, asked in (("mode", mode), ("solver", solver)):
-        made = {getattr(frame, name) for frame in frames}
-        if asked is not None and made != {asked}:
-            raise ConfigurationError(
-                f"{name} is {shown(asked)}; the frames were made with {', '.join(sorted(made))}: "
-                f"leave {name} out"
-            )
-
-
-def check_frames(
-    frames: Sequence[Frame], model: AcousticModel, identity: HelloReply, phase_bits: int
-) -> None:
-    """Refuse frames that were made for another board, array or phase format.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the frame, and both values.
-    """
-    geometry_hash = model.array.digest()
-    for number, frame in enumerate(frames):
-        misfit = _misfit(frame, geometry_hash, identity, phase_bits)
-        if misfit is not None:
-            raise ConfigurationError(f"frame {number} {misfit}; make it anew with frames()")
-    speeds = sorted({f.sound_speed_mm_s for f in frames if f.sound_speed_mm_s is not None})
-    if len(speeds) > 1:
-        raise ConfigurationError(
-            f"frames of points for speeds of sound of {speeds[0] / 1000:g} and "
-            f"{speeds[-1] / 1000:g} m/s; a board has one: make them anew with frames()"
-        )
-
-
-def _misfit(frame: Frame, geometry_hash: int, identity: HelloReply, phase_bits: int) -> str | None:
-    """Return why *frame* is not for this board; None: it is."""
-    message, mode = frame.message, frame.mode
-    if frame.drive.count != identity.transducers:
-        return f"is for {frame.drive.count} transducers; the board has {identity.transducers}"
-    if frame.geometry_hash != geometry_hash:
-        return (
-            f"is for another array (geometry hash {frame.geometry_hash:08x}; that of the model is "
-            f"{geometry_hash:08x})"
-        )
-    if mode in _NEEDS and not identity.features & _NEEDS[mode]:
-        return f"is of the mode {mode}; the board takes no such frames"
-    if isinstance(message, Phases) and frame.phase_bits != phase_bits:
-        return f"has phases of {frame.phase_bits} bits; this driver sends {phase_bits}"
-    if isinstance(message, Points):
-        if len(message.points) > identity.max_points:
-            return f"has {len(message.points)} foci; the board takes {identity.max_points}"
-        graded = bool(identity.features & Feature.AMPLITUDE)
-        if not graded and frame.drive.amplitude_codes.min() < FULL_AMPLITUDE:
-            return "has amplitudes; the board drives every transducer at full amplitude"
-    return None
-
-
 def sound_speed_mm_s(model: AcousticModel) -> int:
     """Return the model's speed of sound as a board is told it, in whole mm/s."""
     return round(model.medium.sound_speed_m_s * 1000)
-
-
-def with_sound_speed(model: AcousticModel, speed_mm_s: int) -> AcousticModel:
-    """Return *model* with another speed of sound, in mm/s."""
-    return model.with_sound_speed(speed_mm_s / 1000)
 
 
 def _phase_format(identity: HelloReply, bits: int) -> PhaseFormat:

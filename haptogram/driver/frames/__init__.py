@@ -1,0 +1,1 @@
+"""Frames of a driver: from targets to expected drive and message; no line, no time."""

@@ -1,0 +1,165 @@
+"""One frame, ready but for its number and its time, and the checks that it fits a board."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias, TypeGuard
+
+from haptogram.acoustics import AcousticModel, Drive
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.acoustics.solvers.several import Method
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Focus, FrameKey, Intended
+from haptogram.settings.arguments import shown
+from haptogram_protocol.messages import Drives, Feature, FocalPoint, HelloReply, Phases, Points
+
+Mode: TypeAlias = Literal["phases", "drives", "points"]
+
+REGISTER_BITS: Final = 8  # resolution of a board's phase registers
+MODE_OF: Final[Mapping[type, Mode]] = {Phases: "phases", Drives: "drives", Points: "points"}
+NEEDED_FEATURE: Final = {"drives": Feature.AMPLITUDE, "points": Feature.POINTS}
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame, ready but for its number and its time.
+
+    Attributes
+    ----------
+    foci : tuple of Focus
+        What it is for; as the wire rounds them where the board computes the drive.
+    drive : Drive
+        What is expected in the registers.
+    message : Phases, Drives or Points
+        What is sent.
+    geometry_hash : int
+        Digest of the array that it was made for.
+    solver : str
+        What made the drive.
+    sound_speed_mm_s : int or None
+        What a board that computes the drive must assume; None: the host computed it.
+    """
+
+    foci: tuple[Focus, ...]
+    drive: Drive
+    message: Phases | Drives | Points
+    geometry_hash: int
+    solver: Method = "naive"
+    sound_speed_mm_s: int | None = None
+
+    @property
+    def mode(self) -> Mode:
+        """What it holds: ``phases``, ``drives`` or ``points``."""
+        return MODE_OF[type(self.message)]
+
+    @property
+    def phase_bits(self) -> int:
+        """Resolution of the phases on the wire; of the registers where the board computes them."""
+        return REGISTER_BITS if isinstance(self.message, Points) else int(self.message.bits)
+
+    @property
+    def board_computed(self) -> bool:
+        """Whether the board computes the drive."""
+        return isinstance(self.message, Points)
+
+    @property
+    def payload_bytes(self) -> int:
+        """Length of the payload."""
+        if isinstance(self.message, Points):
+            return len(self.message.points) * FocalPoint.LAYOUT.size
+        return self.message.LAYOUT.size + len(self.message.data)
+
+    def intended(self, number: int, key: FrameKey, t_apply_us: int | None) -> Intended:
+        """Return the record that it is to be latched."""
+        return Intended(
+            number=number,
+            key=key,
+            t_apply_us=t_apply_us,
+            foci=self.foci,
+            drive=self.drive,
+            phase_bits=self.phase_bits,
+            board_computed=self.board_computed,
+            solver=self.solver,
+        )
+
+
+def are_frames(targets: object) -> TypeGuard[Sequence[Frame]]:
+    """Tell whether *targets* are frames already.
+
+    Raises
+    ------
+    ConfigurationError
+        If some are and some are not.
+    """
+    if not isinstance(targets, Sequence) or isinstance(targets, str | bytes):
+        return False
+    ready = sum(isinstance(target, Frame) for target in targets)
+    if 0 < ready < len(targets):
+        raise ConfigurationError(
+            f"{ready} of {len(targets)} targets are frames; all must be, or none"
+        )
+    return ready > 0
+
+
+def check_asked(frames: Sequence[Frame], mode: Mode | None, solver: Method | None) -> None:
+    """Refuse a mode or a solver that is not the one by which *frames* were made.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming both.
+    """
+    for name, asked in (("mode", mode), ("solver", solver)):
+        made = {getattr(frame, name) for frame in frames}
+        if asked is not None and made != {asked}:
+            raise ConfigurationError(
+                f"{name} is {shown(asked)}; the frames were made with {', '.join(sorted(made))}: "
+                f"leave {name} out"
+            )
+
+
+def check_frames(
+    frames: Sequence[Frame], model: AcousticModel, identity: HelloReply, phase_bits: int
+) -> None:
+    """Refuse frames that were made for another board, array or phase format.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the frame, and both values.
+    """
+    geometry_hash = model.array.digest()
+    for number, frame in enumerate(frames):
+        misfit = _misfit(frame, geometry_hash, identity, phase_bits)
+        if misfit is not None:
+            raise ConfigurationError(f"frame {number} {misfit}; make it anew with frames()")
+    speeds = sorted({f.sound_speed_mm_s for f in frames if f.sound_speed_mm_s is not None})
+    if len(speeds) > 1:
+        raise ConfigurationError(
+            f"frames of points for speeds of sound of {speeds[0] / 1000:g} and "
+            f"{speeds[-1] / 1000:g} m/s; a board has one: make them anew with frames()"
+        )
+
+
+def _misfit(frame: Frame, geometry_hash: int, identity: HelloReply, phase_bits: int) -> str | None:
+    """Return why *frame* is not for this board; None: it is."""
+    message, mode = frame.message, frame.mode
+    if frame.drive.count != identity.transducers:
+        return f"is for {frame.drive.count} transducers; the board has {identity.transducers}"
+    if frame.geometry_hash != geometry_hash:
+        return (
+            f"is for another array (geometry hash {frame.geometry_hash:08x}; that of the model is "
+            f"{geometry_hash:08x})"
+        )
+    if mode in NEEDED_FEATURE and not identity.features & NEEDED_FEATURE[mode]:
+        return f"is of the mode {mode}; the board takes no such frames"
+    if isinstance(message, Phases) and frame.phase_bits != phase_bits:
+        return f"has phases of {frame.phase_bits} bits; this driver sends {phase_bits}"
+    if isinstance(message, Points):
+        if len(message.points) > identity.max_points:
+            return f"has {len(message.points)} foci; the board takes {identity.max_points}"
+        graded = bool(identity.features & Feature.AMPLITUDE)
+        if not graded and frame.drive.amplitude_codes.min() < FULL_AMPLITUDE:
+            return "has amplitudes; the board drives every transducer at full amplitude"
+    return None

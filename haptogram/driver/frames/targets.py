@@ -1,0 +1,47 @@
+"""The targets that a caller gives for frames, as foci."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Focus
+
+Targets: TypeAlias = ArrayLike | Sequence[Focus] | Sequence[Sequence[Focus]]
+
+
+def as_foci(targets: Targets) -> list[tuple[Focus, ...]]:
+    """Return the foci of every frame.
+
+    Parameters
+    ----------
+    targets : (T, 3) array_like, sequence of Focus, or sequence of sequences of Focus
+        One focus per frame, as a position in metres or a :class:`Focus`; or several.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no frame, a frame without a focus, or something that is no focus.
+    """
+    try:
+        entries: Iterable[Any] = targets if isinstance(targets, Sequence) else np.asarray(targets)
+        frames = [_foci_of(entry) for entry in entries]
+    except (TypeError, ValueError) as error:
+        if isinstance(error, ConfigurationError):
+            raise
+        raise ConfigurationError(f"targets are not (T, 3) positions or foci: {error}") from error
+    if not frames:
+        raise ConfigurationError("0 targets; there must be 1 or more")
+    return frames
+
+
+def _foci_of(entry: Any) -> tuple[Focus, ...]:
+    if isinstance(entry, Focus):
+        return (entry,)
+    if isinstance(entry, Sequence) and entry and all(isinstance(f, Focus) for f in entry):
+        return tuple(entry)
+    return (Focus.at(entry),)
