@@ -42,8 +42,8 @@ from haptogram_protocol.messages import (
     parse_body,
 )
 from haptogram_protocol.state import MuteReason, OutputState
-from protocol_c.virtual_boards import CBoard, PythonBoard
-from protocol_vectors.vector_files import outcome, play, vectors
+from protocol_vectors.vector_files import DIALOGUE_FILES, outcome, play, vectors
+from vector_recorder.boards import CBoard, PythonBoard
 
 SESSION = 0x0C99
 COUNT = 4
@@ -59,7 +59,7 @@ def c_board(programs):
 
 
 def test_the_c_board_answers_as_every_dialogue_says(c_board):
-    for dialogue in vectors("dialogues.json"):
+    for dialogue in vectors(*DIALOGUE_FILES):
         c_board.reset()
         assert play(dialogue, c_board) == [], dialogue["id"]
 
@@ -77,7 +77,7 @@ def test_a_hardware_fault_switches_off_until_disarm(c_board):
     c_board(1000, frame(Hello(1, 0, SESSION, 0), 1, session=0))
     c_board(1000, frame(Arm(), 2))
     c_board(1004, frame(Phases(PhaseFormat.BITS_8, 0, bytes(COUNT)), FIRST_STREAM_SEQ, flags=0x10))
-    (changed,) = messages(c_board.fault(2000))
+    (changed,) = messages(c_board.raise_hardware_fault(2000))
     assert changed == StateChanged(OutputState.FAULT, MuteReason.FAULT)
     (refused,) = messages(c_board(2000, frame(Arm(), 3)))
     assert (refused.code, refused.detail) == (4, OutputState.FAULT)

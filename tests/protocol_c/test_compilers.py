@@ -5,8 +5,8 @@ import shutil
 import pytest
 
 from protocol_c.building import compilers, make, run
-from protocol_c.virtual_boards import CBoard
 from protocol_vectors.vector_files import play, vectors
+from vector_recorder.boards import CBoard
 
 
 @pytest.fixture(scope="module", params=["gcc", "clang"])

@@ -6,8 +6,7 @@ import re
 
 import pytest
 
-from haptogram_protocol.export.vectors import FILES
-from protocol_vectors.vector_files import FOLDER, read
+from protocol_vectors.vector_files import EVERY_FILE, FOLDER, read
 
 SCHEMA = json.loads((FOLDER / "schema.json").read_text("utf-8"))
 TYPES = {"object": dict, "array": list, "string": str, "integer": int, "boolean": bool}
@@ -106,7 +105,7 @@ RULES = {
 }
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", EVERY_FILE)
 def test_a_file_fits_the_schema(name):
     assert list(complaints(read(name), SCHEMA)) == []
 
@@ -142,6 +141,7 @@ def spoil(document, path, value):
         ("dialogues.json", ["vectors", 0, "steps", 0, "at_us"], -1),
         ("dialogues.json", ["vectors", 0, "steps", 0, "expect", 0, "message"], "error"),
         ("dialogues.json", ["vectors", 0, "board", "grid_nx"], True),
+        ("dialogues.json", ["vectors", 0, "board", "grid"], 2),
     ],
 )
 def test_the_check_finds_what_does_not_fit(name, path, value):

@@ -5,22 +5,27 @@ from pathlib import Path
 
 import pytest
 
-from haptogram.acoustics import AcousticModel
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.export.vectors import FILES, text, write_vectors
 from haptogram_protocol.export.vectors.__main__ import main
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES, pack_phases, unpack_phases
-from protocol_vectors.vector_files import FOLDER, FRAME_FILES, outcome, play, read, vectors
-from sim_device.board.board import Board
-from sim_device.board.settings import BoardSettings
-from sim_device.dialects.haptogram import BoardDialect
+from protocol_vectors.vector_files import (
+    DIALOGUE_FILES,
+    EVERY_FILE,
+    FOLDER,
+    FRAME_FILES,
+    outcome,
+    play,
+    read,
+    vectors,
+)
+from vector_recorder.boards import PythonBoard
 
 SPEC = Path(__file__).resolve().parents[2] / "protocol" / "SPEC.md"
-EVERY = vectors(*FILES)
+EVERY = vectors(*EVERY_FILE)
 FRAMES = vectors(*FRAME_FILES)
-DIALOGUES = vectors("dialogues.json")
+DIALOGUES = vectors(*DIALOGUE_FILES)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -45,8 +50,8 @@ def test_writing_twice_changes_nothing(tmp_path):
 
 def test_there_are_enough_vectors_and_each_has_its_own_name():
     names = [vector["id"] for vector in EVERY]
-    assert len(names) == len(set(names)) >= 300
-    assert len(DIALOGUES) >= 60
+    assert len(names) == len(set(names)) >= 400
+    assert len(DIALOGUES) >= 180
 
 
 def test_every_message_is_taken_and_every_kind_of_damage_is_named():
@@ -93,32 +98,19 @@ def test_python_packs_and_unpacks_alike(vector):
 
 @pytest.mark.parametrize("dialogue", DIALOGUES, ids=lambda dialogue: dialogue["id"])
 def test_the_virtual_board_answers_as_the_dialogue_says(dialogue):
-    assert play(dialogue, virtual_board(**dialogue["board"])) == []
-
-
-def virtual_board(*, grid_nx, grid_ny, pitch_um, **limits):
-    """A virtual board as a callable of microseconds after power-up and bytes."""
-    model = AcousticModel.default(grid_nx, grid_ny, pitch_m=pitch_um * 1e-6)
-    board = Board(BoardSettings(model=model, **limits))
-    dialect, boot_us = BoardDialect(board, description_hash()), board.now_us
-
-    def step(at_us, data):
-        dialect.receive(data, boot_us + at_us)
-        return dialect.take_output()
-
-    return step
+    assert play(dialogue, PythonBoard(**dialogue["board"])) == []
 
 
 def test_a_dialogue_can_fail():
-    dialogue = next(d for d in DIALOGUES if d["id"] == "dialogue/states")
+    dialogue = next(d for d in DIALOGUES if d["id"] == "dialogue/6.2/1")
     assert play(dialogue, lambda _, __: b"") != []
-    deaf = virtual_board(**dialogue["board"])
+    deaf = PythonBoard(**dialogue["board"])
     assert play(dialogue, lambda at_us, _: deaf(at_us, b"")) != []
     silent = {"expect": [], "at_us": 0} | {"send": dialogue["steps"][0]["send"]}
-    board = virtual_board(**dialogue["board"])
+    board = PythonBoard(**dialogue["board"])
     assert play({"steps": [silent]}, board) != [], "an answer that nobody expected"
 
 
 def test_the_document_says_what_it_is():
-    for name in FILES:
+    for name in EVERY_FILE:
         assert read(name)["$schema"] == "schema.json"

@@ -1,14 +1,15 @@
-"""Test vectors that firmware in any language can read: frames, packings, dialogues.
+"""Test vectors that are typed by hand: frames, packings, and the few dialogues without a case.
 
-``python -m haptogram_protocol.export.vectors`` rewrites them; ``protocol/vectors/schema.json`` says
-what a file of them holds. What a frame means is taken from the message that it was made of, or
-said by hand, and never from the decoder.
+``python -m haptogram_protocol.export.vectors`` writes them to ``protocol/vectors``; the schema of
+every file is ``protocol/vectors/schema.json``. The meaning of a frame is taken from the message
+that it was made of, or typed, and never from the decoder. Recorded dialogues do not live here:
+``ci/record-dialogues`` writes them.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +21,7 @@ from .valid import valid_frames
 
 _Vectors = list[dict[str, Any]]
 
-#: What makes each file, by its name, and what the file is about.
+#: Maker of each file, by its name, and the subject of the file.
 FILES: Final[Mapping[str, tuple[Callable[[], _Vectors], str]]] = {
     "frames-valid.json": (valid_frames, "Frames as a sender of this version emits them."),
     "frames-acceptable.json": (
@@ -32,29 +33,29 @@ FILES: Final[Mapping[str, tuple[Callable[[], _Vectors], str]]] = {
         "Bytes that a receiver must drop, each with the counter that counts them.",
     ),
     "packing.json": (packings, "Phase codes of 8, 6 and 5 bits, packed and unpacked."),
-    "dialogues.json": (
+    "dialogues-typed.json": (
         dialogues,
-        "What a host sends and what a board answers, by the board's clock from power-up on.",
+        "Dialogues of host and board, by the board's clock, about clauses that no case judges.",
     ),
 }
 
 
-def document(name: str) -> dict[str, Any]:
-    """Return the contents of one of :data:`FILES`."""
-    make, about = FILES[name]
-    return {"$schema": "schema.json", "protocol": "1.0", "about": about, "vectors": make()}
-
-
 def text(name: str) -> str:
-    """Return the text of one of :data:`FILES`: a vector a line, so that a change is readable."""
-    contents = document(name)
-    vectors = [json.dumps(vector, ensure_ascii=False) for vector in contents.pop("vectors")]
+    """Return the text of one of :data:`FILES`."""
+    make, about = FILES[name]
+    return document_text(about, make())
+
+
+def document_text(about: str, vectors: Sequence[Mapping[str, Any]]) -> str:
+    """Return the text of a file of *vectors*: one vector a line, so that a change is readable."""
+    contents = {"$schema": "schema.json", "protocol": "1.0", "about": about}
     head = json.dumps(contents, ensure_ascii=False, indent=1)[:-2]
-    return head + ',\n "vectors": [\n' + ",\n".join(vectors) + "\n]}\n"
+    lines = [json.dumps(vector, ensure_ascii=False) for vector in vectors]
+    return head + ',\n "vectors": [\n' + ",\n".join(lines) + "\n]}\n"
 
 
 def write_vectors(folder: Path) -> list[Path]:
-    """Write every file into *folder*, which must exist; return their paths."""
+    """Write every file of :data:`FILES` into *folder*, which must exist; return their paths."""
     paths = []
     for name in FILES:
         path = folder / name
@@ -63,4 +64,4 @@ def write_vectors(folder: Path) -> list[Path]:
     return paths
 
 
-__all__ = ["FILES", "document", "text", "write_vectors"]
+__all__ = ["FILES", "document_text", "text", "write_vectors"]

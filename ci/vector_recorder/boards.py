@@ -1,0 +1,125 @@
+"""The Python board and the C board in virtual time, as callables of time and bytes.
+
+Both have no line: bytes arrive, and leave, at the moment that the caller names.
+"""
+
+from __future__ import annotations
+
+import select
+import subprocess
+from pathlib import Path
+from typing import Any, Final, Protocol, Self
+
+from haptogram.acoustics import AcousticModel
+from haptogram_protocol.export.tables import description_hash
+from sim_device.board.board import Board
+from sim_device.board.settings import BoardSettings
+from sim_device.dialects.haptogram import BoardDialect
+
+_PATIENCE_S: Final = 20
+
+
+class VirtualBoard(Protocol):
+    """A board whose time is an argument: microseconds after power-up."""
+
+    def __call__(self, at_us: int, data: bytes = b"") -> bytes:
+        """Let *data* arrive at *at_us*, or only time pass; return the bytes that the board sent."""
+        ...
+
+    def reset(self) -> None:
+        """Switch the board off and on; time begins at 0 again."""
+        ...
+
+
+class PythonBoard:
+    """The virtual board of this project.
+
+    Parameters
+    ----------
+    grid_nx, grid_ny : int, keyword-only
+        Elements of the array in either direction.
+    pitch_um : int, keyword-only
+        Pitch of the array in micrometres.
+    **limits
+        Fields of :class:`~sim_device.board.settings.BoardSettings`.
+    """
+
+    def __init__(
+        self, *, grid_nx: int = 2, grid_ny: int = 2, pitch_um: int = 10_000, **limits: Any
+    ) -> None:
+        model = AcousticModel.default(grid_nx, grid_ny, pitch_m=pitch_um * 1e-6)
+        self._settings = BoardSettings(model=model, **limits)
+        self.reset()
+
+    def __call__(self, at_us: int, data: bytes = b"") -> bytes:
+        """Let *data* arrive at *at_us*, or only time pass; return the bytes that the board sent."""
+        self._dialect.receive(data, self._settings.boot_us + at_us)
+        return self._dialect.take_output()
+
+    def reset(self) -> None:
+        """Switch the board off and on; time begins at 0 again."""
+        self._dialect = BoardDialect(Board(self._settings), description_hash())
+
+    @property
+    def next_event_us(self) -> int | None:
+        """Time at which the board next does something by itself; None if it only waits."""
+        next_us = self._dialect.next_event_us()
+        return None if next_us is None else next_us - self._settings.boot_us
+
+
+class CBoard:
+    """The reference board in C: a process of ``board_steps`` that answers each line with one.
+
+    Parameters
+    ----------
+    folder : Path
+        Where ``board_steps`` was built.
+    grid_nx, grid_ny : int, keyword-only
+        Elements of the array in either direction; its pitch is 10 mm.
+    """
+
+    def __init__(self, folder: Path, *, grid_nx: int = 2, grid_ny: int = 2) -> None:
+        self._process = subprocess.Popen(
+            [folder / "board_steps", f"{grid_nx}x{grid_ny}"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __call__(self, at_us: int, data: bytes = b"") -> bytes:
+        """Let *data* arrive at *at_us*, or only time pass; return the bytes that the board sent."""
+        return self._step(f"rx {at_us} {data.hex()}" if data else f"at {at_us}")
+
+    def raise_hardware_fault(self, at_us: int) -> bytes:
+        """Let the hardware fail; return the bytes that the board sent."""
+        return self._step(f"fault {at_us}")
+
+    def reset(self) -> None:
+        """Switch the board off and on; time begins at 0 again."""
+        self._step("reset")
+
+    def _step(self, line: str) -> bytes:
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdin.write(line + "\n")
+        process.stdin.flush()
+        ready, _, _ = select.select([process.stdout], [], [], _PATIENCE_S)
+        assert ready, f"board_steps did not answer {line[:80]!r} within {_PATIENCE_S} s"
+        answer = process.stdout.readline().strip()
+        assert answer, process.stderr.read()
+        return b"" if answer == "-" else bytes.fromhex(answer)
+
+    def close(self) -> None:
+        """End the process; the sanitizers must report nothing, not even a leak."""
+        _, complaints = self._process.communicate(timeout=_PATIENCE_S)
+        assert (self._process.returncode, complaints) == (0, "")

@@ -1,0 +1,195 @@
+"""From a conformance case to a dialogue: what was said, by two boards alike, in a case that passed.
+
+A dialogue is kept if the case came to OK; both boards must send the same frames at the same times.
+Every case is recorded a second time with other limits. If the dialogue is another one then, it
+depends on a limit and names all of them; otherwise it fits a board of any such limits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+from haptogram.conformance.case import Case
+from haptogram.conformance.client.board_client import Bench
+from haptogram.conformance.run.access import VirtualAccess
+from haptogram.conformance.run.runner import Options, Runner
+from haptogram.conformance.verdict import Behaviour
+from haptogram_protocol.export.vectors import document_text
+from haptogram_protocol.messages import MessageType
+from haptogram_protocol.state import MuteReason
+
+from .boards import PythonBoard, VirtualBoard
+from .port import Frame, LockstepPort, Step, is_event
+
+Dialogue = dict[str, Any]
+
+#: The array and the limits that every dialogue names.
+BOARD: Final = {
+    "grid_nx": 2,
+    "grid_ny": 2,
+    "pitch_um": 10_000,
+    "queue_depth": 32,
+    "max_horizon_us": 10_000_000,
+    "max_points": 8,
+}
+#: Limits of the C board that only the dialogues name which depend on them.
+LIMITS: Final = {
+    "trace_ring": 4096,
+    "max_sequence_frames": 65_536,
+    "max_upload_bytes": 32 << 20,
+    "max_playback_rate_hz": 10_000,
+    "max_unattended_ms": 600_000,
+    "max_chunk": 2048,
+    "upload_window": 4,
+}
+#: Other limits, by which a dialogue that depends on a limit is known.
+_OTHER_LIMITS: Final = {
+    "trace_ring": 500,
+    "max_sequence_frames": 3000,
+    "max_upload_bytes": 1 << 20,
+    "max_stored_bytes": 3 << 20,
+    "max_playback_rate_hz": 5000,
+    "max_unattended_ms": 300_000,
+    "max_chunk": 1000,
+    "upload_window": 3,
+    "rx_window": 9000,
+    "clock_ppm": 77,
+}
+#: What a dialogue is about, by chapter of SPEC.md.
+_FLAGS: Final = {
+    1: "conformance",
+    2: "framing",
+    3: "header",
+    4: "session",
+    5: "stream",
+    6: "output",
+    7: "configuration",
+    8: "evidence",
+    9: "status",
+    10: "errors",
+    11: "versions",
+    12: "timers",
+}
+_BAUDRATE: Final = 50_000_000  # that the host reckons with; the lockstep port has no line
+_LONGEST: Final = 64_000  # characters of JSON; a flood of megabytes is no vector to port
+_SEED: Final = 1
+#: The judge of these cases searches the sound field of the drive, which no dialogue shows.
+_OF_THE_FIELD: Final = frozenset({"focus"})
+
+
+def dialogues(cases: Iterable[Case], peer: VirtualBoard | None) -> list[Dialogue]:
+    """Return the dialogues of *cases*; cases of one chapter with the same dialogue share it.
+
+    Parameters
+    ----------
+    cases : iterable of Case
+        Conformance cases, in the order of their clauses.
+    peer : VirtualBoard or None
+        C board of the array :data:`BOARD`; None: the Python board alone answers.
+    """
+    found: dict[str, Dialogue] = {}
+    for case in cases:
+        if (dialogue := record(case, peer)) is None:
+            continue
+        spoken = json.dumps([dialogue[part] for part in ("flags", "board", "steps")])
+        if (same := found.setdefault(spoken, dialogue)) is not dialogue:
+            same["clauses"] = list(dict.fromkeys([*same["clauses"], case.clause]))
+            same["comment"] += f"; {case.what}"
+    return list(found.values())
+
+
+def record(case: Case, peer: VirtualBoard | None) -> Dialogue | None:
+    """Return the dialogue of one case; None if the case did not come to OK, or is too long.
+
+    Raises
+    ------
+    ValueError
+        If the two boards did not send the same.
+    """
+    if case.body is None or case.variant in _OF_THE_FIELD:
+        return None
+    usual, other = _spoken(case, LIMITS, peer), _spoken(case, _OTHER_LIMITS, None)
+    if usual is None or len(json.dumps(usual)) > _LONGEST:
+        return None
+    return {
+        "id": f"dialogue/{case.id.removeprefix('HG-')}",
+        "clauses": [case.clause],
+        "flags": [_FLAGS[int(case.clause[3:].split(".")[0])]],
+        "comment": case.what,
+        "board": BOARD if usual == other else BOARD | LIMITS,
+        "steps": usual,
+    }
+
+
+def _spoken(
+    case: Case, limits: dict[str, int], peer: VirtualBoard | None
+) -> list[dict[str, Any]] | None:
+    """Return the steps of *case* at a board with *limits*; None unless it came to OK."""
+    board = PythonBoard(**BOARD, **limits)
+    ports: list[LockstepPort] = []
+    span = [0, 0]
+
+    def start(_: int) -> LockstepPort:
+        ports.append(LockstepPort(board, peer))
+        return ports[-1]
+
+    def body(bench: Bench) -> None:
+        assert case.body is not None
+        span[0] = len(ports[-1].steps)
+        case.body(bench)
+        ports[-1].look()
+        span[1] = len(ports[-1].steps)
+
+    access = VirtualAccess(LockstepPort.url, start, baudrate=_BAUDRATE, virtual=True)
+    runner = Runner(access, Options(seed=_SEED))
+    (result,) = runner.run([dataclasses.replace(case, body=body)]).results
+    if different := next((port.disagreement for port in ports if port.disagreement), ""):
+        raise ValueError(f"{case.id}: {different}")
+    if result.behaviour is not Behaviour.OK:
+        return None
+    return _written(ports[-1].steps[: span[1]], first=span[0])
+
+
+def _written(steps: list[Step], first: int) -> list[dict[str, Any]]:
+    """Return steps as a vector has them; before number *first* only the messages are named.
+
+    Those steps lead to where the case begins; other dialogues are about them.
+    """
+    written = []
+    for number, step in enumerate(steps):
+        expected = [frame if number >= first else _named(frame) for frame in step.frames]
+        sent = {"send": step.sent.hex()} if step.sent else {}
+        written.append({"at_us": step.at_us, **sent, "expect": expected})
+    return _with_options(written)
+
+
+def _named(frame: Frame) -> Frame:
+    return frame | {"header": {"seq": frame["header"]["seq"]}, "fields": {}}
+
+
+def _with_options(steps: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Let a board be silent about a MUTE of another session, as HG-6.8/2 leaves it free.
+
+    The numbers of the events behind it are unknown then, up to the next session.
+    """
+    unknown_in = None
+    for frame in (frame for step in steps for frame in step["expect"]):
+        if not is_event(frame):
+            continue
+        changed = frame["message"] == MessageType.STATE_CHANGED.name
+        if changed and frame["fields"]["reason"] == MuteReason.MUTE:
+            frame["optional"] = True
+            unknown_in = frame["header"]["session"]
+        if unknown_in is not None and frame["header"].get("session") == unknown_in:
+            del frame["header"]["seq"]
+    return steps
+
+
+def text(found: Sequence[Dialogue]) -> str:
+    """Return the text of ``protocol/vectors/dialogues.json``."""
+    return document_text(
+        "Dialogues of host and board, by the board's clock, recorded from conformance cases.", found
+    )
