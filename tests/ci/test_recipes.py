@@ -1,0 +1,201 @@
+"""The CI recipes for firmware: their steps are run as they stand, in a clean environment.
+
+The variable HAPTOGRAM, by which a user names a tag, names a wheel of this tree. The firmware is the
+virtual board in a process of its own, which stand-ins for make, qemu and openocd start.
+"""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import venv
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+RECIPES = {
+    "github": ROOT / "docs" / "ci" / "github-actions.yml",
+    "gitlab": ROOT / "docs" / "ci" / "gitlab-ci.yml",
+}
+KINDS = ("native", "qemu", "board")
+PLACEHOLDERS = ("git+https://", "OWNER", "TAG")
+NOT_SOURCE = ("*.egg-info", ".git", ".venv", ".*_cache", "__pycache__", "build", "out")
+#: Two cases that a loaded machine judges too; the whole suite has tests of its own.
+FEW = " --clause HG-2.3 --clause HG-6.1 --timeout 5 --boot-timeout 60"
+DEVICE = "/dev/ttyACM0"
+
+START_BOARD = """\
+python=.venv/bin/python; [ -x $python ] || python=python3
+rm -f board
+$python -m sim_device --array 4x4 --no-reconstruct --link board > board.log 2>&1 < /dev/null &
+echo $! > board.pid
+until [ -e board ]; do sleep 0.02; done
+"""
+PROGRAMS = {
+    "make": f"""\
+case $1 in
+native) mkdir -p build; cp "$STAND_INS/firmware" build/firmware_native ;;
+firmware.elf) touch firmware.elf ;;
+flash) {START_BOARD} ;;
+*) exit 2 ;;
+esac
+""",
+    "firmware": f'{START_BOARD}echo "PTY is $(readlink board)"\nwait\n',
+    "qemu-system-arm": f"""\
+case "$*" in *"-serial pty -kernel firmware.elf"*) [ -e firmware.elf ] ;; *) false ;; esac || exit 2
+{START_BOARD}echo "char device redirected to $(readlink board) (label serial0)"
+wait
+""",
+    "openocd": f"""\
+kill $(cat board.pid)
+while kill -0 $(cat board.pid) 2>/dev/null; do sleep 0.02; done
+{START_BOARD}""",
+    "sudo": 'exec "$@"\n',
+    "apt-get": "case $1 in update) ;; install) echo $* > installed ;; *) exit 2 ;; esac\n",
+}
+
+
+def jobs(name):
+    """The jobs of a recipe by the kind of their board: variables, and what a shell runs at once."""
+    read = yaml.safe_load(RECIPES[name].read_text("utf-8"))
+    if name == "github":
+        assert read[True] == ["push", "pull_request"]  # YAML 1.1 reads "on" as a truth
+        steps = {kind: read["jobs"][kind]["steps"] for kind in KINDS}
+        runs = {kind: [s["run"] for s in found if "run" in s] for kind, found in steps.items()}
+        return read["env"], runs  # a shell each
+    assert all(read[f"conformance:{kind}"]["extends"] == ".conformance" for kind in KINDS)
+    found = {kind: read[".conformance"] | read[f"conformance:{kind}"] for kind in KINDS}
+    whole = {kind: [*job["before_script"], *job["script"]] for kind, job in found.items()}
+    return read["variables"], {kind: ["\n".join(lines)] for kind, lines in whole.items()}
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """A wheel of this tree, built without the network."""
+    folder = tmp_path_factory.mktemp("wheel")
+    shutil.copytree(ROOT, folder / "tree", ignore=shutil.ignore_patterns(*NOT_SOURCE))
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-q"]
+    subprocess.run([*command, "-w", folder, folder / "tree"], check=True)
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def machine(wheel, tmp_path_factory):
+    """The variables of a machine with Python, Haptogram's dependencies, and no Haptogram."""
+    folder = tmp_path_factory.mktemp("machine")
+    venv.create(folder / "python", with_pip=True, symlinks=True)
+    dependencies, programs = folder / "dependencies", folder / "programs"
+    for place in (dependencies, programs):
+        place.mkdir()
+    for package in Path(sysconfig.get_path("purelib")).iterdir():
+        if not package.name.startswith(("haptogram", "__editable__", "pip", "_distutils")):
+            (dependencies / package.name).symlink_to(package)
+    for name, text in PROGRAMS.items():
+        (programs / name).write_text(f"#!/bin/sh\n{text}")
+        (programs / name).chmod(0o755)
+    return {
+        "PATH": f"{programs}:{folder / 'python' / 'bin'}:/usr/bin:/bin",
+        "HOME": str(folder),
+        "PYTHONPATH": str(dependencies),
+        "STAND_INS": str(programs),
+        # The dependencies are there; nothing is looked up.
+        "PIP_NO_DEPS": "1",
+        "PIP_NO_INDEX": "1",
+        "PIP_DISABLE_PIP_VERSION_CHECK": "1",
+        "HAPTOGRAM": wheel.as_uri(),
+    }
+
+
+@pytest.mark.pty
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", RECIPES)
+def test_the_steps_of_a_recipe_run(name, kind, machine, tmp_path):
+    (tmp_path / "conformance").mkdir()
+    (tmp_path / "conformance" / "expected.toml").write_text("[expected]\n")
+    variables, scripts = jobs(name)
+    said = ""
+    try:
+        for script in scripts[kind]:
+            text = script.rstrip() + FEW if "haptogram conform" in script else script
+            said += shell(
+                text.replace(DEVICE, str(tmp_path / "board")), variables | machine, tmp_path
+            )
+    finally:
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+            os.kill(int((tmp_path / "board.pid").read_text()), signal.SIGTERM)
+    assert "2 OK" in said
+    assert "PASS (exit status 0)" in said
+    assert (tmp_path / "conform.xml").exists()
+    if kind == "qemu":
+        assert "qemu-system-arm" in (tmp_path / "installed").read_text()
+
+
+def shell(script, variables, folder):
+    """Run a step as both services do: the first command that fails ends it."""
+    done = subprocess.run(
+        ["bash", "-eo", "pipefail", "-c", script],
+        cwd=folder,
+        env=variables,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, f"{script}\n{done.stdout}"
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_installs_from_a_place_that_its_user_fills_in(name):
+    variables, scripts = jobs(name)
+    assert all(part in variables["HAPTOGRAM"] for part in PLACEHOLDERS)
+    for steps in scripts.values():
+        (install,) = (line for line in "\n".join(steps).splitlines() if "pip install" in line)
+        assert install.endswith('pip install "haptogram @ $HAPTOGRAM"')
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_has_the_three_kinds_of_boards(name):
+    _, scripts = jobs(name)
+    marks = ("--spawn ./build/firmware_native", "--spawn 'qemu-system-arm", f"--port {DEVICE}")
+    for kind, mark in zip(KINDS, marks, strict=True):
+        assert mark in "\n".join(scripts[kind])
+
+
+# --- the project's own workflow -------------------------------------------------------------------
+
+WORKFLOW = ROOT / ".github" / "workflows" / "ci.yml"
+
+
+def test_the_workflow_runs_the_commands_of_the_readme_on_every_python():
+    test = yaml.safe_load(WORKFLOW.read_text("utf-8"))["jobs"]["test"]
+    readme = (ROOT / "README.md").read_text("utf-8")
+    runs = [step["run"] for step in test["steps"] if "run" in step]
+    assert runs == ["ci/test", "ci/verify"]
+    assert all(f"\n{command} " in readme for command in runs)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    prefix = "Programming Language :: Python :: 3."
+    classified = [line for line in project["classifiers"] if line.startswith(prefix)]
+    versions = test["strategy"]["matrix"]["python-version"]
+    assert versions == [f"3.{line.removeprefix(prefix)}" for line in classified]
+    assert project["requires-python"] == f">={versions[0]}"
+    (setup,) = (step for step in test["steps"] if "setup-python" in step.get("uses", ""))
+    assert setup["with"]["python-version"] == "${{ matrix.python-version }}"
+
+
+def test_every_command_of_the_workflow_is_there():
+    for job in yaml.safe_load(WORKFLOW.read_text("utf-8"))["jobs"].values():
+        for step in job["steps"]:
+            assert ("uses" in step) != ("run" in step)
+            if "run" in step:
+                assert os.access(ROOT / step["run"].split()[0], os.X_OK)
