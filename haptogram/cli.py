@@ -6,9 +6,8 @@ through a port.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import dataclasses
+import importlib
 import os
 import signal
 import sys
@@ -17,48 +16,72 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
 from . import __version__
-from .commands import bench, budget, paper, presets, soak
-from .commands.conform import command as conform
-from .commands.field import command as field
-from .commands.modulation import command as modulation
 from .commands.shell.exit_status import EXIT_STATUS, INTERRUPTED, USAGE
 from .commands.shell.interrupts import heard_interrupts, leave_at_once
-from .commands.shell.places import joined
 from .commands.shell.standard_streams import patient_streams
-from .commands.verify import command as verify
 from .errors import HaptogramError
-from .settings.board import BoardConfig
-from .settings.board_url import SCHEME, PortConfig, read_url, write_url
+from .settings.parser import Parser, UsageError
 
 if TYPE_CHECKING:
     from .campaigns.soak import MakeBoard
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import Transport
     from .evidence.boards import BoardUnderTest
+    from .settings.board import BoardConfig
     from .settings.faults.plan import FaultPlan
     from .settings.verify_config import VerifyConfig
 
 _ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
+_BOARD: Final = "board"
+#: Every command: the module that adds its options, and its line in the list of commands.
+COMMANDS: Final = {
+    "verify": (".verify.command", "display a tactile object and verify where every focus is"),
+    "conform": (".conform.command", "judge a board by every clause of the protocol"),
+    _BOARD: ("sim_device.command", "start the virtual board on a pty, TCP or a serial port"),
+    "soak": (".soak", "stream for hours over a bad line and account for every fault"),
+    "bench": (".bench", "measure the 1 kHz loop: percentiles, every miss with its cause"),
+    "budget": (".budget", "show where the time of a frame goes, and the highest rate that fits"),
+    "field": (".field.command", "compute the field of a focus, an object or a drive"),
+    "modulation": (".modulation.command", "compute what a modulated focus makes at the skin"),
+    "presets": (".presets", "list the known systems, with their published figures next to ours"),
+    "paper": (".paper", "reproduce the Haptogram paper's simulation"),
+}
+_EXAMPLES: Final = """\
+examples:
+  haptogram verify                          a hemisphere at 1 kHz on the virtual board
+  haptogram conform --port /dev/ttyACM0     firmware in CI: a verdict for every clause
+  haptogram board --link /tmp/board         a serial port without hardware
+  haptogram COMMAND --help                  options, examples and exit status of a command
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line *argv* and return its exit status."""
+    words = sys.argv[1:] if argv is None else list(argv)
+    if words[:1] == [_BOARD]:
+        from sim_device.__main__ import main as run_board
+
+        return run_board(words[1:], f"haptogram {_BOARD}")
     # One thread each: two threads of a linear algebra library ruin the loop on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     leave_at_once()
     with patient_streams():
-        return _run(argv)
+        return _run(words)
 
 
-def _run(argv: Sequence[str] | None) -> int:
-    arguments = _parser().parse_args(joined(sys.argv[1:] if argv is None else argv))
+def _run(words: Sequence[str]) -> int:
+    parser = _parser(words)
     try:
+        arguments = parser.parse_args(words)
+        parser = arguments.parser
         with _terminated_like_interrupted(), heard_interrupts():
             return int(arguments.run(arguments))
+    except UsageError as error:
+        print(f"{error.program}: {error}", file=sys.stderr)
     except HaptogramError as error:
-        print(f"haptogram: {error}", file=sys.stderr)
+        print(f"{parser.prog}: {parser.named(str(error))}", file=sys.stderr)
     except KeyboardInterrupt:  # before there was anything to keep
-        print("haptogram: interrupted", file=sys.stderr)
+        print(f"{parser.prog}: interrupted", file=sys.stderr)
         return INTERRUPTED
     return USAGE
 
@@ -81,21 +104,41 @@ def _terminated_like_interrupted() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _parser(words: Sequence[str]) -> Parser:
+    """Return the parser of all commands; only the command that *words* name has its options."""
+    parser = Parser(
         prog="haptogram",
         description="Hardware-in-the-loop test harness for ultrasonic phased arrays.",
-        epilog=EXIT_STATUS,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=f"{_EXAMPLES}\n{EXIT_STATUS}",
     )
     parser.add_argument("--version", action="version", version=f"haptogram {__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    verify.add(commands, _prepare_simulator, board_in_virtual_time)
-    conform.add(commands, access_in_program)
-    soak.add(commands, board_without_a_line)
-    for command in (bench, budget, field, modulation, presets, paper):
-        command.add(commands)
+    commands = parser.add_subparsers(
+        title="commands", dest="command", required=True, metavar="COMMAND"
+    )
+    named = next((word for word in words if not word.startswith("-")), None)
+    for name, (_, summary) in COMMANDS.items():
+        command = commands.add_parser(name, help=summary)
+        if name == named:
+            _add_options(name, command)
     return parser
+
+
+def command_parser(name: str) -> Parser:
+    """Return the parser of one command, with all its options."""
+    parser = Parser(prog=f"haptogram {name}")
+    _add_options(name, parser)
+    return parser
+
+
+def _add_options(name: str, parser: Parser) -> None:
+    """Let the module of a command describe it, given what only this module knows of boards."""
+    parts = {
+        "verify": (_prepare_simulator, board_in_virtual_time),
+        "conform": (access_in_program,),
+        "soak": (board_without_a_line,),
+    }
+    module = importlib.import_module(COMMANDS[name][0], "haptogram.commands")
+    module.set_up(parser, *parts.get(name, ()))
 
 
 def _prepare_simulator(config: VerifyConfig) -> FaultPlan:
@@ -106,6 +149,8 @@ def _prepare_simulator(config: VerifyConfig) -> FaultPlan:
     ConfigurationError
         For a URL or a fault that is refused, or a plan that cannot be read.
     """
+    from .settings.board_url import SCHEME, read_url
+
     if config.port is not None and config.port.startswith(SCHEME):
         import sim_device
 
@@ -121,6 +166,7 @@ def board_in_virtual_time(config: BoardConfig) -> Iterator[BoardUnderTest]:
 
     from .driver.line.port import PyserialTransport
     from .evidence.boards import InProcessBoard
+    from .settings.board_url import PortConfig
 
     with contextlib.closing(
         open_port(PortConfig(board=config, clock="virtual", reconstruct=True))
@@ -135,10 +181,14 @@ def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAcces
 
     Without a URL its time is virtual; *baudrate* and *seed* hold unless the URL gives others.
     """
+    import dataclasses
+
     from sim_device.protocol_haptogram import open_port
 
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import PyserialTransport
+    from .settings.board import BoardConfig
+    from .settings.board_url import PortConfig, read_url, write_url
 
     defaults = BoardConfig.of(baud=baudrate, seed=seed)
     first = PortConfig(clock="virtual", board=defaults) if url is None else read_url(url, defaults)

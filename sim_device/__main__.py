@@ -5,20 +5,22 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections.abc import Sequence
 from typing import NoReturn
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def main() -> int:
-    """Settle what must be settled before numpy is imported, then run the board."""
+def main(words: Sequence[str] | None = None, program: str | None = None) -> int:
+    """Settle the signals and, before numpy is imported, the number of threads; run the board."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _leave)  # until the board runs: what is open is closed
     # A real-time process that computes on two threads waits for the second one.
     os.environ.update(dict.fromkeys(_THREADS, "1"))
+    from .command import PROGRAM
     from .command import main as run
 
-    return run()
+    return run(sys.argv[1:] if words is None else words, program or PROGRAM)
 
 
 def _leave(*_: object) -> NoReturn:

@@ -8,7 +8,8 @@ import gc
 import logging
 import secrets
 import sys
-from typing import Final, NoReturn
+from collections.abc import Sequence
+from typing import Final
 
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
@@ -16,6 +17,7 @@ from haptogram.settings.command_line import add_options, given
 from haptogram.settings.faults.kinds import described
 from haptogram.settings.line import LineSettings
 from haptogram.settings.option import options_of
+from haptogram.settings.parser import Parser
 
 from .backdoor.worker import ReconstructionWorker
 from .board.settings import BoardSettings
@@ -25,20 +27,21 @@ from .mutants import parts_of
 from .simulation import Recorder, Simulation
 from .wallclock import Heartbeat
 
+PROGRAM: Final = "python -m sim_device"
 _LOG: Final = logging.getLogger(__name__)
 _SERIAL_BAUD: Final = 3_000_000
 _COUNTS_S: Final = 10
 _LOOPBACK: Final = "127.0.0.1"
 _EPILOG: Final = """\
 examples:
-  python -m sim_device --link /tmp/board            open /tmp/board as a serial port
-  python -m sim_device --tcp 7000                   open socket://127.0.0.1:7000
-  python -m sim_device --link /tmp/board --backdoor /tmp/board.jsonl
-  python -m sim_device --link /tmp/board --baud 3000000 --latency-ms 16
+  PROGRAM --link /tmp/board            open /tmp/board as a serial port
+  PROGRAM --tcp 7000                   open socket://127.0.0.1:7000
+  PROGRAM --link /tmp/board --backdoor /tmp/board.jsonl
+  PROGRAM --link /tmp/board --baud 3000000 --latency-ms 16
                      as behind a USB adapter whose latency timer was left alone
-  python -m sim_device --link /tmp/board --baud 3000000 --rx-fifo 16 --rx-poll-us 50
+  PROGRAM --link /tmp/board --baud 3000000 --rx-fifo 16 --rx-poll-us 50
                      a UART of 16 bytes, emptied every 50 us: one that does not overrun
-  python -m sim_device --link /tmp/board --seed 1 --fault "line.flip ber=1e-5" \\
+  PROGRAM --link /tmp/board --seed 1 --fault "line.flip ber=1e-5" \\
       --fault "device.stuck column=3 from=2s"
 
 Without --baud the line takes no time, as a pseudo-terminal does, and holds as much as one.
@@ -50,19 +53,10 @@ It ends on SIGINT or SIGTERM: muted, every record written, the link removed.
 """
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        """Exit with status 2 and one line."""
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="python -m sim_device",
-        description="A virtual ultrasonic phased array at the far end of a serial line.",
-        epilog=_epilog(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def set_up(parser: Parser) -> None:
+    """Describe the command and add its options."""
+    parser.description = "A virtual ultrasonic phased array at the far end of a serial line."
+    parser.epilog = _epilog(parser.prog)
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--link", metavar="PATH", help="pseudo-terminal with this stable name")
     where.add_argument("--tcp", metavar="[HOST:]PORT", help="TCP server [host 127.0.0.1]")
@@ -84,36 +78,49 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--quiet", action="store_true", help="log warnings only")
     parser.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
-    return parser
 
 
-def _epilog() -> str:
+def _epilog(program: str) -> str:
     """Return examples, and the faults with their parameters."""
     faults = "\n".join(f"  {text}" for text in described())
     return (
-        f"{_EPILOG}\nfaults, their parameters and defaults (all but those of the clock also take\n"
-        f"from=500ms until=2s, those of the line direction=down or up; see docs/faults.md):\n"
+        f"{_EPILOG.replace('PROGRAM', program)}\n"
+        "faults, their parameters and defaults (all but those of the clock also take\n"
+        "from=500ms until=2s, those of the line direction=down or up; see docs/faults.md):\n"
         f"{faults}\n"
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(words: Sequence[str], program: str = PROGRAM) -> int:
     """Run a board until it is told to stop; return the exit status.
 
     0 after SIGINT or SIGTERM, 1 if the port was lost, 2 for arguments that cannot be used.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Command line, without the name of the program.
+    program : str
+        Name of the program, as the user called it.
     """
-    options = _parser().parse_args(arguments)
+    parser = Parser(prog=program)
+    set_up(parser)
+    try:
+        options = parser.parse_args(words)
+        _start_log(options)
+        _run(options)
+    except HaptogramError as error:
+        sys.stderr.write(f"{program}: {parser.named(str(error))}\n")
+        return 2 if isinstance(error, ConfigurationError) else 1
+    return 0
+
+
+def _start_log(options: argparse.Namespace) -> None:
     logging.basicConfig(
         level=logging.WARNING if options.quiet else logging.INFO,
         format="%(asctime)s %(message)s",
         stream=sys.stderr,
     )
-    try:
-        _run(options)
-    except HaptogramError as error:
-        sys.stderr.write(f"sim_device: {error}\n")
-        return 2 if isinstance(error, ConfigurationError) else 1
-    return 0
 
 
 def _run(options: argparse.Namespace) -> None:

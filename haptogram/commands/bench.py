@@ -7,10 +7,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from haptogram.settings.parser import number, whole_number
+
 from .shell.output_files import write_picture
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.measure import BenchRun
+    from haptogram.settings.parser import Parser
 
 _EXAMPLES: Final = """\
 examples:
@@ -24,45 +27,59 @@ measured, 2 if it could not be.
 """
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    bench = commands.add_parser(
-        "bench",
-        help="measure the loop: percentiles from the intended time, every miss with its cause",
-        description="Stream to a board and measure, for every frame and from its intended time, "
+def set_up(parser: Parser) -> None:
+    """Describe the command and add its options."""
+    parser.description = (
+        "Stream to a board and measure, for every frame and from its intended time, "
         "wake, encode and write, line, board and latch; beside a control loop that shows what the "
-        "machine itself does.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "machine itself does."
     )
-    bench.set_defaults(run=run)
-    bench.add_argument("--port", metavar="URL", help="a board on any pyserial URL [virtual board]")
-    bench.add_argument("--rate-hz", type=float, default=1000.0, metavar="HZ", help="[1000]")
-    bench.add_argument("--seconds", type=float, default=10.0, metavar="S", help="[10]")
-    bench.add_argument("--link-baud", type=int, default=3_000_000, metavar="BAUD", help="[3000000]")
-    bench.add_argument("--phase-bits", type=int, choices=(8, 6, 5), default=8, help="[8]")
-    bench.add_argument(
-        "--lead-ms", type=float, metavar="MS", help="[100, or 3/4 of the board's queue]"
+    parser.epilog = _EXAMPLES
+    parser.rename(link_baud="baud")
+    parser.refused["--goals"] = "is ci/timing-goals of a checkout now"
+    parser.set_defaults(run=run)
+    parser.add_argument("--port", metavar="URL", help="a board on any pyserial URL [virtual board]")
+    parser.add_argument(
+        "--rate-hz", type=number(100.0, 10_000.0, "Hz"), default=1000.0, metavar="HZ", help="[1000]"
     )
-    bench.add_argument(
+    parser.add_argument(
+        "--seconds", type=number(1e-3, 86_400.0, "s"), default=10.0, metavar="S", help="[10]"
+    )
+    parser.add_argument(
+        "--baud",
+        type=whole_number(1200, 50_000_000, "Bd"),
+        default=3_000_000,
+        metavar="BAUD",
+        help="[3000000]",
+    )
+    parser.add_argument(
+        "--phase-bits", type=whole_number(5, 8, "bits"), choices=(8, 6, 5), default=8, help="[8]"
+    )
+    parser.add_argument(
+        "--lead-ms",
+        type=number(1.0, 1000.0, "ms"),
+        metavar="MS",
+        help="[100, or 3/4 of the board's queue]",
+    )
+    parser.add_argument(
         "--trim", action="store_true", help="shorten the lead to what the arrival margins allow"
     )
-    bench.add_argument(
+    parser.add_argument(
         "--spin-us",
-        type=int,
+        type=whole_number(0, 10_000, "us"),
         default=0,
         metavar="US",
         help="watch the clock so long before a deadline; a quarter of the period at most [0]",
     )
-    bench.add_argument(
+    parser.add_argument(
         "--realtime",
         action="store_true",
         help="ask for fixed priority, locked memory and a frozen garbage collector",
     )
-    bench.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
-    bench.add_argument("--html", type=Path, metavar="FILE", help="write it with histograms")
-    bench.add_argument("--picture", type=Path, metavar="FILE", help="write the histogram alone")
-    bench.add_argument(
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write it with histograms")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="write the histogram alone")
+    parser.add_argument(
         "--compare", type=Path, metavar="OLD.json", help="say what changed beyond the noise"
     )
 
@@ -79,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         port=arguments.port,
         rate_hz=arguments.rate_hz,
         seconds=arguments.seconds,
-        baudrate=arguments.link_baud,
+        baudrate=arguments.baud,
         phase_bits=arguments.phase_bits,
         lead_us=lead_us,
         spin_us=arguments.spin_us,

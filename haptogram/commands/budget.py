@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from haptogram.driver.line.budget import frame_bytes, round_trip_ns
-from haptogram.errors import ConfigurationError
-from haptogram_protocol.messages import Ping, Pong
+from haptogram.settings.parser import number, whole_number
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.stages import FrameBudget
+    from haptogram.settings.parser import Parser
 
 _TIMERS_MS: Final = {
     "without a USB adapter": 0,
@@ -19,44 +18,54 @@ _TIMERS_MS: Final = {
 }
 _EXAMPLES: Final = """\
 examples:
-  haptogram budget --baud 3000000 --rate 1000 --phase-bits 8
+  haptogram budget --baud 3000000 --rate-hz 1000 --phase-bits 8
       256 phases of 8 bit a thousand times a second over 3 Mbaud
   haptogram budget --baud 921600 --transducers 64
 """
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    budget = commands.add_parser(
-        "budget",
-        help="where the time of one frame goes, and the highest rate that fits",
-        description="Say where the time of one frame goes, from the intended moment to the latch, "
+def set_up(parser: Parser) -> None:
+    """Describe the command and add its options."""
+    parser.description = (
+        "Say where the time of one frame goes, from the intended moment to the latch, "
         "and the highest rate that fits, for every frame format. Wake, encode, write and decode "
         "are medians measured on this machine now; wire and latch are computed. The way back, for "
-        "answers and trace, is computed for USB adapters with a latency timer as well.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "answers and trace, is computed for USB adapters with a latency timer as well."
     )
-    budget.set_defaults(run=run)
-    budget.add_argument("--baud", type=int, default=3_000_000, metavar="N", help="[%(default)s]")
-    budget.add_argument(
-        "--rate", type=float, default=1000.0, metavar="HZ", help="frames per second [1000]"
+    parser.epilog = _EXAMPLES
+    parser.rename(rate="rate_hz")
+    parser.set_defaults(run=run)
+    parser.add_argument(
+        "--baud",
+        type=whole_number(1, 1_000_000_000, "Bd"),
+        default=3_000_000,
+        metavar="N",
+        help="[%(default)s]",
     )
-    budget.add_argument(
-        "--phase-bits", type=int, choices=(8, 6, 5), default=8, help="format asked for [8]"
+    parser.add_argument(
+        "--rate-hz",
+        type=number(0.001, 40_000.0, "Hz"),
+        default=1000.0,
+        metavar="HZ",
+        help="frames per second [1000]",
     )
-    budget.add_argument("--transducers", type=int, default=256, metavar="N", help="[256]")
+    parser.add_argument(
+        "--phase-bits",
+        type=whole_number(5, 8, "bits"),
+        choices=(8, 6, 5),
+        default=8,
+        help="format asked for [8]",
+    )
+    parser.add_argument(
+        "--transducers", type=whole_number(1, 1024), default=256, metavar="N", help="[256]"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
     from haptogram.campaigns.bench.stages import frame_formats, measure_budget, measure_wake_ns
 
-    if not 0.0 < arguments.rate <= 40_000.0:
-        raise ConfigurationError(f"rate is {arguments.rate:g} Hz, must be above 0, at most 40000")
-    if not 1 <= arguments.transducers <= 1024:
-        raise ConfigurationError(f"transducers is {arguments.transducers}, must be 1 to 1024")
-    wake_ns = measure_wake_ns(arguments.rate)
+    wake_ns = measure_wake_ns(arguments.rate_hz)
     budgets = [
         measure_budget(name, message, baudrate=arguments.baud)
         for name, message in frame_formats(arguments.transducers).items()
@@ -65,11 +74,11 @@ def run(arguments: argparse.Namespace) -> int:
     print(_one_frame(asked, wake_ns, arguments))
     print(_all_formats(budgets, wake_ns))
     print(_answers(arguments.baud))
-    return 0 if asked.highest_hz >= arguments.rate else 1
+    return 0 if asked.highest_hz >= arguments.rate_hz else 1
 
 
 def _one_frame(asked: FrameBudget, wake_ns: int, arguments: argparse.Namespace) -> str:
-    period_us = 1e6 / arguments.rate
+    period_us = 1e6 / arguments.rate_hz
     rows = [
         ("wake", wake_ns, "median lateness of a sleeping loop, measured"),
         ("encode", asked.encode_ns, "header, CRC-32 and COBS, measured; done ahead of the tick"),
@@ -79,19 +88,20 @@ def _one_frame(asked: FrameBudget, wake_ns: int, arguments: argparse.Namespace) 
         ("latch", 25_000, "to the next period of a 40 kHz carrier, at most"),
     ]
     lines = [
-        f"one frame of {arguments.transducers} {asked.name} at {arguments.rate:g} Hz: "
+        f"one frame of {arguments.transducers} {asked.name} at {arguments.rate_hz:g} Hz: "
         f"a period of {period_us:g} us"
     ]
     lines += [
         f"  {name:<8}{ns / 1e3:9.1f} us {100 * ns / 1e3 / period_us:6.1f} %  {what}"
         for name, ns, what in rows
     ]
-    verdict = "fits" if asked.highest_hz >= arguments.rate else "does not fit"
+    verdict = "fits" if asked.highest_hz >= arguments.rate_hz else "does not fit"
     lines.append(f"  {'sum':<8}{asked.latency_ns(wake_ns) / 1e3:9.1f} us: the shortest lead")
     lines.append(
-        f"  {arguments.rate:g} Hz {verdict}: the line is "
-        f"{100 * arguments.rate / asked.line_hz:.1f} % full, the host "
-        f"{100 * arguments.rate / asked.host_hz:.1f} % busy (stages overlap: the fullest decides)"
+        f"  {arguments.rate_hz:g} Hz {verdict}: the line is "
+        f"{100 * arguments.rate_hz / asked.line_hz:.1f} % full, the host "
+        f"{100 * arguments.rate_hz / asked.host_hz:.1f} % busy "
+        "(stages overlap: the fullest decides)"
     )
     return "\n".join(lines) + "\n"
 
@@ -115,6 +125,9 @@ def _all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
 
 def _answers(baudrate: int) -> str:
     """Return what a USB adapter's latency timer costs, on the way from the board alone."""
+    from haptogram.driver.line.budget import frame_bytes, round_trip_ns
+    from haptogram_protocol.messages import Ping, Pong
+
     ping, pong = [frame_bytes(message.LAYOUT.size) for message in (Ping, Pong)]
     lines = ["", "an answer (PING, PONG), at most:     round trip   the board's clock is known to"]
     for name, timer_ms in _TIMERS_MS.items():

@@ -5,17 +5,20 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from .shell.exit_status import FAIL, PASS
 from .shell.output_files import STANDARD_OUTPUT, check_file, write_json
+
+if TYPE_CHECKING:
+    from haptogram.settings.parser import Parser
 
 _EPILOG: Final = """\
 examples:
   haptogram paper                       equations, Table 1, readings and figure 4 as text
   haptogram paper --presets             the published figures of other systems too
-  haptogram paper --report paper.html   one page with pictures
-  haptogram paper --report out          the page, and every picture as PNG and SVG, in a folder
+  haptogram paper --html paper.html     one page with pictures
+  haptogram paper --html out            the page, and every picture as PNG and SVG, in a folder
   haptogram paper --json -              everything as JSON on standard output
 
 exit status:
@@ -25,35 +28,33 @@ exit status:
 """
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    paper = commands.add_parser(
-        "paper",
-        help="reproduce the Haptogram paper's simulation, and say what cannot be reproduced",
-        description="Reproduce the simulation of the paper 'Haptogram: aerial display of 3D "
+def set_up(parser: Parser) -> None:
+    """Describe the command and add its options."""
+    parser.description = (
+        "Reproduce the simulation of the paper 'Haptogram: aerial display of 3D "
         "vibrotactile sensation' (2014): its equations as printed, with their faults, and as "
         "corrected; Table 1 cell by cell, with one fitted scale; the foci of figure 4. The "
         "averages of Table 1 follow from a stated reading of the text. Its standard deviations "
-        "do not, and every cell says so.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "do not, and every cell says so."
     )
-    paper.add_argument(
+    parser.epilog = _EPILOG
+    parser.add_argument(
         "--presets",
         action="store_true",
         help="print the published figures of the systems behind the paper, and of open boards, "
         "next to ours, as 'haptogram presets' does [not printed]",
     )
-    paper.add_argument(
+    parser.add_argument(
         "--json", metavar="FILE", help="write everything as JSON; - is standard output [none]"
     )
-    paper.add_argument(
-        "--report",
+    parser.add_argument(
+        "--html",
         type=Path,
         metavar="FILE.html|DIR",
         help="write a page with pictures, or a folder with the page and the pictures [none]",
     )
-    paper.set_defaults(run=run)
+    parser.rename(report="html")
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -65,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     _check_places(arguments)
     paper = reproduce_paper()
-    wanted = arguments.presets or arguments.json or arguments.report
+    wanted = arguments.presets or arguments.json or arguments.html
     compared = [(preset, compare(preset)) for preset in PRESETS] if wanted else []
     presets = [row for _, rows in compared for row in rows]
     if arguments.json != STANDARD_OUTPUT:  # before the files: a full disk shall not cost the result
@@ -74,19 +75,19 @@ def run(arguments: argparse.Namespace) -> int:
             sys.stdout.write("\n" + presets_text(compared))
     if arguments.json:
         write_json(arguments.json, paper.as_dict() | {"presets": presets})
-    if arguments.report:
+    if arguments.html:
         from haptogram.machine.files import write_atomically
         from haptogram.report.paper.page import report_files
 
-        for path, content in report_files(paper, presets, arguments.report):
+        for path, content in report_files(paper, presets, arguments.html):
             write_atomically(path, content)
     return PASS if paper.averages_reproduced else FAIL
 
 
 def _check_places(arguments: argparse.Namespace) -> None:
     """Raise before some seconds of work, not after, if a result cannot be written."""
-    if arguments.report:
+    if arguments.html:
         from haptogram.report.paper.page import check_report
 
-        check_report(arguments.report)
+        check_report(arguments.html)
     check_file(arguments.json)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from .shell.exit_status import PASS
 from .shell.output_files import check_file, write_json
+
+if TYPE_CHECKING:
+    from haptogram.settings.parser import Parser
 
 _EPILOG: Final = """\
 examples:
@@ -22,26 +25,23 @@ exit status:
 """
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    presets = commands.add_parser(
-        "presets",
-        help="list the known systems, with their published figures next to ours",
-        description="List the systems behind the Haptogram paper and open boards: what each is, "
+def set_up(parser: Parser) -> None:
+    """Describe the command and add its options."""
+    parser.description = (
+        "List the systems behind the Haptogram paper and open boards: what each is, "
         "where its geometry is from, and its published figures next to what the model gives. "
-        "Where no source was at hand, it says so.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "Where no source was at hand, it says so."
     )
-    presets.add_argument(
+    parser.epilog = _EPILOG
+    parser.add_argument(
         "names", nargs="*", metavar="NAME", help="presets to show, by name [all of them]"
     )
-    presets.add_argument(
+    parser.add_argument(
         "--json",
         metavar="FILE",
         help="write the figures as JSON instead of text; - is standard output [none]",
     )
-    presets.set_defaults(run=run)
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

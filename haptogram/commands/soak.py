@@ -11,53 +11,68 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from haptogram.settings.parser import number, whole_number
+
 from .shell.exit_status import FAIL, INTERRUPTED, PASS
 
 if TYPE_CHECKING:
     from haptogram.campaigns.soak import Campaign, MakeBoard
     from haptogram.campaigns.soak.campaign import Progress
+    from haptogram.settings.parser import Parser
 
 _DAY_H: Final = 24.0
 
 
-def add(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+def set_up(
+    parser: Parser,
     board_maker: Callable[[str | None], MakeBoard],
 ) -> None:
     """Add the command; *board_maker* knows boards, and those that are wrong in one way."""
-    soak = commands.add_parser(
-        "soak",
-        help="stream for hours over a line that damages frames, and account for every fault",
-        description="Stream to the virtual board at 1 kHz, in virtual time, over a line that "
+    parser.description = (
+        "Stream to the virtual board at 1 kHz, in virtual time, over a line that "
         "damages frames, with pauses, outages and new sessions; at the end every fault must be "
-        "explained.  See docs/soak.md.",
+        "explained.  See docs/soak.md."
     )
-    soak.set_defaults(run=functools.partial(run, board_maker=board_maker))
-    soak.add_argument(
+    parser.set_defaults(run=functools.partial(run, board_maker=board_maker))
+    parser.add_argument(
         "--virtual-time", action="store_true", help="in virtual time: the only way there is"
     )
-    soak.add_argument("--hours", type=float, default=_DAY_H, metavar="H", help="virtual time [24]")
-    soak.add_argument(
-        "--fault-rate", type=float, default=1e-2, metavar="P", help="share of frames hit [0.01]"
+    parser.add_argument(
+        "--hours",
+        type=number(1e-6, 100_000.0, "h"),
+        default=_DAY_H,
+        metavar="H",
+        help="virtual time [24]",
     )
-    soak.add_argument("--seed", type=int, default=0, metavar="N", help="of all chance [0]")
-    soak.add_argument(
+    parser.add_argument(
+        "--fault-rate",
+        type=number(0.0, 0.2),
+        default=1e-2,
+        metavar="P",
+        help="share of frames hit [0.01]",
+    )
+    parser.add_argument(
+        "--seed", type=whole_number(0, 2**63 - 1), default=0, metavar="N", help="of all chance [0]"
+    )
+    parser.add_argument(
         "--segment-minutes",
-        type=float,
+        type=number(0.01, 60.0, "min"),
         default=10.0,
         metavar="M",
         help="virtual time from one checkpoint to the next [10]",
     )
-    soak.add_argument("--jobs", type=int, default=1, metavar="N", help="processes [1]")
-    soak.add_argument(
+    parser.add_argument(
+        "--jobs", type=whole_number(1, 256), default=1, metavar="N", help="processes [1]"
+    )
+    parser.add_argument(
         "--resume",
         type=Path,
         metavar="FILE",
         help="checkpoint: written after every segment, and gone on from if it is there",
     )
-    soak.add_argument("--json", type=Path, metavar="FILE", help="write the account as JSON")
-    soak.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
-    soak.add_argument("--quiet", action="store_true", help="no progress")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the account as JSON")
+    parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
@@ -89,14 +104,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
 
 def _campaign(arguments: argparse.Namespace) -> Campaign:
     from haptogram.campaigns.soak import Campaign, Setup
-    from haptogram.errors import ConfigurationError
 
-    if not 1 <= arguments.jobs <= 256:
-        raise ConfigurationError(f"--jobs is {arguments.jobs}, must be 1 to 256")
-    if not 0.01 <= arguments.segment_minutes <= 60:
-        raise ConfigurationError(
-            f"--segment-minutes is {arguments.segment_minutes:g}, must be 0.01 to 60"
-        )
     setup = Setup(
         hours=arguments.hours,
         fault_rate=arguments.fault_rate,
@@ -111,12 +119,12 @@ def _how_to_resume(arguments: argparse.Namespace, campaign: Campaign) -> str:
     if not campaign.done:
         minutes = campaign.setup.segment_s / 60
         return (
-            f"haptogram: interrupted in the first segment of {minutes:g} virtual minutes: nothing "
-            "was kept; --segment-minutes makes segments shorter"
+            f"haptogram soak: interrupted in the first segment of {minutes:g} virtual minutes: "
+            "nothing was kept; --segment-minutes makes segments shorter"
         )
     if arguments.resume is None:
-        return "haptogram: interrupted; with --resume FILE a soak can be gone on with"
-    return f"haptogram: interrupted; the same command goes on from {arguments.resume}"
+        return "haptogram soak: interrupted; with --resume FILE a soak can be gone on with"
+    return f"haptogram soak: interrupted; the same command goes on from {arguments.resume}"
 
 
 @contextlib.contextmanager

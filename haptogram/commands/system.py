@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from haptogram.errors import ConfigurationError
 from haptogram.settings.verify_config import VerifyConfig, load_config, option_name
 
+from .shell.setting_types import setting_type
+
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
 
@@ -25,11 +27,14 @@ def add_system(group: argparse._ArgumentGroup) -> None:
         "--array", metavar="NXxNY|FILE", help="grid, or a CSV file of positions in mm [16x16]"
     )
     group.add_argument(
-        "--pitch-mm", type=float, metavar="MM", help=f"pitch of the grid [{default.pitch_mm:g}]"
+        "--pitch-mm",
+        type=setting_type("pitch_mm"),
+        metavar="MM",
+        help=f"pitch of the grid [{default.pitch_mm:g}]",
     )
     group.add_argument(
         "--temperature-c",
-        type=float,
+        type=setting_type("temperature_c"),
         metavar="C",
         help=f"air temperature [{default.temperature_c:g}]",
     )

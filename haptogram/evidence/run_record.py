@@ -180,7 +180,7 @@ def measure(
     elements = None if config.calibration is None else Calibration.from_file(config.calibration)
     driver = Driver(
         board.port,
-        baudrate=config.link_baud,
+        baudrate=config.baud,
         seed=config.seed if config.virtual_time else None,
         phase_bits=config.phase_bits,
         model=None if own_array else model,

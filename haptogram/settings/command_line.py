@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from .option import Option
+from .parser import unchecked
 
 _FLAG: Final = argparse.BooleanOptionalAction
 
@@ -20,7 +21,11 @@ def add_options(group: argparse._ActionsContainer, rows: Iterable[Option]) -> No
         elif row.count == 0:
             group.add_argument(row.word, action="append", metavar=row.unit, help=text)
         else:
-            group.add_argument(row.word, type=row.kind, metavar=row.unit, help=text)
+            group.add_argument(row.word, type=_type(row), metavar=row.unit, help=text)
+
+
+def _type(row: Option) -> Callable[[str], Any]:
+    return unchecked(row.kind, row.low, row.high) if row.kind in (int, float) else row.kind
 
 
 def given(arguments: argparse.Namespace, rows: Mapping[str, Option]) -> dict[str, Any]:

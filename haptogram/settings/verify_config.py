@@ -33,6 +33,8 @@ GUESS_HUMIDITY_PERCENT: Final = 10.0
 GUESS_POSITION_MM: Final = 0.1
 GUESS_PHASE_RAD: Final = 0.2
 _SECTION: Final = "verify"
+#: Former keys, and those that replaced them.
+_RENAMED: Final = {"link_baud": "baud", "report": "html"}
 
 
 def _limits(low: float, high: float) -> dict[str, tuple[float, float]]:
@@ -88,7 +90,7 @@ class VerifyConfig:
         default=None, metadata=_limits(0.0, MOST_OFF_PHASE_RAD)
     )
     port: str | None = None
-    link_baud: int = dataclasses.field(default=3_000_000, metadata=_limits(1200, 50_000_000))
+    baud: int = dataclasses.field(default=3_000_000, metadata=_limits(1200, 50_000_000))
     lead_ms: float | None = dataclasses.field(default=None, metadata=_limits(1.0, 1000.0))
     min_verified: float | None = dataclasses.field(default=None, metadata=_limits(0.0, 1.0))
     seed: int = dataclasses.field(default=0, metadata=_limits(0, 2**32 - 1))
@@ -98,7 +100,7 @@ class VerifyConfig:
     frames: Path | None = None
     json: Path | None = None
     junit: Path | None = None
-    report: Path | None = None
+    html: Path | None = None
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -212,14 +214,14 @@ class VerifyConfig:
             temperature_c=self.air_over_board_c,
             calibration=self.calibration,
             seed=self.seed,
-            baud=self.link_baud if self.virtual_time else None,
+            baud=self.baud if self.virtual_time else None,
             fault=self.fault,
             fault_plan=self.fault_plan,
         )
 
     def job(self) -> dict[str, Any]:
         """Return what decides the result, for the report: no output path, JSON types only."""
-        outputs = {"frames", "json", "junit", "report"}
+        outputs = {"frames", "json", "junit", "html"}
         values = dataclasses.asdict(self)
         return {name: _for_json(value) for name, value in values.items() if name not in outputs}
 
@@ -287,6 +289,8 @@ def _read_table(path: Path) -> dict[str, Any]:
         raise ConfigurationError(f"{path}: one table [{_SECTION}] and nothing else is expected")
     kinds = get_type_hints(VerifyConfig)
     unknown = sorted(set(table) - set(kinds))
+    if unknown and (now := _RENAMED.get(unknown[0])):
+        raise ConfigurationError(f"{path}: {unknown[0]!r} is now {now!r}")
     if unknown:
         raise ConfigurationError(
             f"{path}: {unknown[0]!r} is not a setting; known are {', '.join(kinds)}"

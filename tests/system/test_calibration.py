@@ -266,7 +266,7 @@ def test_a_bad_file_is_one_line_and_exit_2(
 ) -> None:
     path = bad_file(tmp_path, rows)
     assert main(["verify", *CIRCLE, *words, "--calibration", str(path)]) == 2
-    assert capsys.readouterr().err == f"haptogram: {path}{told}\n"
+    assert capsys.readouterr().err == f"haptogram verify: {path}{told}\n"
 
 
 @pytest.mark.parametrize("words", [["--virtual-time"], []], ids=str)
@@ -283,7 +283,7 @@ def test_a_file_of_another_array_is_one_line_and_exit_2(
     path = bad_file(tmp_path, rows)
     assert main(["verify", *CIRCLE, *words, "--array", "2x1", "--calibration", str(path)]) == 2
     said = capsys.readouterr().err
-    assert said.startswith(f"haptogram: {path}{told}")
+    assert said.startswith(f"haptogram verify: {path}{told}")
     assert said.count("\n") == 1
 
 

@@ -75,7 +75,7 @@ def test_the_report_shows_the_plan_and_how_often_it_fired(tmp_path: Path) -> Non
     page, junit = tmp_path / "page.html", tmp_path / "result.xml"
     faults = ("device.dead transducer=5", "line.drop p=2e-3 from=10ms")
     words = _faulty([*_IN_VIRTUAL_TIME, *_FEW], *faults)
-    main([*words, "--report", str(page), "--junit", str(junit)])
+    main([*words, "--html", str(page), "--junit", str(junit)])
     html = page.read_text(encoding="utf-8")
     assert "device.dead transducer=5" in html
     assert "Faults on purpose" in html
@@ -177,7 +177,7 @@ def test_a_plan_that_cannot_be_read_is_told_before_anything_starts(
     absent = tmp_path / "absent.toml"
     assert main(["verify", "--fault-plan", str(absent)]) == 2
     told = f"cannot read the fault plan {absent}: No such file or directory"
-    assert capsys.readouterr().err == f"haptogram: {told}\n"
+    assert capsys.readouterr().err == f"haptogram verify: {told}\n"
 
 
 # --- what a plan does is never an error of usage -------------------------------------------------
@@ -212,7 +212,7 @@ def _run(
 
     All files are there, or none.
     """
-    names = {"--json": "a.json", "--junit": "a.xml"} | ({"--report": "a.html"} if with_page else {})
+    names = {"--json": "a.json", "--junit": "a.xml"} | ({"--html": "a.html"} if with_page else {})
     files = {option: tmp_path / name for option, name in names.items()}
     for path in files.values():
         path.unlink(missing_ok=True)
@@ -236,7 +236,7 @@ def test_a_hard_fault_from_power_up_on_is_inconclusive_at_worst(
     assert f"{name} " in said
     if result is None:
         assert status == 3
-        assert said.startswith("haptogram: inconclusive: the fault plan broke the session (")
+        assert said.startswith("haptogram verify: inconclusive: the fault plan broke the session (")
         assert "another device" not in said
         assert said.endswith("seed 1\n")
         assert said.count("\n") == 1
@@ -289,7 +289,7 @@ def test_a_plan_that_did_nothing_is_not_blamed(
     words = [*_JOB, "--virtual-time"]
     assert main(_faulty(words, *([fault] if fault else []))) == 2
     said = capsys.readouterr().err
-    assert said == "haptogram: virtual board: nothing came back within 2 s\n"
+    assert said == "haptogram verify: virtual board: nothing came back within 2 s\n"
 
 
 @pytest.mark.parametrize(

@@ -17,27 +17,28 @@ if TYPE_CHECKING:
     from haptogram.conformance.run.access import Access
     from haptogram.conformance.run.runner import Progress
     from haptogram.conformance.verdict import SuiteResult
+    from haptogram.settings.parser import Parser
 
 #: Given URL (None: the default board), line rate and seed, returns a board in this program.
 Virtual: TypeAlias = "Callable[[str | None, int, int], Access]"
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser], virtual: Virtual) -> None:
+def set_up(parser: Parser, virtual: Virtual) -> None:
     """Add the command; *virtual* makes a board inside this program."""
     from haptogram.conformance.verdict import meaning_table
 
-    conform = commands.add_parser(
-        "conform",
-        help="judge a board, or a firmware build, by every clause of the protocol",
-        description="Run a case or more for every clause of SPEC.md against a board on any serial "
+    parser.description = (
+        "Run a case or more for every clause of SPEC.md against a board on any serial "
         "URL, a pty, TCP, or the virtual board.  The board is driven at full output: keep clear "
-        "of it.",
-        epilog=f"{EXAMPLES}\nverdicts:\n{meaning_table()}\n\nThe exit status is 1 if any case "
-        "says so, else 3 if any does, else 0.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "of it."
     )
-    conform.set_defaults(run=functools.partial(run, virtual=virtual))
-    add_options(conform)
+    parser.epilog = (
+        f"{EXAMPLES}\nverdicts:\n{meaning_table()}\n\nThe exit status is 1 if any case "
+        "says so, else 3 if any does, else 0."
+    )
+    parser.rename(link_baud="baud")
+    parser.set_defaults(run=functools.partial(run, virtual=virtual))
+    add_options(parser)
 
 
 def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
@@ -97,15 +98,15 @@ def _access(arguments: argparse.Namespace, virtual: Virtual) -> Access:
             arguments.spawn,
             port_regex=arguments.port_regex or DEFAULT_PORT_REGEX,
             boot_timeout_s=arguments.boot_timeout,
-            baudrate=arguments.link_baud,
+            baudrate=arguments.baud,
         )
     if is_virtual(arguments):
-        return virtual(arguments.port, arguments.link_baud, _seed(arguments))
+        return virtual(arguments.port, arguments.baud, _seed(arguments))
     lines = {"dtr": arguments.dtr, "rts": arguments.rts}
     held = {name: state == "1" for name, state in lines.items() if state in ("0", "1")}
     return PortAccess(
         arguments.port,
-        baudrate=arguments.link_baud,
+        baudrate=arguments.baud,
         reset_command=arguments.reset_cmd,
         boot_timeout_s=arguments.boot_timeout,
         dtr=held.get("dtr"),

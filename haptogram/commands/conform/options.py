@@ -7,17 +7,10 @@ from pathlib import Path
 from typing import Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.parser import number, whole_number
 
 _SCHEME: Final = "haptogram://"
 PULSE: Final = "pulse"
-#: Least and most of the options that are numbers; the time of a case bounds that of an answer.
-_BOUNDS: Final[dict[str, tuple[float, float]]] = {
-    "timeout": (0.001, 60),
-    "repeat": (1, 1000),
-    "link_baud": (300, 100_000_000),
-    "boot_timeout": (0, 3600),
-    "seed": (0, 2**64 - 1),
-}
 EXAMPLES: Final = """\
 examples:
   haptogram conform
@@ -45,7 +38,11 @@ def _add_board(group: argparse._ArgumentGroup) -> None:
         "--port", metavar="URL", help="any pyserial URL [the virtual board, in virtual time]"
     )
     group.add_argument(
-        "--link-baud", type=int, default=3_000_000, metavar="BAUD", help="line rate [3000000]"
+        "--baud",
+        type=whole_number(300, 100_000_000, "Bd"),
+        default=3_000_000,
+        metavar="BAUD",
+        help="line rate [3000000]",
     )
     group.add_argument("--spawn", metavar="CMD", help="start this program; it says its port")
     group.add_argument(
@@ -53,7 +50,11 @@ def _add_board(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--reset-cmd", metavar="CMD", help="shell command that restarts the board")
     group.add_argument(
-        "--boot-timeout", type=float, default=10.0, metavar="S", help="until its port is there [10]"
+        "--boot-timeout",
+        type=number(0.0, 3600.0, "s"),
+        default=10.0,
+        metavar="S",
+        help="until its port is there [10]",
     )
     for line in ("dtr", "rts"):
         group.add_argument(
@@ -74,13 +75,24 @@ def _add_choice(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--strict", action="store_true", help="a SHOULD that is not met: FAILED")
     group.add_argument(
-        "--timeout", type=float, default=1.0, metavar="S", help="how long an answer may take [1]"
+        "--timeout",
+        type=number(0.001, 60.0, "s"),
+        default=1.0,
+        metavar="S",
+        help="how long an answer may take [1]",
     )
     group.add_argument(
-        "--seed", type=int, metavar="N", help="of nonces and contents [0; on a port: random]"
+        "--seed",
+        type=whole_number(0, 2**64 - 1),
+        metavar="N",
+        help="of nonces and contents [0; on a port: random]",
     )
     group.add_argument(
-        "--repeat", type=int, default=1, metavar="N", help="run each case N times; mixed: FLAKY"
+        "--repeat",
+        type=whole_number(1, 1000),
+        default=1,
+        metavar="N",
+        help="run each case N times; mixed: FLAKY",
     )
     group.add_argument(
         "--baseline", type=Path, metavar="FILE", help="TOML of failures that are expected"
@@ -109,24 +121,15 @@ def _add_results(group: argparse._ArgumentGroup) -> None:
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Refuse values out of bounds, and what does not go together.
+    """Refuse what does not go together.
 
     Raises
     ------
     ConfigurationError
         Before anything is run.
     """
-    _check_numbers(arguments)
     _check_files(arguments)
     _check_board(arguments)
-
-
-def _check_numbers(arguments: argparse.Namespace) -> None:
-    for name, (least, most) in _BOUNDS.items():
-        value = getattr(arguments, name)
-        if value is not None and not least <= value <= most:  # nan is neither
-            option = name.replace("_", "-")
-            raise ConfigurationError(f"--{option} is {value}; it goes from {least} to {most}")
 
 
 def _check_files(arguments: argparse.Namespace) -> None:

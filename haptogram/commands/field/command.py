@@ -7,14 +7,19 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
+from haptogram.settings.parser import number, whole_number
 from haptogram.settings.verify_config import MESH_SUFFIXES, MODULATIONS, SHAPES, VerifyConfig
 
 from ..shell.exit_status import PASS
 from ..shell.output_files import check_file, write_picture
 from ..shell.places import Place, place_mm
+from ..shell.setting_types import setting_type
 from ..system import add_system
+
+if TYPE_CHECKING:
+    from haptogram.settings.parser import Parser
 
 VIEWS: Final = ("plane", "cuts", "isosurface")
 PLANES: Final = ("xy", "xz", "yz")
@@ -25,7 +30,7 @@ _EPILOG: Final = """\
 examples:
   haptogram field --focus-mm 20,0,120
       |p| in the plane y = 0 through a focus, as field.png, and the figures of the focus as text
-  haptogram field --focus-mm 20,0,120 --plane xy --quantity phase --output phase.svg
+  haptogram field --focus-mm 20,0,120 --plane xy --quantity phase --picture phase.svg
   haptogram field --preset autd3 --view isosurface
   haptogram field --object circle --radius-mm 20 --plane xy
       what a hand feels over one pass: mean square over the sequence, with narrow transducers
@@ -40,27 +45,25 @@ exit status:
 """
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    field = commands.add_parser(
-        "field",
-        help="draw the field of a focus, an object or a drive",
-        description="Draw the sound field of a focus, of a tactile object or of a drive: |p|, its "
+def set_up(parser: Parser) -> None:
+    """Describe the command and add its options."""
+    parser.description = (
+        "Draw the sound field of a focus, of a tactile object or of a drive: |p|, its "
         "phase or the radiation pressure on a plane, cuts through the focus, or surfaces around "
         "it. Axes are in mm; the target is marked by a cross, the peak by a ring. What a "
-        "modulation makes of a focus is shown by 'haptogram modulation'.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "modulation makes of a focus is shown by 'haptogram modulation'."
     )
-    _add_source(field)
-    add_system(field.add_argument_group("array and air"))
-    _add_picture(field)
-    field.set_defaults(run=run)
+    parser.epilog = _EPILOG
+    _add_source(parser)
+    add_system(parser.add_argument_group("array and air"))
+    _add_picture(parser)
+    parser.rename(output="picture")
+    parser.set_defaults(run=run)
 
 
-def _add_source(field: argparse.ArgumentParser) -> None:
+def _add_source(parser: Parser) -> None:
     default = VerifyConfig()
-    group = field.add_argument_group("what sounds")
+    group = parser.add_argument_group("what sounds")
     source = group.add_mutually_exclusive_group()
     source.add_argument(
         "--focus-mm",
@@ -78,12 +81,16 @@ def _add_source(field: argparse.ArgumentParser) -> None:
         "--drive", type=Path, metavar="FILE", help="codes of every element as CSV [one focus]"
     )
     for name, unit, text, value in (
-        ("--resolution-mm", "MM", "spacing of the points of an object", default.resolution_mm),
-        ("--radius-mm", "MM", "radius of an object; half the length of a line", default.radius_mm),
-        ("--rate-hz", "HZ", "points or frames per second", default.rate_hz),
+        ("resolution_mm", "MM", "spacing of the points of an object", default.resolution_mm),
+        ("radius_mm", "MM", "radius of an object; half the length of a line", default.radius_mm),
+        ("rate_hz", "HZ", "points or frames per second", default.rate_hz),
     ):
         group.add_argument(
-            name, type=float, metavar=unit, default=value, help=f"{text} [{value:g}]"
+            f"--{name.replace('_', '-')}",
+            type=setting_type(name),
+            metavar=unit,
+            default=value,
+            help=f"{text} [{value:g}]",
         )
     group.add_argument(
         "--center-mm",
@@ -94,7 +101,7 @@ def _add_source(field: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--phase-bits",
-        type=int,
+        type=whole_number(1, 8, "bits"),
         metavar="BITS",
         default=default.phase_bits,
         help=f"resolution of the phases, 1 to 8 [{default.phase_bits}]",
@@ -108,15 +115,15 @@ def _add_source(field: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--modulation-hz",
-        type=float,
+        type=setting_type("modulation_hz"),
         metavar="HZ",
         default=200.0,
         help="its frequency; rounds per second for stm [200]",
     )
 
 
-def _add_picture(field: argparse.ArgumentParser) -> None:
-    group = field.add_argument_group("picture")
+def _add_picture(parser: Parser) -> None:
+    group = parser.add_argument_group("picture")
     group.add_argument("--view", choices=VIEWS, default="plane", help="kind of picture [plane]")
     group.add_argument("--plane", choices=PLANES, default="xz", help="axes of a plane [xz]")
     group.add_argument(
@@ -127,20 +134,20 @@ def _add_picture(field: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--half-width-mm",
-        type=float,
+        type=number(0.1, 10_000.0, "mm"),
         metavar="MM",
         default=60.0,
         help="how far a picture reaches around the target [60; isosurface: half of it]",
     )
     group.add_argument(
         "--step-mm",
-        type=float,
+        type=number(0.01, 1000.0, "mm"),
         metavar="MM",
         default=0.75,
         help="spacing of the samples [0.75; isosurface: 1.5 at least]",
     )
     group.add_argument(
-        "--output",
+        "--picture",
         type=Path,
         metavar="FILE",
         default=Path("field.png"),
@@ -166,16 +173,16 @@ def run(arguments: argparse.Namespace) -> int:
     from .scene import Scene
     from .views import describe, draw
 
-    check_format(arguments.output)
-    check_file(arguments.output)
+    check_format(arguments.picture)
+    check_file(arguments.picture)
     scene = Scene.from_arguments(arguments)
     levels = [] if arguments.quiet else list(describe_levels(arguments, scene))
     lines = [] if arguments.quiet else [*describe(scene), *levels]
     with _bar(quiet=arguments.quiet) as progress:
         figure = draw(arguments, scene, progress)
-    write_picture(arguments.output, figure)
+    write_picture(arguments.picture, figure)
     if not arguments.quiet:
-        sys.stdout.write("\n".join([*lines, f"written: {arguments.output}"]) + "\n")
+        sys.stdout.write("\n".join([*lines, f"written: {arguments.picture}"]) + "\n")
     return PASS
 
 

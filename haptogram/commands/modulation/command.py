@@ -8,16 +8,18 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from haptogram.settings.parser import number
 from haptogram.settings.verify_config import MESH_SUFFIXES, SHAPES, VerifyConfig, load_config
 
 from ..shell.exit_status import PASS
 from ..shell.output_files import check_file, write_json, write_picture
 from ..shell.places import metres, place_mm
+from ..shell.setting_types import setting_type
 from ..system import add_system, system_model
 from .options import add_modulation
 
 if TYPE_CHECKING:
-    pass
+    from haptogram.settings.parser import Parser
 
 HOLD: Final = "dwell"
 KINDS: Final = ("am", "lm", "stm", HOLD)
@@ -28,12 +30,12 @@ _EPILOG: Final = """\
 examples:
   haptogram modulation am
       a standing focus, full depth, 200 Hz at 1000 frames/s: what of it arrives, and what else
-  haptogram modulation am --depth 0.5 --rate-hz 8000 --output am.png
+  haptogram modulation am --depth 0.5 --rate-hz 8000 --picture am.png
   haptogram modulation lm --shift-mm 0,4,0
   haptogram modulation stm --modulation-hz 50 --object circle --radius-mm 20
       a circle, 50 rounds per second
   haptogram modulation dwell --object circle --dwell-ms 5
-  haptogram modulation am --frames am.csv
+  haptogram modulation am --csv am.csv
       the frames, for any other program: time, focus and amplitude
   haptogram verify --object point --center-mm 0,0,150 --modulation am --mode points --repeat 200
       the same, sent to a board, frame by frame verified
@@ -44,32 +46,30 @@ exit status:
 """
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    modulation = commands.add_parser(
-        "modulation",
-        help="what a modulated focus makes at the skin: levels, spectrum, images of the frame rate",
-        description="Sample a modulation to frames and print what they make at a point on the "
+def set_up(parser: Parser) -> None:
+    """Describe the command and add its options."""
+    parser.description = (
+        "Sample a modulation to frames and print what they make at a point on the "
         "skin: mean and swing of the radiation pressure (on a totally reflecting surface), every "
-        "line of its spectrum, and which of them come from the steps between frames.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "line of its spectrum, and which of them come from the steps between frames."
     )
-    modulation.add_argument(
+    parser.epilog = _EPILOG
+    parser.add_argument(
         "kind",
         choices=KINDS,
         help="amplitude, lateral, spatio-temporal along the object, or each of its points held",
     )
-    add_modulation(modulation.add_argument_group("modulation"))
-    _add_object(modulation)
-    _add_skin(modulation)
-    _add_outputs(modulation)
-    modulation.set_defaults(run=run)
+    add_modulation(parser.add_argument_group("modulation"))
+    _add_object(parser)
+    _add_skin(parser)
+    _add_outputs(parser)
+    parser.rename(output="picture", frames="csv")
+    parser.set_defaults(run=run)
 
 
-def _add_object(modulation: argparse.ArgumentParser) -> None:
+def _add_object(parser: Parser) -> None:
     default = VerifyConfig()
-    shape = modulation.add_argument_group("what is modulated")
+    shape = parser.add_argument_group("what is modulated")
     shape.add_argument(
         "--object",
         metavar="SHAPE",
@@ -77,22 +77,27 @@ def _add_object(modulation: argparse.ArgumentParser) -> None:
         "[point; stm and dwell: circle]",
     )
     for name, metavar, text, value in (
-        ("--radius-mm", "MM", "radius of the object; half the length of a line", _RADIUS_MM),
-        ("--resolution-mm", "MM", "spacing of its points", default.resolution_mm),
-        ("--rate-hz", "HZ", "frames per second", default.rate_hz),
+        ("radius_mm", "MM", "radius of the object; half the length of a line", _RADIUS_MM),
+        ("resolution_mm", "MM", "spacing of its points", default.resolution_mm),
+        ("rate_hz", "HZ", "frames per second", default.rate_hz),
     ):
-        shape.add_argument(name, type=float, metavar=metavar, help=f"{text} [{value:g}]")
+        shape.add_argument(
+            f"--{name.replace('_', '-')}",
+            type=setting_type(name),
+            metavar=metavar,
+            help=f"{text} [{value:g}]",
+        )
     shape.add_argument(
         "--center-mm", type=place_mm, metavar="X,Y,Z", help="its centre above the array [0,0,150]"
     )
 
 
-def _add_skin(modulation: argparse.ArgumentParser) -> None:
-    skin = modulation.add_argument_group("array, air and skin")
+def _add_skin(parser: Parser) -> None:
+    skin = parser.add_argument_group("array, air and skin")
     add_system(skin)
     skin.add_argument(
         "--bandwidth-hz",
-        type=float,
+        type=number(1.0, 1e6, "Hz"),
         metavar="HZ",
         default=DEFAULT_BANDWIDTH_HZ,
         help="of the transducers, at -6 dB: how fast they follow a frame "
@@ -103,13 +108,13 @@ def _add_skin(modulation: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_outputs(modulation: argparse.ArgumentParser) -> None:
-    result = modulation.add_argument_group("result")
+def _add_outputs(parser: Parser) -> None:
+    result = parser.add_argument_group("result")
     result.add_argument(
-        "--output", type=Path, metavar="FILE", help="picture: .png, .svg or .pdf [none]"
+        "--picture", type=Path, metavar="FILE", help="picture: .png, .svg or .pdf [none]"
     )
     result.add_argument(
-        "--frames",
+        "--csv",
         type=Path,
         metavar="FILE",
         help="frames as CSV: time_s, x_mm, y_mm, z_mm, amplitude [none]",
@@ -128,9 +133,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     from .result import Felt, as_csv, as_dict, describe, draw
 
-    if arguments.output is not None:
-        check_format(arguments.output)
-    for path in (arguments.output, arguments.frames, arguments.json):
+    if arguments.picture is not None:
+        check_format(arguments.picture)
+    for path in (arguments.picture, arguments.csv, arguments.json):
         check_file(path)
     config = _config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
@@ -139,10 +144,10 @@ def run(arguments: argparse.Namespace) -> int:
     felt = Felt.of(NumpyEngine(system_model(arguments)), config, frames, lag, place)
     if arguments.json != "-":
         sys.stdout.write("\n".join(describe(felt, arguments.bandwidth_hz)) + "\n")
-    if arguments.output is not None:
-        write_picture(arguments.output, draw(felt))
-    if arguments.frames is not None:
-        write_atomically(arguments.frames, as_csv(frames).encode("ascii"))
+    if arguments.picture is not None:
+        write_picture(arguments.picture, draw(felt))
+    if arguments.csv is not None:
+        write_atomically(arguments.csv, as_csv(frames).encode("ascii"))
     if arguments.json is not None:
         write_json(arguments.json, as_dict(felt, arguments.bandwidth_hz))
     return PASS

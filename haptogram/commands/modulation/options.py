@@ -7,6 +7,7 @@ import argparse
 from haptogram.settings.verify_config import VerifyConfig
 
 from ..shell.places import place_mm
+from ..shell.setting_types import setting_type
 
 
 def add_modulation(group: argparse._ArgumentGroup) -> None:
@@ -14,14 +15,14 @@ def add_modulation(group: argparse._ArgumentGroup) -> None:
     default = VerifyConfig()
     group.add_argument(
         "--modulation-hz",
-        type=float,
+        type=setting_type("modulation_hz"),
         metavar="HZ",
         help="frequency of am and lm; rounds per second of stm; at most half the frame rate "
         f"[{default.modulation_hz:g}]",
     )
     group.add_argument(
         "--depth",
-        type=float,
+        type=setting_type("depth"),
         metavar="SHARE",
         help="of am: 1 swings between full force and none, 0 not at all; a sine in the force, not "
         f"in the pressure [{default.depth:g}]",
@@ -35,7 +36,7 @@ def add_modulation(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--dwell-ms",
-        type=float,
+        type=setting_type("dwell_ms"),
         metavar="MS",
         help="how long each point is held, in whole frames [one frame]",
     )

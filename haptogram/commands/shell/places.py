@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 Place = tuple[float, float, float]
-
-_OPTION: Final = re.compile(r"--[a-z-]+-mm")
-_NEGATIVE: Final = re.compile(r"-[\d.][^,]*,.*")
 
 
 def place_mm(text: str) -> Place:
@@ -21,7 +16,7 @@ def place_mm(text: str) -> Place:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,Z in mm") from None
+        raise argparse.ArgumentTypeError(f"{text}: not a place; give X,Y,Z in mm") from None
     return x, y, z
 
 
@@ -36,17 +31,3 @@ def text_mm(place_m: ArrayLike, decimals: int = 1) -> str:
     import numpy as np  # not for --help
 
     return ", ".join(f"{value + 0.0:g}" for value in np.round(np.array(place_m) * 1e3, decimals))
-
-
-def joined(words: Sequence[str]) -> list[str]:
-    """Return *words* with places that begin with a minus joined to their options.
-
-    argparse takes them for options: ``--focus-mm -20,0,120`` becomes ``--focus-mm=-20,0,120``.
-    """
-    result: list[str] = []
-    for word in words:
-        if result and _OPTION.fullmatch(result[-1]) and _NEGATIVE.fullmatch(word):
-            result[-1] += f"={word}"
-        else:
-            result.append(word)
-    return result

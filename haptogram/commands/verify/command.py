@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from haptogram.evidence.run_record import Measured, Progress
     from haptogram.settings.board import BoardConfig
     from haptogram.settings.faults.plan import FaultPlan
+    from haptogram.settings.parser import Parser
     from haptogram.verification import RunVerdict
 
 
@@ -50,7 +51,7 @@ examples:
       the same job, finer, without a wall clock: exact and repeatable
   haptogram verify --port /dev/ttyUSB0
       a real board, by its own trace
-  haptogram verify --object shape.stl --mode sequence --report out.html
+  haptogram verify --object shape.stl --mode sequence --html out.html
       a mesh, uploaded once and played on the board's clock
   haptogram verify --object point --modulation am --mode points --repeat 200
       a standing focus, modulated by 200 Hz, for a second
@@ -59,22 +60,20 @@ examples:
 """
 
 
-def add(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+def set_up(
+    parser: Parser,
     prepare: Prepare,
     in_process: InProcess,
 ) -> None:
     """Add the command; *in_process* makes the virtual board that has no wall clock."""
-    verify = commands.add_parser(
-        "verify",
-        help="display a tactile object and verify where every focus really is",
-        description="Display a tactile object point by point and verify, frame by frame, where the "
-        "focus of what the board latched really is.",
-        epilog=_EXAMPLES + "\n" + EXIT_STATUS,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser.description = (
+        "Display a tactile object point by point and verify, frame by frame, where the "
+        "focus of what the board latched really is."
     )
-    verify.set_defaults(run=functools.partial(run, prepare=prepare, in_process=in_process))
-    add_options(verify)
+    parser.epilog = _EXAMPLES + "\n" + EXIT_STATUS
+    parser.rename(link_baud="baud", report="html")
+    parser.set_defaults(run=functools.partial(run, prepare=prepare, in_process=in_process))
+    add_options(parser)
 
 
 def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) -> int:
@@ -97,7 +96,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         ):
             found = measure(config, board, progress, settling, faulty=bool(planned.faults))
     except _BrokenByPlanError as error:
-        print(f"haptogram: {error}", file=sys.stderr)
+        print(f"haptogram verify: {error}", file=sys.stderr)
         return INCONCLUSIVE
     with _bar("verifying", quiet=quiet) as progress:
         verdict = verify_run(
@@ -144,7 +143,7 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
     if config.port is not None:
         yield PortBoard(
             config.port,
-            baudrate=config.link_baud,
+            baudrate=config.baud,
             rate_hz=config.rate_hz,
             board_computes=config.frame_kind == "points",
         )
@@ -263,7 +262,7 @@ def _write(
         (config.json, lambda path: report.write_json(path, result)),
         (config.junit, lambda path: report.write_junit(path, verdict, result)),
         (
-            config.report,
+            config.html,
             lambda path: report.write_html(path, verdict, result, found.model, drives=drives),
         ),
     )
@@ -275,6 +274,6 @@ def _write(
             write(path)
             print(f"wrote {path}", file=sys.stderr)
         except ConfigurationError as error:
-            print(f"haptogram: {error}", file=sys.stderr)
+            print(f"haptogram verify: {error}", file=sys.stderr)
             written = False
     return written

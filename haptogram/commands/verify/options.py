@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from haptogram.settings.parser import whole_number
 from haptogram.settings.verify_config import (
     GUESS_C,
     GUESS_HUMIDITY_PERCENT,
@@ -21,6 +22,7 @@ from haptogram.settings.verify_config import (
 
 from ..modulation.options import add_modulation
 from ..shell.places import place_mm
+from ..shell.setting_types import setting_type
 
 
 def add_options(verify: argparse.ArgumentParser) -> None:
@@ -36,13 +38,13 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     )
     shape.add_argument(
         "--resolution-mm",
-        type=float,
+        type=setting_type("resolution_mm"),
         metavar="MM",
         help=f"spacing of the points [{default.resolution_mm:g}]",
     )
     shape.add_argument(
         "--radius-mm",
-        type=float,
+        type=setting_type("radius_mm"),
         metavar="MM",
         help=f"radius of the shape; half the length of a line [{default.radius_mm:g}]",
     )
@@ -54,13 +56,13 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     )
     shape.add_argument(
         "--rate-hz",
-        type=float,
+        type=setting_type("rate_hz"),
         metavar="HZ",
         help=f"points per second [{default.rate_hz:g}]",
     )
     shape.add_argument(
         "--repeat",
-        type=int,
+        type=setting_type("repeat"),
         metavar="N",
         help=f"how often the object is displayed [{default.repeat}]",
     )
@@ -73,7 +75,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     add_modulation(shape)
     shape.add_argument(
         "--foci",
-        type=int,
+        type=setting_type("foci"),
         metavar="N",
         help=f"foci in every frame, evenly apart along the object [{default.foci}]",
     )
@@ -92,17 +94,20 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         f"[virtual board: {default.virtual_array}; --port: what the board says]",
     )
     array.add_argument(
-        "--pitch-mm", type=float, metavar="MM", help=f"pitch of the grid [{default.pitch_mm:g}]"
+        "--pitch-mm",
+        type=setting_type("pitch_mm"),
+        metavar="MM",
+        help=f"pitch of the grid [{default.pitch_mm:g}]",
     )
     array.add_argument(
         "--temperature-c",
-        type=float,
+        type=setting_type("temperature_c"),
         metavar="C",
         help=f"air temperature that the host assumes [{default.temperature_c:g}]",
     )
     array.add_argument(
         "--board-temperature-c",
-        type=float,
+        type=setting_type("board_temperature_c"),
         metavar="C",
         help="air temperature over the virtual board [the host's]",
     )
@@ -131,10 +136,10 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         "without it a virtual board is started on a pty in a process of its own",
     )
     link.add_argument(
-        "--link-baud",
-        type=int,
+        "--baud",
+        type=setting_type("baud"),
         metavar="BAUD",
-        help=f"speed of the line [{default.link_baud}]",
+        help=f"speed of the line [{default.baud}]",
     )
     link.add_argument(
         "--mode",
@@ -145,13 +150,13 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     )
     link.add_argument(
         "--phase-bits",
-        type=int,
+        type=whole_number(5, 8, "bits"),
         choices=PHASE_BITS,
         help=f"bits per phase on the wire [{default.phase_bits}]",
     )
     link.add_argument(
         "--lead-ms",
-        type=float,
+        type=setting_type("lead_ms"),
         metavar="MS",
         help="how long before its time a frame is sent [100, or 3/4 of the board's queue]",
     )
@@ -179,7 +184,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     )
     link.add_argument(
         "--seed",
-        type=int,
+        type=setting_type("seed"),
         metavar="N",
         help=f"seed of everything random, faults among it [{default.seed}]",
     )
@@ -187,7 +192,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     result = verify.add_argument_group("result", "Folders of these files are made where needed.")
     result.add_argument(
         "--min-verified",
-        type=float,
+        type=setting_type("min_verified"),
         metavar="SHARE",
         help="share of frames that must be verified [1 in virtual time, else 0.9]",
     )
@@ -201,7 +206,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     result.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
     result.add_argument("--junit", type=Path, metavar="FILE", help="write the result as JUnit XML")
     result.add_argument(
-        "--report", type=Path, metavar="FILE", help="write the result as HTML with pictures"
+        "--html", type=Path, metavar="FILE", help="write the result as HTML with pictures"
     )
     verify.add_argument(
         "--config",
@@ -222,46 +227,46 @@ def _add_tolerance(verify: argparse.ArgumentParser) -> None:
     default = VerifyConfig()
     group.add_argument(
         "--tolerance-mm",
-        type=float,
+        type=setting_type("tolerance_mm"),
         metavar="MM",
         help="distance of a focus from its target that passes, if there is such a focus: at most "
         f"half of its width [{default.tolerance_mm:g}]",
     )
     group.add_argument(
         "--tolerance-c",
-        type=float,
+        type=setting_type("tolerance_c"),
         metavar="C",
         help="difference between the air that the host assumes and that over the board "
         f"[{default.tolerance_c:g}]",
     )
     group.add_argument(
         "--tolerance-humidity",
-        type=float,
+        type=setting_type("tolerance_humidity"),
         metavar="PERCENT",
         help=f"the same of the relative humidity [{default.tolerance_humidity:g}]",
     )
     real = "virtual board: 0; --port:"
     group.add_argument(
         "--uncertainty-c",
-        type=float,
+        type=setting_type("uncertainty_c"),
         metavar="C",
         help=f"standard uncertainty of the air temperature [{real} {GUESS_C:g}]",
     )
     group.add_argument(
         "--uncertainty-humidity",
-        type=float,
+        type=setting_type("uncertainty_humidity"),
         metavar="PERCENT",
         help=f"of the relative humidity [{real} {GUESS_HUMIDITY_PERCENT:g}]",
     )
     group.add_argument(
         "--uncertainty-position-mm",
-        type=float,
+        type=setting_type("uncertainty_position_mm"),
         metavar="MM",
         help=f"of each coordinate of each element [{real} {GUESS_POSITION_MM:g}]",
     )
     group.add_argument(
         "--uncertainty-phase-rad",
-        type=float,
+        type=setting_type("uncertainty_phase_rad"),
         metavar="RAD",
         help=f"of the phase that each element adds [{real} {GUESS_PHASE_RAD:g}]",
     )

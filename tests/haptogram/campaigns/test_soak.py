@@ -213,11 +213,11 @@ def test_segments_cover_the_whole_time() -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--hours", "0"], "--hours is 0"),
-        (["--fault-rate", "0.5"], "--fault-rate is 0.5, must be 0 to 0.2"),
-        (["--jobs", "0"], "--jobs is 0"),
-        (["--seed", "-1"], "--seed is -1"),
-        (["--segment-minutes", "0"], "--segment-minutes is 0"),
+        (["--hours", "0"], "--hours 0: out of range"),
+        (["--fault-rate", "0.5"], "--fault-rate 0.5: out of range; give 0 to 0.2"),
+        (["--jobs", "0"], "--jobs 0: out of range"),
+        (["--seed", "-1"], "--seed -1: out of range"),
+        (["--segment-minutes", "0"], "--segment-minutes 0: out of range"),
         (["--mutant", "werewolf"], "no mutant 'werewolf'"),
     ],
 )

@@ -62,7 +62,7 @@ def test_a_path_that_leaves_gaps_is_told_until_fewer_rounds_close_them(capsys):
 def test_picture_frames_and_json_say_the_same(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("haptogram.report.figures.style.DPI", 40)
     places = [tmp_path / name for name in ("lm.svg", "lm.csv", "lm.json")]
-    words = zip(("--output", "--frames", "--json"), places, strict=True)
+    words = zip(("--picture", "--csv", "--json"), places, strict=True)
     assert run("lm", "--shift-mm", "0,2,0", *(word for pair in words for word in pair)) == 0
     picture, frames, document = (place.read_text() for place in places)
     assert "LM at 200 Hz, point, 1000 frames/s, felt at (0, 2, 80) mm" in picture
@@ -85,16 +85,16 @@ def test_picture_frames_and_json_say_the_same(tmp_path, capsys, monkeypatch):
             ("am", "--modulation-hz", "501"),
             "--modulation-hz is 501; at 1000 frames/s it can be 500",
         ),
-        (("am", "--depth", "2"), "--depth is 2; it can be 0 to 1"),
+        (("am", "--depth", "2"), "--depth 2: out of range; give 0 to 1"),
         (("am", "--dwell-ms", "0.1"), "a dwell of 0.1 ms is 0.1 frames at 1000 Hz"),
         (("stm", "--object", "point"), "number of points on the path is 1, must be 2"),
         (("lm", "--shift-mm", "0,0,0"), "the shift is 0 mm long"),
         (("lm", "--shift-mm", "0,0,-90"), "height"),
-        (("am", "--bandwidth-hz", "0"), "bandwidth_hz is 0"),
+        (("am", "--bandwidth-hz", "0"), "--bandwidth-hz 0: out of range; give 1 to 1000000 Hz"),
         (("am", "--preset", "none"), "known are paper"),
         (("am", "--preset", "autd3", "--pitch-mm", "8"), "--pitch-mm is 8; --preset autd3 brings"),
-        (("am", "--output", "am.gif"), "possible are .png, .svg, .pdf"),
-        (("am", "--frames", "/dev/full"), "/dev/full: cannot be written: No space left on device"),
+        (("am", "--picture", "am.gif"), "possible are .png, .svg, .pdf"),
+        (("am", "--csv", "/dev/full"), "/dev/full: cannot be written: No space left on device"),
         (("am", "--json", "/dev/full"), "/dev/full: cannot be written: No space left on device"),
     ],
 )

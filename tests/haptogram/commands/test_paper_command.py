@@ -1,13 +1,12 @@
 """``haptogram paper``, run as its command module runs it."""
 
-import argparse
 import functools
 import json
 import re
 
 import pytest
 
-from haptogram.commands import paper
+from haptogram.cli import command_parser
 from haptogram.errors import ConfigurationError
 from haptogram.published import presets
 from haptogram.published.paper import document
@@ -23,9 +22,7 @@ def computed_once():
 
 
 def run(*words):
-    parser = argparse.ArgumentParser()
-    paper.add(parser.add_subparsers())
-    arguments = parser.parse_args(["paper", *map(str, words)])
+    arguments = command_parser("paper").parse_args([*map(str, words)])
     return arguments.run(arguments)
 
 
@@ -61,7 +58,7 @@ def test_json_goes_to_a_file_and_to_standard_output(tmp_path, capsys):
 def test_the_report_is_one_page_or_a_folder_of_pictures(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("haptogram.report.paper.pictures._STEP_M", 4e-3)
     monkeypatch.setattr("haptogram.report.figures.style.DPI", 40)
-    assert run("--report", tmp_path / "out") == 0
+    assert run("--html", tmp_path / "out") == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"index.html", "table1.png", "hemispheres.svg", "figure4_2_bent_x_xz.svg"} <= names
     page = (tmp_path / "out" / "index.html").read_text()
@@ -71,7 +68,7 @@ def test_the_report_is_one_page_or_a_folder_of_pictures(tmp_path, capsys, monkey
     capsys.readouterr()
 
 
-@pytest.mark.parametrize("words", [("--report", "x.pdf"), ("--json", ".")])
+@pytest.mark.parametrize("words", [("--html", "x.pdf"), ("--json", ".")])
 def test_a_place_that_cannot_be_written_is_refused(words):
     with pytest.raises(ConfigurationError):
         run(*words)

@@ -1,18 +1,15 @@
 """``haptogram presets``, run as its command module runs it."""
 
-import argparse
 import json
 
 import pytest
 
-from haptogram.commands import presets
+from haptogram.cli import command_parser
 from haptogram.errors import ConfigurationError
 
 
 def run(*words):
-    parser = argparse.ArgumentParser()
-    presets.add(parser.add_subparsers())
-    arguments = parser.parse_args(["presets", *map(str, words)])
+    arguments = command_parser("presets").parse_args([*map(str, words)])
     return arguments.run(arguments)
 
 

@@ -31,7 +31,7 @@ def test_a_full_disk_behind_standard_output_is_status_2_and_one_line(
 @needs_full
 def test_complaints_that_nobody_can_read_do_not_change_the_status() -> None:
     with FULL.open("w", buffering=1) as full, contextlib.redirect_stderr(full):
-        assert main(["budget", "--rate", "-1"]) == 2
+        assert main(["budget", "--rate-hz", "-1"]) == 2
 
 
 def test_a_reader_that_went_away_costs_nothing(capsys: pytest.CaptureFixture[str]) -> None:

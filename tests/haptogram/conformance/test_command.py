@@ -87,7 +87,7 @@ def test_a_baseline_that_makes_no_sense(tmp_path, capsys, text, why):
         ["--timeout", "inf"],
         ["--repeat", "0"],
         ["--seed", "-1"],
-        ["--link-baud", "0"],
+        ["--baud", "0"],
         ["--boot-timeout", "nan"],
         ["--json", "/"],
         ["--spawn", "x", "--port", "y"],
@@ -109,7 +109,7 @@ def test_a_baseline_that_makes_no_sense(tmp_path, capsys, text, why):
 def test_what_cannot_be_run_is_status_2_and_one_line(capsys, arguments):
     assert main(["conform", *arguments]) == 2
     err = capsys.readouterr().err
-    assert err.startswith("haptogram: ")
+    assert err.startswith("haptogram conform: ")
     assert err.count("\n") == 1
 
 

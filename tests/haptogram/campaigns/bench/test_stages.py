@@ -30,14 +30,14 @@ def test_a_loop_is_never_early():
 
 
 def test_the_command_says_what_fits_and_what_does_not(capsys):
-    assert main(["budget", "--baud", "3000000", "--rate", "1000", "--phase-bits", "8"]) == 0
+    assert main(["budget", "--baud", "3000000", "--rate-hz", "1000", "--phase-bits", "8"]) == 0
     text = capsys.readouterr().out
     assert "wire        920.0 us   92.0 %  276 bytes of 10 bits at 3000000 baud" in text
     assert "1000 Hz fits: the line is 92.0 % full" in text
     for name in frame_formats(256):
         assert name in text
     assert "latency timer of 16 ms, as it comes   16193.3 us" in text
-    assert main(["budget", "--baud", "115200", "--rate", "1000"]) == 1
+    assert main(["budget", "--baud", "115200", "--rate-hz", "1000"]) == 1
     text = capsys.readouterr().out
     assert "1000 Hz does not fit" in text
     assert " 42 Hz  line" in text
@@ -46,10 +46,10 @@ def test_the_command_says_what_fits_and_what_does_not(capsys):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--rate", "0"], "rate is 0 Hz"),
-        (["--rate", "nan"], "rate is nan Hz"),
-        (["--baud", "0"], "baud is 0"),
-        (["--transducers", "0"], "transducers is 0"),
+        (["--rate-hz", "0"], "--rate-hz 0: out of range; give 0.001 to 40000 Hz"),
+        (["--rate-hz", "nan"], "--rate-hz nan: out of range"),
+        (["--baud", "0"], "--baud 0: out of range"),
+        (["--transducers", "0"], "--transducers 0: out of range; give 1 to 1024"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(capsys, arguments, text):

@@ -1,0 +1,229 @@
+"""The parser of every command line: a refusal is one line with a guess at the right word.
+
+It takes no abbreviations, knows the former names of options, and notes which options were given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import Any, Final, NoReturn
+
+from ..errors import ConfigurationError
+
+_SHOWN: Final = 40  # characters of a value that are printed
+_OPTION: Final = re.compile(r"--[a-z][a-z0-9-]*")
+_NEGATIVE: Final = re.compile(r"-[\d.].*")
+#: The words of argparse that a user does not know, and plain ones.
+_PLAINER: Final = (
+    (r"^argument ([^:]+): ", r"\1 "),
+    (r"expected (?:at least )?one argument", "needs a value"),
+    (r"expected \d+ arguments?", "needs a value"),
+    (r"not allowed with argument", "does not go with"),
+    (r"ignored explicit argument .*", "takes no value"),
+    (r"^the following arguments are required: (.*)", r"\1 is missing; --help tells more"),
+    (r"^one of the arguments (.*) is required", r"one of \1 is missing; --help tells more"),
+)
+
+
+class UsageError(ConfigurationError):
+    """A command line that cannot be used.
+
+    Attributes
+    ----------
+    program : str
+        Name of the program and of its command, as the user called them.
+    """
+
+    def __init__(self, program: str, message: str) -> None:
+        super().__init__(message)
+        self.program = program
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that raises :class:`UsageError` in one line instead of printing its usage.
+
+    Attributes
+    ----------
+    refused : dict of str to str
+        Options that exist no more, and the rest of the sentence that begins with their name.
+    """
+
+    def __init__(self, prog: str, **options: Any) -> None:
+        super().__init__(
+            prog,
+            allow_abbrev=False,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            **options,
+        )
+        self.refused: dict[str, str] = {}
+
+    def rename(self, **names: str) -> None:
+        """Refuse each former name of an option, in favour of its new one."""
+        self.refused.update(
+            {_as_option(old): f"is now {_as_option(new)}" for old, new in names.items()}
+        )
+
+    def parse_known_args(  # type: ignore[override]  # overloads; nothing is ever left unknown
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse and refuse the rest; leave ``parser`` and ``given``, the names of given options."""
+        words = attach_negative_values(sys.argv[1:] if args is None else args)
+        self._check_options(words)
+        found, rest = super().parse_known_args(words, namespace)
+        if rest:
+            self.error(f"{_shown(rest[0])} is one word too many")
+        if self._subparsers is None:
+            found.parser = self
+            found.given = frozenset(self._given(words))
+        return found, []
+
+    def named(self, message: str) -> str:
+        """Return *message* with the option in place of the Python argument that it begins with."""
+        name = message.partition(" ")[0]
+        option = _as_option(name)
+        known = name.isidentifier() and option in self._option_string_actions
+        return option + message[len(name) :] if known else message
+
+    def error(self, message: str) -> NoReturn:
+        """Raise *message* as :class:`UsageError`."""
+        for pattern, plain in _PLAINER:
+            message = re.sub(pattern, plain, message)
+        raise UsageError(self.prog, message)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is None or value in action.choices:
+            return
+        known = [str(choice) for choice in action.choices]
+        guess = suggestion(str(value), known)
+        if isinstance(action.choices, dict):  # of parsers: those of the commands
+            self.error(f"there is no command {_shown(value)}{guess or f'; {_one_of(known)}'}")
+        text = f"{_shown(value)}: {_one_of(known)}{guess}"
+        raise argparse.ArgumentError(action, text)
+
+    def _check_options(self, words: Sequence[str]) -> None:
+        """Refuse former and unknown options before a value that is missing is complained of."""
+        if self._subparsers is not None:  # those after a command are the command's
+            words = words[: next(_places_of_words(words), len(words))]
+        for word in _options_among(words):
+            if word in self.refused:
+                self.error(f"{word} {self.refused[word]}")
+            if word not in self._option_string_actions and not self._is_short(word):
+                guess = suggestion(word, self._option_string_actions)
+                self.error(f"there is no option {_shown(word)}{guess}")
+
+    def _is_short(self, word: str) -> bool:
+        """Return True for short options, alone or together with others or a value (-vh)."""
+        return not word.startswith("--") and word[:2] in self._option_string_actions
+
+    def _given(self, words: Sequence[str]) -> Iterator[str]:
+        actions = self._option_string_actions
+        return (actions[word].dest for word in _options_among(words) if word in actions)
+
+
+def _as_option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def _options_among(words: Sequence[str]) -> Iterator[str]:
+    """Yield the words that argparse takes for options, without their values."""
+    for word in words:
+        if word == "--":
+            return
+        if len(word) > 1 and word.startswith("-") and not _NEGATIVE.fullmatch(word):
+            name = word.partition("=")[0]
+            if " " not in name:
+                yield name
+
+
+def _places_of_words(words: Sequence[str]) -> Iterator[int]:
+    return (place for place, word in enumerate(words) if not word.startswith("-"))
+
+
+def attach_negative_values(words: Sequence[str]) -> list[str]:
+    """Return *words* with values that begin with a minus attached to their options.
+
+    argparse takes them for options: ``--focus-mm -20,0,120`` becomes ``--focus-mm=-20,0,120``.
+    """
+    result: list[str] = []
+    for word in words:
+        if result and _OPTION.fullmatch(result[-1]) and _NEGATIVE.fullmatch(word):
+            result[-1] += f"={word}"
+        else:
+            result.append(word)
+    return result
+
+
+# --- Guesses ---------------------------------------------------------------------------------
+
+
+def suggestion(word: str, known: Collection[str]) -> str:
+    """Return "; did you mean ...?" with the word of *known* that resembles *word*, or nothing."""
+    import difflib
+
+    longer = [name for name in known if len(word) > 2 and name.startswith(word)]
+    near = longer or difflib.get_close_matches(word, known, n=1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def _one_of(known: Sequence[str]) -> str:
+    return f"give {known[0]}" if len(known) == 1 else f"give one of {', '.join(known)}"
+
+
+def _shown(value: object) -> str:
+    """Return *value* as a message shows it: on one line, not too long, nothing unprintable."""
+    text = str(value)
+    if not text or not text.isprintable() or " " in text:
+        text = repr(text)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+# --- Values ----------------------------------------------------------------------------------
+
+
+def whole_number(low: int, high: int, unit: str = "") -> Callable[[str], int]:
+    """Return the type of an argument that is a whole number within [low, high]."""
+    read = unchecked(int, low, high, unit)
+
+    def parse(text: str) -> int:
+        return int(_within(text, read(text), low, high, unit))
+
+    return parse
+
+
+def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
+    """Return the type of an argument that is a number within [low, high]."""
+    read = unchecked(float, low, high, unit)
+
+    def parse(text: str) -> float:
+        return _within(text, read(text), low, high, unit)
+
+    return parse
+
+
+def unchecked(
+    kind: Callable[[str], float], low: float, high: float, unit: str = ""
+) -> Callable[[str], float]:
+    """Return the type of an argument that is int or float, whose limits are checked elsewhere."""
+
+    def parse(text: str) -> float:
+        try:
+            return kind(text)
+        except ValueError:
+            why = "not a whole number" if kind is int else "not a number"
+            raise _refusal(text, why, low, high, unit) from None
+
+    return parse
+
+
+def _within(text: str, value: float, low: float, high: float, unit: str) -> float:
+    if low <= value <= high:  # NaN is not
+        return value
+    raise _refusal(text, "out of range", low, high, unit)
+
+
+def _refusal(text: str, why: str, low: float, high: float, unit: str) -> argparse.ArgumentTypeError:
+    limits = " to ".join(str(v) if isinstance(v, int) else f"{v:.10g}" for v in (low, high))
+    return argparse.ArgumentTypeError(f"{_shown(text)}: {why}; give {limits} {unit}".rstrip())
