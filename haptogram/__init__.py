@@ -1,5 +1,6 @@
 """Host of the Haptogram harness: drives an ultrasonic phased array and verifies what it radiated.
 
+There are 15 rooms, because the root of the errors and the composition root are modules alone.
 Names are imported when they are asked for: whoever wants only the acoustics pays for no more.
 """
 

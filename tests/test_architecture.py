@@ -1,5 +1,6 @@
 """The rules of the house that no single module can keep: imports, errors, exports, packaging."""
 
+import ast
 import importlib
 import inspect
 import os
@@ -152,6 +153,44 @@ def test_a_forbidden_import_is_reported(tree, contract, lines):
 
 def test_every_import_contract_is_proven_to_fail():
     assert {contract for contract, _ in PLANTS} == set(CONTRACTS)
+
+
+def rooms():
+    """Yield every folder of the packages, with the names of its modules and folders."""
+    for source in SOURCES.values():
+        for folder in (source, *source.rglob("*")):
+            if (folder / "__init__.py").is_file():
+                names = {path.name for path in folder.iterdir()}
+                yield folder, names - {"__init__.py", "__main__.py", "__pycache__", "py.typed"}
+
+
+ROOMS = dict(rooms())
+MOST_IN_A_ROOM = 14
+
+
+@pytest.mark.parametrize("folder", ROOMS, ids=lambda folder: str(folder.relative_to(ROOT)))
+def test_a_room_is_small_and_says_what_lives_there(folder):
+    text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text("utf-8"))) or ""
+    assert text.split("\n")[0].endswith(".")
+    if len(ROOMS[folder]) > MOST_IN_A_ROOM:
+        assert f"{len(ROOMS[folder])} rooms, because" in text
+
+
+def test_every_folder_with_modules_is_a_room():
+    strays = {
+        path.parent
+        for source in SOURCES.values()
+        for path in source.rglob("*.py")
+        if path.parent not in ROOMS
+    }
+    assert strays == set()
+
+
+def test_the_architecture_page_draws_every_room():
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    drawn = set(re.findall(r"^ +(\w+)/(?= |$)", page, re.MULTILINE))
+    assert drawn <= {folder.name for folder in ROOMS}
+    assert drawn >= {folder.name for folder in ROOMS if folder.parent in SOURCES.values()}
 
 
 @pytest.mark.parametrize("package", SOURCES)
