@@ -15,7 +15,7 @@ from .options import EXAMPLES, PULSE, add_options, check, is_virtual
 if TYPE_CHECKING:
     from haptogram.conformance.case import Case
     from haptogram.conformance.run.access import Access
-    from haptogram.conformance.run.runner import Progress
+    from haptogram.conformance.run.runner import CaseProgress
     from haptogram.conformance.verdict import SuiteResult
     from haptogram.settings.parser import Parser
 
@@ -116,7 +116,7 @@ def _access(arguments: argparse.Namespace, virtual: Virtual) -> Access:
 
 
 @contextlib.contextmanager
-def _progress(*, quiet: bool) -> Iterator[Progress | None]:
+def _progress(*, quiet: bool) -> Iterator[CaseProgress | None]:
     """Show on standard error which case runs."""
     if quiet or not sys.stderr.isatty():
         yield None

@@ -29,7 +29,7 @@ FULL: Final = 255
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ShownDrive:
     """A drive that a board shows: codes of the registers, or of what is radiated.
 
     Attributes
@@ -55,13 +55,13 @@ class Shown:
         return zlib.crc32(self.phases + self.amplitudes)
 
 
-def shown_in(reply: DriveReply) -> Shown:
+def shown_in(reply: DriveReply) -> ShownDrive:
     """Return the drive in a read-back of all transducers."""
     half = len(reply.data) // 2
-    return Shown(reply.data[:half], reply.data[half:], reply)
+    return ShownDrive(reply.data[:half], reply.data[half:], reply)
 
 
-def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> Shown:
+def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> ShownDrive:
     """Ask for the drive of all transducers; UNIMPLEMENTED without the capability."""
     latched = kind is DriveKind.LATCHED
     board.need(Feature.READ_LATCHED if latched else Feature.READ_RADIATED)
@@ -74,7 +74,7 @@ def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> Shown:
     return shown
 
 
-def radiated(board: BoardClient) -> Shown:
+def radiated(board: BoardClient) -> ShownDrive:
     """Ask for what is radiated."""
     return read_back(board, DriveKind.RADIATED)
 
@@ -99,7 +99,7 @@ def full_drive(registers: bytes) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Latched:
+class TracedLatch:
     """One latch as a trace tells it."""
 
     index: int
@@ -123,7 +123,7 @@ def watch(board: BoardClient) -> TraceMode:
     unimplemented("the board advertises no trace that can be switched on")
 
 
-def latches(board: BoardClient, since: int, mode: TraceMode) -> list[Latched]:
+def latches(board: BoardClient, since: int, mode: TraceMode) -> list[TracedLatch]:
     """Return the latches that came as events since, or lie in the ring."""
     board.link.barrier()
     if mode is TraceMode.RING:
@@ -136,28 +136,28 @@ def latches(board: BoardClient, since: int, mode: TraceMode) -> list[Latched]:
     return found
 
 
-def _latched(board: BoardClient, header: Header, message: Message) -> Latched | None:
+def _latched(board: BoardClient, header: Header, message: Message) -> TracedLatch | None:
     t_us, late = board.clock.unwrap(header.time_us), bool(header.flags & Flag.LATE)
     if isinstance(message, Trace):
-        return Latched(message.index, t_us, message.crc, late)
+        return TracedLatch(message.index, t_us, message.crc, late)
     if isinstance(message, TracePlayback):
         key = message.key
-        return Latched(key.index, t_us, message.crc, late, key.sequence, key.loop)
+        return TracedLatch(key.index, t_us, message.crc, late, key.sequence, key.loop)
     if isinstance(message, TraceDrive):
         key, crc = message.key, zlib.crc32(message.data)
-        return Latched(key.index, t_us, crc, late, key.sequence, key.loop)
+        return TracedLatch(key.index, t_us, crc, late, key.sequence, key.loop)
     return None
 
 
-def _ring(board: BoardClient) -> list[Latched]:
-    found: list[Latched] = []
+def _ring(board: BoardClient) -> list[TracedLatch]:
+    found: list[TracedLatch] = []
     first = 0
     while True:
         reply = board.link.call(ReadTrace(first, 0xFFFF), TraceReply)
         for item in reply.records:
             t_us, late = board.clock.unwrap(item.t_latch_us), bool(item.flags & Flag.LATE)
             key = item.key
-            found.append(Latched(key.index, t_us, item.crc, late, key.sequence, key.loop))
+            found.append(TracedLatch(key.index, t_us, item.crc, late, key.sequence, key.loop))
         if not reply.records or reply.records[-1].number + 1 >= reply.next:
             return found
         first = reply.records[-1].number + 1

@@ -12,8 +12,8 @@ from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, decode_frame
 from haptogram_protocol.messages import Header, Message, MessageType, parse_body
 
-_KEPT_CHUNKS: Final = 200  # at the beginning, and as many at the end
-_SHOWN_BYTES: Final = 96  # of one chunk
+_KEPT_TRANSFERS: Final = 200  # at the beginning, and as many at the end
+_SHOWN_BYTES: Final = 96  # of one transfer
 _PER_LINE: Final = 32
 
 
@@ -25,7 +25,7 @@ class Direction(enum.StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Chunk:
+class Transfer:
     """Bytes that were handed over, or came in, at once."""
 
     t_us: int
@@ -34,51 +34,51 @@ class Chunk:
 
 
 class Recording:
-    """Keeps the first and the last chunks, in bounded memory."""
+    """Keeps the first and the last transfers, in bounded memory."""
 
     def __init__(self) -> None:
-        self._first: list[Chunk] = []
-        self._last: deque[Chunk] = deque(maxlen=_KEPT_CHUNKS)
+        self._first: list[Transfer] = []
+        self._last: deque[Transfer] = deque(maxlen=_KEPT_TRANSFERS)
         self._dropped = 0
 
     def add(self, t_us: int, direction: Direction, data: bytes) -> None:
-        """Take down a chunk."""
-        chunk = Chunk(t_us, direction, bytes(data))
-        if len(self._first) < _KEPT_CHUNKS:
-            self._first.append(chunk)
+        """Take down a transfer."""
+        transfer = Transfer(t_us, direction, bytes(data))
+        if len(self._first) < _KEPT_TRANSFERS:
+            self._first.append(transfer)
             return
-        self._dropped += len(self._last) == _KEPT_CHUNKS
-        self._last.append(chunk)
+        self._dropped += len(self._last) == _KEPT_TRANSFERS
+        self._last.append(transfer)
 
     def transcript(self) -> tuple[str, ...]:
-        """Return the chunks as lines: time, who, hex, and the frames that they hold."""
+        """Return the transfers as lines: time, who, hex, and the frames that they hold."""
         if not self._first:
             return ()
         start_us = self._first[0].t_us
-        lines = _told(self._first, start_us)
+        lines = _transcript_lines(self._first, start_us)
         if self._dropped:
-            lines.append(f"... {self._dropped} chunks left out ...")
-            return (*lines, *_told(self._last, start_us))
-        return tuple(_told([*self._first, *self._last], start_us))
+            lines.append(f"... {self._dropped} transfers left out ...")
+            return (*lines, *_transcript_lines(self._last, start_us))
+        return tuple(_transcript_lines([*self._first, *self._last], start_us))
 
 
-def _told(chunks: Iterable[Chunk], start_us: int) -> list[str]:
-    """Return chunks as lines; a frame is told where its end came."""
+def _transcript_lines(transfers: Iterable[Transfer], start_us: int) -> list[str]:
+    """Return transfers as lines; a frame is told where its end came."""
     partial = dict.fromkeys(Direction, b"")
     lines = []
-    for chunk in chunks:
-        *ended, rest = (partial[chunk.direction] + chunk.data).split(DELIMITER)
-        partial[chunk.direction] = rest
-        lines += _lines(chunk, start_us, [piece for piece in ended if piece])
+    for transfer in transfers:
+        *ended, rest = (partial[transfer.direction] + transfer.data).split(DELIMITER)
+        partial[transfer.direction] = rest
+        lines += _lines_of(transfer, start_us, [piece for piece in ended if piece])
     return lines
 
 
-def _lines(chunk: Chunk, start_us: int, pieces: list[bytes]) -> list[str]:
-    head = f"{(chunk.t_us - start_us) / 1e6:+11.6f} s {chunk.direction.value} "
-    shown = chunk.data[:_SHOWN_BYTES]
+def _lines_of(transfer: Transfer, start_us: int, pieces: list[bytes]) -> list[str]:
+    head = f"{(transfer.t_us - start_us) / 1e6:+11.6f} s {transfer.direction.value} "
+    shown = transfer.data[:_SHOWN_BYTES]
     rows = [shown[start : start + _PER_LINE].hex(" ") for start in range(0, len(shown), _PER_LINE)]
-    if len(chunk.data) > _SHOWN_BYTES:
-        rows[-1] += f" ... ({len(chunk.data)} bytes)"
+    if len(transfer.data) > _SHOWN_BYTES:
+        rows[-1] += f" ... ({len(transfer.data)} bytes)"
     indent = " " * len(head)
     texts = [(head if number == 0 else indent) + row for number, row in enumerate(rows)]
     return texts + [f"{indent}= {describe(piece)}" for piece in pieces]

@@ -25,7 +25,7 @@ _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class WaitLimits:
     """How long things may take, on the clock of the transport.
 
     Attributes
@@ -46,7 +46,7 @@ class Limits:
     lead_us: int
 
     @classmethod
-    def of(cls, timeout_s: float, *, virtual: bool) -> Limits:
+    def of(cls, timeout_s: float, *, virtual: bool) -> WaitLimits:
         """Return the limits for a transport in virtual time, or in wall time."""
         answer_us = round(timeout_s * 1e6)
         if virtual:
@@ -111,7 +111,7 @@ class Wire:
 
     Attributes
     ----------
-    limits : Limits
+    limits : WaitLimits
         Of every wait.
     baudrate : int
         Rate of the line, to tell how long bytes take.
@@ -123,7 +123,7 @@ class Wire:
         The longest time since :meth:`begin_case` in which the host neither sent nor listened.
     """
 
-    def __init__(self, transport: Transport, limits: Limits, *, baudrate: int) -> None:
+    def __init__(self, transport: Transport, limits: WaitLimits, *, baudrate: int) -> None:
         self.limits = limits
         self.baudrate = baudrate
         self.received: list[Received] = []

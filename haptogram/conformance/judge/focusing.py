@@ -15,7 +15,7 @@ from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.verification import FrameStatus, Judge
 from haptogram_protocol.messages import FocalPoint, HelloReply
 
-from ..client.latching import Shown
+from ..client.latching import ShownDrive
 from ..outcome import fail
 
 _STEPS = 256
@@ -43,7 +43,7 @@ def judge_of(model: AcousticModel) -> Judge:
     return Judge(model, carrier_us=round(1e6 / model.frequency_hz))
 
 
-def check_focus(judge: Judge, frame: Frame, shown: Shown) -> None:
+def check_focus(judge: Judge, frame: Frame, shown: ShownDrive) -> None:
     """FAILED, with the fault by its name, unless the focus of what is shown lies on its target."""
     key = FrameKey(session=0, sequence=0, loop=0, index=0)
     latched = Drive(
@@ -70,7 +70,7 @@ def _weights(model: AcousticModel, points: tuple[FocalPoint, ...]) -> NDArray[np
 
 
 def phase_errors(
-    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], Shown]]
+    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ShownDrive]]
 ) -> NDArray[np.float64]:
     """Return latched phase codes less the exact phases, in steps, of every transducer.
 
@@ -88,7 +88,7 @@ def phase_errors(
 
 
 def amplitude_errors(
-    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], Shown]]
+    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ShownDrive]]
 ) -> NDArray[np.float64]:
     """Return latched amplitude codes less the exact ones, of every transducer."""
     errors = []

@@ -9,7 +9,7 @@ from typing import Final
 from haptogram_protocol.messages import Feature, TraceMode
 
 from ..client.board_client import BoardClient
-from ..client.latching import FULL, Shown, latches, read_back, watch
+from ..client.latching import FULL, ShownDrive, latches, read_back, watch
 from ..outcome import check, fail, unimplemented
 
 _SHOWN: Final = 4  # transducers named in a message
@@ -57,7 +57,7 @@ class Witness:
 
 
 def expect_shown(
-    board: BoardClient, shown: Shown, registers: bytes, amplitudes: bytes, *, bits: int = 8
+    board: BoardClient, shown: ShownDrive, registers: bytes, amplitudes: bytes, *, bits: int = 8
 ) -> None:
     """FAILED, by name, unless a drive is the one that was sent."""
     if (shown.phases, shown.amplitudes) == (registers, amplitudes):
@@ -81,7 +81,7 @@ def expect_shown(
 
 
 def names_of(
-    board: BoardClient, shown: Shown, registers: bytes, amplitudes: bytes, bits: int
+    board: BoardClient, shown: ShownDrive, registers: bytes, amplitudes: bytes, bits: int
 ) -> tuple[str, ...]:
     """Return what is wrong with a drive, by name, from the array's geometry."""
     # Late: only a drive that is wrong pays for the acoustics.

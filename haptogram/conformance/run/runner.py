@@ -1,60 +1,47 @@
-"""Runs cases one after the other, and never hangs: every wait ends, and results so far are kept."""
+"""Runs cases one after the other; every wait ends, and an interrupted run keeps its results."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import random
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Self, TypeAlias
 
-from haptogram.driver.line.port import Transport
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
-from haptogram_protocol.export.tables import description_hash
-from haptogram_protocol.messages import HelloReply
 
 from ..case import Case
 from ..clauses import Clause, Level, load_clauses
 from ..client.board_client import BoardClient
-from ..client.introduction import (
-    describe_device,
-    explain_silence,
-    greet,
-    is_version_error,
-    learn_wraps,
-)
-from ..client.wire import Limits, Wire
-from ..judge.recovery import farewell, recover
+from ..judge.recovery import recover
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour, Evidence, Recovery, Result, SuiteResult
 from .access import Access
+from .connection import BoardConnection
 
-#: Called before every case with its number, how many there are, and its id.
-Progress: TypeAlias = Callable[[int, int, str], None]
+#: Called before every case with its number from 0, the number of cases, and its id.
+CaseProgress: TypeAlias = Callable[[int, int, str], None]
 
-_HELD_UP_S: Final = 1.0  # a host that was away that long may have missed a timer of the board
-_GREETINGS: Final = 3  # the first one may drown in what the board says while it starts
+_HELD_UP_S: Final = 1.0  # a host held up for longer may have missed a timer of the board
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """How a run is done.
+    """Options of a run.
 
     Attributes
     ----------
     timeout_s : float
         How long an answer may take.
     seed : int
-        Of nonces and contents.
+        Seed of nonces and contents.
     repeat : int
-        How often every case is run.
+        Number of times that each case runs.
     strict : bool
         Whether a SHOULD that is not met is a failure.
     expected : dict of str to str
-        Baseline: verdicts that are expected to be failures, by case or clause.
+        Baseline: the failures that are expected, as verdict by case or clause.
     """
 
     timeout_s: float = 1.0
@@ -66,7 +53,7 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """What one run of a case came to."""
+    """Result of one attempt at a case."""
 
     behaviour: Behaviour
     detail: str = ""
@@ -76,25 +63,40 @@ class _Outcome:
 
 
 class Runner:
-    """Runs cases against the board behind *access*.
+    """Runs cases against the board behind *access*; as a context, keeps the port open.
 
     Raises
     ------
     HaptogramError
-        From :meth:`run`, if the port does not open at all.
+        From :meth:`run` and on entry, if the port does not open.
     """
 
-    def __init__(self, access: Access, options: Options, progress: Progress | None = None) -> None:
+    def __init__(
+        self, access: Access, options: Options, progress: CaseProgress | None = None
+    ) -> None:
         self._access, self._options = access, options
-        self._progress: Progress = progress or (lambda *_: None)
-        self._limits = Limits.of(options.timeout_s, virtual=access.virtual)
-        self._random = random.Random(options.seed)
-        self._hash = description_hash()
+        self._progress: CaseProgress = progress or (lambda *_: None)
+        self._connection = BoardConnection(access, timeout_s=options.timeout_s, seed=options.seed)
         self._clauses = load_clauses()
-        self._transport: Transport | None = None
-        self._board: BoardClient | None = None
-        self._dead = ""  # why no case that needs a session can be run
-        self._device: dict[str, object] = {}
+
+    def __enter__(self) -> Self:
+        """Open the port and find out which board answers."""
+        self._connection.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Mute the board, and close the port."""
+        self._connection.close()
+
+    def session(self) -> BoardClient:
+        """Return the client in a new session, with the board DISARMED and quiet.
+
+        Raises
+        ------
+        LinkError
+            If there is no board.
+        """
+        return self._connection.session()
 
     def run(self, cases: Sequence[Case]) -> SuiteResult:
         """Run *cases* in order and return their results; Ctrl-C keeps those so far."""
@@ -107,9 +109,11 @@ class Runner:
                     results.append(self.result(case))
         except KeyboardInterrupt:
             cut_short = f"interrupted after {len(results)} of {len(cases)} cases"
-        rest = (_not_run(case, self._clauses[case.clause], cut_short) for case in cases)
-        results += list(rest)[len(results) :]
-        return SuiteResult(tuple(results), self._device, self._settings(), cut_short or self._dead)
+        rest = cases[len(results) :]
+        results += [_not_run(case, self._clauses[case.clause], cut_short) for case in rest]
+        connection = self._connection
+        why = cut_short or connection.lost
+        return SuiteResult(tuple(results), connection.device, self._settings(), why)
 
     def _settings(self) -> dict[str, object]:
         options = self._options
@@ -121,91 +125,6 @@ class Runner:
             "strict": options.strict,
             "timeout_s": options.timeout_s,
         }
-
-    # --- the board -----------------------------------------------------------------------------
-
-    def __enter__(self) -> Self:
-        """Open the port and find out what is there."""
-        try:
-            self._connect(self._access.open(), booted=self._access.boots)
-        except BaseException:
-            self._access.close()
-            raise
-        if self._greet() is None and self._access.can_reset and not self._access.boots:
-            self._revive(self._reset)  # it may have hung before we came
-        if not self._dead and self._board is not None:
-            with contextlib.suppress(CaseEndedError, LinkLostError):
-                learn_wraps(self._board)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Leave the board silent, and close the port."""
-        if self._board is not None and self._transport is not None and not self._dead:
-            try:
-                farewell(self._board)
-            except HaptogramError:
-                pass
-            except Exception as error:  # it must not cost the results
-                self._dead = f"the board was not muted at the end: {type(error).__name__}: {error}"
-        self._drop()
-        self._access.close()
-
-    def session(self) -> BoardClient:
-        """Return a board with a new session and a board that is DISARMED and quiet.
-
-        Raises
-        ------
-        LinkError
-            If there is no board.
-        """
-        if self._dead or self._board is None:
-            raise LinkError(self._dead or "the port is not open")
-        self._board.wire.begin_case()
-        self._board.prepare()
-        return self._board
-
-    def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
-        self._transport = transport
-        wire = Wire(transport, self._limits, baudrate=self._access.baudrate)
-        self._board = BoardClient(wire, self._random, self._hash, booted=booted)
-        return self._board
-
-    def _greet(self) -> BoardClient | None:
-        """Find out whether a board of this version is there; note why not."""
-        board = self._board
-        assert board is not None  # _connect came first
-        self._dead = ""
-        try:
-            for _ in range(_GREETINGS):
-                reply = greet(board)
-                if isinstance(reply, HelloReply):
-                    self._device = describe_device(reply)
-                    return board
-                if is_version_error(reply):
-                    self._dead = f"the board speaks another major version: {reply}"
-                    return None
-            self._dead = explain_silence(board)
-        except (LinkError, CaseEndedError) as error:
-            self._dead = f"the board is gone: {error}" if self._device else str(error)
-        return None
-
-    def _reset(self) -> BoardClient:
-        before = self._board
-        self._drop()
-        board = self._connect(self._access.reset(), booted=True)
-        identity = getattr(before, "identity", None)
-        board.last_boot_id = identity.boot_id if identity else None
-        board.last_config = getattr(before, "config", None)
-        return board
-
-    def _reopen(self) -> BoardClient:
-        self._drop()
-        return self._connect(self._access.open(), booted=False)
-
-    def _drop(self) -> None:
-        if self._transport is not None:
-            self._transport.close()
-        self._transport = None
 
     # --- one case ------------------------------------------------------------------------------
 
@@ -244,22 +163,22 @@ class Runner:
             return _Outcome(
                 Behaviour.NOT_OBSERVED, "no way to restart the board (--spawn, --reset-cmd, --dtr)"
             )
-        found = bool(self._device)  # a board that was there may be so again after a reset
-        if self._dead and case.needs_session and not (case.needs_reset and found):
-            return _Outcome(Behaviour.INCONCLUSIVE, self._dead)
+        connection = self._connection
+        found = bool(connection.device)  # a reset may bring back a board that answered before
+        if connection.lost and case.needs_session and not (case.needs_reset and found):
+            return _Outcome(Behaviour.INCONCLUSIVE, connection.lost)
         try:
-            board = self._reset() if case.needs_reset else self._board
+            board = connection.reset() if case.needs_reset else connection.board
         except HaptogramError as error:
-            why = self._dead = f"the board did not come back after a reset: {error}"
-            if not self._access.boots:  # it may be there all the same
-                self._revive(self._reopen)
+            why = connection.lost = f"the board did not come back after a reset: {error}"
+            if not self._access.boots:  # the board may answer all the same
+                connection.revive(may_reset=False)
             return _Outcome(Behaviour.INCONCLUSIVE, why)
-        assert board is not None  # _begin has connected
         return self._experiment(case, board)
 
     def _experiment(self, case: Case, board: BoardClient) -> _Outcome:
         board.wire.begin_case()
-        if self._dead and not case.needs_reset:
+        if self._connection.lost and not case.needs_reset:
             return self._without_board(case, board)
         try:
             if case.needs_session and not case.needs_reset:
@@ -279,7 +198,7 @@ class Runner:
         return self._afterwards(case, board, outcome)
 
     def _without_board(self, case: Case, board: BoardClient) -> _Outcome:
-        """Run a case that may tell why nothing answers; what was never there cannot recover."""
+        """Run a case that may find out why nothing answers; a board never seen cannot recover."""
         try:
             outcome = self._judge(case, board)
         except LinkError as error:
@@ -297,7 +216,7 @@ class Runner:
             return self._verdict(case, board, ended)
         except LinkError:
             raise
-        except Exception as error:  # what no case foresaw is no verdict on the board
+        except Exception as error:  # a defect of the case is no verdict on the board
             return _broke_off(error)
         return _Outcome(Behaviour.OK)
 
@@ -328,34 +247,23 @@ class Runner:
                 return outcome
             transcript = board.wire.recording.transcript()
             return dataclasses.replace(_broke_off(error), transcript=transcript)
-        if recovery.frames is None and not self._dead:
-            self._dead = "the board does not answer any more"
-            self._revive(self._reset if self._access.can_reset else self._reopen)
+        if recovery.frames is None and not self._connection.lost:
+            self._connection.lost = "the board does not answer any more"
+            self._connection.revive()
         elif recovery.clean and case.needs_reset:
-            self._dead = ""
+            self._connection.lost = ""
         return dataclasses.replace(outcome, recovery=recovery)
 
     def _lost(self, outcome: _Outcome, board: BoardClient) -> _Outcome:
-        """Keep the outcome of a case after which the port was gone."""
+        """Return the outcome of a case that lost the port, and try to revive the board."""
         transcript, text = board.wire.recording.transcript(), outcome.detail
-        self._dead = f"the board is gone: {text}"
-        self._revive(self._reset if self._access.can_reset else self._reopen)
+        self._connection.lost = f"the board is gone: {text}"
+        self._connection.revive()
         return dataclasses.replace(outcome, recovery=Recovery(None, text), transcript=transcript)
-
-    def _revive(self, connect: Callable[[], BoardClient]) -> None:
-        """Try once to bring a board back that does not answer; if it does it is not dead."""
-        why = self._dead
-        try:
-            connect()
-        except HaptogramError as error:
-            self._dead = f"{why} ({error})"
-            return
-        if self._greet() is None:
-            self._dead = why
 
 
 def _broke_off(error: Exception) -> _Outcome:
-    """Return what an error of the case itself comes to: nothing is said of the board."""
+    """Return the outcome of an error in the case itself, which is no verdict on the board."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(place.filename).name}:{place.lineno}, in {place.name}"
     text = " ".join(f"{type(error).__name__}: {error}".split())

@@ -12,7 +12,7 @@ from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature, FocalPoint, P
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import Shown, latch_now, read_back
+from ...client.latching import ShownDrive, latch_now, read_back
 from ...outcome import SELF_REPORTED, check, not_observed
 
 if TYPE_CHECKING:
@@ -98,7 +98,9 @@ def _random_point(board: BoardClient) -> FocalPoint:
     )
 
 
-def _random_latches(board: BoardClient, points: int) -> list[tuple[tuple[FocalPoint, ...], Shown]]:
+def _random_latches(
+    board: BoardClient, points: int
+) -> list[tuple[tuple[FocalPoint, ...], ShownDrive]]:
     number = max(_MANY, -(-400 // board.identity.transducers))
     found = []
     for _ in range(number):

@@ -20,7 +20,7 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import Shown, latch_now, radiated, shown_in
+from ...client.latching import ShownDrive, latch_now, radiated, shown_in
 from ...client.playback import play_now, store_phases
 from ...judge.timers import check_mute_time, muted_by_timer
 from ...outcome import SELF_REPORTED, check
@@ -86,7 +86,7 @@ def _ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[tuple[float
     return found
 
 
-def _read_at(board: BoardClient) -> tuple[int, Shown]:
+def _read_at(board: BoardClient) -> tuple[int, ShownDrive]:
     read = ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
     answer = board.link.ask(read)
     assert answer.header is not None  # ask

@@ -1,0 +1,163 @@
+"""The connection to the board under test: opened, reset, revived, closed with the output off."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+from typing import Final
+
+from haptogram.driver.line.port import Transport
+from haptogram.errors import HaptogramError, LinkError, LinkLostError
+from haptogram_protocol.export.tables import description_hash
+from haptogram_protocol.messages import HelloReply
+
+from ..client.board_client import BoardClient
+from ..client.introduction import (
+    describe_device,
+    explain_silence,
+    greet,
+    is_version_error,
+    learn_wraps,
+)
+from ..client.wire import WaitLimits, Wire
+from ..judge.recovery import farewell
+from ..outcome import CaseEndedError
+from .access import Access
+
+_GREETINGS: Final = 3  # the text that a board prints while it starts may drown the first HELLO
+
+
+class BoardConnection:
+    """The board behind *access*, and why it is lost once it is.
+
+    Parameters
+    ----------
+    access : Access
+        Way to the board.
+    timeout_s : float
+        How long an answer may take.
+    seed : int
+        Seed of nonces and contents.
+
+    Attributes
+    ----------
+    lost : str
+        Why no session can be opened; empty while the board answers.
+    device : dict
+        Description of the board that answered last; empty before any did.
+    """
+
+    def __init__(self, access: Access, *, timeout_s: float, seed: int) -> None:
+        self.lost = ""
+        self.device: dict[str, object] = {}
+        self._access = access
+        self._limits = WaitLimits.of(timeout_s, virtual=access.virtual)
+        self._random = random.Random(seed)
+        self._hash = description_hash()
+        self._transport: Transport | None = None
+        self._board: BoardClient | None = None
+
+    @property
+    def board(self) -> BoardClient:
+        """Client of the board; :class:`LinkError` before :meth:`open`."""
+        if self._board is None:
+            raise LinkError("the port is not open")
+        return self._board
+
+    def open(self) -> None:
+        """Open the port and find out which board answers.
+
+        Raises
+        ------
+        HaptogramError
+            If the port does not open.  A board that does not answer is no error: see ``lost``.
+        """
+        try:
+            self._connect(self._access.open(), booted=self._access.boots)
+        except BaseException:
+            self._access.close()
+            raise
+        if not self._answers() and self._access.can_reset and not self._access.boots:
+            self.revive()  # the board may have hung before the run
+        if not self.lost:
+            with contextlib.suppress(CaseEndedError, LinkLostError):
+                learn_wraps(self.board)
+
+    def close(self) -> None:
+        """Mute the board, and close the port."""
+        if self._transport is not None and not self.lost:
+            try:
+                farewell(self.board)
+            except HaptogramError:
+                pass
+            except Exception as error:  # the results must not be lost
+                self.lost = f"the board was not muted at the end: {type(error).__name__}: {error}"
+        self._drop()
+        self._access.close()
+
+    def session(self) -> BoardClient:
+        """Return the client in a new session, with the board DISARMED and quiet.
+
+        Raises
+        ------
+        LinkError
+            If there is no board.
+        """
+        if self.lost:
+            raise LinkError(self.lost)
+        self.board.wire.begin_case()
+        self.board.prepare()
+        return self.board
+
+    def reset(self) -> BoardClient:
+        """Restart the board, and return the client of the board that has just started."""
+        before = self._board
+        self._drop()
+        board = self._connect(self._access.reset(), booted=True)
+        identity = getattr(before, "identity", None)
+        board.last_boot_id = identity.boot_id if identity else None
+        board.last_config = getattr(before, "config", None)
+        return board
+
+    def revive(self, *, may_reset: bool = True) -> None:
+        """Try once to bring back a board that does not answer: reset it, or open the port anew."""
+        why = self.lost
+        try:
+            if may_reset and self._access.can_reset:
+                self.reset()
+            else:
+                self._drop()
+                self._connect(self._access.open(), booted=False)
+        except HaptogramError as error:
+            self.lost = f"{why} ({error})"
+            return
+        if not self._answers():
+            self.lost = why
+
+    def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
+        self._transport = transport
+        wire = Wire(transport, self._limits, baudrate=self._access.baudrate)
+        self._board = BoardClient(wire, self._random, self._hash, booted=booted)
+        return self._board
+
+    def _drop(self) -> None:
+        if self._transport is not None:
+            self._transport.close()
+        self._transport = None
+
+    def _answers(self) -> bool:
+        """Return True if a board of this version answers; else note why not."""
+        self.lost = ""
+        try:
+            for _ in range(_GREETINGS):
+                reply = greet(self.board)
+                if isinstance(reply, HelloReply):
+                    self.device = describe_device(reply)
+                    return True
+                if is_version_error(reply):
+                    self.lost = f"the board speaks another major version: {reply}"
+                    return False
+            self.lost = explain_silence(self.board)
+        except (LinkError, CaseEndedError) as error:
+            self.lost = f"the board is gone: {error}" if self.device else str(error)
+        return False
