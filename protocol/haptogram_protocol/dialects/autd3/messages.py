@@ -1,0 +1,98 @@
+"""What the link of AUTD3 carries: operations of the client, and replies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from ..codec import Operation, Reply
+from .frame import DeviceFrame, DeviceState
+
+__all__ = [
+    "VERSION",
+    "Accepted",
+    "Close",
+    "Hello",
+    "Open",
+    "Pose",
+    "Read",
+    "Refused",
+    "States",
+    "Undecodable",
+    "Update",
+    "Write",
+]
+
+VERSION: Final = 1  # of the link, in autd3 38
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a device is: its first element in millimetres, and its rotation w, x, y, z."""
+
+    position: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Hello(Operation):
+    """The client names the version of the link."""
+
+    version: int = VERSION
+
+
+@dataclass(frozen=True, slots=True)
+class Open(Operation):
+    """The client names its devices."""
+
+    devices: tuple[Pose, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Update(Operation):
+    """The client moves its devices; their number stays that of :class:`Open`."""
+
+    devices: tuple[Pose, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Write(Operation):
+    """A frame for each device."""
+
+    frames: tuple[DeviceFrame, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Read(Operation):
+    """The client asks what every device answers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Close(Operation):
+    """The client ends the link."""
+
+
+@dataclass(frozen=True, slots=True)
+class Undecodable(Operation):
+    """Nothing can be understood from here on; *reason* is for a :class:`Refused`."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted(Reply):
+    """The board did what it was asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refused(Reply):
+    """The board did not, and says why."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class States(Reply):
+    """What every device answers."""
+
+    devices: tuple[DeviceState, ...]

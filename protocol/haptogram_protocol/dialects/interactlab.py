@@ -1,0 +1,192 @@
+"""InteractLab, the board of OpenMPD: frames of 512 bytes with side data in bit 7.
+
+A byte with bit 7 starts a frame; the 511 bytes behind it belong to it whatever they are, so a lost
+byte moves every frame after it. 256 phases of 7 bits, then 256 duties of 7 bits, in the order of
+the pins. A pulse is high for counts in [phase, phase + duty) mod 128, and 64 is the full duty. The
+board never answers. Serial at 250 000 baud, or FT245. Source: RMResearch/OpenMPD_Hardware d3b4e57,
+``FPGA_3.4.2/src``, ``CommandReader.vhd`` and ``FrameBufferController.vhd``; client: levitate 3.0.0.
+
+=============  ===============================================================================
+bit 7 of byte
+=============  ===============================================================================
+0              start of the frame
+1 to 24        colour of the LEDs, lowest bit first
+25             apply the colour
+26 to 33       divider of the frame rate (40 kHz / divider, 4 at power-up), lowest bit first
+34             apply the divider
+all others     no meaning
+=============  ===============================================================================
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from typing import Final
+
+from ..errors import LocalProtocolError
+from .codec import Dialect, Operation, Reply, SilentBoard, no_bytes_for
+
+__all__ = [
+    "CHANNELS",
+    "FRAME_BYTES",
+    "FULL_DUTY",
+    "INTERACTLAB",
+    "InteractlabBoard",
+    "InteractlabHost",
+    "QueueFrame",
+]
+
+CHANNELS: Final = 256
+FRAME_BYTES: Final = 2 * CHANNELS
+FULL_DUTY: Final = 64
+_WIRE: Final = "interactlab"
+_BIT: Final = 0x80
+_LOW_BITS: Final = bytes(byte & 0x7F for byte in range(256))
+_SIDE: Final = bytes(byte >> 7 for byte in range(256))
+_START: Final = re.compile(rb"[\x80-\xff]")
+_COLOUR, _APPLY_COLOUR = slice(1, 25), 25
+_DIVIDER, _APPLY_DIVIDER = slice(26, 34), 34
+_MEANINGLESS: Final = slice(35, FRAME_BYTES)
+
+
+@dataclass(frozen=True, slots=True)
+class QueueFrame(Operation):
+    """A frame for the FIFO of the board, which shows it by itself.
+
+    Attributes
+    ----------
+    phases : bytes
+        Delay of the rising edge of each pin, 0 to 127 steps of 1/128 period.
+    duties : bytes
+        Width of the pulse of each pin, 0 to 127 steps; 64 is full.
+    colour : int or None
+        24 bits for the LEDs, if the frame sets them.
+    divider : int or None
+        Frames come every *divider* periods of 25 us from this one on, if it sets that; 0 to 255.
+    """
+
+    phases: bytes
+    duties: bytes
+    colour: int | None = None
+    divider: int | None = None
+
+
+class InteractlabBoard:
+    """The board's end.
+
+    Attributes
+    ----------
+    counters : Counter
+        ``bytes_outside_frame`` (no start), ``duties_above_full``, ``start_bits_in_frame`` (bit 7
+        where it means nothing: bytes are missing or belong to another array).
+    """
+
+    def __init__(self) -> None:
+        self.counters: Counter[str] = Counter()
+        self._frame = bytearray()
+
+    @property
+    def pending(self) -> int:
+        """Bytes of a frame that has not ended, 511 at the most."""
+        return len(self._frame)
+
+    def receive_data(self, data: bytes) -> list[Operation]:
+        """Return the frames that *data* completes."""
+        found: list[Operation] = []
+        at = 0
+        while at < len(data):
+            if not self._frame:
+                at = self._find_start(data, at)
+            part = data[at : at + FRAME_BYTES - len(self._frame)]
+            self._frame += part
+            at += len(part)
+            if len(self._frame) == FRAME_BYTES:
+                found.append(self._read(bytes(self._frame)))
+                self._frame.clear()
+        return found
+
+    def send(self, message: Reply) -> bytes:
+        """Raise LocalProtocolError: the board never answers."""
+        raise no_bytes_for(message, _WIRE)
+
+    def _find_start(self, data: bytes, at: int) -> int:
+        match = _START.search(data, at)
+        start = match.start() if match else len(data)
+        if start > at:
+            self.counters["bytes_outside_frame"] += start - at
+        return start
+
+    def _read(self, frame: bytes) -> QueueFrame:
+        side = frame.translate(_SIDE)
+        values = frame.translate(_LOW_BITS)
+        duties = values[CHANNELS:]
+        for kind, count in (
+            ("start_bits_in_frame", side[_MEANINGLESS].count(1)),
+            ("duties_above_full", len(duties.translate(None, bytes(range(FULL_DUTY + 1))))),
+        ):
+            if count:
+                self.counters[kind] += count
+        return QueueFrame(
+            values[:CHANNELS],
+            duties,
+            _number(side[_COLOUR]) if side[_APPLY_COLOUR] else None,
+            _number(side[_DIVIDER]) if side[_APPLY_DIVIDER] else None,
+        )
+
+
+class InteractlabHost(SilentBoard):
+    """The host's end: the bytes of frames, and a board that never answers."""
+
+    def send(self, message: Operation) -> bytes:
+        """Return the 512 bytes of a frame.
+
+        Raises
+        ------
+        LocalProtocolError
+            If *message* is no frame, or its values do not fit.
+        """
+        if not isinstance(message, QueueFrame):
+            raise no_bytes_for(message, _WIRE)
+        _check(message)
+        frame = bytearray(message.phases + message.duties)
+        frame[0] |= _BIT
+        if message.colour is not None:
+            _set_bits(frame, _COLOUR, message.colour)
+            frame[_APPLY_COLOUR] |= _BIT
+        if message.divider is not None:
+            _set_bits(frame, _DIVIDER, message.divider)
+            frame[_APPLY_DIVIDER] |= _BIT
+        return bytes(frame)
+
+
+def _check(message: QueueFrame) -> None:
+    for name, values in (("phases", message.phases), ("duties", message.duties)):
+        if len(values) != CHANNELS or max(values) >= _BIT:
+            raise LocalProtocolError(f"{name}: {CHANNELS} values of 0 to 127, not {values.hex()}")
+    for name, value, bits in (("colour", message.colour, 24), ("divider", message.divider, 8)):
+        if value is not None and not 0 <= value < 1 << bits:
+            raise LocalProtocolError(f"{name} {value}; it has {bits} bits")
+
+
+def _number(bits: bytes) -> int:
+    """Return the number whose lowest bit comes first."""
+    return sum(bit << place for place, bit in enumerate(bits))
+
+
+def _set_bits(frame: bytearray, where: slice, value: int) -> None:
+    for place, at in enumerate(range(where.start, where.stop)):
+        frame[at] |= (value >> place & 1) * _BIT
+
+
+INTERACTLAB: Final = Dialect(
+    name=_WIRE,
+    title="InteractLab / OpenMPD, FPGA 3.4.2",
+    bauds=(250_000,),
+    steps=128,
+    channels=CHANNELS,
+    board=InteractlabBoard,
+    host=InteractlabHost,
+    signature=re.compile(rb"[\x80-\xff].{255}[\x00-\x41]{256}", re.DOTALL),
+)

@@ -1,0 +1,1 @@
+"""The wires of Ultraino's boards: FPGAs (:mod:`.fpga`) and Arduinos (:mod:`.arduino`)."""

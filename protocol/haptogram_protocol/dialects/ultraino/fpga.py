@@ -1,0 +1,180 @@
+"""Ultraino's FPGA boards: SimpleFPGA, SimpleFPGA_128 and ChainedFPGA.
+
+No board answers, and the client ignores what comes. Source of the bytes: asiermarzo/Ultraino
+3d5a02a, ``AcousticFieldSim/src/acousticfield3d/protocols/SimpleFPGA.java``, ``SimpleFPGA_128.java``
+and ``ChainedFPGA.java``. Source of what a board does: the HDL of SonicSurface (see
+:mod:`..sonicsurface`), which is the one that is published.
+
+SimpleFPGA
+    FE and 256 codes at 230 400 baud; FB and 256 amplitudes of 0 to 16 behind them if an amplitude
+    is strictly between 0 and 0.99; FD apart. The published HDL knows neither FB nor FC: FB and the
+    amplitudes fall through as codes, over the phases. ``fb="amplitude"`` makes a board that takes
+    amplitudes, and FC.
+SimpleFPGA_128
+    FE, 72 codes of 128 steps (80h is off) and FD: 74 bytes at 1 500 000 baud.
+ChainedFPGA
+    For each board C0 + number and 256 codes, without FE; FD apart.
+
+Not known, for no HDL is published: what a board with amplitudes does with an amplitude above 16
+(taken as it is here) and when amplitudes show (with FD here); what the board of 128 steps does with
+bytes above 80h (masked here), with codes behind the last channel (dropped here), and whether it
+knows 96, 97 and C0 (codes here); what the third board of a chain and later ones do (C0 + number
+selects each here, as it does the first two).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from ...errors import LocalProtocolError
+from ..codec import Dialect, Operation
+from ..fpga_bytes import (
+    Begin,
+    BeginAmplitudes,
+    ByteRules,
+    Clocks,
+    FpgaBoard,
+    FpgaHost,
+    Select,
+    SetAmplitudes,
+    SetPhases,
+    Swap,
+    ToggleMultiplex,
+)
+
+__all__ = [
+    "CHAINED",
+    "CHANNELS",
+    "CHANNELS_128",
+    "FALLS_THROUGH",
+    "MAX_BOARDS",
+    "RULES",
+    "RULES_128",
+    "SIMPLE",
+    "SIMPLE_128",
+    "chained_frame",
+    "chained_rules",
+    "frame",
+]
+
+CHANNELS: Final = 256
+CHANNELS_128: Final = 72
+MAX_BOARDS: Final = 16  # C0 to CF
+FALLS_THROUGH: Final = "falls-through"  # what the published HDL does with FB
+
+_COMMON: Final[dict[int, Operation]] = {0xFD: Swap(), 0x96: Clocks(False), 0x97: Clocks(True)}
+_SIMPLE: Final = {0xFE: Begin(), 0xC0: Select(0), 0xC1: Select(1), **_COMMON}
+RULES: Final = {
+    FALLS_THROUGH: ByteRules("ultraino-fpga", CHANNELS, 32, _SIMPLE),
+    "amplitude": ByteRules(
+        "ultraino-fpga",
+        CHANNELS,
+        32,
+        {**_SIMPLE, 0xFB: BeginAmplitudes(), 0xFC: ToggleMultiplex()},
+        amplitude_limit=16,
+    ),
+}
+RULES_128: Final = ByteRules(
+    "ultraino-fpga-128", CHANNELS_128, 128, {0xFE: Begin(), 0xFD: Swap()}, wraps=False
+)
+
+
+def frame(codes: bytes, amplitudes: bytes | None = None) -> list[Operation]:
+    """Return the operations of SimpleFPGA's frame; with *amplitudes* for ``fb="amplitude"``."""
+    operations: list[Operation] = [Begin(), SetPhases((0,), 0, codes)]
+    if amplitudes is not None:
+        operations += [BeginAmplitudes(), SetAmplitudes((0,), 0, amplitudes)]
+    return [*operations, Swap()]
+
+
+def chained_frame(codes: list[bytes]) -> list[Operation]:
+    """Return the operations of ChainedFPGA's frame, from the codes of each board."""
+    operations: list[Operation] = []
+    for number, of_board in enumerate(codes):
+        operations += [Select(number), SetPhases((number,), 0, of_board)]
+    return [*operations, Swap()]
+
+
+def board(*, fb: str = FALLS_THROUGH) -> FpgaBoard:
+    """Return the end of a board that takes FB as *fb* says."""
+    return FpgaBoard(_simple(fb))
+
+
+def host(*, fb: str = FALLS_THROUGH) -> FpgaHost:
+    """Return the host's end for a board that takes FB as *fb* says."""
+    return FpgaHost(_simple(fb))
+
+
+def board_128() -> FpgaBoard:
+    """Return the end of a board of 128 steps."""
+    return FpgaBoard(RULES_128)
+
+
+def host_128() -> FpgaHost:
+    """Return the host's end for a board of 128 steps."""
+    return FpgaHost(RULES_128)
+
+
+def chained_board(*, boards: int = 2) -> FpgaBoard:
+    """Return the end of a chain of *boards*, 1 to 16."""
+    return FpgaBoard(chained_rules(boards), boards)
+
+
+def chained_host(*, boards: int = 2) -> FpgaHost:
+    """Return the host's end for a chain of *boards*, 1 to 16."""
+    return FpgaHost(chained_rules(boards), boards)
+
+
+def _simple(fb: str) -> ByteRules:
+    if fb not in RULES:
+        raise LocalProtocolError(f"fb={fb!r}; it is one of {', '.join(map(repr, RULES))}")
+    return RULES[fb]
+
+
+def chained_rules(boards: int) -> ByteRules:
+    """Return the rules of a chain of *boards*, 1 to 16."""
+    if not 1 <= boards <= MAX_BOARDS:
+        raise LocalProtocolError(f"a chain of {boards} boards; it has 1 to {MAX_BOARDS}")
+    # The published HDL reacts to C0 and C1 on every board, alone or not.
+    numbers = range(max(2, boards))
+    commands = {0xC0 + number: Select(number) for number in numbers}
+    return ByteRules(
+        "ultraino-fpga-chained",
+        CHANNELS,
+        32,
+        {**commands, 0xFE: Begin(), **_COMMON},
+        starts=False,
+    )
+
+
+SIMPLE: Final = Dialect(
+    name="ultraino-fpga",
+    title="Ultraino SimpleFPGA",
+    bauds=(230_400,),
+    steps=32,
+    channels=CHANNELS,
+    board=board,
+    host=host,
+    signature=re.compile(rb"\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
+)
+SIMPLE_128: Final = Dialect(
+    name="ultraino-fpga-128",
+    title="Ultraino SimpleFPGA_128",
+    bauds=(1_500_000,),
+    steps=128,
+    channels=CHANNELS_128,
+    board=board_128,
+    host=host_128,
+    signature=re.compile(rb"\xfe[\x00-\x80]{72}\xfd"),
+)
+CHAINED: Final = Dialect(
+    name="ultraino-fpga-chained",
+    title="Ultraino ChainedFPGA",
+    bauds=(230_400,),
+    steps=32,
+    channels=CHANNELS,
+    board=chained_board,
+    host=chained_host,
+    signature=re.compile(rb"(?<!\xfe)(?:[\xc0-\xcf][\x00-\x20]{256})+\xfd"),
+)

@@ -1,0 +1,95 @@
+"""Slot bytes of Ultraino's Arduino boards and the pulses that they are, there and back.
+
+A pattern says for each slot of the period which outputs are high, a byte for each port of eight.
+Source: asiermarzo/Ultraino 3d5a02a, ``protocols/ArduinoMEGA64.java`` (PORT_MAPPING) and
+``DeviceConnection.java`` (``calcSignals01``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from ...errors import LocalProtocolError
+
+__all__ = ["MEGA64_LAYOUT", "NANO8_LAYOUT", "NANO16_LAYOUT", "Layout", "Pulse"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """One pulse in a period.
+
+    Attributes
+    ----------
+    code : int
+        Slot of the rising edge.
+    width : int
+        Slots that are high.
+    """
+
+    code: int
+    width: int
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where a channel's bit stands in the bytes of a slot.
+
+    Attributes
+    ----------
+    steps : int
+        Slots in a period.
+    ports : int
+        Bytes of a slot.
+    pins : tuple of int
+        For each channel the number of its output: port times 8 plus bit.
+    """
+
+    steps: int
+    ports: int
+    pins: tuple[int, ...]
+
+    def pulses(self, slots: bytes) -> list[Pulse | None]:
+        """Return the pulse of each channel; None for a channel that has not exactly one.
+
+        A channel that is always high has ``Pulse(0, steps)``, one that is always low
+        ``Pulse(0, 0)``. Missing slot bytes are low.
+        """
+        whole = slots.ljust(self.steps * self.ports, b"\0")
+        return [self._pulse(whole, pin) for pin in self.pins]
+
+    def slots(self, pulses: Sequence[Pulse]) -> bytes:
+        """Return the slot bytes in which each channel has its pulse.
+
+        Raises
+        ------
+        LocalProtocolError
+            If there are not as many pulses as channels, or a pulse does not fit the period.
+        """
+        if len(pulses) != len(self.pins):
+            raise LocalProtocolError(f"{len(pulses)} pulses; there are {len(self.pins)} channels")
+        filled = bytearray(self.steps * self.ports)
+        for pin, pulse in zip(self.pins, pulses, strict=True):
+            if not (0 <= pulse.code < self.steps and 0 <= pulse.width <= self.steps):
+                raise LocalProtocolError(f"{pulse}; a period has {self.steps} slots")
+            for slot in range(pulse.code, pulse.code + pulse.width):
+                filled[slot % self.steps * self.ports + pin // 8] |= 1 << pin % 8
+        return bytes(filled)
+
+    def _pulse(self, slots: bytes, pin: int) -> Pulse | None:
+        levels = [port >> pin % 8 & 1 for port in slots[pin // 8 :: self.ports]]
+        width = sum(levels)
+        if width in (0, self.steps):
+            return Pulse(0, width)
+        rises = [at for at, level in enumerate(levels) if level and not levels[at - 1]]
+        return Pulse(rises[0], width) if len(rises) == 1 else None
+
+
+_PORT_MAPPING: Final = """
+    51 52 53 54 28 29 30 31 47 46 45 44 43 42 41 40 56 57 58 59 48 49 72 69 39 38 37 36 35 34 33 32
+    21 23 65 63  9 11 13 15 20 22 64 66  8 10 12 14 24 25 26 27 16 17 18 19  7  6  5  4  3  2  1  0
+"""
+MEGA64_LAYOUT: Final = Layout(10, 10, tuple(map(int, _PORT_MAPPING.split())))
+NANO16_LAYOUT: Final = Layout(16, 2, tuple(range(16)))
+NANO8_LAYOUT: Final = Layout(24, 1, tuple(range(8)))
