@@ -60,6 +60,8 @@ PLANTS = [
     ("conformance-layers", {"haptogram/conformance/clauses.py": "from . import verdict"}),
     ("settings-light", {"haptogram/settings/arguments.py": "import numpy"}),
     ("settings-light", {"haptogram/settings/arguments.py": "import time"}),
+    ("records-light", {"haptogram/records/kept.py": "import numpy"}),
+    ("records-light", {"haptogram/records/frame.py": "import haptogram.acoustics"}),
     (
         "no-circles",
         {

@@ -1,4 +1,5 @@
-"""Records that both sides share: which frame was meant, and which was latched.
+"""Records that both sides share: frames that were intended, and latches that were observed.
 
-Where observations come from lies in :mod:`haptogram.evidence`.
+They hold data and bring neither numpy nor I/O along.  Where observations come from lies in
+:mod:`haptogram.evidence`; how a drive is computed, in :mod:`haptogram.acoustics`.
 """

@@ -1,32 +1,37 @@
-"""What was intended and what was observed: the records that a verdict joins, by their key.
+"""Intended frames and observed latches: the records that a verdict joins, by their key.
 
 The driver writes :class:`Intended`; trace, read-back and the back door of the virtual board give
 :class:`Observation`.  Neither knows the other.
+
+A record carries a drive or a reconstruction and computes nothing with it: only their types come
+from :mod:`haptogram.acoustics`, and only for the type checker.
 """
 
 from __future__ import annotations
 
 import enum
+import math
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self, cast
+from numbers import Real
+from typing import TYPE_CHECKING, Any, Final, Self, cast
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from haptogram.acoustics.model.drive import Drive
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, shown
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from haptogram.acoustics.model.drive import Drive
     from haptogram.acoustics.reconstruct.estimates import Reconstruction
     from haptogram.acoustics.solvers.several import Method
 
 MAX_PHASE_RAD: Final = 1e6  # of a focus
-STREAM: Final = 0  # sequence id of what came frame by frame
+STREAM: Final = 0  # sequence id of streamed frames
 
 
 class Evidence(enum.StrEnum):
-    """Who says that a drive was latched."""
+    """The witness of a latch."""
 
     WIRE = "wire"  # seen on the line
     SELF_REPORTED = "self-reported"  # trace, read-back: the firmware's own word
@@ -35,7 +40,7 @@ class Evidence(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True, order=True)
 class FrameKey:
-    """Which drive: the join key of host and board.
+    """The key of one drive, by which the records of host and board are joined.
 
     Attributes
     ----------
@@ -62,7 +67,7 @@ class FrameKey:
 
 @dataclass(frozen=True, slots=True)
 class Focus:
-    """One focal point that is wanted.
+    """One intended focal point.
 
     Attributes
     ----------
@@ -99,46 +104,47 @@ class Focus:
         return cls(cast("tuple[float, float, float]", position_m), amplitude, phase_rad)
 
 
-def _as_position(position_m: ArrayLike) -> tuple[float, float, float]:
+def _as_position(position_m: Any) -> tuple[float, float, float]:
     """Return *position_m* (3,) as three floats, or raise."""
     try:
-        position = np.asarray(position_m)
-    except ValueError as error:  # rows of different lengths
-        raise ConfigurationError(f"target {shown(position_m)} is not x, y, z in metres") from error
-    if (
-        position.shape != (3,)
-        or position.dtype.kind not in "iuf"
-        or not np.isfinite(position).all()
-    ):
+        if isinstance(position_m, str | bytes | Mapping | Set) or len(position_m) != 3:
+            raise TypeError
+        x, y, z = (_as_coordinate(value) for value in position_m)
+    except (TypeError, OverflowError) as error:
         raise ConfigurationError(
-            f"target {shown(position_m)} is not three finite numbers, in metres"
-        )
-    x, y, z = position.tolist()
-    return float(x), float(y), float(z)
+            f"target {shown(position_m)} is not x, y, z: three finite numbers, in metres"
+        ) from error
+    return x, y, z
+
+
+def _as_coordinate(value: Any) -> float:
+    if isinstance(value, bool) or not (isinstance(value, Real) and math.isfinite(value)):
+        raise TypeError
+    return float(value)
 
 
 @dataclass(frozen=True, slots=True)
 class Intended:
-    """One drive that the host wants to be latched.
+    """One drive that the host intends to be latched.
 
     Attributes
     ----------
     number : int
-        Place among everything that the host wanted, 0 to n - 1.
+        Place among all frames that the host intended, 0 to n - 1.
     key : FrameKey
         Join key.
     t_apply_us : int or None
         Unwrapped device time, microseconds; None: as soon as the frame is complete.
     foci : tuple of Focus
-        What the drive is for.
+        Focal points of the drive.
     drive : Drive
-        What the host expects in the registers, computed from the foci; 8-bit phase codes.
+        Drive that the host expects in the registers, from the foci; 8-bit phase codes.
     phase_bits : int
         Resolution of the phases on the wire, in bits.
     board_computed : bool
-        Whether the board computes the drive from the foci (as rounded on the wire).
+        True if the board computes the drive from the foci (as rounded on the wire).
     solver : str
-        What the host made the drive of several foci with, see
+        Method by which the host made the drive of several foci, see
         :func:`haptogram.acoustics.solvers.several.solve`.
     """
 
@@ -154,7 +160,7 @@ class Intended:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """One latch that somebody saw.
+    """One observed latch.
 
     Attributes
     ----------
@@ -163,17 +169,17 @@ class Observation:
     t_latch_us : int
         Device time of the latch, microseconds, unwrapped.
     late : bool
-        Whether the board flagged it late.
+        True if the board flagged the latch as late.
     evidence : Evidence
-        Who says so.
+        Witness of the latch.
     drive : Drive or None
-        Latched drive, 8-bit phase codes, where it was seen in full.
+        Latched drive, 8-bit phase codes, if it was observed in full.
     drive_crc : int or None
-        CRC-32 of that drive (:meth:`Drive.digest`), where only that was seen, or both.
+        CRC-32 of the latched drive (:meth:`Drive.digest`), if it was observed.
     reconstruction : Reconstruction or None
-        Field that somebody rebuilt from what was radiated.
+        Focus and field rebuilt from the radiated drive.
     radiated : Drive or None
-        What left the transducers, where somebody saw that it is not the latched drive.
+        Radiated drive, if it was observed to differ from the latched one.
     """
 
     key: FrameKey

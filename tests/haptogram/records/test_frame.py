@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 
 from haptogram.errors import ConfigurationError
@@ -12,6 +13,9 @@ def test_stream_keys_have_no_sequence_and_no_loop():
 
 def test_focus_takes_any_three_numbers():
     assert Focus.at([0, 0.01, 0.15]) == Focus((0.0, 0.01, 0.15), 1.0, 0.0)
+    assert Focus.at(np.array([0.0, 0.01, 0.15])) == Focus((0.0, 0.01, 0.15))
+    assert Focus.at(np.array([0, 1, 2], dtype=np.int16)) == Focus((0.0, 1.0, 2.0))
+    assert type(Focus.at(np.zeros(3, dtype=np.float32)).position_m[0]) is float
 
 
 @pytest.mark.parametrize(
@@ -21,6 +25,13 @@ def test_focus_takes_any_three_numbers():
         (((0, 0, math.nan),), "three finite"),
         (("abc",), "three finite"),
         (([(0, 0), (0, 0, 0.1)],), "x, y, z"),
+        ((np.zeros((3, 1)),), "x, y, z"),
+        ((np.zeros(3, dtype=bool),), "x, y, z"),
+        ((np.zeros(3, dtype=complex),), "x, y, z"),
+        ((0.1,), "x, y, z"),
+        ((b"abc",), "x, y, z"),
+        (({0: 1, 1: 2, 2: 3},), "x, y, z"),
+        (((0, 0, 10**400),), "x, y, z"),
         (((0, 0, 0.1), 1.5), "1.5, must be 0 to 1"),
         (((0, 0, 0.1), math.nan), "must be 0 to 1"),
         (((0, 0, 0.1), 1.0, math.inf), "phase_rad of a focus is inf, must be -1000000 to 1000000"),
