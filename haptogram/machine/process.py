@@ -101,8 +101,8 @@ def _fixed_priority() -> Iterator[list[str]]:
 @contextlib.contextmanager
 def _locked_memory() -> Iterator[list[str]]:
     """Keep every page in memory: a page fault from the disk takes milliseconds."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    if not hasattr(libc, "mlockall"):
+    libc = ctypes.CDLL(None, use_errno=True) if os.name == "posix" else None
+    if libc is None or not hasattr(libc, "mlockall"):
         yield [f"memory lock: {sys.platform} has no mlockall"]
         return
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:

@@ -1,9 +1,8 @@
-"""A temporary folder that goes with its owner, however the owner ends."""
+"""A temporary folder that is removed with its owner, however the owner ends."""
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import shutil
 import tempfile
@@ -11,20 +10,21 @@ from pathlib import Path
 from typing import Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.machine.posix import posix_module
 
 _OWNER: Final = "haptogram-owner.lock"
 _TRIES: Final = 3
 
 
 class WorkingFolder:
-    """A folder of this process; those whose owners were killed are removed on the way.
+    """A folder of this process; folders of owners that were killed are removed on the way.
 
-    A lock in the folder says that its owner lives: the system drops it with the process.
+    A lock in the folder says that its owner lives: the system drops the lock with the process.
 
     Parameters
     ----------
     prefix : str
-        What the name begins with, of this folder and of those that are looked at.
+        Start of the name, of this folder and of those of other owners.
 
     Attributes
     ----------
@@ -33,41 +33,43 @@ class WorkingFolder:
     Raises
     ------
     ConfigurationError
-        If files cannot be locked where temporary files go.
+        If files cannot be locked in the folder of temporary files, or not on this system.
     """
 
     def __init__(self, prefix: str) -> None:
+        self._fcntl = posix_module(
+            "fcntl", "a virtual board in a process of its own", "the port haptogram://"
+        )
         place = Path(tempfile.gettempdir())
         for lock_file in place.glob(f"{prefix}*/{_OWNER}"):
-            _remove_unowned(lock_file.parent)
+            self._remove_unowned(lock_file.parent)
         for _ in range(_TRIES):  # somebody else may have seen the new one before it had an owner
             self.path = Path(tempfile.mkdtemp(prefix=prefix))
-            if (lock := _own(self.path)) is not None:
+            if (lock := self._own(self.path)) is not None:
                 self._lock: int | None = lock
                 return
         raise ConfigurationError(f"{place}: files cannot be locked there; set TMPDIR")
 
     def remove(self) -> None:
-        """Remove it with all that is in it; twice does no harm."""
+        """Remove the folder and its content; twice does no harm."""
         if self._lock is not None:
             shutil.rmtree(self.path, ignore_errors=True)
             os.close(self._lock)
             self._lock = None
 
+    def _remove_unowned(self, folder: Path) -> None:
+        if (lock := self._own(folder)) is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+            os.close(lock)
 
-def _remove_unowned(folder: Path) -> None:
-    if (lock := _own(folder)) is not None:
-        shutil.rmtree(folder, ignore_errors=True)
-        os.close(lock)
-
-
-def _own(folder: Path) -> int | None:
-    """Return the lock of *folder*; None: somebody has it, or has removed the folder."""
-    with contextlib.suppress(OSError):
-        lock = os.open(folder / _OWNER, os.O_RDWR | os.O_CREAT, 0o600)
+    def _own(self, folder: Path) -> int | None:
+        """Return the lock of *folder*; None: another process has it, or removed the folder."""
+        fcntl = self._fcntl
         with contextlib.suppress(OSError):
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.fstat(lock).st_nlink:
-                return lock
-        os.close(lock)
-    return None
+            lock = os.open(folder / _OWNER, os.O_RDWR | os.O_CREAT, 0o600)
+            with contextlib.suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.fstat(lock).st_nlink:
+                    return lock
+            os.close(lock)
+        return None

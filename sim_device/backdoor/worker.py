@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import fcntl
 import io
 import logging
 import operator
@@ -276,7 +275,9 @@ _REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {
 def _widen(pipe: int) -> None:
     """Make a pipe hold more, where the system can: every refused write costs a wake-up."""
     if sys.platform == "linux":
-        with contextlib.suppress(OSError):  # 64 KiB, the usual size, will do
+        with contextlib.suppress(OSError, ImportError):  # 64 KiB, the usual size, will do
+            import fcntl
+
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
 
 

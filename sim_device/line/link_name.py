@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 from pathlib import Path
+from typing import Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.machine.posix import posix_module
+
+INSTEAD_OF_PTY: Final = "a TCP port, or the URL haptogram:// inside the host's process"
 
 
 class LinkName:
@@ -56,6 +59,7 @@ class LinkName:
         self._lock = -1
 
     def _take_lock(self) -> int:
+        fcntl = posix_module("fcntl", "a pty port", INSTEAD_OF_PTY)
         while True:
             try:
                 lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)

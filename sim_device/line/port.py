@@ -10,19 +10,17 @@ import contextlib
 import errno
 import logging
 import os
-import pty
 import socket
-import termios
 import time
-import tty
 from pathlib import Path
 from typing import Any, Final
 
 import serial
 
 from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.machine.posix import posix_module
 
-from .link_name import LinkName
+from .link_name import INSTEAD_OF_PTY, LinkName
 
 _LOG: Final = logging.getLogger(__name__)
 _CLOSED: Final = -1
@@ -209,6 +207,7 @@ class PtyPort(Port):
             raise
 
     def _open(self) -> None:
+        pty, tty = (posix_module(name, "a pty port", INSTEAD_OF_PTY) for name in ("pty", "tty"))
         self._fd, self._slave = pty.openpty()
         for fd in (self._fd, self._slave):
             tty.setraw(fd)  # cooked, a terminal would echo, and turn 0A into 0D 0A
@@ -380,6 +379,7 @@ class SerialPort(Port):
 
 def _tell_end_from_silence(fd: int) -> None:
     """Let a read without data fail, not return nothing, which a pulled cable does as well."""
+    termios = posix_module("termios", "a serial port of the virtual board", INSTEAD_OF_PTY)
     settings = termios.tcgetattr(fd)
     settings[6][termios.VMIN] = 1
     termios.tcsetattr(fd, termios.TCSANOW, settings)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-import tty
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -15,6 +14,7 @@ import numpy as np
 from haptogram.driver.line.budget import frame_bytes, highest_rate_hz, transmission_ns
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.errors import ConfigurationError
+from haptogram.machine.posix import posix_module
 from haptogram.machine.process import real_time
 from haptogram_protocol import FrameDecoder, encode_frame
 from haptogram_protocol.framing import Stuffing, fastest_cobs
@@ -166,6 +166,7 @@ def _median_ns(work: Callable[[], object], between: Callable[[], object] | None 
 @contextlib.contextmanager
 def _drained_pty() -> Iterator[tuple[int, Callable[[int], None]]]:
     """Yield a pseudo-terminal to write to, and what takes the bytes out at the other end."""
+    tty = posix_module("tty", "the stage of a pty", "bench of a port")
     master, slave = os.openpty()
     try:
         for fd in (master, slave):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-import resource
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Self
+
+from haptogram.machine.posix import posix_module
 
 GROWTH_LIMIT_BYTES: Final = 32 << 20  # a byte lost per frame would be 82 MiB a day
 _STATM: Final = Path("/proc/self/statm")
@@ -18,8 +19,9 @@ def resident_bytes() -> int:
     try:
         return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
+        resource = posix_module("resource", "the memory of a soak", "a POSIX system for it")
         most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return most if sys.platform == "darwin" else most * 1024
+        return int(most) if sys.platform == "darwin" else int(most) * 1024
 
 
 @dataclass(slots=True)
