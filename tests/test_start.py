@@ -39,11 +39,11 @@ def test_neither_scipy_nor_numba_is_imported_for(call):
 
 
 def test_an_import_would_be_seen():
-    call = "driver.model.transducer.directivity.gain([0.5])"
+    call = "driver.frames([[Focus.at((x, 0.0, 0.1)) for x in (0.0, 0.01)]], solver='gradient')"
     done = subprocess.run(
         [sys.executable, "-c", CONNECTED.format(calls=call)],
         capture_output=True,
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stderr) == (1, "imported: ['scipy']\n")
+    assert (done.returncode, "'scipy'" in done.stderr) == (1, True), done.stderr
