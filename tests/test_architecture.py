@@ -61,7 +61,7 @@ PLANTS = [
     ("settings-light", {"haptogram/settings/arguments.py": "import numpy"}),
     ("settings-light", {"haptogram/settings/arguments.py": "import time"}),
     ("records-light", {"haptogram/records/kept.py": "import numpy"}),
-    ("records-light", {"haptogram/records/frame.py": "import haptogram.acoustics"}),
+    ("records-light", {"haptogram/records/frame.py": "import time"}),
     (
         "no-circles",
         {
