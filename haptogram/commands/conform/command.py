@@ -143,8 +143,8 @@ def _list(cases: tuple[Case, ...]) -> int:
 
 def _compare(arguments: argparse.Namespace) -> int:
     from haptogram.errors import ConfigurationError
-    from haptogram.report.conformance.machine import read_json
     from haptogram.report.conformance.page import write_matrix
+    from haptogram.report.conformance.result import read_json
 
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
@@ -155,8 +155,9 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 def _write(arguments: argparse.Namespace, suite: SuiteResult) -> None:
     from haptogram.conformance.run.baseline import write_baseline
-    from haptogram.report.conformance.machine import write_json, write_junit
+    from haptogram.report.conformance.junit import write_junit
     from haptogram.report.conformance.page import write_page
+    from haptogram.report.conformance.result import write_json
 
     for path, write in (
         (arguments.json, write_json),

@@ -11,8 +11,9 @@ from haptogram.conformance.outcome import fail
 from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError, DeviceError
-from haptogram.report.conformance.machine import read_json, write_json, write_junit
+from haptogram.report.conformance.junit import write_junit
 from haptogram.report.conformance.page import write_page
+from haptogram.report.conformance.result import read_json, write_json
 from haptogram.report.conformance.text import suite_text
 
 ERRORS = [

@@ -1,0 +1,101 @@
+"""A run of the conformance suite as JSON, without a date or a duration, and read back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from haptogram.conformance.verdict import (
+    Behaviour,
+    Evidence,
+    Recovery,
+    Result,
+    SuiteResult,
+)
+from haptogram.errors import ConfigurationError
+from haptogram.machine.files import write_atomically
+
+FORMAT: Final = "haptogram-conformance/1"
+
+
+def as_dict(suite: SuiteResult) -> dict[str, Any]:
+    """Return a run as JSON types, with everything that is known of it."""
+    return {
+        "format": FORMAT,
+        "device": suite.device,
+        "settings": suite.settings,
+        "exit_status": suite.exit_status,
+        "cut_short": suite.cut_short,
+        "counts": {behaviour.value: suite.count(behaviour) for behaviour in Behaviour},
+        "results": [_result_dict(result) for result in suite.results],
+    }
+
+
+def _result_dict(result: Result) -> dict[str, Any]:
+    recovery = result.recovery
+    return {
+        "case": result.case,
+        "clause": result.clause,
+        "requirement": result.requirement,
+        "what": result.what,
+        "behaviour": result.behaviour.value,
+        "evidence": result.evidence.value,
+        "detail": result.detail,
+        "recovery": None
+        if recovery is None
+        else {"clean": recovery.clean, "frames": recovery.frames, "text": recovery.text},
+        "expected": result.expected,
+        "seen": [behaviour.value for behaviour in result.seen],
+        "transcript": list(result.transcript),
+        "traceback": result.traceback,
+    }
+
+
+def write_json(path: Path, suite: SuiteResult) -> None:
+    """Write a run as JSON.
+
+    Raises
+    ------
+    ConfigurationError
+        If *path* cannot be written.
+    """
+    text = json.dumps(as_dict(suite), indent=2, ensure_ascii=False)
+    write_atomically(path, text.encode() + b"\n")
+
+
+def read_json(path: Path) -> SuiteResult:
+    """Return a run that was written before.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, or is no result of the conformance suite.
+    """
+    try:
+        found = json.loads(path.read_text("utf-8"))
+        if found["format"] != FORMAT:
+            raise ValueError(f"format is {found['format']!r}, known is {FORMAT!r}")
+        results = tuple(_result_from(item) for item in found["results"])
+        return SuiteResult(results, found["device"], found["settings"], found["cut_short"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(f"{path}: not a result of conform: {error}") from error
+
+
+def _result_from(item: Mapping[str, Any]) -> Result:
+    recovery = item["recovery"]
+    return Result(
+        case=item["case"],
+        clause=item["clause"],
+        requirement=item["requirement"],
+        what=item["what"],
+        behaviour=Behaviour(item["behaviour"]),
+        evidence=Evidence(item["evidence"]),
+        detail=item["detail"],
+        recovery=None if recovery is None else Recovery(recovery["frames"], recovery["text"]),
+        transcript=tuple(item["transcript"]),
+        expected=item["expected"],
+        seen=tuple(Behaviour(name) for name in item["seen"]),
+        traceback=item.get("traceback", ""),  # results before it lack it
+    )

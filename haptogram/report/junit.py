@@ -1,0 +1,134 @@
+"""JUnit XML, the format that CI servers read: one suite of cases in a file.
+
+No date and no duration is written: the same results give the same bytes.
+"""
+
+from __future__ import annotations
+
+import enum
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+from haptogram.machine.files import write_atomically
+
+_ILLEGAL: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+class JUnit(enum.StrEnum):
+    """Outcome of a case; the value is the element that JUnit has for it."""
+
+    PASSED = "system-out"
+    FAILURE = "failure"
+    ERROR = "error"
+    SKIPPED = "skipped"
+
+
+@dataclass(frozen=True, slots=True)
+class JUnitCase:
+    """One test case.
+
+    Attributes
+    ----------
+    group : str
+        Name of its group within the suite.
+    name : str
+        Name of the case.
+    outcome : JUnit
+        How it ended.
+    message : str
+        The outcome in one line; not written for a case that passed.
+    kind : str
+        Type of a failure or an error.
+    text : str
+        The outcome in full; not written for a case that was skipped.
+    log : str
+        Further output, empty for none.
+    """
+
+    group: str
+    name: str
+    outcome: JUnit
+    message: str
+    kind: str
+    text: str
+    log: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class JUnitSuite:
+    """All cases of a run.
+
+    Attributes
+    ----------
+    name : str
+        Name of the suite.
+    cases : tuple of JUnitCase
+        The cases, in order.
+    properties : mapping of str to str
+        What is known of the run.
+    log : str
+        Output of the whole run, empty for none.
+    """
+
+    name: str
+    cases: tuple[JUnitCase, ...]
+    properties: Mapping[str, str] = field(default_factory=dict)
+    log: str = ""
+
+
+def write_junit(path: Path, suite: JUnitSuite) -> None:
+    """Write *suite* as JUnit XML; a character that XML cannot hold becomes U+FFFD.
+
+    Raises
+    ------
+    ConfigurationError
+        If *path* cannot be written.
+    """
+    root = _root(suite)
+    ElementTree.indent(root)
+    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    write_atomically(path, content + b"\n")
+
+
+def _root(suite: JUnitSuite) -> ElementTree.Element:
+    outcomes = Counter(case.outcome for case in suite.cases)
+    totals = {
+        "tests": str(len(suite.cases)),
+        "failures": str(outcomes[JUnit.FAILURE]),
+        "errors": str(outcomes[JUnit.ERROR]),
+    }
+    root = ElementTree.Element("testsuites", {"name": suite.name} | totals)
+    skipped = {"skipped": str(outcomes[JUnit.SKIPPED])}
+    node = ElementTree.SubElement(root, "testsuite", {"name": suite.name} | totals | skipped)
+    properties = ElementTree.SubElement(node, "properties")
+    for name, value in suite.properties.items():
+        ElementTree.SubElement(properties, "property", name=_legal(name), value=_legal(value))
+    for case in suite.cases:
+        _add_case(node, suite.name, case)
+    if suite.log:
+        ElementTree.SubElement(node, "system-out").text = _legal(suite.log)
+    return root
+
+
+def _add_case(suite: ElementTree.Element, name: str, case: JUnitCase) -> None:
+    group = f"{name}.{case.group}"
+    node = ElementTree.SubElement(suite, "testcase", classname=group, name=_legal(case.name))
+    outcome = ElementTree.SubElement(node, case.outcome)
+    if case.outcome is not JUnit.PASSED:
+        outcome.set("message", _legal(case.message))
+    if case.outcome in (JUnit.FAILURE, JUnit.ERROR):  # the schema gives the others no type
+        outcome.set("type", case.kind)
+    if case.outcome is not JUnit.SKIPPED:
+        outcome.text = _legal(case.text)
+    if case.log:
+        ElementTree.SubElement(node, "system-out").text = _legal(case.log)
+
+
+def _legal(text: str) -> str:
+    """Return *text* with U+FFFD in place of what XML cannot hold."""
+    return _ILLEGAL.sub("\ufffd", text)
