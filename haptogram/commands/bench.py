@@ -126,15 +126,14 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 def _write(
     arguments: argparse.Namespace, found: BenchRun, result: dict[str, Any], changes: list[str]
 ) -> None:
-    from haptogram.machine.files import write_atomically
     from haptogram.report import write_json
 
     if arguments.json is not None:
         write_json(arguments.json, result)
     if arguments.html is not None:
-        from haptogram.report.bench.page import as_html
+        from haptogram.report.bench.page import write_bench_page
 
-        write_atomically(arguments.html, as_html(found, changes).encode())
+        write_bench_page(arguments.html, found, changes)
     if arguments.picture is not None:
         from haptogram.report.bench.pictures import draw_histograms
 

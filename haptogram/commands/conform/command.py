@@ -143,12 +143,12 @@ def _list(cases: tuple[Case, ...]) -> int:
 
 def _compare(arguments: argparse.Namespace) -> int:
     from haptogram.errors import ConfigurationError
-    from haptogram.report.conformance.page import write_matrix
+    from haptogram.report.conformance.page import write_comparison
     from haptogram.report.conformance.result import read_json
 
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
-    write_matrix(arguments.html, [read_json(path) for path in arguments.compare])
+    write_comparison(arguments.html, [read_json(path) for path in arguments.compare])
     print(f"wrote {arguments.html}", file=sys.stderr)
     return 0
 

@@ -54,6 +54,7 @@ def write_picture(path: Path, figure: Figure) -> None:
         A suffix that is not a format, or a path that cannot be written.
     """
     from haptogram.machine.files import write_atomically
-    from haptogram.report.figures import render
+    from haptogram.report.figures import check_format, encode
 
-    write_atomically(path, render(figure, path))
+    check_format(path)
+    write_atomically(path, encode(figure, path.suffix.lower()))

@@ -1,47 +1,57 @@
-"""A run as one HTML page with its pictures in it."""
+"""One benchmark of the loop as a page with its histograms."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
-from typing import Final
+from pathlib import Path
 
 from haptogram.campaigns.bench.measure import BenchRun
 from haptogram.campaigns.bench.result import as_dict
-from haptogram.report.bench.pictures import draw_course, draw_histograms
-from haptogram.report.bench.text import bench_text
-from haptogram.report.figures.style import as_data_uri
 
-_PAGE: Final = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>haptogram bench</title>
-<style>
-body {{ font: 15px/1.5 sans-serif; max-width: 72em; margin: 2em auto; padding: 0 1em; }}
-pre {{ font-size: 13px; white-space: pre-wrap; background: #f6f6f6; padding: 1em; }}
-img {{ max-width: 100%; }}
-</style></head><body>
-<h1>Timing of the loop</h1>
-<pre>{text}</pre>
-{changes}
-<h2>How often, how long</h2>
-<img alt="Histogram of every stage of a frame and of the control loop" src="{histograms}">
-<h2>In the course of the run</h2>
-<img alt="Lateness of every frame and of the control loop over time" src="{course}">
-</body></html>
-"""
+from ..html import embed, write_page
+from . import content
+from .pictures import draw_course, draw_histograms
 
 
-def as_html(run: BenchRun, changes: Sequence[str] = ()) -> str:
-    """Return the page.
+def write_bench_page(path: Path, run: BenchRun, changes: Sequence[str] = ()) -> None:
+    """Write percentiles, late frames with their causes, pictures and machine as a page.
+
+    Parameters
+    ----------
+    changes : sequence of str
+        Differences from an earlier run, one in each line; none without one.
 
     Raises
     ------
     ConfigurationError
-        If matplotlib is not installed.
+        If the extra ``report`` is not installed, or *path* cannot be written.
     """
-    lines = html.escape("\n".join(changes))
-    return _PAGE.format(
-        text=html.escape(bench_text(as_dict(run))),
-        changes=f"<h2>Against the run before</h2><pre>{lines}</pre>" if changes else "",
-        histograms=as_data_uri(draw_histograms(run.stages_us)),
-        course=as_data_uri(draw_course(run.stages_us, run.config.rate_hz)),
+    result = as_dict(run)
+    write_page(
+        path,
+        "bench.html",
+        title="Haptogram: timing of the loop",
+        heading="Timing of the loop",
+        tone="plain",
+        lead=[f"{content.asked(result)}.", f"{content.frames(result)}."],
+        stage_head=content.STAGE_HEAD,
+        stages=list(content.stages(result)),
+        clocks=content.clocks(result),
+        miss_head=content.MISS_HEAD,
+        misses=list(content.misses(result)),
+        space=content.space(result),
+        changes=changes,
+        machine=list(content.machine(result)),
+        warnings=result["warnings"],
+        histograms=embed(
+            draw_histograms(run.stages_us),
+            "Histogram of the stages of a frame and of the control loop.",
+            "Both axes are logarithmic, so that rare delays show.",
+        ),
+        course=embed(
+            draw_course(run.stages_us, run.config.rate_hz),
+            "Lateness of every frame and of the control loop in the course of the run.",
+            "The control loop does nothing but wake up, in a process of its own: where it is late "
+            "too, the machine was.",
+        ),
     )

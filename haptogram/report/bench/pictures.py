@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.report.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
+from ..figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,8 +29,7 @@ _LEGEND: Final[Any] = {"loc": "outside upper center", "ncols": 2}
 
 def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
     """Draw how often each stage took how long; both axes logarithmic, so that the tail is seen."""
-    figure = new_figure(7.0, 4.6)
-    with styled():
+    with new_figure(7.0, 4.6) as figure:
         axes = figure.add_subplot()
         for name, label, colour in _SHOWN:
             values = stages_us[name][~np.isnan(stages_us[name])]
@@ -51,8 +50,7 @@ def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
 
 def draw_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: float) -> Figure:
     """Draw the lateness of every frame and of the control loop over time."""
-    figure = new_figure(7.0, 3.2)
-    with styled():
+    with new_figure(7.0, 3.2) as figure:
         axes = figure.add_subplot()
         for name, label, colour in (_SHOWN[4], _SHOWN[3]):
             values = stages_us[name]

@@ -1,52 +1,88 @@
-"""HTML without a script or a file beside it: one run, or several devices side by side."""
+"""The page of one run of the conformance suite, and that of several devices side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from html import escape
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from haptogram.conformance.verdict import Behaviour, Result, SuiteResult
-from haptogram.machine.files import write_atomically
+from haptogram.conformance.verdict import FAIL, MEANINGS, PASS, Behaviour, Result, SuiteResult
 
-_COLOURS: Final = {
-    Behaviour.OK: "#2e7d32",
-    Behaviour.NON_STRICT: "#9e7700",
-    Behaviour.INFORMATIONAL: "#1565c0",
-    Behaviour.UNIMPLEMENTED: "#616161",
-    Behaviour.NOT_OBSERVED: "#757575",
-    Behaviour.INCONCLUSIVE: "#8e4600",
-    Behaviour.FLAKY: "#ad1457",
-    Behaviour.FAILED: "#b71c1c",
+from .. import html
+
+_TONES: Final = {
+    Behaviour.OK: "good",
+    Behaviour.NON_STRICT: "doubt",
+    Behaviour.INFORMATIONAL: "note",
+    Behaviour.UNIMPLEMENTED: "plain",
+    Behaviour.NOT_OBSERVED: "plain",
+    Behaviour.INCONCLUSIVE: "doubt",
+    Behaviour.FLAKY: "bad",
+    Behaviour.FAILED: "bad",
 }
-_STYLE: Final = """\
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 90em; padding: 0 1em }
-table { border-collapse: collapse; width: 100% }
-th, td { border: 1px solid #ccc; padding: .3em .6em; text-align: left; vertical-align: top }
-th { background: #f3f3f3; position: sticky; top: 0 }
-td.v { color: #fff; font-weight: 600; white-space: nowrap }
-pre { overflow-x: auto; font-size: 12px; background: #f7f7f7; padding: .6em }
-small { color: #555 }
-"""
+_ATTENTION: Final = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE)
 
 
 def write_page(path: Path, suite: SuiteResult) -> None:
-    """Write a run as one HTML page."""
-    _write(path, "Conformance", "\n".join(_run(suite)))
+    """Write one run as a page: every case with its requirement, verdict and bytes.
 
-
-def write_matrix(path: Path, suites: Sequence[SuiteResult]) -> None:
-    """Write several runs side by side: a row per case, a column per device."""
-    _write(path, "Conformance of several devices", "\n".join(_matrix(suites)))
-
-
-def _write(path: Path, title: str, body: str) -> None:
-    page = (
-        f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{title}</title>\n'
-        f"<style>\n{_STYLE}</style>\n<h1>{title}</h1>\n{body}\n</html>\n"
+    Raises
+    ------
+    ConfigurationError
+        If the extra ``report`` is not installed, or *path* cannot be written.
+    """
+    outcome, tone = _outcome(suite)
+    html.write_page(
+        path,
+        "conformance.html",
+        title=f"Haptogram: conformance, {outcome}",
+        heading=f"Conformance: {outcome}",
+        tone=tone,
+        lead=[
+            f"{_name(suite)}: {_counts(suite)}.",
+            f"Exit status {suite.exit_status}.",
+            *([f"Cut short: {suite.cut_short}."] if suite.cut_short else []),
+        ],
+        attention=[result for result in suite.results if _needs_attention(result)],
+        meanings=[
+            (_TONES[behaviour], behaviour, meaning.what) for behaviour, meaning in MEANINGS.items()
+        ],
+        results=suite.results,
+        tone_of=_tone,
     )
-    write_atomically(path, page.encode())
+
+
+def write_comparison(path: Path, suites: Sequence[SuiteResult]) -> None:
+    """Write several runs side by side: a row for each case, a column for each device.
+
+    Raises
+    ------
+    ConfigurationError
+        If the extra ``report`` is not installed, or *path* cannot be written.
+    """
+    columns = [{result.case: result for result in suite.results} for suite in suites]
+    cases = {result.case: result.what for suite in suites for result in suite.results}
+    names = [_name(suite) for suite in suites]
+    html.write_page(
+        path,
+        "comparison.html",
+        title="Haptogram: conformance of several devices",
+        heading="Conformance of several devices",
+        tone="plain",
+        lead=[f"{len(cases)} cases on {len(suites)} devices. An empty cell: the case was not run."],
+        names=names,
+        rows=[
+            {"case": case, "what": what, "results": [column.get(case) for column in columns]}
+            for case, what in cases.items()
+        ],
+        totals=list(zip(names, map(_counts, suites), strict=True)),
+        tone_of=_tone,
+    )
+
+
+def _outcome(suite: SuiteResult) -> tuple[str, str]:
+    outcomes = {PASS: ("pass", "good"), FAIL: ("fail", "bad")}
+    return outcomes.get(suite.exit_status, ("inconclusive", "doubt"))
 
 
 def _name(suite: SuiteResult) -> str:
@@ -58,49 +94,9 @@ def _counts(suite: SuiteResult) -> str:
     return ", ".join(f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b))
 
 
-def _run(suite: SuiteResult) -> Iterator[str]:
-    yield f"<p><b>{escape(_name(suite))}</b>: {escape(_counts(suite))}. "
-    yield f"Exit status {suite.exit_status}. {escape(suite.cut_short)}</p>"
-    yield "<table><tr><th>case<th>verdict<th>evidence<th>recovery<th>requirement, found"
-    for result in suite.results:
-        yield _row(result)
-    yield "</table>"
+def _needs_attention(result: Result) -> bool:
+    return result.behaviour in _ATTENTION or not result.recovers
 
 
-def _row(result: Result) -> str:
-    recovery = "" if result.recovery is None else str(result.recovery)
-    found = f"<br>{escape(result.detail)}" if result.detail else ""
-    more = _details("traceback of the case", result.traceback)
-    more += _details("bytes exchanged", "\n".join(result.transcript))
-    return (
-        f'<tr id="{escape(result.case)}"><td>{escape(result.case)}{_verdict(result)}'
-        f"<td>{result.evidence}<td>{escape(recovery)}"
-        f"<td>{escape(result.requirement)}<br><small>{escape(result.what)}</small>{found}{more}"
-    )
-
-
-def _details(summary: str, text: str) -> str:
-    if not text:
-        return ""
-    return f"<details><summary>{summary}</summary><pre>{escape(text)}</pre></details>"
-
-
-def _verdict(result: Result | None) -> str:
-    if result is None:
-        return "<td>"
-    colour = _COLOURS[result.behaviour] if result.recovers else _COLOURS[Behaviour.FAILED]
-    mark = "" if result.recovers else " (not recovered)"
-    title = escape(result.detail, quote=True)
-    return f'<td class="v" style="background:{colour}" title="{title}">{result.behaviour}{mark}'
-
-
-def _matrix(suites: Sequence[SuiteResult]) -> Iterator[str]:
-    yield "<table><tr><th>case" + "".join(f"<th>{escape(_name(suite))}" for suite in suites)
-    columns = [{result.case: result for result in suite.results} for suite in suites]
-    cases = {result.case: result for suite in suites for result in suite.results}
-    for case, any_result in cases.items():
-        what = escape(any_result.what)
-        cells = "".join(_verdict(column.get(case)) for column in columns)
-        yield f"<tr><td>{escape(case)}<br><small>{what}</small>{cells}"
-    yield "<tr><th>all" + "".join(f"<th>{escape(_counts(suite))}" for suite in suites)
-    yield "</table>"
+def _tone(result: Result) -> str:
+    return _TONES[result.behaviour] if result.recovers else "bad"

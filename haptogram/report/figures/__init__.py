@@ -11,20 +11,19 @@ from haptogram.report.figures.plane_picture import draw_plane
 from haptogram.report.figures.planes import Plane, PlaneField, sample_mean, sample_plane
 from haptogram.report.figures.quantities import QUANTITIES, shown_as
 from haptogram.report.figures.spectra import draw_spectrum
-from haptogram.report.figures.style import as_data_uri, check_format, render
+from haptogram.report.figures.style import check_format, encode
 
 __all__ = [
     "QUANTITIES",
     "Plane",
     "PlaneField",
-    "as_data_uri",
     "check_format",
     "draw_cuts",
     "draw_isosurfaces",
     "draw_plane",
     "draw_spectrum",
+    "encode",
     "isosurface",
-    "render",
     "sample_mean",
     "sample_plane",
     "shown_as",

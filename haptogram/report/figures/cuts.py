@@ -17,7 +17,6 @@ from haptogram.report.figures.style import (
     GREEN,
     VERMILION,
     new_figure,
-    styled,
     two_lines,
 )
 
@@ -68,8 +67,7 @@ def draw_cuts(
     pressure = pressure_or_nan(engine, weights, np.concatenate(lines))
     shown, label = shown_as(engine, pressure, quantity)
     levels = np.split(shown, 3)
-    figure = new_figure(7.2, 3.3)
-    with styled():
+    with new_figure(7.2, 3.3) as figure:
         lateral, axial = figure.subplots(1, 2, sharey=True)
         for axis, axes in ((0, lateral), (1, lateral), (2, axial)):
             colour, style = _LINES[axis]
@@ -93,10 +91,9 @@ def draw_cuts(
         lateral.axvline(0.0, color=BLACK, linewidth=0.8, linestyle=":", label=place)
         axial.axvline(own[2] * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label=place)
         for axes in (lateral, axial):
-            axes.grid(visible=True, linewidth=0.4, alpha=0.6)
             axes.legend(loc="upper right")
         place_text = ", ".join(f"{value * 1e3:g}" for value in target)
-        figure.suptitle(two_lines(title, f"cuts through ({place_text}) mm"), fontsize=10)
+        figure.suptitle(two_lines(title, f"cuts through ({place_text}) mm"))
     return figure
 
 

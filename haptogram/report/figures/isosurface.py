@@ -13,7 +13,7 @@ from haptogram.acoustics import FieldEngine
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures.planes import pressure_or_nan
 from haptogram.report.figures.quantities import shown_as
-from haptogram.report.figures.style import BLUE, ORANGE, VERMILION, new_figure, styled, two_lines
+from haptogram.report.figures.style import BLUE, ORANGE, VERMILION, new_figure, two_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -153,15 +153,14 @@ def draw_isosurfaces(
     pressure = np.nan_to_num(pressure_or_nan(engine, weights, points))
     level = np.abs(pressure).reshape(counts)
     spacing = (high - low) / (np.array(counts) - 1)
-    figure = new_figure(5.4, 5.6)
-    with styled():
+    with new_figure(5.4, 5.6) as figure:
         names = [f"{'' if array.is_upright else 'own '}{name}" for name in "xyz"]
         _plot(figure, level, low * 1e3, spacing * 1e3, target * 1e3, names)
         what = f"|p|, relative to {level.max() / math.sqrt(2.0) * 1e-3:.3g} kPa RMS"
         if quantity == "force":
             largest = shown_as(engine, pressure, quantity)[0].max()
             what = f"the radiation pressure, relative to {largest:.3g} Pa"
-        figure.suptitle(two_lines(title, f"surfaces of {what}"), fontsize=10)
+        figure.suptitle(two_lines(title, f"surfaces of {what}"))
     return figure
 
 

@@ -16,7 +16,6 @@ from haptogram.report.figures.style import (
     PHASE_MAP,
     mark,
     new_figure,
-    styled,
     two_lines,
 )
 
@@ -64,10 +63,10 @@ def draw_plane(
     values, label = shown_as(engine, field.values, quantity)
     colours: str = PHASE_MAP if quantity == "phase" else MAGNITUDE_MAP
     limits = (-math.pi, math.pi) if quantity == "phase" else (0.0, None)
-    figure = new_figure(*_size(field.plane))
-    figure.set_layout_engine("compressed")  # the aspect is fixed: no gaps beside it
-    with styled():
+    with new_figure(*_size(field.plane)) as figure:
+        figure.set_layout_engine("compressed")  # the aspect is fixed: no gaps beside it
         axes = figure.add_subplot()
+        axes.grid(visible=False)
         across, up = field.plane.coordinates_m()
         half = 0.5e3 * field.plane.step_m
         image = axes.imshow(

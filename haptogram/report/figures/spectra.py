@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.errors import ConfigurationError
-from haptogram.report.figures.style import BLACK, BLUE, GREEN, VERMILION, new_figure, styled
+from haptogram.report.figures.style import BLACK, BLUE, GREEN, VERMILION, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,8 +49,7 @@ def draw_spectrum(
     """
     if not highest_hz > 0.0:
         raise ConfigurationError(f"highest_hz is {highest_hz:g}, must be above 0")
-    figure = new_figure(7.6, 3.4)
-    with styled():
+    with new_figure(7.6, 3.4) as figure:
         left, right = figure.subplots(1, 2)
         left.plot(time_s * 1e3, pressure_pa, color=BLUE, linewidth=1.3)
         left.axhline(amplitude_pa[0], color=BLACK, linewidth=0.8, linestyle="--", label="mean")
@@ -69,9 +68,8 @@ def draw_spectrum(
         _mark(right, None if rate_hz is None else rate_hz / 2.0, GREEN, ":", "half the frame rate")
         for axes in (left, right):
             axes.set_ylim(0.0, 1.05 * axes.get_ylim()[1])
-            axes.grid(visible=True, linewidth=0.4, alpha=0.6)
         _legend(figure)
-        figure.suptitle(title, fontsize=10)
+        figure.suptitle(title)
     return figure
 
 

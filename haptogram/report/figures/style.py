@@ -1,13 +1,19 @@
-"""What all pictures share: how a figure is made, how it looks, how it is written."""
+"""The one style of all pictures: how a figure is made, marked and encoded.
+
+matplotlib draws as an object: no window, no global figure, no setting of the user.
+"""
 
 from __future__ import annotations
 
-import base64
+import contextlib
 import io
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
+
+from ..extra import require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,102 +22,102 @@ if TYPE_CHECKING:
 FORMATS: Final = (".png", ".svg", ".pdf")
 MAGNITUDE_MAP: Final = "cividis"
 PHASE_MAP: Final = "twilight"
-DPI: Final = 200
+DPI: Final = 200  # of a picture in a file of its own
+PAGE_DPI: Final = 150  # of a picture in a page
 
 # Okabe and Ito's colours, told apart with any colour vision.
 BLUE: Final = "#0072B2"
 ORANGE: Final = "#E69F00"
 GREEN: Final = "#009E73"
 VERMILION: Final = "#D55E00"
-SKY: Final = "#56B4E9"
 BLACK: Final = "#000000"
+GREY: Final = "#888888"
 
-_SETTINGS: Final[Any] = {
-    "font.size": 9.0,
-    "axes.titlesize": 10.0,
+_STYLE: Final[dict[str, Any]] = {
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "axes.labelsize": 9.0,
     "axes.linewidth": 0.8,
-    "axes.grid": False,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10.0,
+    "figure.titlesize": 10.0,
+    "font.size": 9.0,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "image.cmap": MAGNITUDE_MAP,
     "legend.fontsize": 8.0,
-    "legend.frameon": True,
     "legend.framealpha": 0.9,
-    "svg.hashsalt": "haptogram",  # the same picture gives the same file
     "svg.fonttype": "none",
+    "svg.hashsalt": "haptogram",  # the same picture gives the same file
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+}
+
+#: Sign, size and colour of a place in the field; each has a white rim, to be seen on any ground.
+_MARKS: Final = {
+    "target": ("+", 17.0, VERMILION),
+    "fitted focus": ("x", 9.0, BLUE),
+    "peak": ("o", 9.0, BLACK),
 }
 
 
-def new_figure(width_in: float = 6.0, height_in: float = 4.8) -> Figure:
-    """Return an empty figure, apart from any window or global state.
+@contextlib.contextmanager
+def new_figure(width_in: float = 6.0, height_in: float = 4.8) -> Iterator[Figure]:
+    """Give an empty figure, and the style as long as something is drawn on it.
 
     Raises
     ------
     ConfigurationError
         If matplotlib is not installed.
     """
-    try:
-        import matplotlib as mpl  # here, because only pictures need it, and it is an extra
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ConfigurationError(
-            "pictures need matplotlib: pip install 'haptogram[report]'"
-        ) from error
-    with mpl.rc_context(_SETTINGS):
-        return Figure(figsize=(width_in, height_in), layout="constrained")
+    require("pictures", "matplotlib")
+    from matplotlib.figure import Figure
 
-
-def styled() -> Any:
-    """Return a context in which matplotlib draws in the style of these pictures."""
-    import matplotlib as mpl
-
-    return mpl.rc_context(_SETTINGS)
+    with _styled():
+        yield Figure(figsize=(width_in, height_in), layout="constrained")
 
 
 def check_format(path: Path) -> None:
-    """Raise unless the suffix of *path* names a format that can be written.
+    """Raise, before the work begins, unless a picture can be written in the format of *path*.
 
     Raises
     ------
     ConfigurationError
-        Names the suffix and what is possible.
+        A suffix that is not a format, or no matplotlib.
     """
     if path.suffix.lower() not in FORMATS:
         raise ConfigurationError(
             f"picture '{path}' ends in {path.suffix or 'nothing'!r}; possible are "
             f"{', '.join(FORMATS)}"
         )
+    require("pictures", "matplotlib")
 
 
-def render(figure: Figure, path: Path) -> bytes:
-    """Return *figure* in the format of the suffix of *path*, without a date.
+def encode(figure: Figure, suffix: str, dpi: float | None = None) -> bytes:
+    """Return *figure* in the format of *suffix*, one of `FORMATS`, without date and version.
 
-    Raises
-    ------
-    ConfigurationError
-        A suffix that is not a format.
+    Parameters
+    ----------
+    dpi : float, optional
+        Pixels to an inch; `DPI` without it.
     """
-    check_format(path)
-    suffix = path.suffix.lower()
+    undated = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     buffer = io.BytesIO()
-    with styled():
-        figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=_undated(suffix))
+    with _styled():
+        figure.savefig(buffer, format=suffix[1:], dpi=dpi or DPI, metadata=undated[suffix])
     return buffer.getvalue()
 
 
 def two_lines(title: str, detail: str) -> str:
-    """Return what a picture is of, if that is said, and below it what it shows of that."""
+    """Return the title of a picture, if there is one, and below it which part is shown."""
     return f"{title}\n{detail}" if title else detail
 
 
-def as_data_uri(figure: Figure) -> str:
-    """Return *figure* as a PNG in a data URI, for an HTML page that needs no other file."""
-    buffer = io.BytesIO()
-    with styled():
-        figure.savefig(buffer, format="png", dpi=DPI * 0.75)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
-
-
 def mark(axes: Axes, x_mm: float, y_mm: float, kind: str, size: float | None = None) -> None:
-    """Mark the target (a cross) or the peak (a ring), readable on light and on dark."""
-    marker, normal, colour = ("+", 17.0, VERMILION) if kind == "target" else ("o", 9.0, BLACK)
+    """Mark the target (a cross), the fitted focus (an x) or the peak (a ring)."""
+    marker, normal, colour = _MARKS[kind]
     for tint, width, label in (("white", 3.0, None), (colour, 1.4, kind)):
         axes.plot(
             x_mm,
@@ -126,5 +132,7 @@ def mark(axes: Axes, x_mm: float, y_mm: float, kind: str, size: float | None = N
         )
 
 
-def _undated(suffix: str) -> dict[str, Any]:
-    return {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(suffix, {})
+def _styled() -> contextlib.AbstractContextManager[None]:
+    import matplotlib.style
+
+    return matplotlib.style.context(["default", _STYLE])

@@ -13,7 +13,8 @@ from haptogram.published.paper.figure4 import BENDS, FIGURE_4_FOCI_M, figure_4_m
 from haptogram.published.paper.hemisphere import RESOLUTIONS_M, hemisphere
 from haptogram.published.paper.table1 import CONFIGURATIONS, Reproduction
 from haptogram.report.figures import Plane, draw_plane, sample_plane
-from haptogram.report.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
+
+from ..figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,8 +27,7 @@ _HEIGHTS_M: Final = (0.040, 0.140)  # from a wavelength above the edge of the se
 
 def draw_hemispheres() -> Figure:
     """Return the hemisphere at the four resolutions."""
-    figure = new_figure(7.2, 4.4)
-    with styled():
+    with new_figure(7.2, 4.4) as figure:
         figure.set_layout_engine("none")
         for index, resolution in enumerate(RESOLUTIONS_M):
             points = hemisphere(resolution) * 1e3
@@ -51,9 +51,8 @@ def draw_hemispheres() -> Figure:
 
 def draw_table_1(result: Reproduction) -> Figure:
     """Return the sixteen averages and standard deviations, printed and predicted."""
-    figure = new_figure(8.4, 3.6)
-    places = np.arange(len(RESOLUTIONS_M))
-    with styled():
+    with new_figure(8.4, 3.6) as figure:
+        places = np.arange(len(RESOLUTIONS_M))
         left, right = figure.subplots(1, 2)
         for row, shape in enumerate(CONFIGURATIONS):
             cells = result.cells[row * len(places) : (row + 1) * len(places)]
@@ -79,7 +78,6 @@ def draw_table_1(result: Reproduction) -> Figure:
             axes.set_xticks(places, [f"{value * 1e3:g}" for value in RESOLUTIONS_M])
             axes.set_xlabel("resolution (mm)")
             axes.set_ylabel("force (mN)")
-            axes.grid(visible=True, linewidth=0.4, alpha=0.6)
         left.set_ylim(2.8, 4.6)
         right.set_ylim(0.0, 2.3)
         left.plot([], [], "-", color=BLACK, label="printed")

@@ -51,6 +51,11 @@ class Check:
     message: str
     details: tuple[str, ...] = ()
 
+    @property
+    def decisive(self) -> bool:
+        """Whether the outcome decides the verdict of the run."""
+        return self.outcome in (Outcome.FAILED, Outcome.INCONCLUSIVE)
+
 
 @dataclass(frozen=True, slots=True)
 class _Fault:

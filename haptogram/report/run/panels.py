@@ -1,27 +1,21 @@
-"""Single panels of the pictures, each drawn on axes that it is given."""
+"""The panels of the pictures of a run; each function draws on axes that the caller made."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from haptogram.acoustics import AcousticModel
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
+from ..figures.style import BLUE, GREY, VERMILION, mark
 from .fieldmap import FieldMap, FieldPicture
 from .series import ErrorSeries, Floats, measured_mm, relative_error, targets_mm, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
-    Paper: TypeAlias = Figure | SubFigure
-
-# Blue, vermilion and grey of Okabe and Ito, which colour-blind people tell apart.
-BLUE: Final = "#0072b2"
-RED: Final = "#d55e00"
-GREY: Final = "#888888"
+    from matplotlib.figure import Figure
 
 MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
 _LEAST_ERROR_MM: Final = 1e-5  # a smaller one is drawn as this
@@ -39,7 +33,7 @@ def nothing(axes: Any, text: str) -> None:
 # --- Foci --------------------------------------------------------------------------------------
 
 
-def foci_panel(figure: Paper, axes: Any, run: RunVerdict, model: AcousticModel) -> None:
+def foci_panel(figure: Figure, axes: Any, run: RunVerdict, model: AcousticModel) -> None:
     """Draw intended and measured foci over the array; *axes* has three dimensions."""
     frames = thinned(run.frames, MOST_POINTS)
     elements = 1e3 * model.array.positions_m
@@ -59,7 +53,7 @@ def foci_panel(figure: Paper, axes: Any, run: RunVerdict, model: AcousticModel) 
     axes.view_init(elev=17.0, azim=-58.0)
 
 
-def _measured(figure: Paper, axes: Any, seen: list[tuple[Floats, float]], size: float) -> None:
+def _measured(figure: Figure, axes: Any, seen: list[tuple[Floats, float]], size: float) -> None:
     from matplotlib.colors import LogNorm
 
     points = np.array([point for point, _ in seen])
@@ -97,7 +91,9 @@ def _troubled(axes: Any, frames: list[FrameVerdict]) -> None:
     for status, marker in signs.items():
         points = targets_mm([frame for frame in frames if frame.status is status])
         if len(points):
-            axes.scatter(*points.T, s=36, c=RED, marker=marker, depthshade=False, label=str(status))
+            axes.scatter(
+                *points.T, s=36, c=VERMILION, marker=marker, depthshade=False, label=str(status)
+            )
 
 
 def _equal_scales(axes: Any, points: Floats) -> None:
@@ -135,7 +131,7 @@ def error_panel(axes: Axes, series: ErrorSeries) -> None:
         [errors[within], errors[~within]],
         bins=edges.tolist(),
         stacked=True,
-        color=[BLUE, RED],
+        color=[BLUE, VERMILION],
         label=["within its bound", "beyond its bound" if (~within).any() else "_"],
     )
     axes.axvline(float(least), color="black", lw=1.0, ls="--", label="smallest bound of all frames")
@@ -192,26 +188,10 @@ def _mark_window(axes: Axes, window: FieldMap) -> None:
 def _mark_foci(axes: Axes, field: FieldMap, shown: FieldPicture) -> None:
     first, second = field.axes
     target, measured = shown.marks_mm
-    _mark(axes, target[first], target[second], "+", "target", 13.0)
+    mark(axes, target[first], target[second], "target")
     if shown.frame.measured_m is not None:
-        _mark(axes, measured[first], measured[second], "o", "fitted focus", 8.0)
-    _mark(axes, *field.peak_mm, "x", "pressure peak in the plane", 6.0)
-
-
-def _mark(axes: Axes, across: float, up: float, marker: str, name: str, size: float) -> None:
-    from matplotlib.patheffects import withStroke
-
-    (line,) = axes.plot(
-        [across],
-        [up],
-        marker,
-        markersize=size,
-        color="white",
-        markerfacecolor="none",
-        markeredgewidth=1.1,
-        label=name,
-    )
-    line.set_path_effects([withStroke(linewidth=2.2, foreground="black")])
+        mark(axes, measured[first], measured[second], "fitted focus")
+    mark(axes, *field.peak_mm, "peak")
 
 
 def _ground(axes: Axes, model: AcousticModel, side: int, across: Floats) -> None:
@@ -239,7 +219,7 @@ def along_panel(axes: Axes, run: RunVerdict, measure: str, factor: float, label:
     axes.margins(x=0.02)
     if np.ptp(values) < 0.02 * abs(float(values.mean())):  # else noise fills the axis
         axes.set_ylim(0.9 * float(values.min()), 1.1 * float(values.max()))
-    for kind, colour in (("lost", RED), ("late", GREY)):
+    for kind, colour in (("lost", VERMILION), ("late", GREY)):
         _rug(axes, run, kind, colour)
 
 
@@ -263,7 +243,7 @@ def _rug(axes: Axes, run: RunVerdict, kind: str, colour: str) -> None:
         axes.legend(loc="best")
 
 
-def object_panel(figure: Paper, axes: Axes, run: RunVerdict) -> None:
+def object_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
     """Draw the pressure at the focus, seen from above."""
     frames = [f for f in thinned(run.frames, MOST_POINTS) if f.pressure_rms_pa is not None]
     if not frames:

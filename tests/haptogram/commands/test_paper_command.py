@@ -58,11 +58,12 @@ def test_json_goes_to_a_file_and_to_standard_output(tmp_path, capsys):
 def test_the_report_is_one_page_or_a_folder_of_pictures(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("haptogram.report.paper.pictures._STEP_M", 4e-3)
     monkeypatch.setattr("haptogram.report.figures.style.DPI", 40)
+    monkeypatch.setattr("haptogram.report.figures.style.PAGE_DPI", 40)
     assert run("--html", tmp_path / "out") == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"index.html", "table1.png", "hemispheres.svg", "figure4_2_bent_x_xz.svg"} <= names
     page = (tmp_path / "out" / "index.html").read_text()
-    assert page.count("not reproduced</td>") == 16
+    assert page.count(">not reproduced</span>") == 16
     assert page.count("<img ") == 2 + 8
     assert not re.search(r'(src|href)="(?!data:)', page)
     capsys.readouterr()

@@ -20,12 +20,13 @@ from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures import (
     Plane,
+    check_format,
     draw_cuts,
     draw_isosurfaces,
     draw_plane,
     draw_spectrum,
+    encode,
     isosurface,
-    render,
     sample_mean,
     sample_plane,
     shown_as,
@@ -198,22 +199,20 @@ def test_an_isosurface_out_of_reach_is_empty():
 
 
 def test_pictures_are_repeatable():
-    svg, again = (
-        render(draw_plane(ENGINE, field(), targets_m=[TARGET]), Path("a.svg")) for _ in range(2)
-    )
+    svg, again = (encode(draw_plane(ENGINE, field(), targets_m=[TARGET]), ".svg") for _ in range(2))
     assert svg == again
     assert b"sound pressure" in svg
-    png = render(draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3), Path("c.PNG"))
+    png = encode(draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3), ".png")
     assert png.startswith(b"\x89PNG")
 
 
 def test_a_picture_says_what_it_is_of_and_where_and_marks_target_and_peak():
     picture = draw_plane(ENGINE, field(), targets_m=[TARGET], title="a focus")
     axes = picture.axes[0]
-    assert axes.get_title() == "a focus\nplane z = 80 mm"
+    assert axes.get_title(loc="left") == "a focus\nplane z = 80 mm"
     assert set(axes.get_legend_handles_labels()[1]) == {"target", "peak"}
     elsewhere = draw_plane(ENGINE, field(), peak_m=(0.02, 0.01, 0.08)).axes[0]
-    assert elsewhere.get_title() == "plane z = 80 mm"
+    assert elsewhere.get_title(loc="left") == "plane z = 80 mm"
     assert [float(line.get_xdata()[0]) for line in elsewhere.lines] == [20.0, 20.0]
 
 
@@ -254,7 +253,7 @@ def test_a_spectrum_shows_its_lines():
         lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=1e-5),
         lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=0.0),
         lambda: isosurface(np.zeros((3, 3)), 0.0),
-        lambda: render(draw_cuts(ENGINE, WEIGHTS, TARGET), Path("field.gif")),
+        lambda: check_format(Path("field.gif")),
     ],
 )
 def test_impossible_pictures_are_refused(make):

@@ -12,7 +12,6 @@ import pytest
 from haptogram import report
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
-from haptogram.report.run.page import HOW_TO_GET_PICTURES
 from haptogram.verification import RunVerdict
 from judged_runs import damage, delay, hurry, lose, make_result, make_run, targets
 
@@ -59,16 +58,15 @@ def written(path: Path, run: RunVerdict, model: AcousticModel, **changes: Any) -
 
 
 @pytest.fixture
-def no_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
-    loaded = [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]
-    for name in [*loaded, "matplotlib"]:
-        monkeypatch.setitem(sys.modules, name, None)
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the pictures out, which take most of the time."""
+    monkeypatch.setattr("haptogram.report.run.page._pictures", lambda *_: ())
+    monkeypatch.setattr("haptogram.report.run.page.picture_field", lambda *_: None)
 
 
 def test_a_page_holds_everything_in_itself(
     tmp_path: Path, good_run: RunVerdict, model: AcousticModel
 ) -> None:
-    pytest.importorskip("matplotlib")
     outline = written(tmp_path, good_run, model)
     assert len(outline.pictures) == 5
     assert all(png.startswith(b"\x89PNG") for png in outline.pictures)
@@ -77,7 +75,7 @@ def test_a_page_holds_everything_in_itself(
     assert "http" not in re.sub(r"base64,[^\"]*", "", page)
 
 
-@pytest.mark.usefixtures("no_matplotlib")
+@pytest.mark.usefixtures("no_pictures")
 def test_the_same_run_gives_the_same_page(
     tmp_path: Path, good_run: RunVerdict, model: AcousticModel
 ) -> None:
@@ -88,17 +86,22 @@ def test_the_same_run_gives_the_same_page(
     assert pages[0] == pages[1]
 
 
-@pytest.mark.usefixtures("no_matplotlib")
-def test_without_matplotlib_the_page_says_how_to_get_pictures(
-    tmp_path: Path, good_run: RunVerdict, model: AcousticModel
+@pytest.mark.parametrize("package", ["jinja2", "matplotlib"])
+def test_without_the_extra_no_page_is_begun(
+    tmp_path: Path,
+    good_run: RunVerdict,
+    model: AcousticModel,
+    monkeypatch: pytest.MonkeyPatch,
+    package: str,
 ) -> None:
-    outline = written(tmp_path, good_run, model)
-    assert outline.pictures == []
-    assert HOW_TO_GET_PICTURES in outline.texts
-    assert "Pass: every focus that was verified is on its target" in outline.texts
+    monkeypatch.setitem(sys.modules, package, None)
+    advice = rf"^HTML pages need {package}: pip install 'haptogram\[report\]'$"
+    with pytest.raises(ConfigurationError, match=advice):
+        report.write_html(tmp_path / "a.html", good_run, make_result(good_run), model)
+    assert not (tmp_path / "a.html").exists()
 
 
-@pytest.mark.usefixtures("no_matplotlib")
+@pytest.mark.usefixtures("no_pictures")
 def test_what_others_named_is_escaped(
     tmp_path: Path, good_run: RunVerdict, model: AcousticModel
 ) -> None:
@@ -116,7 +119,7 @@ def test_what_others_named_is_escaped(
     assert outline.texts.count(shown) == 5
 
 
-@pytest.mark.usefixtures("no_matplotlib")
+@pytest.mark.usefixtures("no_pictures")
 def test_lost_and_late_frames_are_named_with_what_that_did(
     tmp_path: Path, model: AcousticModel
 ) -> None:
@@ -128,7 +131,7 @@ def test_lost_and_late_frames_are_named_with_what_that_did(
     assert len(effects) == 2
 
 
-@pytest.mark.usefixtures("no_matplotlib")
+@pytest.mark.usefixtures("no_pictures")
 def test_a_wrong_frame_is_named_with_its_fault(tmp_path: Path, model: AcousticModel) -> None:
     run = make_run(model, targets(4), {1: damage, 2: hurry})
     page = " | ".join(written(tmp_path, run, model).texts)
@@ -137,7 +140,7 @@ def test_a_wrong_frame_is_named_with_its_fault(tmp_path: Path, model: AcousticMo
     assert "latched 50 us early" in page
 
 
-@pytest.mark.usefixtures("no_matplotlib")
+@pytest.mark.usefixtures("no_pictures")
 def test_what_was_not_seen_is_said(tmp_path: Path, model: AcousticModel) -> None:
     run = make_run(model, targets(3), dict.fromkeys(range(3), lose))
     page = " | ".join(written(tmp_path, run, model).texts)
@@ -147,13 +150,13 @@ def test_what_was_not_seen_is_said(tmp_path: Path, model: AcousticModel) -> None
     assert "No frame could be judged." in page
 
 
-@pytest.mark.usefixtures("no_matplotlib")
+@pytest.mark.usefixtures("no_pictures")
 def test_a_long_list_is_cut_and_says_so(tmp_path: Path, model: AcousticModel) -> None:
     run = make_run(model, targets(120), dict.fromkeys(range(120), lose))
     assert "... and 20 more, in the JSON file." in written(tmp_path, run, model).texts
 
 
-@pytest.mark.usefixtures("no_matplotlib")
+@pytest.mark.usefixtures("no_pictures")
 def test_a_page_that_cannot_be_written_is_named(
     tmp_path: Path, good_run: RunVerdict, model: AcousticModel
 ) -> None:

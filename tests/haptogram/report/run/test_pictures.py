@@ -3,30 +3,32 @@ from __future__ import annotations
 import functools
 import struct
 from collections.abc import Callable
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray
-from haptogram.errors import ConfigurationError
+from haptogram.report.html import embed
 from haptogram.report.run import pictures
 from haptogram.report.run.fieldmap import picture_field
 from haptogram.report.run.series import bounds_mm, measured_mm, relative_error, thinned, worst
 from haptogram.verification import FrameStatus, RunVerdict
 from judged_runs import aim, damage, delay, hide, lose, make_run, targets
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 pytest.importorskip("matplotlib")
 
 Scene = tuple[RunVerdict, AcousticModel]
 
-PICTURES: dict[str, Callable[[RunVerdict, AcousticModel], bytes]] = {
-    "foci": pictures.foci,
-    "errors": pictures.errors,
-    "field": lambda run, model: pictures.field(picture_field(run, model, None, 8), model),
-    "along_object": lambda run, _: pictures.along_object(run),
-    "lateness": pictures.lateness,
-    "hero": pictures.hero,
+PICTURES: dict[str, Callable[[RunVerdict, AcousticModel], Figure]] = {
+    "foci": pictures.draw_foci,
+    "errors": pictures.draw_errors,
+    "field": lambda run, model: pictures.draw_field(picture_field(run, model, None, 8), model),
+    "along_object": lambda run, _: pictures.draw_along_object(run),
+    "lateness": pictures.draw_lateness,
 }
 LEAST_BYTES = 5_000  # of a picture that holds no more than a sentence
 
@@ -61,42 +63,32 @@ def scene(name: str) -> Scene:
 
 
 SCENES = ["no frames", "one frame", "nothing verified", "line", "everything"]
-#: The hero is made of the parts of two others; the field alone looks for the longer side.
-CASES = [
-    *((place, name) for place in SCENES for name in PICTURES if name != "hero"),
-    ("no frames", "hero"),
-    ("everything", "hero"),
-    ("column", "field"),
-]
+#: The field alone looks for the longer side.
+CASES = [*((place, name) for place in SCENES for name in PICTURES), ("column", "field")]
 
 
 @pytest.mark.parametrize(("place", "name"), CASES)
 def test_every_run_gives_every_picture(place: str, name: str) -> None:
-    png = PICTURES[name](*scene(place))
+    png = embed(PICTURES[name](*scene(place)), name).png
     assert png[:8] == b"\x89PNG\r\n\x1a\n"
     width, height = struct.unpack(">II", png[16:24])
-    assert width == (1600 if name == "hero" else 1200)
+    assert width == 1200
     assert 400 <= height <= width
     assert len(png) > LEAST_BYTES
 
 
 def test_the_same_run_gives_the_same_picture(good_run: RunVerdict, model: AcousticModel) -> None:
-    assert pictures.errors(good_run, model) == pictures.errors(good_run, model)
+    png, again = (embed(pictures.draw_errors(good_run, model), "").png for _ in range(2))
+    assert png == again
 
 
 def test_a_picture_leaves_the_settings_of_the_user_alone(good_run: RunVerdict) -> None:
     import matplotlib
 
+    usual = embed(pictures.draw_along_object(good_run), "")
     with matplotlib.rc_context({"font.size": 31.0}):
-        pictures.along_object(good_run)
+        assert embed(pictures.draw_along_object(good_run), "") == usual
         assert matplotlib.rcParams["font.size"] == 31.0
-
-
-def test_a_picture_is_written_as_a_whole(tmp_path: Path) -> None:
-    pictures.write_picture(tmp_path / "docs" / "hero.png", b"png")
-    assert (tmp_path / "docs" / "hero.png").read_bytes() == b"png"
-    with pytest.raises(ConfigurationError, match=r"hero\.png/x"):
-        pictures.write_picture(tmp_path / "docs" / "hero.png" / "x", b"png")
 
 
 # --- What the pictures show --------------------------------------------------------------------
