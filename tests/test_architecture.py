@@ -254,14 +254,13 @@ def test_wheel_works_in_a_foreign_directory(tree, tmp_path):
     """Firmware repositories tend to have a `protocol/` and a `tests/` of their own."""
     site = clean_environment(tmp_path / "env", built_wheel(tree, tmp_path))
 
-    packed = {
-        path.relative_to(site) for path in site.rglob("*") if path.suffix in {".py", ".typed"}
-    }
+    suffixes = {".py", ".typed", ".html", ".css"}
+    packed = {path.relative_to(site) for path in site.rglob("*") if path.suffix in suffixes}
     assert packed == {
         Path(package, path.relative_to(source))
         for package, source in SOURCES.items()
-        for pattern in ("*.py", "*.typed")
-        for path in source.rglob(pattern)
+        for path in source.rglob("*")
+        if path.suffix in suffixes
     }
 
     foreign = tmp_path / "firmware"

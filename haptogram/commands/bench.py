@@ -89,7 +89,13 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.campaigns.bench.measure import BenchConfig, run_bench
     from haptogram.campaigns.bench.result import as_dict, read_result
     from haptogram.report.bench.text import bench_text
+    from haptogram.report.figures import check_format
+    from haptogram.report.html import check_page
 
+    if arguments.html is not None:
+        check_page()
+    if arguments.picture is not None:
+        check_format(arguments.picture)
     old = None if arguments.compare is None else read_result(arguments.compare)
     lead_us = None if arguments.lead_ms is None else round(arguments.lead_ms * 1e3)
     config = BenchConfig(

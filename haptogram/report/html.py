@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Final
 from haptogram.machine.files import write_atomically
 
 from .extra import require
-from .figures import style
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -51,6 +50,8 @@ class Picture:
 
 def embed(figure: Figure, title: str, caption: str = "") -> Picture:
     """Return *figure* as a picture for a page."""
+    from .figures import style  # brings numpy along, which a page without pictures does not need
+
     return Picture(style.encode(figure, ".png", style.PAGE_DPI), title, caption)
 
 

@@ -145,9 +145,11 @@ def _compare(arguments: argparse.Namespace) -> int:
     from haptogram.errors import ConfigurationError
     from haptogram.report.conformance.page import write_comparison
     from haptogram.report.conformance.result import read_json
+    from haptogram.report.html import check_page
 
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
+    check_page(pictures=False)
     write_comparison(arguments.html, [read_json(path) for path in arguments.compare])
     print(f"wrote {arguments.html}", file=sys.stderr)
     return 0

@@ -138,6 +138,10 @@ def _check_files(arguments: argparse.Namespace) -> None:
         path: Path | None = getattr(arguments, name)
         if path is not None and path.is_dir():
             raise ConfigurationError(f"--{name.replace('_', '-')} {path} is a folder")
+    if arguments.html is not None:
+        from haptogram.report.html import check_page
+
+        check_page(pictures=False)
 
 
 def _check_board(arguments: argparse.Namespace) -> None:

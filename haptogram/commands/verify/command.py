@@ -80,11 +80,14 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     """Run the job, write and print its result, and return the exit status."""
     from haptogram import report
     from haptogram.evidence.run_record import measure
+    from haptogram.report.html import check_page
     from haptogram.verification import tolerance_of, uncertainty_of, verify_run
 
     names = {field.name for field in dataclasses.fields(VerifyConfig)}
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_config(arguments.config, given)
+    if config.report is not None:
+        check_page()
     planned = prepare(config)
     quiet = arguments.quiet
     try:

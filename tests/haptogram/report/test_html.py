@@ -1,0 +1,93 @@
+"""Pages: self-contained, escaped, and refused before any work where the extra is missing."""
+
+import re
+import sys
+from importlib.resources import files
+
+import pytest
+
+from haptogram.cli import main
+from haptogram.errors import ConfigurationError
+from haptogram.report.html import Picture, check_page, render_page
+
+FRAME = {"title": "t", "heading": "h", "tone": "plain", "lead": []}
+PAGES = [
+    template.name
+    for template in (files("haptogram.report") / "templates").iterdir()
+    if template.name not in {"base.html", "parts.html", "style.css"}
+]
+
+
+def comparison(**changes):
+    content = {"names": ["a"], "rows": [], "totals": [], "tone_of": lambda _: "plain"}
+    return render_page("comparison.html", **FRAME, **(content | changes))
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_page_extends_the_one_base_and_has_no_style_of_its_own(name):
+    text = (files("haptogram.report") / "templates" / name).read_text()
+    assert text.startswith('{% extends "base.html" %}')
+    assert not re.search(r"<style|style=|<table|<script|https?:", text)
+
+
+def test_a_name_is_escaped_wherever_it_stands():
+    hostile = "<script>\"'&"
+    page = comparison(totals=[(hostile, hostile)], names=[hostile])
+    assert "<script>" not in page
+    assert page.count("&lt;script&gt;&#34;&#39;&amp;") == 3
+
+
+def test_a_value_that_is_missing_is_an_error_and_no_gap():
+    from jinja2 import UndefinedError
+
+    with pytest.raises(UndefinedError, match="totals"):
+        render_page("comparison.html", **FRAME, names=[], rows=[], tone_of=None)
+
+
+def test_a_picture_is_part_of_the_page():
+    assert Picture(b"png", "").source == "data:image/png;base64,cG5n"
+
+
+def test_dark_and_light_and_print_are_one_style_sheet():
+    page = comparison()
+    assert page.count("<style>") == 1
+    assert "@media screen and (prefers-color-scheme: dark)" in page
+    assert "@media print" in page
+
+
+@pytest.mark.parametrize(
+    ("arguments", "package"),
+    [
+        (["verify", "--virtual-time", "--report", "a.html"], "jinja2"),
+        (["verify", "--virtual-time", "--report", "a.html"], "matplotlib"),
+        (["conform", "--html", "a.html"], "jinja2"),
+        (["conform", "--compare", "a.json", "--html", "a.html"], "jinja2"),
+        (["bench", "--html", "a.html"], "jinja2"),
+        (["bench", "--html", "a.html"], "matplotlib"),
+        (["bench", "--picture", "a.png"], "matplotlib"),
+        (["paper", "--report", "a.html"], "jinja2"),
+        (["paper", "--report", "a.html"], "matplotlib"),
+        (["field", "--output", "a.png"], "matplotlib"),
+        (["modulation", "am", "--output", "a.png"], "matplotlib"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else " ".join(value),
+)
+def test_without_the_extra_a_command_refuses_before_it_works(
+    monkeypatch, tmp_path, capsys, arguments, package
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, package, None)
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("haptogram: ")
+    assert err.endswith(f" need {package}: pip install 'haptogram[report]'\n")
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_page_without_pictures_needs_no_matplotlib(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    check_page(pictures=False)
+    with pytest.raises(ConfigurationError, match="matplotlib"):
+        check_page()
