@@ -117,4 +117,4 @@ def _code_spans(text: str) -> Markup:
     """Return *text*, escaped, with what stands between backticks as code."""
     from markupsafe import Markup, escape
 
-    return Markup(_CODE.sub(r"<code>\1</code>", escape(text)))
+    return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))

@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     names = {field.name for field in dataclasses.fields(VerifyConfig)}
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_config(arguments.config, given)
-    if config.report is not None:
+    if config.html is not None:
         check_page()
     planned = prepare(config)
     quiet = arguments.quiet

@@ -29,7 +29,7 @@ _LEGEND: Final[Any] = {"loc": "outside upper center", "ncols": 2}
 
 def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
     """Draw how often each stage took how long; both axes logarithmic, so that the tail is seen."""
-    with new_figure(7.0, 4.6) as figure:
+    with new_figure(8.0, 4.8) as figure:
         axes = figure.add_subplot()
         for name, label, colour in _SHOWN:
             values = stages_us[name][~np.isnan(stages_us[name])]
@@ -50,7 +50,7 @@ def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
 
 def draw_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: float) -> Figure:
     """Draw the lateness of every frame and of the control loop over time."""
-    with new_figure(7.0, 3.2) as figure:
+    with new_figure(8.0, 3.2) as figure:
         axes = figure.add_subplot()
         for name, label, colour in (_SHOWN[4], _SHOWN[3]):
             values = stages_us[name]

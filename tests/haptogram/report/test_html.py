@@ -58,17 +58,17 @@ def test_dark_and_light_and_print_are_one_style_sheet():
 @pytest.mark.parametrize(
     ("arguments", "package"),
     [
-        (["verify", "--virtual-time", "--report", "a.html"], "jinja2"),
-        (["verify", "--virtual-time", "--report", "a.html"], "matplotlib"),
+        (["verify", "--virtual-time", "--html", "a.html"], "jinja2"),
+        (["verify", "--virtual-time", "--html", "a.html"], "matplotlib"),
         (["conform", "--html", "a.html"], "jinja2"),
         (["conform", "--compare", "a.json", "--html", "a.html"], "jinja2"),
         (["bench", "--html", "a.html"], "jinja2"),
         (["bench", "--html", "a.html"], "matplotlib"),
         (["bench", "--picture", "a.png"], "matplotlib"),
-        (["paper", "--report", "a.html"], "jinja2"),
-        (["paper", "--report", "a.html"], "matplotlib"),
-        (["field", "--output", "a.png"], "matplotlib"),
-        (["modulation", "am", "--output", "a.png"], "matplotlib"),
+        (["paper", "--html", "a.html"], "jinja2"),
+        (["paper", "--html", "a.html"], "matplotlib"),
+        (["field", "--picture", "a.png"], "matplotlib"),
+        (["modulation", "am", "--picture", "a.png"], "matplotlib"),
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(value),
 )
@@ -80,7 +80,7 @@ def test_without_the_extra_a_command_refuses_before_it_works(
     assert main(arguments) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.startswith("haptogram: ")
+    assert err.startswith(f"haptogram {arguments[0]}: ")
     assert err.endswith(f" need {package}: pip install 'haptogram[report]'\n")
     assert err.count("\n") == 1
     assert not list(tmp_path.iterdir())
@@ -91,3 +91,9 @@ def test_a_page_without_pictures_needs_no_matplotlib(monkeypatch):
     check_page(pictures=False)
     with pytest.raises(ConfigurationError, match="matplotlib"):
         check_page()
+
+
+def test_what_stands_between_backticks_is_code_and_still_escaped():
+    from haptogram.report.html import _code_spans
+
+    assert _code_spans("count it in `<crc>`.") == "count it in <code>&lt;crc&gt;</code>."
