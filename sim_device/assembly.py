@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,15 +27,10 @@ class Parts:
 
     def assemble(self, settings: BoardSettings, description_hash: int) -> BoardDialect:
         """Return a board at the end of its line, powered up."""
-        decoder = self.decoder
-
-        class _Connection(self.connection):  # type: ignore[name-defined,misc]  # chosen at run time
-            def __init__(self, description_hash: int, *, output_limit: int) -> None:
-                super().__init__(description_hash, output_limit=output_limit, cobs=fastest_cobs())
-                if decoder is not FrameDecoder:
-                    self._inbox._decoder = decoder()  # noqa: SLF001  it takes none
-
-        return self.dialect(self.board(settings), description_hash, _Connection)
+        # A wrong decoder chooses its own COBS.
+        decoder = None if self.decoder is FrameDecoder else self.decoder()
+        connection = functools.partial(self.connection, cobs=fastest_cobs(), decoder=decoder)
+        return self.dialect(self.board(settings), description_hash, connection)
 
 
 HEALTHY: Final = Parts()

@@ -106,8 +106,8 @@ class BoardDialect:
         The board.
     description_hash : int
         CRC-32 of the description of the protocol.
-    connection : type
-        The end of the link, if it is not the healthy one.
+    connection : callable
+        Makes the board's end of the link, of the description hash and ``output_limit``.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class BoardDialect:
         self,
         board: Board,
         description_hash: int,
-        connection: type[BoardConnection] = BoardConnection,
+        connection: Callable[..., BoardConnection] = BoardConnection,
     ) -> None:
         self.board = board
         self.line_free_us = board.now_us

@@ -1,5 +1,4 @@
 """Boards that get the bytes wrong.  SPEC.md chapters 2 and 3."""
-# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
 
 from __future__ import annotations
 
@@ -53,8 +52,7 @@ class Crc16(BoardConnection):
     """Has CRC-16/CCITT in place of CRC-32, in both directions."""
 
     def __init__(self, description_hash: int, **options: Any) -> None:
-        super().__init__(description_hash, **options)
-        self._inbox._decoder = _Crc16Decoder()
+        super().__init__(description_hash, **options | {"decoder": _Crc16Decoder()})
 
     def _queue(self, wire: bytes, limit: int) -> bool:
         body = cobs_decode(wire[1:-1])[:-CRC_BYTES]

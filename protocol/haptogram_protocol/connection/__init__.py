@@ -4,7 +4,7 @@
 ``next_deadline_us`` and ``advance_to``.  There is no socket, thread, sleep or clock in here.
 """
 
-from .board import LINK_COUNTERS, OUTPUT_LIMIT, BoardConnection
+from .board import LINK_COUNTERS, BoardConnection
 from .events import (
     NEED_DATA,
     BoardEvent,
@@ -20,6 +20,7 @@ from .events import (
 )
 from .host import HOST_COUNTERS, HostConnection
 from .inbox import INPUT_LIMIT
+from .outbox import OUTPUT_LIMIT
 from .timer import INITIAL_RTO_US, MAX_ATTEMPTS, MAX_RTO_US, MIN_RTO_US, RoundTripTimer
 
 __all__ = [

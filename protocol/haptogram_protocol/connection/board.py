@@ -8,17 +8,15 @@ own: output state, time, configuration.
 from __future__ import annotations
 
 import zlib
-from collections import deque
 from dataclasses import dataclass
 from typing import Final, cast
 
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import PURE_PYTHON, Cobs, encode_frame
+from ..framing import PURE_PYTHON, Cobs, FrameDecoder, encode_frame
 from ..messages import (
     EVENT_RANGE,
     FIRST_STREAM_SEQ,
     MESSAGES,
-    MUST_UNDERSTAND,
     REQUEST_RANGE,
     RESPONSE_OFFSET,
     STREAM_RANGE,
@@ -26,7 +24,6 @@ from ..messages import (
     Drives,
     Error,
     ErrorCode,
-    Flag,
     Header,
     Hello,
     HelloReply,
@@ -40,8 +37,8 @@ from ..messages import (
 )
 from .events import NEED_DATA, BoardEvent, FrameDropped, NeedData, RequestReceived, StreamReceived
 from .inbox import Inbox
-
-OUTPUT_LIMIT: Final = 65_536  # bytes that may wait for the line
+from .outbox import OUTPUT_LIMIT, Outbox
+from .received import IMMEDIATE, ReceivedFrame, error_of, unknown_flags
 
 #: The counters that the link keeps; the others of HG-9.2 are the board's own.
 LINK_COUNTERS: Final = (
@@ -61,9 +58,6 @@ LINK_COUNTERS: Final = (
     "repeated",
 )
 
-# HG-3.5: IMMEDIATE has a meaning in these only.  MUTE is carried out whatever its flags (HG-6.4).
-_TAKES_IMMEDIATE: Final = frozenset({*STREAM_RANGE, int(MessageType.PLAY)})
-_IMMEDIATE: Final = int(Flag.IMMEDIATE)  # as a number: an operation on a Flag costs microseconds
 # HG-4.10: never compared with the last request, because doing it again does no harm.
 _IDEMPOTENT: Final = frozenset({MessageType.MUTE, MessageType.UPLOAD_CHUNK})
 
@@ -77,17 +71,6 @@ class _Answered:
     wire: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """A frame whose CRC was right, on its way through the checks."""
-
-    header: Header
-    payload: bytes
-    crc: int
-    t_rx_us: int
-    in_session: bool  # of the open session: it renews the lease
-
-
 class BoardConnection:
     """Sans-I/O end of the link at the board.
 
@@ -99,6 +82,8 @@ class BoardConnection:
         Bytes that may wait for the line; droppable events get half of it.
     cobs : Cobs, keyword-only
         A compiled COBS may be passed in.
+    decoder : FrameDecoder or None, keyword-only
+        Takes frames out of the bytes; None: one with *cobs*.
 
     Attributes
     ----------
@@ -114,15 +99,15 @@ class BoardConnection:
         *,
         output_limit: int = OUTPUT_LIMIT,
         cobs: Cobs = PURE_PYTHON,
+        decoder: FrameDecoder | None = None,
     ) -> None:
         self.description_hash = description_hash
         self.session = 0
         self.counters = dict.fromkeys(LINK_COUNTERS, 0)
         self._output_limit = output_limit
         self._stuff = cobs.encode
-        self._inbox = Inbox(cobs)
-        self._output: deque[bytes] = deque()
-        self._output_bytes = 0
+        self._inbox = Inbox(FrameDecoder(cobs) if decoder is None else decoder)
+        self._outbox = Outbox()
         self._greeting: HelloReply | None = None
         self._start_sequences(0)
 
@@ -182,20 +167,20 @@ class BoardConnection:
         size = Header.LAYOUT.size
         header = Header.unpack(body[:size])
         in_session = self.session != 0 and header.session == self.session
-        frame = _Frame(header, body[size:], zlib.crc32(body), t_rx_us, in_session)
+        frame = ReceivedFrame(header, body[size:], zlib.crc32(body), t_rx_us, in_session)
         if header.type in STREAM_RANGE:
             return self._judge_stream(frame)
         if header.type in REQUEST_RANGE:
             return self._judge_request(frame)
         return self._drop(frame, "unknown_type", f"type {header.type:#04x} is not for a board")
 
-    def _drop(self, frame: _Frame, reason: str, detail: str) -> FrameDropped:
+    def _drop(self, frame: ReceivedFrame, reason: str, detail: str) -> FrameDropped:
         self.count(reason)
         return FrameDropped(reason, detail, frame.t_rx_us, frame.in_session)
 
     # --- Stream (HG-5) -------------------------------------------------------------------------
 
-    def _judge_stream(self, frame: _Frame) -> BoardEvent:
+    def _judge_stream(self, frame: ReceivedFrame) -> BoardEvent:
         header = frame.header
         # HG-5.6: whatever else is wrong with the frame, its number has been used.
         index = self._take_index(header.seq) if frame.in_session else None
@@ -205,7 +190,7 @@ class BoardConnection:
             return self._drop(frame, "stale_session", self._wrong_session(header))
         if index is None:
             return self._drop(frame, "duplicate", f"stream seq {header.seq} was here before")
-        if flags := _unknown_flags(header):
+        if flags := unknown_flags(header):
             return self._drop(frame, "unsupported", f"flags {flags:#04x} are not known")
         try:
             message = MESSAGES[header.type].deserialize(frame.payload)
@@ -214,7 +199,7 @@ class BoardConnection:
         return StreamReceived(
             cast(Phases | Drives | Points, message),  # the only types below 0x40
             index,
-            None if header.flags & _IMMEDIATE else header.time_us,
+            None if header.flags & IMMEDIATE else header.time_us,
             header.session,
             frame.t_rx_us,
         )
@@ -234,7 +219,7 @@ class BoardConnection:
 
     # --- Requests (HG-4) -----------------------------------------------------------------------
 
-    def _judge_request(self, frame: _Frame) -> BoardEvent:
+    def _judge_request(self, frame: ReceivedFrame) -> BoardEvent:
         header = frame.header
         if header.type == MessageType.MUTE:
             return self._request(frame, Mute())  # HG-6.4: no flag, length or session refuses it
@@ -249,19 +234,19 @@ class BoardConnection:
                 self.session,
                 self._wrong_session(header),
             )
-        if flags := _unknown_flags(header):
+        if flags := unknown_flags(header):
             detail = f"flags {flags:#04x} are not known"
             return self._refuse(frame, "unsupported", ErrorCode.UNSUPPORTED, flags, detail)
         kind = MESSAGES[header.type]
         try:
             message = kind.deserialize(frame.payload)
         except RemoteProtocolError as error:
-            return self._refuse(frame, error.reason, *_error_of(kind, error), str(error))
+            return self._refuse(frame, error.reason, *error_of(kind, error), str(error))
         if isinstance(message, Hello):
             return self._judge_hello(frame, message)
         return self._judge_control_seq(frame) or self._request(frame, message)
 
-    def _judge_hello(self, frame: _Frame, hello: Hello) -> BoardEvent:
+    def _judge_hello(self, frame: ReceivedFrame, hello: Hello) -> BoardEvent:
         if hello.major != VERSION_MAJOR:  # HG-4.4
             detail = f"HELLO of version {hello.major}.{hello.minor}; the board has {VERSION_MAJOR}"
             return self._refuse(frame, "unsupported", ErrorCode.VERSION, VERSION_MAJOR, detail)
@@ -274,7 +259,7 @@ class BoardConnection:
             return self._drop(frame, "repeated", f"HELLO of the open session {hello.nonce:#06x}")
         return self._request(frame, hello, new_session=True)
 
-    def _judge_control_seq(self, frame: _Frame) -> FrameDropped | None:
+    def _judge_control_seq(self, frame: ReceivedFrame) -> FrameDropped | None:
         """Answer a repetition from memory, refuse a number used before; None: it is new."""
         seq = frame.header.seq
         if frame.header.type in _IDEMPOTENT:
@@ -288,7 +273,7 @@ class BoardConnection:
         return None
 
     def _request(
-        self, frame: _Frame, message: Message, *, new_session: bool = False
+        self, frame: ReceivedFrame, message: Message, *, new_session: bool = False
     ) -> RequestReceived:
         self.count("requests")
         header = frame.header
@@ -299,7 +284,7 @@ class BoardConnection:
             seq=header.seq,
             session=header.session,
             t_wire_us=header.time_us,
-            immediate=bool(header.flags & _IMMEDIATE),
+            immediate=bool(header.flags & IMMEDIATE),
             t_rx_us=frame.t_rx_us,
             new_session=new_session,
             renews_lease=frame.in_session,
@@ -307,7 +292,7 @@ class BoardConnection:
         )
 
     def _refuse(
-        self, frame: _Frame, reason: str, code: ErrorCode, number: int, detail: str
+        self, frame: ReceivedFrame, reason: str, code: ErrorCode, number: int, detail: str
     ) -> FrameDropped:
         """Answer a request with ERROR before the board has seen it, and remember nothing."""
         error = Error(request=frame.header.type, code=code, detail=number)
@@ -385,16 +370,12 @@ class BoardConnection:
 
     def data_to_send(self, limit: int | None = None) -> bytes:
         """Return the frames that wait for the line, whole ones, at most *limit* bytes if given."""
-        taken = bytearray()
-        while self._output and (limit is None or len(taken) + len(self._output[0]) <= limit):
-            taken += self._output.popleft()
-        self._output_bytes -= len(taken)
-        return bytes(taken)
+        return self._outbox.take(limit)
 
     @property
     def output_bytes(self) -> int:
         """Bytes that wait for the line."""
-        return self._output_bytes
+        return self._outbox.waiting
 
     def _answer(self, request: RequestReceived, message: Message, now_us: int) -> None:
         wire = self._response(message, request.seq, now_us)
@@ -411,20 +392,4 @@ class BoardConnection:
 
     def _queue(self, wire: bytes, limit: int) -> bool:
         """Queue a frame if there is room; a host that misses a response asks again (HG-9.6)."""
-        room = self._output_bytes + len(wire) <= limit
-        if room:
-            self._output.append(wire)
-            self._output_bytes += len(wire)
-        return room
-
-
-def _unknown_flags(header: Header) -> int:
-    known = _IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
-    return header.flags & MUST_UNDERSTAND & ~known
-
-
-def _error_of(kind: type[Message], error: RemoteProtocolError) -> tuple[ErrorCode, int]:
-    """Return code and detail of the ERROR for a payload that could not be read.  HG-10.2."""
-    if error.reason == "bad_length":
-        return ErrorCode.BAD_LENGTH, 0 if kind.TAIL else kind.LAYOUT.size
-    return ErrorCode.BAD_VALUE, error.offset
+        return self._outbox.put(wire, limit)

@@ -8,11 +8,10 @@ straight to the caller: they are never sent again.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import Final
 
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import PURE_PYTHON, Cobs, encode_frame
+from ..framing import PURE_PYTHON, Cobs, FrameDecoder, encode_frame
 from ..messages import (
     EVENT_RANGE,
     FIRST_STREAM_SEQ,
@@ -52,7 +51,7 @@ from .events import (
     RequestTimedOut,
 )
 from .inbox import Inbox
-from .timer import INITIAL_RTO_US, MAX_ATTEMPTS, MAX_RTO_US, RoundTripTimer
+from .pending import PendingRequest, PendingRequests
 
 #: What the host counts of the frames that it receives, by the names of HG-9.2.
 HOST_COUNTERS: Final = (
@@ -69,22 +68,6 @@ HOST_COUNTERS: Final = (
     "unknown_type",
     "unsupported",
 )
-
-
-@dataclass(slots=True)
-class _Pending:
-    """A request without an answer."""
-
-    request: MessageType
-    seq: int
-    wire: bytes
-    sent_us: int  # the last time
-    timeout_us: int
-    attempts: int = 1
-
-    @property
-    def deadline_us(self) -> int:
-        return self.sent_us + self.timeout_us
 
 
 class HostConnection:
@@ -120,11 +103,10 @@ class HostConnection:
         self.warnings: list[str] = []
         self.counters = dict.fromkeys(HOST_COUNTERS, 0)
         self._stuff = cobs.encode
-        self._inbox = Inbox(cobs)
+        self._inbox = Inbox(FrameDecoder(cobs))
         self._output = bytearray()
         self._events: deque[HostEvent] = deque()
-        self._pending: dict[int, _Pending] = {}  # by seq
-        self._timer = RoundTripTimer()
+        self._pending = PendingRequests()
         self._window = 1  # upload chunks that may be unanswered
         self._control_seq = 0
         self._stream_index = FIRST_STREAM_SEQ
@@ -139,7 +121,7 @@ class HostConnection:
         or of the line, make a new connection.
         """
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_SENT)
-        self._pending.clear()
+        self._pending.forget_all()
         hello = Hello(VERSION_MAJOR, VERSION_MINOR, self.session, self.description_hash)
         return self._send(hello, now_us, session=0)
 
@@ -169,7 +151,7 @@ class HostConnection:
         if (t_apply_us or immediate) and message.TYPE is not MessageType.PLAY:
             raise LocalProtocolError(f"{message.TYPE.name} takes no time; only PLAY does")
         if self._pending:
-            raise LocalProtocolError(f"{message.TYPE.name} while {self._waiting()} waits")
+            raise LocalProtocolError(f"{message.TYPE.name} while {self._pending.names} waits")
         self.link_state = next_link_state(self.link_state, LinkInput.REQUEST_SENT)
         flags = Flag.IMMEDIATE if immediate else 0
         time_us = 0 if immediate else t_apply_us
@@ -185,7 +167,7 @@ class HostConnection:
         """
         if not self.chunks_free:
             raise LocalProtocolError(
-                f"UPLOAD_CHUNK while {self._waiting()} waits; the window is {self._window}"
+                f"UPLOAD_CHUNK while {self._pending.names} waits; the window is {self._window}"
             )
         self.link_state = next_link_state(self.link_state, LinkInput.REQUEST_SENT)
         return self._send(chunk, now_us, session=self.session)
@@ -195,11 +177,7 @@ class HostConnection:
 
         Whatever request waits is abandoned and no event will speak of it, except a HELLO.
         """
-        self._pending = {
-            seq: waiting
-            for seq, waiting in self._pending.items()
-            if waiting.request is MessageType.HELLO
-        }
+        self._pending.forget_all(but=MessageType.HELLO)
         return self._send(Mute(), now_us, session=self.session if self.identity else 0)
 
     def stream_frame(
@@ -246,19 +224,16 @@ class HostConnection:
     @property
     def chunks_free(self) -> int:
         """Number of upload chunks that may be sent now."""
-        if any(w.request is not MessageType.UPLOAD_CHUNK for w in self._pending.values()):
+        if any(w.request is not MessageType.UPLOAD_CHUNK for w in self._pending):
             return 0
         return max(0, self._window - len(self._pending))
 
     def port_closed(self) -> None:
         """Forget what waits: the port is gone, and nothing more can come."""
         self.link_state = next_link_state(self.link_state, LinkInput.PORT_CLOSED)
-        self._pending.clear()
+        self._pending.forget_all()
         self._output.clear()
         self._inbox.reset()
-
-    def _waiting(self) -> str:
-        return " and ".join(sorted({w.request.name for w in self._pending.values()}))
 
     def _send(
         self, message: Message, now_us: int, *, session: int, flags: int = 0, time_us: int = 0
@@ -268,39 +243,25 @@ class HostConnection:
         wire = encode_frame(body, self._stuff)
         self._control_seq = (seq + 1) & 0xFFFF
         self._output += wire
-        # A MUTE does not wait as long as a bad line has taught the others to wait.
-        urgent = message.TYPE is MessageType.MUTE
-        timeout_us = min(self._timer.rto_us, INITIAL_RTO_US) if urgent else self._timer.rto_us
-        self._pending[seq] = _Pending(message.TYPE, seq, wire, now_us, timeout_us)
+        self._pending.add(message.TYPE, seq, wire, now_us)
         return seq
 
     # --- Time ----------------------------------------------------------------------------------
 
     def next_deadline_us(self) -> int | None:
         """Return when :meth:`advance_to` has something to do; None: never."""
-        if not self._pending:
-            return None
-        return min(waiting.deadline_us for waiting in self._pending.values())
+        return self._pending.next_deadline_us
 
     def advance_to(self, now_us: int) -> None:
         """Send again what was not answered by now, or give it up.  HG-12.6."""
-        due = [waiting for waiting in self._pending.values() if waiting.deadline_us <= now_us]
-        for waiting in due:
-            if waiting.attempts < MAX_ATTEMPTS:
-                self._retransmit(waiting, now_us)
-            else:
+        for waiting in self._pending.due(now_us):
+            if waiting.is_exhausted:
                 self._give_up(waiting)
+            else:
+                self._output += self._pending.resend(waiting, now_us)
 
-    def _retransmit(self, waiting: _Pending, now_us: int) -> None:
-        self._output += waiting.wire
-        waiting.attempts += 1
-        waiting.sent_us = now_us
-        waiting.timeout_us = min(2 * waiting.timeout_us, MAX_RTO_US)
-        if waiting.timeout_us > self._timer.rto_us:
-            self._timer.back_off()
-
-    def _give_up(self, waiting: _Pending) -> None:
-        del self._pending[waiting.seq]
+    def _give_up(self, waiting: PendingRequest) -> None:
+        self._pending.forget(waiting)
         if self.link_state is LinkState.OPEN or waiting.request is MessageType.HELLO:
             self.link_state = next_link_state(self.link_state, LinkInput.TIMED_OUT)
         self._events.append(RequestTimedOut(waiting.request, waiting.seq, waiting.attempts))
@@ -381,8 +342,7 @@ class HostConnection:
         if not self._from_here(header, message, waiting):
             detail = f"response of session {header.session:#06x}, not of {self.session:#06x}"
             return self._drop("stale_session", detail, t_rx_us)
-        del self._pending[header.seq]
-        rtt_us = self._measure(waiting, t_rx_us)
+        rtt_us = self._pending.answered(waiting, t_rx_us)
         if isinstance(message, HelloReply):
             message = self._greeted(message)
         if isinstance(message, Error):
@@ -393,7 +353,7 @@ class HostConnection:
             self._window = max(1, message.window)
         return ReplyReceived(message, header.seq, waiting.request, rtt_us, t_rx_us, header.time_us)
 
-    def _from_here(self, header: Header, message: Message, waiting: _Pending) -> bool:
+    def _from_here(self, header: Header, message: Message, waiting: PendingRequest) -> bool:
         """Tell whether a response is for this session.  HG-3.7.
 
         A MUTE may be answered in any session, and an ERROR in none.
@@ -403,13 +363,6 @@ class HostConnection:
         anywhere = waiting.request in (MessageType.MUTE, MessageType.HELLO)
         stale = isinstance(message, Error) and header.session == 0
         return anywhere or stale or header.session == self.session
-
-    def _measure(self, waiting: _Pending, t_rx_us: int) -> int | None:
-        if waiting.attempts > 1:
-            return None
-        rtt_us = t_rx_us - waiting.sent_us
-        self._timer.add_sample(rtt_us)
-        return rtt_us
 
     def _greeted(self, reply: HelloReply) -> HelloReply | Error:
         """Open the link; a board of another major version that answers all the same is refused."""

@@ -10,7 +10,7 @@ from collections import deque
 from typing import Final
 
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import PURE_PYTHON, Cobs, FrameDecoder
+from ..framing import FrameDecoder
 
 #: Bytes that may wait undecoded; the caller who lets more pile up does not take the events.
 INPUT_LIMIT: Final = 1 << 20
@@ -20,10 +20,10 @@ _SLICE: Final = 4096  # decoded at a time, so that a chunk of tiny damaged frame
 class Inbox:
     """Bounded queue of received chunks, cut into frames on demand."""
 
-    def __init__(self, cobs: Cobs = PURE_PYTHON) -> None:
+    def __init__(self, decoder: FrameDecoder) -> None:
         self._chunks: deque[tuple[bytes, int]] = deque()
         self._frames: deque[tuple[bytes | RemoteProtocolError, int]] = deque()
-        self._decoder = FrameDecoder(cobs)
+        self._decoder = decoder
         self._waiting = 0
         self.bytes_received = 0
 

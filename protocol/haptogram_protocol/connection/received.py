@@ -1,0 +1,59 @@
+"""A frame at the board on its way through the checks of SPEC.md HG-3.8."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from ..errors import RemoteProtocolError
+from ..messages import (
+    MUST_UNDERSTAND,
+    STREAM_RANGE,
+    ErrorCode,
+    Flag,
+    Header,
+    Message,
+    MessageType,
+)
+
+# HG-3.5: IMMEDIATE has a meaning in these only.  MUTE is carried out whatever its flags (HG-6.4).
+_TAKES_IMMEDIATE: Final = frozenset({*STREAM_RANGE, int(MessageType.PLAY)})
+IMMEDIATE: Final = int(Flag.IMMEDIATE)  # as a number: an operation on a Flag costs microseconds
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedFrame:
+    """A frame whose CRC was right.
+
+    Attributes
+    ----------
+    header : Header
+        Its header.
+    payload : bytes
+        Bytes behind the header.
+    crc : int
+        CRC-32 of header and payload, by which a repeated request is known.
+    t_rx_us : int
+        Device time, unwrapped, at which its last byte came.
+    in_session : bool
+        True if the frame is of the open session; it renews the lease then (HG-6.7).
+    """
+
+    header: Header
+    payload: bytes
+    crc: int
+    t_rx_us: int
+    in_session: bool
+
+
+def unknown_flags(header: Header) -> int:
+    """Return the must-understand flags that have no meaning in such a frame.  HG-3.4."""
+    known = IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
+    return header.flags & MUST_UNDERSTAND & ~known
+
+
+def error_of(kind: type[Message], error: RemoteProtocolError) -> tuple[ErrorCode, int]:
+    """Return code and detail of the ERROR for a payload that could not be read.  HG-10.2."""
+    if error.reason == "bad_length":
+        return ErrorCode.BAD_LENGTH, 0 if kind.TAIL else kind.LAYOUT.size
+    return ErrorCode.BAD_VALUE, error.offset
