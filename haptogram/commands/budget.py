@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from haptogram.settings.parser import number, whole_number
 
 if TYPE_CHECKING:
-    from haptogram.campaigns.bench.stages import FrameBudget
+    from haptogram.campaigns.bench.frame_budget import FrameBudget
     from haptogram.settings.parser import Parser
 
 _TIMERS_MS: Final = {
@@ -63,7 +63,11 @@ def set_up(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
-    from haptogram.campaigns.bench.stages import frame_formats, measure_budget, measure_wake_ns
+    from haptogram.campaigns.bench.frame_budget import (
+        frame_formats,
+        measure_budget,
+        measure_wake_ns,
+    )
 
     wake_ns = measure_wake_ns(arguments.rate_hz)
     budgets = [

@@ -1,5 +1,5 @@
-"""How good the loop is on this machine, whose fault each late frame was, and what it did.
+"""The timing of a stream: percentiles from the intended time, and the cause of every late frame.
 
-Time is measured from the intended moment, for every frame, and set against a noise floor that ran
-beside it.  Nothing here judges a board; wall-clock figures are reported and gate nothing.
+A control loop beside the stream gives the noise floor of the machine.  Nothing here judges a board:
+wall-clock figures are reported and gate nothing.  The project's own goals lie in ``ci``.
 """

@@ -1,14 +1,14 @@
-"""Whose fault a late frame was.  Pure: stamps in, causes out.
+"""The cause of each late frame, from the stamps of its tick.
 
-The lateness of a frame is parted, without rest, into what came before its tick (the tick before it
-was still at work), host scheduling (the loop slept on, at its tick or when the line had room
-again), host work (encode ahead and write), line (it had no room yet, or other bytes were before it)
-and board (from the line to a complete frame).
+The lateness of a frame is split, without a rest, into five parts: the time before its tick (the
+tick before it was still at work), host scheduling (the loop slept on, at its tick or when the line
+had room again), host work (encode ahead and write), line (the line had no room yet, or carried
+other bytes first) and board (from the line to a complete frame).
 
-What came before is in turn parted as the lateness of the frame before it was, so that all frames of
-a burst after one stall are put down to that stall, and a backlog that several causes have built up
-to all of them.  So is the wait, in a backlog, for a line that is busy with the frame before: not
-the line has caused that.  A late frame is put down to the largest sum.
+The time before a tick is in turn split as the lateness of the previous frame was.  So every frame
+of a burst after one stall is attributed to that stall, and a backlog with several causes to all of
+them.  A frame in a backlog also waits for a line that is busy with the previous frame: that wait is
+split likewise, because the line did not cause it.  A late frame is attributed to the largest sum.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Times = NDArray[np.int64]
 
 
 class Cause(enum.StrEnum):
-    """Who kept a frame."""
+    """The part of the chain that delayed a frame."""
 
     SCHEDULING = "host scheduling"
     WORK = "host work"
@@ -46,10 +46,10 @@ class Parts:
     Attributes
     ----------
     before, scheduling, work, room, queue, board : (n,) numpy.ndarray of int
-        They sum up to the lateness.  The line is ``room`` (until it had room for the frame) and
-        ``queue`` (other bytes that were still before it).
+        Their sum is the lateness.  The wait for the line is ``room`` (until the line had room for
+        the frame) and ``queue`` (until other bytes had left).
     transmission : (n,) numpy.ndarray of int
-        Time of each frame itself on the line, no part of its lateness.
+        Time of each frame itself on the line, which is no part of its lateness.
     """
 
     before: Times
@@ -67,7 +67,7 @@ class Parts:
 
     @property
     def at_port_ns(self) -> Times:
-        """Lateness of each frame when the port had taken it, (n,)."""
+        """Lateness of each frame when the port had taken its last byte, (n,)."""
         return self.before + self.scheduling + self.work + self.room
 
     @property
@@ -76,32 +76,33 @@ class Parts:
         return self.room + self.queue
 
     def at_port(self) -> Parts:
-        """Return the same without what happens after the port."""
+        """Return the parts up to the port: without queue and board."""
         nothing = np.zeros_like(self.board)
         return dataclasses.replace(self, queue=nothing, board=nothing)
 
 
 def part(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> Parts:
-    """Part the lateness of every tick.
+    """Split the lateness of every tick into its parts.
 
     Parameters
     ----------
     ticks : TickLog
         Stamps of n ticks.
     transmission_ns : (n,) numpy.ndarray of int
-        Time of each frame on the line; 0 for a frame that was skipped.
+        Time of each frame on the line; 0 for a skipped frame.
     board_ns : (n,) numpy.ndarray of int
-        From the end of its line time to the complete frame at the board; 0 where nobody saw it.
+        Time from the end of its transmission to the complete frame at the board; 0 where the board
+        does not report it.
     """
     deadline, idle, wake, ready, room, done, line_free = (
         ticks.stamp_ns(name)
         for name in ("deadline", "idle", "wake", "ready", "room", "done", "line_free")
     )
-    # Idle since before the deadline: nothing came before.  A loop that is early has no lateness.
+    # A loop that was idle before the deadline has no earlier work; an early loop has no lateness.
     begun = np.clip(idle, deadline, np.maximum(wake, deadline))
     sent = transmission_ns > 0
     queue = np.where(sent, np.maximum(0, line_free - done - transmission_ns), 0)
-    # The line had room again before all was sent (Link.make_room); from then on the loop slept on.
+    # The line had room before all bytes had left (Link.make_room); from then on the loop slept on.
     unsent_ns = np.maximum(transmission_ns, BURST_NS - transmission_ns)
     free_before = np.concatenate([room[:1] + unsent_ns[:1], line_free[:-1]])
     overslept = room - np.clip(free_before - unsent_ns, ready, room)
@@ -117,9 +118,9 @@ def part(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> Parts:
 
 
 def shares(parts: Parts) -> Times:
-    """Return how many ns of the lateness of each frame are down to which cause: (n, causes)."""
+    """Return the (n, causes) nanoseconds of each frame's lateness by cause."""
     behind = parts.before > 0
-    # In a backlog the line is busy with the frame before: as long as that takes, nothing is new.
+    # In a backlog the line is busy with the previous frame: that wait is the backlog's.
     old_room = np.where(behind, np.minimum(parts.room, parts.transmission), 0)
     old_queue = np.where(behind, np.minimum(parts.queue, parts.transmission), 0)
     own = (parts.scheduling, parts.work, parts.room - old_room, np.zeros_like(parts.board))
@@ -139,14 +140,14 @@ def shares(parts: Parts) -> Times:
 def _proportions(before: NDArray[np.float64] | None) -> NDArray[np.float64]:
     total = 0.0 if before is None else float(before.sum())
     if before is None or total <= 0.0:
-        # What ran into the tick and was no tick itself is work of the host: it served the port.
+        # Work that ran into the tick without being a tick is host work: the loop served the port.
         return np.array([cause is Cause.WORK for cause in CAUSES], dtype=np.float64)
     proportions: NDArray[np.float64] = before / total
     return proportions
 
 
 def attribute(parts: Parts) -> NDArray[np.int64]:
-    """Return for each of the n frames the place of its cause in :data:`CAUSES`."""
+    """Return the (n,) indices into :data:`CAUSES` of the cause of each frame."""
     causes: NDArray[np.int64] = np.argmax(shares(parts), axis=1)
     return causes
 
@@ -158,15 +159,15 @@ class Misses:
     Attributes
     ----------
     limit_us : float
-        The limit.
+        The limit, in microseconds.
     count : int
-        How many, of *frames*.
+        Number of frames that were later.
     frames : int
-        How many there were.
+        Number of all frames.
     by_cause : dict of Cause to int
-        Sums up to *count*.
+        Number by cause; the sum is *count*.
     machine : int
-        Of those put down to scheduling: how many while the control loop was stalled too.
+        Number of those attributed to scheduling while the control loop was stalled too.
     """
 
     limit_us: float

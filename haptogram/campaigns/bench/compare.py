@@ -1,7 +1,7 @@
-"""What changed from one run to another, beyond the noise of both.
+"""The changes from one run to another beyond the noise of both.
 
-The noise of a percentile is how much it varies between the ten tenths of its own run; what the
-machine changed shows in the control loop that ran beside each.
+The noise of a percentile is its scatter over the ten tenths of its own run.  A change of the
+machine shows in the control loop beside each run.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ _CONTROL: Final = "control"
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """How one percentile of one stage differs between two runs.
+    """The difference of one percentile of one stage between two runs.
 
     Attributes
     ----------
     stage, level : str
-        Which.
+        Name of the stage, and percentile (``p50``).
     before_us, after_us : float
         Medians of the ten tenths of each run.
     noise_us : float
-        Difference that chance explains.
+        Largest difference that chance explains.
     machine : bool
-        Whether the control loop changed the same way by at least half as much.
+        Whether the control loop changed in the same direction by at least half as much.
     """
 
     stage: str
@@ -48,7 +48,7 @@ class Change:
 
     @property
     def beyond_noise(self) -> bool:
-        """Whether chance does not explain it."""
+        """Whether chance does not explain the difference."""
         return abs(self.after_us - self.before_us) > self.noise_us
 
     def __str__(self) -> str:
@@ -62,7 +62,7 @@ class Change:
 
 
 def compare(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
-    """Return every comparison that two results allow, those beyond the noise first.
+    """Compare every percentile that both results hold; changes beyond the noise come first.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def compare(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Return what was set or installed differently: then a change is no surprise."""
+    """Return a line for each setting, version or part of the machine that differs."""
     lines = []
     for part in ("configuration", "environment"):
         one, other = _flat(old.get(part, {})), _flat(new.get(part, {}))
@@ -112,7 +112,7 @@ def _change(
 
 
 def _error_us(values: list[float]) -> float:
-    """Return the standard error of the median of *values*, robust against single stalls."""
+    """Return the standard error of the median, robust against single stalls."""
     deviation = float(np.median(np.abs(np.array(values) - np.median(values))))
     return _MEDIAN_LOSS * _MAD_TO_SIGMA * deviation / math.sqrt(len(values))
 

@@ -1,7 +1,7 @@
-"""The noise floor: a loop that does nothing, in a process of its own, beside the one measured.
+"""The control loop: an idle loop in a process of its own beside the measured loop.
 
-What stalls it stalls everybody.  It says what this machine can do at this moment, so that a late
-frame can be put down to the machine or to the program.
+Its lateness is the noise floor of the machine at this moment.  A stall of both loops at once is the
+machine's, so a late frame can be attributed to the machine or to the program.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from haptogram.campaigns.bench.percentiles import with_missed_ticks
 from haptogram.errors import ConfigurationError
 
-STALL_NS: Final = 100_000  # lateness from which on the control counts as stalled
+STALL_NS: Final = 100_000  # lateness from which on the control loop counts as stalled
 _STOP_S: Final = 10.0
 
-#: Runs with nothing but the standard library: whatever else it imported would run beside it.
+#: The program imports the standard library alone: more would run beside the measured loop.
 _PROGRAM: Final = """
 import array, ctypes, gc, os, signal, sys, time
 period_ns, count = int(sys.argv[1]), int(sys.argv[2])
@@ -49,19 +49,19 @@ sys.stdout.buffer.write(found[: 2 * n].tobytes())
 
 
 class ControlLoop:
-    """Runs the control from entering to leaving.
+    """Run the control loop from entering to leaving the ``with`` block.
 
     Parameters
     ----------
     period_ns : int
-        Of its ticks: those of the loop that is measured.
+        Period of the ticks, in nanoseconds: that of the measured loop.
     seconds : float
-        For how long at most.
+        Longest duration, in seconds.
 
     Attributes
     ----------
     deadline_ns, wake_ns : (n,) numpy.ndarray of int
-        Times of the monotonic clock, once it has been left.
+        Times of each tick on the monotonic clock, in nanoseconds; empty inside the block.
     """
 
     def __init__(self, period_ns: int, seconds: float) -> None:
@@ -77,7 +77,7 @@ class ControlLoop:
         )
         assert self._process.stdout is not None
         if os.read(self._process.stdout.fileno(), 5) != b"ready":
-            raise ConfigurationError("the control loop of the noise floor did not start")
+            raise ConfigurationError(f"the control loop did not start: try {self._command[0]} -I")
         return self
 
     def __exit__(
@@ -97,14 +97,14 @@ class ControlLoop:
 
     @property
     def lateness_us(self) -> NDArray[np.float64]:
-        """How late it was at each of its (n,) ticks, those it missed included, in microseconds."""
+        """Lateness of each tick, (n,) in microseconds; missed ticks are included."""
         return with_missed_ticks((self.wake_ns - self.deadline_ns) / 1e3, self._period_ns / 1e3)
 
     def stalled(self, begin_ns: NDArray[np.int64], end_ns: NDArray[np.int64]) -> Any:
-        """Tell for each of (n,) spans of time whether the control was stalled within it."""
+        """Return, for each of (n,) spans of time, whether the control loop stalled within it."""
         slow = self.wake_ns - self.deadline_ns > STALL_NS
         starts, ends = self.deadline_ns[slow], self.wake_ns[slow]
-        # Stalls follow one another: the last one that began before the end of a span decides.
+        # Stalls do not overlap: the last one that began before the end of a span decides.
         last = np.searchsorted(starts, end_ns) - 1
         known = np.concatenate([ends, [np.iinfo(np.int64).min]])
         return known[last] > begin_ns

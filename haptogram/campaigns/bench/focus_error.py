@@ -1,6 +1,6 @@
-"""What late frames did in space: how far from its target the focus stood meanwhile.
+"""The distance of the focus from its target while frames were late or lost.
 
-A board holds the last drive until the next one.  So while a frame is late or lost, the old focus
+A board holds the last drive until the next latch.  So while a frame is late or lost, the old focus
 stands where the new one should be.
 """
 
@@ -20,13 +20,13 @@ class FocusError:
     Attributes
     ----------
     frames : int
-        Frames for whose time, or a part of it, an older focus was held.
+        Number of frames in whose period, or a part of it, an older focus was held.
     held_us : float
-        How long that was altogether, in microseconds.
+        Total time in which an older focus was held, in microseconds.
     greatest_mm : float
-        Largest distance meanwhile.
+        Largest distance in that time.
     mean_mm : float
-        Mean distance over the time in which an older focus was held.
+        Mean distance over that time.
     run_mean_mm : float
         Mean distance over the whole run.
     """
@@ -38,7 +38,7 @@ class FocusError:
     run_mean_mm: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the fields for JSON."""
         return {
             "frames": self.frames,
             "held_us": self.held_us,
@@ -62,16 +62,16 @@ def focus_error(
     targets_m : (n, 3) numpy.ndarray
         Focus of each frame, metres.
     due_us : (n,) numpy.ndarray of int
-        When it was due, rising.
+        Rising time at which each frame was due, microseconds.
     latched_us : (n,) numpy.ndarray
-        When it was latched, nan: never.
+        Time of its latch, microseconds; nan for a frame that was never latched.
     carrier_us : int
-        Rounding up to a carrier period is no lateness.
+        Carrier period, microseconds: rounding up to a period is no lateness.
     """
     period_us = float(np.median(np.diff(due_us))) if len(due_us) > 1 else 0.0
     ends = np.append(due_us[1:], due_us[-1] + period_us).astype(np.float64)
     on_time = latched_us - due_us < carrier_us
-    # Until its latch a frame's place is taken by the newest one latched before it was due.
+    # Until the latch of a frame the board holds the newest drive that it latched before.
     until = np.where(
         on_time, due_us, np.fmin(np.where(np.isnan(latched_us), ends, latched_us), ends)
     )
@@ -92,7 +92,7 @@ def focus_error(
 
 
 def _newest_before(latched_us: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return for each frame the newest one before it that was latched at all, -1: none."""
+    """Return the index of the newest latched frame before each frame, -1: none."""
     places = np.where(np.isnan(latched_us), -1, np.arange(len(latched_us)))
     newest = np.maximum.accumulate(places)
     return np.concatenate([[-1], newest[:-1]]).astype(np.int64)

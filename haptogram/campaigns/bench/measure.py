@@ -1,4 +1,4 @@
-"""One run: a stream to a board, a control loop beside it, and every frame's way put together."""
+"""One run: a stream to a board, a control loop beside it, and the stages of every frame."""
 
 from __future__ import annotations
 
@@ -31,26 +31,33 @@ _HEIGHT_M: Final = 0.12
 _REVOLUTIONS_HZ: Final = 5.0
 _SETTLING_S: Final = 5.0  # the control outlasts the stream by this at most
 
-#: By unwrapped sequence number: device time of arrival (None: not known) and of the latch.
+#: Device time of arrival (None: not known) and of the latch, by unwrapped sequence number.
 Latches: TypeAlias = dict[int, tuple[int | None, int]]
 
 
 @dataclass(frozen=True, slots=True)
 class BenchConfig:
-    """What is measured.
+    """A stream to be measured.
 
     Attributes
     ----------
     port : str or None
-        Where the board is; None: a virtual board on a pty, in a process of its own.
+        URL of the board; None: a virtual board on a pty, in a process of its own.
     rate_hz, seconds : float
-        Frames per second, and for how long.
+        Frames per second, and the duration.
+    baudrate, phase_bits : int
+        Line rate in bits per second, and bits of each phase.
     lead_us : int or None
-        As in :meth:`haptogram.driver.driver.Driver.stream`, like the next three.
+        Lead of a frame over its time to apply, in microseconds; None: the driver's own.
     spin_us : int
-        How long to watch the clock before a deadline.
+        Time to watch the clock before a deadline, in microseconds.
     realtime, trim : bool
         Whether to ask for fixed priority, and whether to trim the lead.
+
+    Raises
+    ------
+    ConfigurationError
+        If rate, number of frames or spin is outside its limits.
     """
 
     port: str | None = None
@@ -77,18 +84,18 @@ class BenchConfig:
 
 @dataclass(frozen=True, slots=True)
 class BenchRun:
-    """What a run gave.
+    """The stages of every frame of a run, and the circumstances.
 
     Attributes
     ----------
     board : str
-        What it ran on.
+        The board, in words.
     stages_us : dict of str to (n,) numpy.ndarray
-        Microseconds of every frame by stage, nan where nobody saw it.
-    misses : list of Misses
-        By limit; ``at_port`` and ``at_board`` as in :class:`Parts`.
+        Microseconds of every frame by stage, nan where a stage was not observed.
+    misses : dict of str to list of Misses
+        Misses of each limit, ``at_port`` and ``at_board``.
     latched : int
-        Frames that were latched.
+        Number of frames that were latched.
     """
 
     config: BenchConfig
@@ -120,9 +127,9 @@ def run_bench(config: BenchConfig) -> BenchRun:
     Raises
     ------
     ConfigurationError
-        A rate that line or board cannot carry, before the first frame.
+        If line or board cannot carry the rate; raised before the first frame.
     LinkError
-        The link broke.
+        If the link broke.
     """
     targets_m = circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
     with _board(config) as (label, url, prepare, collect):
@@ -153,7 +160,7 @@ _Board: TypeAlias = tuple[str, str, Callable[[Driver], None], _Collect]
 
 @contextlib.contextmanager
 def _board(config: BenchConfig) -> Iterator[_Board]:
-    """Yield a board: its name, its place, and how it is made to tell what it latches."""
+    """Yield a board: its name, its URL, how it is prepared, and how its latches are read."""
     if config.port is not None:
         told = PortBoard(
             config.port, baudrate=config.baudrate, rate_hz=config.rate_hz, board_computes=False
@@ -227,7 +234,7 @@ def _stages(
     transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the host's stages of every frame; those of a skipped one are nan beyond its wake."""
+    """Return the host's stages of every frame; those of a skipped frame are nan after its wake."""
     unsent = np.where(sent, 0.0, np.nan)
     return {
         "wake": lateness_us,
@@ -251,7 +258,7 @@ def _misses(parts: Parts, stalled: NDArray[np.bool_]) -> dict[str, list[Misses]]
 def _device_times(
     intended: Sequence[Intended], latches: Latches
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (n,) device times of arrival and latch on the clock of *intended*, nan: not seen."""
+    """Return (n,) device times of arrival and latch on the clock of *intended*; nan: not seen."""
     received, latched = np.full((2, len(intended)), np.nan)
     for place, wanted in enumerate(intended):
         seen = latches.get(wanted.key.index)

@@ -1,4 +1,4 @@
-"""Percentiles that say what they rest on, and how much they vary within one run."""
+"""Percentiles with their number of values, and their scatter within one run."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 LEVELS: Final = (50.0, 90.0, 99.0, 99.9)
-BLOCKS: Final = 10  # a run is cut into so many, to see how much its percentiles vary
+BLOCKS: Final = 10  # parts of a run, whose percentiles show the scatter
 _LEAST_PER_BLOCK: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
 class Percentiles:
-    """What n values look like, in microseconds.
+    """Percentiles of n values, in microseconds.
 
     Attributes
     ----------
     count : int
-        n.
+        Number of values.
     levels : dict of str to float
         ``p50`` to ``p99.9``: the smallest value that so many per cent do not exceed.
     greatest : float
-        The largest one.
+        The largest value.
     blocks : dict of str to list of float
-        The percentiles of the ten tenths of the run, in order of time: how much they vary is the
-        noise of one run.  Empty for less than 200 values.
+        The percentiles of the ten tenths of the run, in order of time; their scatter is the noise
+        of one run.  Empty for less than 200 values.
     """
 
     count: int
@@ -37,7 +37,7 @@ class Percentiles:
 
     @classmethod
     def of(cls, values_us: ArrayLike) -> Percentiles:
-        """Return the percentiles of (n,) values in order of time; nan is left out."""
+        """Return the percentiles of (n,) values in order of time, without those that are nan."""
         values = np.asarray(values_us, dtype=np.float64)
         values = values[~np.isnan(values)]
         if not len(values):
@@ -50,11 +50,11 @@ class Percentiles:
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> Percentiles:
-        """Return what :meth:`as_dict` was made of."""
+        """Return the percentiles of which :meth:`as_dict` made *fields*."""
         return cls(fields["n"], fields["levels"], fields["max"], fields["blocks"])
 
     def as_dict(self) -> dict[str, Any]:
-        """Return them for JSON."""
+        """Return the fields for JSON."""
         return {
             "n": self.count,
             "levels": self.levels,
@@ -64,10 +64,17 @@ class Percentiles:
 
 
 def with_missed_ticks(lateness_us: NDArray[np.float64], period_us: float) -> NDArray[np.float64]:
-    """Return the lateness of every tick, those that a loop missed because it was late included.
+    """Return the lateness of every tick, missed ticks included.
 
-    A loop that is late by three periods skips the ticks in between.  They would have been late by
-    two and by one; left out, its percentiles would look better than they are.
+    A loop that is late by three periods skips the ticks in between.  Those ticks would have been
+    late by two and by one; without them the percentiles would look better than they are.
+
+    Parameters
+    ----------
+    lateness_us : (n,) numpy.ndarray
+        Lateness of each tick at which the loop woke, microseconds.
+    period_us : float
+        Period of the ticks, microseconds.
     """
     each = 1 + np.floor(np.maximum(lateness_us, 0.0) / period_us).astype(np.int64)
     ends = np.cumsum(each)

@@ -1,4 +1,4 @@
-"""A run as a dictionary, for JSON and for what is printed."""
+"""The JSON of a run: written, and read back."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptogram.errors import ConfigurationError
 FORMAT: Final = "haptogram-bench"
 VERSION: Final = 1
 
-#: What each stage is, in the order of a frame's way.
+#: The meaning of each stage, in the order in which a frame passes them.
 STAGES: Final = {
     "wake": "the loop was there, after the intended time",
     "overslept": "of that: with nothing else to do",
@@ -67,21 +67,24 @@ def _miss(miss: Misses) -> dict[str, Any]:
 
 
 def read_result(path: Path) -> dict[str, Any]:
-    """Return a result that was written before.
+    """Return the result of an earlier run.
 
     Raises
     ------
     ConfigurationError
-        If it is none.
+        If the file cannot be read, holds something else, or has another format version.
     """
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigurationError(f"{path}: {error}") from error
     if not isinstance(result, dict) or result.get("format") != FORMAT:
-        raise ConfigurationError(f"{path}: not a result of haptogram bench")
+        raise ConfigurationError(
+            f"{path}: not a result of haptogram bench: name a file that --json wrote"
+        )
     if result.get("version") != VERSION:
         raise ConfigurationError(
-            f"{path}: version {result.get('version')} of the format, this program reads {VERSION}"
+            f"{path}: version {result.get('version')} of the format, must be {VERSION}: "
+            "measure again with this program"
         )
     return result

@@ -1,4 +1,4 @@
-"""Where the time of one frame goes: each stage measured here and now, in a fraction of a second."""
+"""The time budget of one frame: each stage measured on this machine in a fraction of a second."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ from haptogram_protocol.messages import (
     parse_body,
 )
 
-_TIMES: Final = 400  # each stage is done so often, and its median taken
+_TIMES: Final = 400  # repetitions of a stage, of which the median counts
 _TICKS: Final = 100
-_SETTLE: Final = 20  # of these, to warm up
+_SETTLE: Final = 20  # repetitions to warm up
 CARRIER_NS: Final = 25_000  # a frame waits for the next period of a 40 kHz carrier at most
 
 
 @dataclass(frozen=True, slots=True)
 class FrameBudget:
-    """What one frame costs, in nanoseconds, and how often it can be sent.
+    """The cost of one frame in nanoseconds, and the highest rates of line and host.
 
     Attributes
     ----------
     name : str
         Format of the frame.
     size : int
-        Most bytes on the line.
+        Largest number of bytes on the line.
     encode_ns, write_ns, decode_ns : int
         Median on this machine.
     wire_ns : int
@@ -53,7 +53,7 @@ class FrameBudget:
     line_hz : float
         Rate at which the line is full.
     host_hz : float
-        Rate at which encoding and writing leave the host no time.
+        Rate at which encoding and writing take all of the host's time.
     """
 
     name: str
@@ -77,7 +77,7 @@ class FrameBudget:
 
 
 def frame_formats(transducers: int) -> dict[str, Message]:
-    """Return a message of every frame format, filled with what a focus would be filled with."""
+    """Return a message of every frame format with contents as varied as those of a focus."""
     codes = np.random.default_rng(0).integers(0, 256, transducers, dtype=np.uint8)
     formats: dict[str, Message] = {
         f"phases, {bits} bit": Phases(
@@ -94,7 +94,7 @@ def frame_formats(transducers: int) -> dict[str, Message]:
 
 
 def measure_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget:
-    """Measure what a frame of *message* costs.
+    """Measure the cost of a frame of *message*.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def measure_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget
         If *baudrate* is not positive.
     """
     if baudrate < 1:
-        raise ConfigurationError(f"baud is {baudrate}; it is 1 or more")
+        raise ConfigurationError(f"baud is {baudrate}, must be 1 or more")
     cobs = fastest_cobs()
     wire = _encode(message, cobs.encode)
     encode_ns = _median_ns(lambda: _encode(message, cobs.encode))
@@ -126,7 +126,7 @@ def measure_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget
 def measure_wake_ns(rate_hz: float) -> int:
     """Return the median lateness of a sleeping loop at *rate_hz*, on this machine now."""
     period_ns = round(1e9 / rate_hz)
-    period_ns = min(period_ns, 5_000_000)  # not to wait long for a slow one
+    period_ns = min(period_ns, 5_000_000)  # a slow rate would take long
     loop = PeriodicLoop(time.monotonic_ns, sleep_until, period_ns=period_ns)
     with real_time():
         start_ns = time.monotonic_ns() + period_ns
@@ -165,7 +165,7 @@ def _median_ns(work: Callable[[], object], between: Callable[[], object] | None 
 
 @contextlib.contextmanager
 def _drained_pty() -> Iterator[tuple[int, Callable[[int], None]]]:
-    """Yield a pseudo-terminal to write to, and what takes the bytes out at the other end."""
+    """Yield a pseudo-terminal to write to, and a function that reads from its other end."""
     tty = posix_module("tty", "the stage of a pty", "bench of a port")
     master, slave = os.openpty()
     try:
@@ -173,7 +173,7 @@ def _drained_pty() -> Iterator[tuple[int, Callable[[int], None]]]:
             tty.setraw(fd)
 
         def drain(size: int) -> None:
-            while size > 0:  # what was written comes out whole, a little later
+            while size > 0:  # the written bytes arrive a little later
                 size -= len(os.read(master, size))
 
         yield slave, drain

@@ -1,6 +1,6 @@
 import pytest
 
-from haptogram.campaigns.bench.stages import frame_formats, measure_budget, measure_wake_ns
+from haptogram.campaigns.bench.frame_budget import frame_formats, measure_budget, measure_wake_ns
 from haptogram.cli import main
 from haptogram.driver.line.budget import frame_bytes
 from haptogram_protocol import encode_frame
