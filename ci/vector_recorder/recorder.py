@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from haptogram.conformance.case import Case
-from haptogram.conformance.client.board_client import Bench
+from haptogram.conformance.client.board_client import BoardClient
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
@@ -136,10 +136,10 @@ def _spoken(
         ports.append(LockstepPort(board, peer))
         return ports[-1]
 
-    def body(bench: Bench) -> None:
+    def body(client: BoardClient) -> None:
         assert case.body is not None
         span[0] = len(ports[-1].steps)
-        case.body(bench)
+        case.body(client)
         ports[-1].look()
         span[1] = len(ports[-1].steps)
 
