@@ -57,8 +57,8 @@ def test_every_clause_that_a_case_judges_has_a_dialogue_but_for_those_named():
 
 
 @case("HG-4.11/1", "PING is answered")
-def pings(bench):
-    bench.ask(Ping(1))
+def pings(board):
+    board.link.ask(Ping(1))
 
 
 def test_a_dialogue_begins_at_power_up_and_ends_with_the_case():
@@ -87,9 +87,9 @@ class Off:
 
 
 @case("HG-4.11/1", "PING is answered after a second")
-def pings_later(bench):
-    bench.wire.idle(1_000_000)
-    bench.ask(Ping(1))
+def pings_later(board):
+    board.wire.idle(1_000_000)
+    board.link.ask(Ping(1))
 
 
 def test_boards_that_disagree_end_the_recording():
@@ -105,31 +105,31 @@ def test_a_case_that_does_not_pass_is_not_recorded():
 
 
 def test_silence_at_the_end_of_a_case_is_part_of_it():
-    silent = dataclasses.replace(pings, body=lambda bench: bench.wire.idle(70_000))
+    silent = dataclasses.replace(pings, body=lambda board: board.wire.idle(70_000))
     last = record(silent, None)["steps"][-1]
     assert last == {"at_us": 71_004, "expect": []}
 
 
 def test_a_flood_is_not_recorded():
-    flood = dataclasses.replace(pings, body=lambda bench: bench.send(bytes(40_000)))
+    flood = dataclasses.replace(pings, body=lambda board: board.link.send(bytes(40_000)))
     assert record(flood, None) is None
 
 
 def test_a_dialogue_that_depends_on_a_limit_names_the_limits():
-    def reads_the_limit(bench):
-        bench.ask(Ping(bench.identity.trace_ring))
+    def reads_the_limit(board):
+        board.link.ask(Ping(board.identity.trace_ring))
 
     dialogue = record(dataclasses.replace(pings, body=reads_the_limit), None)
     assert dialogue["board"] == BOARD | LIMITS
 
 
 def test_the_event_about_a_foreign_mute_is_optional_and_later_numbers_are_free():
-    def mutes(bench):
-        bench.configure(status_period_ms=50)
-        bench.arm()
-        bench.ask(Mute(), session=0)
-        bench.wire.idle(60_000)
-        bench.ask(GetStatus())
+    def mutes(board):
+        board.configure(status_period_ms=50)
+        board.arm()
+        board.link.ask(Mute(), session=0)
+        board.wire.idle(60_000)
+        board.link.ask(GetStatus())
 
     steps = record(dataclasses.replace(pings, body=mutes), None)["steps"]
     events = [f for step in steps for f in step["expect"] if f["message"] in EVENTS]
