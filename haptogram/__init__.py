@@ -1,7 +1,15 @@
 """Host of the Haptogram harness: drives an ultrasonic phased array and verifies what it radiated.
 
 There are 15 rooms, because the root of the errors and the composition root are modules alone.
-Names are imported when they are asked for: whoever wants only the acoustics pays for no more.
+Names are imported when they are asked for, so that a program that needs only the acoustics pays
+for no more.  docs/api.md says which names are public and by which rule they may change.
+
+Examples
+--------
+>>> import sim_device
+>>> from haptogram import *
+>>> sim_device.register_url_handler()
+>>> url = "haptogram://?clock=virtual&array=8x8&seed=1"
 """
 
 from __future__ import annotations
@@ -25,7 +33,7 @@ if TYPE_CHECKING:
     from .records.frame import Evidence, Focus, Intended, Observation
     from .verification import RunVerdict, Tolerance, Uncertainty, verify_run
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOME: Final = {
     "Calibration": "acoustics",
@@ -59,6 +67,10 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
 
 
 __all__ = [

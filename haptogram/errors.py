@@ -19,15 +19,41 @@ from __future__ import annotations
 
 
 class HaptogramError(Exception):
-    """Root of every error that this package raises on purpose."""
+    """Root of every error that this package raises on purpose.
+
+    Examples
+    --------
+    >>> try:
+    ...     Driver("/dev/no-such-port")
+    ... except HaptogramError as error:
+    ...     print(type(error).__name__)
+    PortNotFoundError
+    """
 
 
 class ConfigurationError(HaptogramError, ValueError):
-    """An argument, a file or a target that cannot be used; names the value and the limit."""
+    """An argument, a file or a target that cannot be used; names the value and the limit.
+
+    Examples
+    --------
+    >>> Focus((0.0, 0.0, 0.15), amplitude=1.5)
+    Traceback (most recent call last):
+        ...
+    haptogram.errors.ConfigurationError: amplitude of a focus is 1.5, must be 0 to 1
+    """
 
 
 class LinkError(HaptogramError):
-    """The line between host and board failed."""
+    """The line between host and board failed.
+
+    Examples
+    --------
+    >>> try:
+    ...     Driver("/dev/no-such-port")
+    ... except LinkError as error:
+    ...     print(type(error).__name__)
+    PortNotFoundError
+    """
 
 
 class PortNotFoundError(LinkError):
@@ -63,6 +89,15 @@ class DeviceError(HaptogramError):
         Error code of SPEC.md, chapter 10.
     detail : int
         The number that belongs to the code (a limit, an offset, ...).
+
+    Examples
+    --------
+    >>> with Driver(url, seed=1) as driver:
+    ...     try:
+    ...         config = driver.configure(sound_speed_mm_s=1)
+    ...     except DeviceError as error:
+    ...         print(error)
+    SET_CONFIG was refused: BAD_VALUE, detail 12
     """
 
     def __init__(self, message: str, *, code: int, detail: int = 0) -> None:
@@ -72,4 +107,17 @@ class DeviceError(HaptogramError):
 
 
 class VerificationError(HaptogramError, AssertionError):
-    """A verification did not pass; the text says what failed."""
+    """A verification did not pass; the text says what failed.
+
+    Examples
+    --------
+    >>> with Driver(url, seed=1) as driver:
+    ...     state = driver.arm()
+    ...     wanted = driver.focus((0.0, 0.0, 0.15))
+    ...     verdict = verify_run([wanted], [], model=driver.model)
+    >>> try:
+    ...     verdict.raise_for_verdict()
+    ... except VerificationError as error:
+    ...     print(str(error).splitlines()[0])
+    INCONCLUSIVE: 0 of 1 frames were verified; 100 % must be
+    """

@@ -1,10 +1,21 @@
 """Linear acoustics of phased arrays: drive -> field -> focus, in float64.
 
-Everything here is a pure function of its arguments or a frozen value; nothing reads a clock, a file
-descriptor or the wire. Phasors are peak values, the time factor is e^{-j w t}, a wave runs as
-e^{+j k r}.
+Every function is pure and every value frozen; nothing reads a clock, a file descriptor or the wire.
+Phasors are peak values, the time factor is e^{-j w t}, a wave runs as e^{+j k r}.
 
-What is not needed to rebuild a focus is imported when it is first asked for.
+Names that the reconstruction of a focus does not need are imported when they are first asked for.
+The examples of all public names go on from the one here.
+
+Examples
+--------
+>>> import numpy as np
+>>> from haptogram.acoustics import *
+>>> array = TransducerArray.grid(16, 16, pitch_m=0.01)
+>>> model = AcousticModel(array, Medium.air(), Transducer())
+>>> target = (0.0, 0.0, 0.15)
+>>> weights = np.exp(1j * focus_phases(model, target))
+>>> drive = Drive.from_weights(weights, phase_bits=8)
+>>> engine = NumpyEngine(model)
 """
 
 from __future__ import annotations
@@ -225,4 +236,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

@@ -1,12 +1,4 @@
-"""The driver of a board: connect, arm, focus, stream, play, read back; and mute, always.
-
-::
-
-    with Driver("/dev/ttyUSB0") as driver:
-        driver.arm()
-        driver.focus((0.0, 0.0, 0.15))
-        driver.stream(points, rate_hz=1000)
-"""
+"""The driver of a board: connect, arm, focus, stream, play, read back; and mute, always."""
 
 from __future__ import annotations
 
@@ -113,6 +105,15 @@ class Driver:
     ConfigurationError
         An argument is out of its limits (before the port is opened), the model is not that of the
         board, the calibration not that of its array, or the board does not take *phase_bits*.
+
+    Examples
+    --------
+    >>> with Driver(url, seed=1) as driver:
+    ...     state = driver.arm()
+    ...     intended = driver.focus((0.0, 0.0, 0.15))
+    ...     report = driver.stream([(0.0, 0.0, 0.15), (0.01, 0.0, 0.15)], rate_hz=500)
+    >>> intended.key.index, report.status.counters.latched
+    (65520, 3)
     """
 
     def __init__(

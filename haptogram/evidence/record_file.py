@@ -40,6 +40,18 @@ class RecordFile:
     ------
     ConfigurationError
         If it cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = f"{folder}/run.jsonl"
+    ...     with RecordFile(path) as file, Driver(url, seed=1, sink=file) as driver:
+    ...         state = driver.arm()
+    ...         intended = driver.focus((0.0, 0.0, 0.15))
+    ...     records = read_records(path)
+    >>> records.intended == [intended]
+    True
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -130,6 +142,18 @@ def read_records(path: str | Path) -> Records:
     ------
     ConfigurationError
         A file that cannot be read, is not whole, or holds something else; names the line.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = f"{folder}/run.jsonl"
+    ...     with RecordFile(path) as file, Driver(url, seed=1, sink=file) as driver:
+    ...         state = driver.arm()
+    ...         intended = driver.focus((0.0, 0.0, 0.15))
+    ...     records = read_records(path)
+    >>> len(records.intended), len(records.observations)
+    (1, 0)
     """
     check_kind("path", path, (str, Path), "the name of a file")
     reader = _Reader()

@@ -97,6 +97,13 @@ class VirtualBoard:
     ConfigurationError
         An argument that cannot be, before a process is started; or the board does not come up,
         because of a fault that is not known for example: the text holds what it said.
+
+    Examples
+    --------
+    >>> VirtualBoard("16x16", pitch_mm=-1.0)
+    Traceback (most recent call last):
+        ...
+    haptogram.settings.option.SettingError: pitch_mm is -1, must be 1 to 100
     """
 
     def __init__(

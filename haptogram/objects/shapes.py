@@ -46,7 +46,13 @@ class TactileObject(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A single point."""
+    """A single point.
+
+    Examples
+    --------
+    >>> Point((0.0, 0.0, 0.15)).sample(resolution_m=0.01).tolist()
+    [[0.0, 0.0, 0.15]]
+    """
 
     position_m: Point3
 
@@ -61,7 +67,13 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A straight line, there and back again so that the pass closes."""
+    """A straight line, there and back again so that the pass closes.
+
+    Examples
+    --------
+    >>> Line((0.0, 0.0, 0.15), (0.02, 0.0, 0.15)).sample(resolution_m=0.01)[:, 0].tolist()
+    [0.0, 0.02, 0.01]
+    """
 
     start_m: Point3
     end_m: Point3
@@ -83,7 +95,13 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """A circle in a plane parallel to the array."""
+    """A circle in a plane parallel to the array.
+
+    Examples
+    --------
+    >>> Circle(radius_m=0.02, center_m=(0.0, 0.0, 0.15)).sample(resolution_m=0.005).shape
+    (25, 3)
+    """
 
     radius_m: float
     center_m: Point3
@@ -100,7 +118,14 @@ class Circle:
 
 @dataclass(frozen=True, slots=True)
 class Sphere:
-    """A whole sphere, ring by ring from the lower pole to the upper one."""
+    """A whole sphere, ring by ring from the lower pole to the upper one.
+
+    Examples
+    --------
+    >>> points = Sphere(radius_m=0.02, center_m=(0.0, 0.0, 0.15)).sample(resolution_m=0.01)
+    >>> points[0].round(3).tolist(), points[-1].round(3).tolist()
+    ([0.0, 0.0, 0.13], [-0.0, 0.0, 0.17])
+    """
 
     radius_m: float
     center_m: Point3
@@ -126,6 +151,12 @@ class Hemisphere:
         Centre of the sphere, in metres.
     lower : bool
         Whether it is the half nearer to the array, as in the paper.
+
+    Examples
+    --------
+    >>> points = Hemisphere(radius_m=0.03, center_m=(0.0, 0.0, 0.15)).sample(resolution_m=0.01)
+    >>> bool(points[:, 2].max() <= 0.15)
+    True
     """
 
     radius_m: float
@@ -147,7 +178,15 @@ class Hemisphere:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshSurface:
-    """The surface of a triangle mesh; see :meth:`from_file`."""
+    """The surface of a triangle mesh; see :meth:`from_file`.
+
+    Examples
+    --------
+    >>> MeshSurface.from_file("no-such-part.stl")
+    Traceback (most recent call last):
+        ...
+    haptogram.errors.ConfigurationError: no-such-part.stl: no such file
+    """
 
     mesh: trimesh.Trimesh
 

@@ -31,7 +31,13 @@ STREAM: Final = 0  # sequence id of streamed frames
 
 
 class Evidence(enum.StrEnum):
-    """The witness of a latch."""
+    """The witness of a latch.
+
+    Examples
+    --------
+    >>> [str(evidence) for evidence in Evidence]
+    ['wire', 'self-reported', 'external']
+    """
 
     WIRE = "wire"  # seen on the line
     SELF_REPORTED = "self-reported"  # trace, read-back: the firmware's own word
@@ -83,6 +89,11 @@ class Focus:
     ConfigurationError
         If *position_m* is not three finite numbers, *amplitude* not within 0 to 1, or *phase_rad*
         not within a million radians.
+
+    Examples
+    --------
+    >>> Focus((0.0, 0.0, 0.15), amplitude=0.5)
+    Focus(position_m=(0.0, 0.0, 0.15), amplitude=0.5, phase_rad=0.0)
     """
 
     position_m: tuple[float, float, float]
@@ -146,6 +157,14 @@ class Intended:
     solver : str
         Method by which the host made the drive of several foci, see
         :func:`haptogram.acoustics.solvers.several.solve`.
+
+    Examples
+    --------
+    >>> with Driver(url, seed=1) as driver:
+    ...     state = driver.arm()
+    ...     intended = driver.focus((0.0, 0.0, 0.15))
+    >>> intended.number, intended.foci[0].position_m, intended.drive.count
+    (0, (0.0, 0.0, 0.15), 64)
     """
 
     number: int
@@ -180,6 +199,16 @@ class Observation:
         Focus and field rebuilt from the radiated drive.
     radiated : Drive or None
         Radiated drive, if it was observed to differ from the latched one.
+
+    Examples
+    --------
+    >>> with Driver(url, seed=1) as driver:
+    ...     state = driver.arm()
+    ...     intended = driver.focus((0.0, 0.0, 0.15))
+    ...     driver.hold(0.01)
+    ...     observed = driver.read_drive()
+    >>> observed.drive == intended.drive, str(observed.evidence)
+    (True, 'self-reported')
     """
 
     key: FrameKey

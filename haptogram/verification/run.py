@@ -62,6 +62,16 @@ def verify_run(
     ConfigurationError
         If *min_verified* is not 0 to 1, or two intended frames have one key; if a focus is behind
         the array or at one of its elements.
+
+    Examples
+    --------
+    >>> from haptogram_protocol.messages import TraceMode
+    >>> with Driver(url, seed=1, trace=TraceMode.DRIVE) as driver:
+    ...     state = driver.arm()
+    ...     report = driver.stream([(0.0, 0.0, 0.15), (0.01, 0.0, 0.15)], rate_hz=500)
+    ...     verdict = verify_run(driver.intended, driver.observations, model=driver.model)
+    >>> bool(verdict)
+    True
     """
     if not 0.0 <= min_verified <= 1.0:
         raise ConfigurationError(f"min_verified is {min_verified:g}, must be 0 to 1")

@@ -46,6 +46,16 @@ class RunVerdict:
         Which misses passed on top of what rounding makes.
     uncertainty : Uncertainty
         How well array and air were known.
+
+    Examples
+    --------
+    >>> from haptogram_protocol.messages import TraceMode
+    >>> with Driver(url, seed=1, trace=TraceMode.DRIVE) as driver:
+    ...     state = driver.arm()
+    ...     report = driver.stream([(0.0, 0.0, 0.15), (0.01, 0.0, 0.15)], rate_hz=500)
+    ...     verdict = verify_run(driver.intended, driver.observations, model=driver.model)
+    >>> verdict.passed, verdict.counts["on_target"]
+    (True, 2)
     """
 
     verdict: Verdict

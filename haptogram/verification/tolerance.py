@@ -95,6 +95,11 @@ class Uncertainty:
     ------
     ConfigurationError
         A value outside its limits.
+
+    Examples
+    --------
+    >>> Uncertainty(temperature_c=2.0).temperature_c
+    2.0
     """
 
     temperature_c: float = 0.0

@@ -39,6 +39,13 @@ class GridField:
     ------
     ConfigurationError
         As :func:`haptogram.acoustics.propagators`; a matrix of more than half of the memory.
+
+    Examples
+    --------
+    >>> field = GridField(model, box_points_m((-0.01, 0.0, 0.15), (0.01, 0.0, 0.15), 0.005))
+    >>> np.abs(field.pressure([weights, weights / 2])).round(-3)
+    array([[   0., 3000., 5000., 3000.,    0.],
+           [   0., 2000., 3000., 2000.,    0.]], dtype=float32)
     """
 
     def __init__(self, model: AcousticModel, points_m: ArrayLike) -> None:
@@ -105,6 +112,11 @@ def box_points_m(low_m: ArrayLike, high_m: ArrayLike, step_m: float) -> FloatArr
     ------
     ConfigurationError
         A box that is not finite or turned inside out, or a grid of more than half of the memory.
+
+    Examples
+    --------
+    >>> box_points_m((0.0, 0.0, 0.1), (0.01, 0.0, 0.1), 0.005).tolist()
+    [[0.0, 0.0, 0.1], [0.005, 0.0, 0.1], [0.01, 0.0, 0.1]]
     """
     step_m = check_positive("step_m", step_m)
     low, high = as_place("low_m", low_m), as_place("high_m", high_m)

@@ -29,7 +29,14 @@ _PAIRS_PER_CHUNK: Final = 1 << 13  # a temporary takes 64 kB: cached, and never 
 
 
 class FieldEngine(Protocol):
-    """Something that computes the field; :class:`NumpyEngine` is the reference."""
+    """Something that computes the field; :class:`NumpyEngine` is the reference.
+
+    Examples
+    --------
+    >>> field: FieldEngine = choose_engine(model)
+    >>> field.pressure(weights, [target]).shape
+    (1,)
+    """
 
     @property
     def model(self) -> AcousticModel:
@@ -42,7 +49,13 @@ class FieldEngine(Protocol):
 
 
 class NumpyEngine:
-    """The reference engine: float64 throughout, no precomputation."""
+    """The reference engine: float64 throughout, no precomputation.
+
+    Examples
+    --------
+    >>> f"{abs(NumpyEngine(model).pressure(weights, [target])[0]):.0f} Pa"
+    '5393 Pa'
+    """
 
     def __init__(self, model: AcousticModel) -> None:
         self._model = model
@@ -75,6 +88,12 @@ def propagators(model: AcousticModel, points_m: ArrayLike) -> ComplexArray:
     ConfigurationError
         A point that is not finite, closer than 1 mm to an element, or behind all of them if they
         are baffled; a result of more than half of the memory.
+
+    Examples
+    --------
+    >>> field = propagators(model, [target]) @ weights
+    >>> bool(np.allclose(field, pressure(model, weights, [target])))
+    True
     """
     points = as_points("points_m", points_m)
     check_memory("a matrix", (len(points), model.array.count), 16)
@@ -118,6 +137,11 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
     ------
     ConfigurationError
         As :func:`propagators`; and for weights that are not finite or not one per element.
+
+    Examples
+    --------
+    >>> f"{abs(pressure(model, weights, [target])[0]):.0f} Pa"
+    '5393 Pa'
     """
     drives = as_drives(weights, model.array.count)
     points = as_points("points_m", points_m)
@@ -162,6 +186,11 @@ def in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
     Returns
     -------
     (M,) numpy.ndarray of bool
+
+    Examples
+    --------
+    >>> in_front(model, [target, (0.0, 0.0, -0.15)]).tolist()
+    [True, False]
     """
     points = as_points("points_m", points_m)
     front = np.ones(len(points), dtype=np.bool_)

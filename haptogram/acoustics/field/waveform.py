@@ -12,7 +12,13 @@ from haptogram.acoustics._validation import FloatArray, as_floats, as_phasors, c
 
 
 def rms_pressure(pressure_peak: ArrayLike) -> FloatArray:
-    """Return |p| / sqrt(2), in the shape and unit of complex peak pressures *pressure_peak*."""
+    """Return |p| / sqrt(2), in the shape and unit of complex peak pressures *pressure_peak*.
+
+    Examples
+    --------
+    >>> rms_pressure([100.0 + 100.0j]).round(1).tolist()
+    [100.0]
+    """
     result: FloatArray = np.abs(as_phasors("pressure_peak", pressure_peak)) / math.sqrt(2.0)
     return result
 
@@ -41,6 +47,11 @@ def instantaneous_pressure(
     ConfigurationError
         What is no number or not finite, a frequency that is not above 0, or a result of more than
         half of the memory.
+
+    Examples
+    --------
+    >>> instantaneous_pressure([100.0], 40e3, [0.0, 12.5e-6]).round(1).tolist()
+    [[100.0, -100.0]]
     """
     phasors = as_phasors("pressure_peak", pressure_peak)
     times = np.atleast_1d(as_floats("times_s", times_s))

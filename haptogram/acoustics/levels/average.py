@@ -56,6 +56,16 @@ def mean_square_pressure(
     ------
     ConfigurationError
         No drive, or as :func:`~haptogram.acoustics.field.reference.pressure`.
+
+    Examples
+    --------
+    >>> other = np.exp(1j * focus_phases(model, (0.03, 0.0, 0.15)))
+    >>> alone, shared = (
+    ...     mean_square_pressure(engine, drives, [target], 1e-3)[0]
+    ...     for drives in (weights[None], [weights, other])
+    ... )
+    >>> bool(shared < 0.6 * alone)
+    True
     """
     drives = as_sequence(weights, engine.model.array.count)
     check_positive("frame_s", frame_s)

@@ -74,6 +74,11 @@ def radiated_power_w(
     ------
     ConfigurationError
         No drive; directions out of range.
+
+    Examples
+    --------
+    >>> f"{radiated_power_w(engine, weights[None])[0]:.1f} W"
+    '6.5 W'
     """
     drives = as_sequence(weights, engine.model.array.count)
     places, per_square_pa = _sphere(engine, directions)
@@ -114,6 +119,14 @@ def demodulated_lines(
     ConfigurationError
         No drive; a distance or a duration not above 0; a sequence whose lines would not fit; a
         medium that absorbs nothing; a resonator without a lag.
+
+    Examples
+    --------
+    >>> modulated = np.array([[0.0], [1.0]]) * weights  # 500 Hz, if a frame lasts 1 ms
+    >>> lag = Resonator.from_bandwidth(2000.0)
+    >>> frequencies_hz, levels_pa = demodulated_lines(engine, modulated, 0.5, 1e-3, lag)
+    >>> frequencies_hz[:2].tolist()
+    [500.0, 1000.0]
     """
     drives = as_sequence(weights, engine.model.array.count)
     medium = engine.model.medium
@@ -146,6 +159,14 @@ def demodulated_level_db_a(
     ------
     ConfigurationError
         As :func:`demodulated_lines`.
+
+    Examples
+    --------
+    >>> modulated = np.array([[0.0], [1.0]]) * weights  # 500 Hz, if a frame lasts 1 ms
+    >>> lag = Resonator.from_bandwidth(2000.0)
+    >>> level = demodulated_level_db_a(engine, modulated, 0.5, 1e-3, lag)
+    >>> 0.0 < level < 120.0
+    True
     """
     frequency_hz, pressure_pa = demodulated_lines(engine, weights, distance_m, frame_s, resonator)
     weighting = 10.0 ** (a_weighting_db(frequency_hz) / 20.0)

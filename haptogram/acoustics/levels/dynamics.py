@@ -49,6 +49,11 @@ def duty_to_amplitude(duty: ArrayLike) -> FloatArray:
     ------
     ConfigurationError
         A duty that is not finite or outside 0 to 0.5.
+
+    Examples
+    --------
+    >>> duty_to_amplitude([0.0, 0.25, 0.5]).round(3).tolist()
+    [0.0, 0.707, 1.0]
     """
     values = as_floats("duty", duty)
     _check_within("duty", values, FULL_DUTY)
@@ -57,7 +62,13 @@ def duty_to_amplitude(duty: ArrayLike) -> FloatArray:
 
 
 def amplitude_to_duty(amplitude: ArrayLike) -> FloatArray:
-    """Return D = asin(A) / pi, 0 to 0.5: the inverse of :func:`duty_to_amplitude`."""
+    """Return D = asin(A) / pi, 0 to 0.5: the inverse of :func:`duty_to_amplitude`.
+
+    Examples
+    --------
+    >>> float(amplitude_to_duty(1.0))
+    0.5
+    """
     values = as_floats("amplitude", amplitude)
     _check_within("amplitude", values, 1.0)
     duty: FloatArray = np.arcsin(values) / np.pi
@@ -72,6 +83,12 @@ class Resonator:
     ----------
     time_constant_s : float
         tau; 0 makes it follow at once.
+
+    Examples
+    --------
+    >>> lag = Resonator.from_bandwidth(2000.0)
+    >>> f"{1e6 * lag.time_constant_s:.0f} us"
+    '276 us'
     """
 
     time_constant_s: float
@@ -172,6 +189,12 @@ def hop_response(
     -------
     (T,) numpy.ndarray
         |p| at the new focus over its final value.
+
+    Examples
+    --------
+    >>> lag = Resonator.from_bandwidth(2000.0)
+    >>> hop_response(model, lag, (target, (0.03, 0.0, 0.15)), [1e-4, 1e-3]).round(1).tolist()
+    [0.0, 0.8]
     """
     old, new = (as_place("target_m", target) for target in targets_m)
     times = as_floats("times_s", times_s)

@@ -70,6 +70,11 @@ class Exposure:
         Largest level of any frame.
     equivalent_db_spl : float
         Level of the mean square over the sequence (Leq).
+
+    Examples
+    --------
+    >>> Exposure((0.0, -0.4, 0.4), 124.1, 121.0).equivalent_db_spl
+    121.0
     """
 
     position_m: tuple[float, float, float]
@@ -101,6 +106,12 @@ def exposure_at(
     ------
     ConfigurationError
         As :func:`~haptogram.acoustics.levels.average.mean_square_pressure`.
+
+    Examples
+    --------
+    >>> (ear,) = exposure_at(engine, weights[None], [(0.0, -0.4, 0.4)], 1e-3)
+    >>> f"{ear.maximum_db_spl:.0f} dB SPL"
+    '125 dB SPL'
     """
     drives, places = as_sequence(weights, engine.model.array.count), as_points("places_m", places_m)
     mean = mean_square_pressure(engine, drives, places, frame_s, resonator)
@@ -132,6 +143,12 @@ def worst_place(
     ------
     ConfigurationError
         A distance not above 0, or not 10 to a million directions.
+
+    Examples
+    --------
+    >>> loudest = worst_place(engine, weights[None], 0.5, 1e-3, directions=256)
+    >>> f"{loudest.equivalent_db_spl:.0f} dB SPL"
+    '139 dB SPL'
     """
     check_positive("distance_m", distance_m)
     if directions is None:
@@ -176,6 +193,11 @@ def a_weighting_db(frequency_hz: ArrayLike) -> FloatArray:
     ------
     ConfigurationError
         A frequency outside that range.
+
+    Examples
+    --------
+    >>> a_weighting_db([100.0, 1000.0]).round(1).tolist()
+    [-19.1, 0.0]
     """
     frequency = as_floats("frequency_hz", frequency_hz)
     if frequency.size and not (frequency.min() >= 10.0 and frequency.max() <= AUDIBLE_LIMIT_HZ):
@@ -223,6 +245,13 @@ def switching_level_db_a(
     ------
     ConfigurationError
         No drive, a duration that is not above 0, or a sequence whose lines would not fit.
+
+    Examples
+    --------
+    >>> other = np.exp(1j * focus_phases(model, (0.03, 0.0, 0.15)))
+    >>> lag = Resonator.from_bandwidth(2000.0)
+    >>> 0.0 < switching_level_db_a(engine, [weights, other], (0.0, -0.4, 0.4), 1e-3, lag) < 140.0
+    True
     """
     drives = as_sequence(weights, engine.model.array.count)
     settled = engine.pressure(drives, as_place("place_m", place_m)[None])[:, 0]

@@ -37,6 +37,12 @@ class GratingLobe:
         Angle to the array's own z.
     level_db : float
         Directivity there over the directivity in the steered direction.
+
+    Examples
+    --------
+    >>> sparse = AcousticModel(TransducerArray.grid(8, 8, pitch_m=0.02), Medium.air(), Transducer())
+    >>> max(lobe.level_db for lobe in grating_lobes(sparse, target)) < 0.0
+    True
     """
 
     order: tuple[int, int]
@@ -55,6 +61,12 @@ class SecondaryLobe:
         Where.
     level_db : float
         |p| there over |p| at the target.
+
+    Examples
+    --------
+    >>> lobe = largest_secondary_lobe(engine, weights, target, half_width_m=0.05)
+    >>> -20.0 < lobe.level_db < 0.0
+    True
     """
 
     position_m: tuple[float, float, float]
@@ -72,6 +84,11 @@ def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe
     ConfigurationError
         If the array is not a regular grid, whose pitch is known; a target that is not above it,
         along its own z.
+
+    Examples
+    --------
+    >>> grating_lobes(model, (0.0, 0.0, 0.3))[0].order
+    (-1, 0)
     """
     pitch = model.array.pitch_m
     if pitch is None or model.array.grid_shape is None:
@@ -103,6 +120,12 @@ def largest_secondary_lobe(
     ------
     ConfigurationError
         A half-width outside 10 to 500 mm, or as :func:`~haptogram.acoustics.pressure`.
+
+    Examples
+    --------
+    >>> lobe = largest_secondary_lobe(engine, weights, target, half_width_m=0.05)
+    >>> lobe.position_m[2] == target[2]
+    True
     """
     check_range("half_width_m", half_width_m, 0.010, _MAX_HALF_WIDTH_M)
     target = as_place("target_m", target_m)

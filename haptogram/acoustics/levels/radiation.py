@@ -36,7 +36,13 @@ _NO_LENGTH: Final = 1e-9
 
 
 def level_db_spl(pressure_rms_pa: float) -> float:
-    """Return the sound pressure level re 20 uPa, in dB; minus infinity for silence."""
+    """Return the sound pressure level re 20 uPa, in dB; minus infinity for silence.
+
+    Examples
+    --------
+    >>> round(level_db_spl(20e-6), 1), round(level_db_spl(2000.0), 1)
+    (0.0, 160.0)
+    """
     pressure = check_range("pressure_rms_pa", pressure_rms_pa, 0.0, 1e12)
     return 20.0 * math.log10(pressure / REFERENCE_PRESSURE_PA) if pressure > 0.0 else -math.inf
 
@@ -57,6 +63,11 @@ def radiation_pressure_pa(
     -----
     Langevin radiation pressure of a plane wave: L. E. Kinsler et al., or T. Hoshi et al., IEEE
     Trans. Haptics 3(3), 2010, eq. (1).
+
+    Examples
+    --------
+    >>> f"{float(radiation_pressure_pa(3000.0, model.medium)):.1f} Pa"
+    '63.5 Pa'
     """
     check_range("reflection", reflection, 1.0, 2.0)
     mean_square = 0.5 * np.abs(as_complex("pressure_peak_pa", pressure_peak_pa)) ** 2
@@ -97,6 +108,11 @@ def force_on_disc_n(
     ConfigurationError
         A radius out of range, a normal without direction, weights of several drives, or a disc that
         touches an element or reaches behind the array.
+
+    Examples
+    --------
+    >>> f"{1e3 * force_on_disc_n(engine, weights, target, radius_m=0.01):.1f} mN"
+    '14.9 mN'
     """
     engine = NumpyEngine(source) if isinstance(source, AcousticModel) else source
     return ReflectingDisc(engine, radius_m, normal).force_n(weights, centre_m)

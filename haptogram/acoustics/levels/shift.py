@@ -52,6 +52,12 @@ class FocalShift:
     size_rad : float
         Length of the offset in radians of phase, sqrt(d^T k^2 C d); it decides whether the
         prediction holds.
+
+    Examples
+    --------
+    >>> shift = predict_focal_shift(model, target)
+    >>> f"{1e3 * shift.offset_m[2]:.1f} mm"
+    '-3.3 mm'
     """
 
     offset_m: FloatArray
@@ -92,6 +98,11 @@ def predict_focal_shift(
     ------
     ConfigurationError
         As :func:`~haptogram.acoustics.propagators`, or amplitudes that do not fit the array.
+
+    Examples
+    --------
+    >>> f"{1e3 * predict_focal_shift(model, target).offset_m[2]:.1f} mm"
+    '-3.3 mm'
     """
     target = as_place("target_m", target_m)
     count = model.array.count
@@ -156,6 +167,12 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
         A start that has no field (:func:`~haptogram.acoustics.pressure`) or no sound; no
         maximum within 400 steps, each of at most a quarter of a wavelength, or before the field
         rises up to the array itself: the search keeps 1 mm away from every element.
+
+    Examples
+    --------
+    >>> peak = find_peak(engine, weights, target)
+    >>> bool(peak[2] < target[2])  # diffraction pulls the maximum towards the array
+    True
     """
     drive = as_drive(weights, engine.model.array.count)
     position = as_place("start_m", start_m).copy()
@@ -227,6 +244,11 @@ def paraxial_shift_m(model: AcousticModel, distance_m: float) -> float:
     """Return the paraxial shift -45 F^3 / (2 k^2 a^4) of a square aperture of half-width a.
 
     For comparison only: it ignores the directivity and is 26 % too large at 400 mm (16 x 16).
+
+    Examples
+    --------
+    >>> f"{1e3 * paraxial_shift_m(model, 0.15):.2f} mm"
+    '-3.46 mm'
     """
     half = float(model.array.half_extent_m[:2].max()) + (model.array.pitch_m or 0.0) / 2.0
     check_positive("half-width of the array", half)

@@ -61,6 +61,14 @@ class Calibration:
     ConfigurationError
         Shapes that do not fit each other, a value that is not finite or out of its range, or no
         element that radiates.
+
+    Examples
+    --------
+    >>> aged = Calibration(np.full(256, 0.9), np.zeros(256), array.positions_m)
+    >>> new = pressure(model, weights, [target])
+    >>> old = pressure(model.calibrated(aged), weights, [target])
+    >>> f"{abs(old / new)[0]:.2f}"
+    '0.90'
     """
 
     gain: FloatArray

@@ -60,6 +60,12 @@ class RectangularPiston:
     width_axis : (3,) array_like
         Direction of the width; its part along an element's normal is taken out.  It must not be
         the normal of any element.
+
+    Examples
+    --------
+    >>> piston = RectangularPiston(width_m=0.010, height_m=0.005)
+    >>> piston.baffled
+    True
     """
 
     baffled: ClassVar[bool] = True
@@ -151,6 +157,12 @@ class MeasuredDirectivity:
     ------
     ConfigurationError
         Angles or gains that are not such a table.
+
+    Examples
+    --------
+    >>> pattern = MeasuredDirectivity(angles_deg=[0, 30, 60, 90], gains=[1.0, 0.7, 0.25, 0.0])
+    >>> round(float(pattern.gain(np.cos(np.radians([30.0])), model.wavenumber)[0]), 3)
+    0.7
     """
 
     angles_deg: ArrayLike

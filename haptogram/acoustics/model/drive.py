@@ -51,6 +51,11 @@ class Drive:
     ------
     ConfigurationError
         Lengths that differ, a code out of range, no element or more than 1024.
+
+    Examples
+    --------
+    >>> drive == Drive.from_weights(weights, phase_bits=8), int(drive.amplitude_codes.max())
+    (True, 255)
     """
 
     phase_codes: NDArray[np.uint8]
@@ -127,13 +132,25 @@ class Drive:
 
 
 def saturated(weights: ArrayLike) -> ComplexArray:
-    """Return *weights* with their phases, and magnitudes above 1 cut to 1: what a drive can be."""
+    """Return *weights* with their phases, and magnitudes above 1 cut to 1: what a drive can be.
+
+    Examples
+    --------
+    >>> saturated([2.0j, 0.5]).tolist()
+    [1j, (0.5+0j)]
+    """
     values = as_weights(weights)
     return values / np.maximum(np.abs(values), 1.0)
 
 
 def quantise_phase(phases_rad: ArrayLike, bits: int) -> NDArray[np.uint8]:
-    """Return the codes floor(phi / 2 pi * 2^bits + 1/2) mod 2^bits, in the shape given."""
+    """Return the codes floor(phi / 2 pi * 2^bits + 1/2) mod 2^bits, in the shape given.
+
+    Examples
+    --------
+    >>> quantise_phase([0.0, np.pi / 2, -np.pi / 2], 8).tolist()
+    [0, 64, 192]
+    """
     check_phase_bits(bits)
     phases = as_floats("phases_rad", phases_rad)
     if phases.size and np.abs(phases).max() > _MAX_PHASE_RAD:
@@ -145,14 +162,26 @@ def quantise_phase(phases_rad: ArrayLike, bits: int) -> NDArray[np.uint8]:
 
 
 def dequantise_phase(codes: NDArray[np.uint8], bits: int) -> FloatArray:
-    """Return the phases 2 pi c / 2^bits in [0, 2 pi), in radians."""
+    """Return the phases 2 pi c / 2^bits in [0, 2 pi), in radians.
+
+    Examples
+    --------
+    >>> dequantise_phase(np.array([0, 64], dtype=np.uint8), 8).round(3).tolist()
+    [0.0, 1.571]
+    """
     check_phase_bits(bits)
     phases: FloatArray = np.asarray(codes, dtype=np.float64) * (_TURN_RAD / (1 << bits))
     return phases
 
 
 def phase_step_rad(bits: int) -> float:
-    """Return the least significant bit of a phase code, 2 pi / 2^bits."""
+    """Return the least significant bit of a phase code, 2 pi / 2^bits.
+
+    Examples
+    --------
+    >>> round(phase_step_rad(8), 4)
+    0.0245
+    """
     check_phase_bits(bits)
     return _TURN_RAD / (1 << bits)
 

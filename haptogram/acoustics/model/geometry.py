@@ -75,6 +75,12 @@ class TransducerArray:
     ConfigurationError
         No element or more than 1024, a value that is not finite or beyond 100 m, a zero normal, or
         two elements closer than 0.1 mm.
+
+    Examples
+    --------
+    >>> square = TransducerArray.grid(2, 2, pitch_m=0.01)
+    >>> square.count, square.positions_m.tolist()
+    (4, [[-0.005, -0.005, 0.0], [-0.005, 0.005, 0.0], [0.005, -0.005, 0.0], [0.005, 0.005, 0.0]])
     """
 
     positions_m: FloatArray

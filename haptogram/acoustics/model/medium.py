@@ -34,6 +34,12 @@ class Medium:
     ------
     ConfigurationError
         A speed or density that is not above zero, an absorption below zero.
+
+    Examples
+    --------
+    >>> air = Medium.air(temperature_c=25.0, relative_humidity_percent=40.0)
+    >>> f"{air.sound_speed_m_s:.1f} m/s"
+    '346.1 m/s'
     """
 
     sound_speed_m_s: float
@@ -129,6 +135,11 @@ def iso_9613_absorption_np_m(
         Outside -20 to 50 degrees Celsius, 10 to 100 % relative humidity, 50 to 200 kPa, or a ratio
         of frequency to pressure outside 4e-4 to 10 Hz/Pa: the ranges for which the standard states
         an accuracy (10 %, or 20 % beyond a molar water content of 5 %).
+
+    Examples
+    --------
+    >>> f"{iso_9613_absorption_np_m(20.0, 50.0, 101_325.0, 40e3):.3f} Np/m"
+    '0.152 Np/m'
     """
     check_range("temperature_c", temperature_c, -20.0, 50.0)
     check_range("relative_humidity_percent", relative_humidity_percent, 10.0, 100.0)

@@ -38,6 +38,11 @@ class AcousticModel:
     ------
     ConfigurationError
         A calibration of another number of elements.
+
+    Examples
+    --------
+    >>> f"{1e3 * model.wavelength_m:.2f} mm"
+    '8.58 mm'
     """
 
     array: TransducerArray

@@ -15,7 +15,14 @@ GRAZING: Final = -1e-6
 
 
 class Directivity(Protocol):
-    """The far-field pattern of a source: real, 1 on its axis."""
+    """The far-field pattern of a source: real, 1 on its axis.
+
+    Examples
+    --------
+    >>> pattern: Directivity = CircularPiston()
+    >>> pattern.baffled, round(float(pattern.gain(np.array([1.0]), model.wavenumber)[0]), 6)
+    (True, 1.0)
+    """
 
     @property
     def baffled(self) -> bool:
@@ -29,7 +36,13 @@ class Directivity(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PointSource:
-    """An omnidirectional source: gain 1 everywhere, behind it too."""
+    """An omnidirectional source: gain 1 everywhere, behind it too.
+
+    Examples
+    --------
+    >>> PointSource().gain(np.array([1.0, 0.0, -1.0]), model.wavenumber)
+    array([1., 1., 1.])
+    """
 
     baffled: ClassVar[bool] = False
 
@@ -49,6 +62,15 @@ class CircularPiston:
     ----------
     radius_m : float
         Effective radius a; 4.70 mm gives the 80 degree beam (-6 dB) of a 10 mm, 40 kHz transducer.
+
+    Examples
+    --------
+    >>> wide, narrow = CircularPiston(radius_m=0.002), CircularPiston(radius_m=0.0047)
+    >>> cosines = np.cos(np.radians([0.0, 45.0]))
+    >>> wide.gain(cosines, model.wavenumber).round(2).tolist()
+    [1.0, 0.87]
+    >>> narrow.gain(cosines, model.wavenumber).round(2).tolist()
+    [1.0, 0.42]
     """
 
     baffled: ClassVar[bool] = True
@@ -82,6 +104,11 @@ class Transducer:
         RMS pressure on the axis times the distance at full drive, in Pa m.
     frequency_hz : float
         Carrier frequency.
+
+    Examples
+    --------
+    >>> Transducer(CircularPiston(radius_m=0.0047), source_strength_pa_m=2.5).frequency_hz
+    40000.0
     """
 
     directivity: Directivity = field(default_factory=CircularPiston)

@@ -28,6 +28,12 @@ class SingleFocus:
         as of :func:`.radiation.force_on_disc_n`.
     acquired : str
         "warm": found from the focus before; "global": searched for.
+
+    Examples
+    --------
+    >>> found = Reconstructor(model).reconstruct(drive)
+    >>> isinstance(found, SingleFocus), f"{1e3 * found.force_n:.0f} mN"
+    (True, '15 mN')
     """
 
     position_m: Vector
@@ -48,7 +54,14 @@ class SingleFocus:
 
 @dataclass(frozen=True, slots=True)
 class NoFocus:
-    """Nothing steady is radiated; *reason* says why."""
+    """Nothing steady is radiated; *reason* says why.
+
+    Examples
+    --------
+    >>> silent = Drive.from_weights(np.zeros(256), phase_bits=8)
+    >>> Reconstructor(model).reconstruct(silent)
+    NoFocus(reason='muted')
+    """
 
     reason: Literal["muted", "ramping", "zero amplitude"]
 
@@ -75,6 +88,12 @@ class NotSingle:
     outliers : tuple of int
         The elements that are off by more than a phase step, where the others (more than half) agree
         on one focus; empty where they do not.
+
+    Examples
+    --------
+    >>> pair = superpose(model, [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)], [0.5, 0.5], [0.0, 0.0])
+    >>> type(Reconstructor(model).reconstruct(Drive.from_weights(pair, phase_bits=8))).__name__
+    'NotSingle'
     """
 
     residual_rms_rad: float

@@ -93,6 +93,12 @@ class Reconstructor:
         Resolution of the phases of complex weights; a `Drive` of fewer bits counts by its own.
     engine : FieldEngine, optional
         What computes the field on the disc; the fastest that serves the model if not given.
+
+    Examples
+    --------
+    >>> found = Reconstructor(model).reconstruct(drive)
+    >>> type(found).__name__, [round(1e3 * value, 1) + 0.0 for value in found.position_m]
+    ('SingleFocus', [0.0, 0.0, 150.0])
     """
 
     def __init__(

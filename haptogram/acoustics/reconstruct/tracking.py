@@ -51,6 +51,12 @@ class Fix(NamedTuple):  # a dataclass would take as long to make as a Gauss-Newt
         Whether the last step was below 1e-4 wavelengths.
     clearance_m : float
         Distance from the nearest element, in metres.
+
+    Examples
+    --------
+    >>> found = FocusTracker(model).acquire(drive.phase_codes)
+    >>> found.converged, bool(np.linalg.norm(np.array(found.position_m) - target) < 0.1e-3)
+    (True, True)
     """
 
     position_m: Point
@@ -75,6 +81,13 @@ class FocusTracker:
     ------
     ConfigurationError
         numba is not installed (use :class:`.Reconstructor`), or fewer than four elements radiate.
+
+    Examples
+    --------
+    >>> tracker = FocusTracker(model)
+    >>> found = tracker.fit(drive.phase_codes, start_m=(0.001, 0.0, 0.149))
+    >>> tracker.explains(found), [round(1e3 * value + 0.0, 1) + 0.0 for value in found.position_m]
+    (True, [0.0, 0.0, 150.0])
     """
 
     def __init__(self, model: AcousticModel, phase_bits: int = MAX_PHASE_BITS) -> None:

@@ -34,6 +34,12 @@ class FocusCodes:
         The array and its medium.
     phase_bits : int
         Resolution of the codes, 1 to 8.
+
+    Examples
+    --------
+    >>> codes = FocusCodes(model).codes([target, (0.02, 0.0, 0.15)])
+    >>> codes.shape, codes.dtype.name
+    ((2, 256), 'uint8')
     """
 
     def __init__(self, model: AcousticModel, phase_bits: int = MAX_PHASE_BITS) -> None:

@@ -72,6 +72,13 @@ class PhaseFit:
         Steps that were taken.
     converged : bool
         Whether the last step was below 0.1 nm.
+
+    Examples
+    --------
+    >>> phases_rad = dequantise_phase(drive.phase_codes, 8)
+    >>> fit = fit_focus(model, phases_rad, (0.0, 0.0, 0.14), phase_bits=8)
+    >>> fit.converged, bool(fit.bound_m.max() < 1e-3)
+    (True, True)
     """
 
     position_m: FloatArray
@@ -94,6 +101,13 @@ def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
         Not three finite numbers; less than 20 mm above the array's centre or from any element; more
         than 1 m from the centre; |x|, |y| beyond the array's half-width plus 150 mm; behind it.
         Height, x and y are along the array's own axes.
+
+    Examples
+    --------
+    >>> check_target(model, (0.0, 0.0, -0.1))
+    Traceback (most recent call last):
+        ...
+    haptogram.errors.ConfigurationError: target: height z is -100 mm, must be at least 20 mm
     """
     target = as_place("target_m", target_m)
     offset = model.array.local_m(target)
@@ -135,6 +149,12 @@ def focus_phases(model: AcousticModel, target_m: ArrayLike) -> FloatArray:
     -------
     (N,) or (T, N) numpy.ndarray
         phi_n = -k r_n - arg h_n, in radians, not wrapped.
+
+    Examples
+    --------
+    >>> phases = focus_phases(model, target)
+    >>> phases.shape, f"{abs(pressure(model, np.exp(1j * phases), [target])[0]):.0f} Pa"
+    ((256,), '5393 Pa')
     """
     targets = as_floats("target_m", target_m)
     points = as_points("target_m", np.atleast_2d(targets))
@@ -162,6 +182,12 @@ def superpose(
     (N,) numpy.ndarray of complex128
         w_n = sum_i a_i e^{j psi_i} e^{-j (k r_n(i) + arg h_n)}; magnitudes above 1 are clipped by
         :meth:`Drive.from_weights`, not here.
+
+    Examples
+    --------
+    >>> both = superpose(model, [target, (0.03, 0.0, 0.15)], [0.5, 0.5], [0.0, np.pi])
+    >>> both.shape
+    (256,)
     """
     points = as_points("points_m", points_m)
     levels = as_vector("amplitudes", amplitudes, len(points))
@@ -200,6 +226,13 @@ def fit_focus(
     ------
     ConfigurationError
         Shapes that do not fit the array, values that are not finite, or no active element.
+
+    Examples
+    --------
+    >>> phases_rad = dequantise_phase(drive.phase_codes, 8)
+    >>> fit = fit_focus(model, phases_rad, (0.0, 0.0, 0.14), phase_bits=8)
+    >>> bool(np.linalg.norm(fit.position_m - target) < 0.1e-3)
+    True
     """
     phases = as_vector("phases_rad", phases_rad, model.array.count)
     used = _as_mask(active, model.array.count)

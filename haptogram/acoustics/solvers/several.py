@@ -70,6 +70,13 @@ def solve(
     ConfigurationError
         An unknown method; no focus or too many; foci out of reach (:func:`.focus.check_target`);
         amplitudes or rounds out of range; a focus that no element reaches.
+
+    Examples
+    --------
+    >>> pair = [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)]
+    >>> levels = np.abs(pressure(model, solve(model, pair, method="gs"), pair))
+    >>> bool(abs(levels[0] / levels[1] - 1.0) < 0.02)
+    True
     """
     points = as_points("points_m", points_m)
     if method not in METHODS:
@@ -114,6 +121,12 @@ def weights_for_foci(
     ------
     ConfigurationError
         As :func:`.focus.superpose` and :func:`solve`.
+
+    Examples
+    --------
+    >>> one = weights_for_foci(model, [target], [1.0], [0.0])
+    >>> bool(np.allclose(one, weights))
+    True
     """
     if method == "naive" or len(as_points("points_m", points_m)) == 1:
         return saturated(superpose(model, points_m, amplitudes, phases_rad))
@@ -277,6 +290,13 @@ class Quality:
         sum_i (|p_i| / sum_n |g_in|)^2: 1 is all the power of one perfect focus.
     uniformity : float
         1 - (max - min) / (max + min) of (|p_i| / a_i)^2: 1 if all are as wanted.
+
+    Examples
+    --------
+    >>> pair = [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)]
+    >>> found = quality(model, solve(model, pair), pair, [1.0, 1.0])
+    >>> found.uniformity > 0.99
+    True
     """
 
     efficiency: float
@@ -293,6 +313,12 @@ def quality(
     ConfigurationError
         Shapes that do not fit each other or the array; no focus, one that no element reaches, or
         no sound at any; amplitudes out of range.
+
+    Examples
+    --------
+    >>> pair = [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)]
+    >>> quality(model, solve(model, pair), pair, [1.0, 1.0]).uniformity > 0.99
+    True
     """
     points = as_points("points_m", points_m)
     wanted = as_vector("amplitudes", amplitudes, len(points))

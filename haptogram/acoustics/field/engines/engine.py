@@ -34,6 +34,11 @@ def choose_engine(model: AcousticModel, *, prefer: Preference = "auto") -> Field
     ConfigurationError
         An unknown preference; "numba" where it is not installed; single precision for a model that
         it does not serve.
+
+    Examples
+    --------
+    >>> type(choose_engine(model, prefer="numpy")).__name__
+    'NumpyEngine'
     """
     if prefer == "numpy":
         return NumpyEngine(model)

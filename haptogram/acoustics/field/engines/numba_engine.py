@@ -30,6 +30,13 @@ class NumbaEngine(SingleEngine):
     ------
     ConfigurationError
         numba is not installed, or single precision does not serve the model.
+
+    Examples
+    --------
+    >>> fast = choose_engine(model)  # a NumbaEngine, if numba is installed
+    >>> ratio = fast.pressure(weights, [target]) / engine.pressure(weights, [target])
+    >>> bool(abs(ratio[0] - 1.0) < 1e-4)
+    True
     """
 
     REACH = Reach(aperture=256.0, aperture_loss=0.15, few=1000.0, many=1000.0)

@@ -20,6 +20,13 @@ class Numpy32Engine(SingleEngine):
 
     r - r0 = (r^2 - r0^2) / (r + r0), with r0 the distance from the array's centre: the difference
     is small, so its phase is exact enough, and r^2 - r0^2 = |s|^2 - 2 s x is a matrix product.
+
+    Examples
+    --------
+    >>> single = Numpy32Engine(model)
+    >>> ratio = single.pressure(weights, [target]) / engine.pressure(weights, [target])
+    >>> bool(abs(ratio[0] - 1.0) < 1e-4)
+    True
     """
 
     REACH = Reach(aperture=32.0, aperture_loss=0.06, few=32.0, many=72.0)
