@@ -218,7 +218,7 @@ def board_without_a_line(mutant: str | None) -> MakeBoard:
     import functools
 
     from sim_device.mutants import parts_of
-    from sim_device.soak_board import JudgedBoard
+    from sim_device.soak_board import SoakBoard
 
     parts_of(mutant)
-    return functools.partial(JudgedBoard, mutant=mutant)
+    return functools.partial(SoakBoard, mutant=mutant)

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from .backdoor.recorder import InlineReconstruction
     from .backdoor.worker import ReconstructionWorker
-    from .board.board import Board, StreamFrame
+    from .board.board import Board
     from .board.events import Latch
     from .board.settings import BoardSettings, board_settings
+    from .board.stream_queue import StreamFrame
     from .protocol_haptogram import register_url_handler
     from .simulation import Simulation
 
@@ -25,7 +26,7 @@ _HOME: Final = {
     "Latch": "board.events",
     "ReconstructionWorker": "backdoor.worker",
     "Simulation": "simulation",
-    "StreamFrame": "board.board",
+    "StreamFrame": "board.stream_queue",
     "board_settings": "board.settings",
     "register_url_handler": "protocol_haptogram",
 }

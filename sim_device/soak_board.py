@@ -1,7 +1,7 @@
-"""A virtual board without its line that keeps its verdict on every frame: what a soak needs.
+"""A virtual board for a soak: it has no line, and keeps its verdict on every frame.
 
-Bytes are handed over at the moment at which the last of them has come, so the line, and whatever
-goes wrong on it, is the caller's.
+Bytes are handed over at the moment at which the last of them has come: the line and its faults are
+the caller's.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import dataclasses
 from typing import Final, TypeAlias
 
 from haptogram.settings.faults.plan import FaultPlan
-from haptogram_protocol.connection import BoardConnection, BoardEvent, NeedData, StreamReceived
+from haptogram_protocol.connection import BoardEvent, StreamReceived
 from haptogram_protocol.connection.events import FrameDropped, RequestReceived
 from haptogram_protocol.export.tables import description_hash
 
@@ -25,21 +25,21 @@ Verdict: TypeAlias = int | str
 REQUEST: Final = "request"
 
 
-class JudgedBoard:
+class SoakBoard:
     """A board from its power-up on; times are nanoseconds since then.
 
     Parameters
     ----------
     seed : int
-        Of everything about it that looks random.
+        Seed of everything random.
     baud : int
-        What it believes its line to carry.
+        Rate of the line that it reports.
     clock_faults : sequence of str
         Faults of its clock, as in docs/faults.md.
     running_us : int
-        How long its clock has been running at power-up, as if it were an earlier one.
+        Time that its clock has been running at power-up.
     mutant : str or None
-        What is wrong with its firmware.
+        Firmware that is wrong in one way.
     """
 
     def __init__(
@@ -58,8 +58,7 @@ class JudgedBoard:
         settings = dataclasses.replace(
             board_settings(seed=seed, baud=baud), boot_us=self._clock.boot_us
         )
-        judging = dataclasses.replace(parts, connection=_judging(parts.connection, self._verdicts))
-        self._dialect = judging.assemble(settings, description_hash())
+        self._dialect = parts.assemble(settings, description_hash(), self._note)
         self.transducers = settings.count
         self.carrier_us = settings.carrier_us
 
@@ -89,7 +88,7 @@ class JudgedBoard:
         self._dialect.receive(data, self._now_us(t_ns))
 
     def advance_to(self, t_ns: int) -> None:
-        """Let happen what is due up to *t_ns*."""
+        """Let everything happen that is due up to *t_ns*."""
         self._dialect.advance_to(self._now_us(t_ns))
 
     def _now_us(self, t_ns: int) -> int:
@@ -100,7 +99,7 @@ class JudgedBoard:
         return self._dialect.take_output() if self._dialect.output_bytes else b""
 
     def take_verdicts(self) -> list[Verdict]:
-        """Return what became of each frame, in order, since the last call."""
+        """Return the verdict on each frame since the last call, in order."""
         taken = self._verdicts[:]
         self._verdicts.clear()
         return taken
@@ -110,23 +109,15 @@ class JudgedBoard:
         return self._dialect.take_latches()
 
     def take_timeouts(self) -> int:
-        """Return how often a timer has switched the output off since the last call."""
+        """Return how many times a timer switched the output off since the last call."""
         notices = self._dialect.take_notices()
         return sum(isinstance(n, StateChange) and not n.requested for n in notices)
 
-
-def _judging(kind: type[BoardConnection], verdicts: list[Verdict]) -> type[BoardConnection]:
-    """Return *kind*, telling *verdicts* about every frame."""
-
-    class _Judging(kind):  # type: ignore[valid-type,misc]  # chosen at run time
-        def next_event(self) -> BoardEvent | NeedData:
-            event: BoardEvent | NeedData = super().next_event()
-            if isinstance(event, StreamReceived):
-                verdicts.append(event.index)
-            elif isinstance(event, FrameDropped):
-                verdicts.append(event.reason)
-            elif isinstance(event, RequestReceived):
-                verdicts.append(REQUEST)
-            return event
-
-    return _Judging
+    def _note(self, event: BoardEvent) -> None:
+        """Keep the board's verdict on the frame of *event*."""
+        if isinstance(event, StreamReceived):
+            self._verdicts.append(event.index)
+        elif isinstance(event, FrameDropped):
+            self._verdicts.append(event.reason)
+        elif isinstance(event, RequestReceived):
+            self._verdicts.append(REQUEST)

@@ -12,9 +12,8 @@ from typing import Any, Final, Protocol, Self
 
 from haptogram.acoustics import AcousticModel
 from haptogram_protocol.export.tables import description_hash
-from sim_device.board.board import Board
+from sim_device.assembly import HEALTHY
 from sim_device.board.settings import BoardSettings
-from sim_device.dialects.haptogram import BoardDialect
 
 _PATIENCE_S: Final = 20
 
@@ -58,7 +57,7 @@ class PythonBoard:
 
     def reset(self) -> None:
         """Switch the board off and on; time begins at 0 again."""
-        self._dialect = BoardDialect(Board(self._settings), description_hash())
+        self._dialect = HEALTHY.assemble(self._settings, description_hash())
 
     @property
     def next_event_us(self) -> int | None:

@@ -2,14 +2,16 @@
 
 Time is an argument: unwrapped device microseconds. What happens by itself happens in
 :meth:`Board.advance_to`, at its own time and in order of time, so any partition of a span gives
-the same result. What is asked of the board happens at the time it was last advanced to, after
+the same result. A request to the board takes effect at the time it was last advanced to, after
 everything that was due then.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
+from haptogram.acoustics import Drive
 from haptogram_protocol.messages import (
     Config,
     ErrorCode,
@@ -20,66 +22,132 @@ from haptogram_protocol.messages import (
     UploadCommit,
     UploadKind,
 )
-from haptogram_protocol.state import MuteReason, OutputInput, OutputState
+from haptogram_protocol.state import MuteReason, OutputState
 
 from .configuration import check_config, config_crc
-from .counters import Drop, Margins
-from .events import PlaybackEnd, SessionOpened
+from .counters import BoardCounters, Drop, Margins
+from .events import Latch, Notice, PlaybackEnd, SessionOpened
 from .output import Due, OutputStage
 from .playback import Playback
 from .refusal import RefusalError
-from .registers import Content, PointFocuser
+from .registers import PointFocuser
 from .settings import BoardSettings
-from .stream_queue import Entry, StreamQueue
+from .stream_queue import Entry, StreamFrame, StreamQueue
+from .timers import OutputTimers
 from .uploads import Upload, Uploads
 
 
 @dataclass(frozen=True, slots=True)
-class StreamFrame:
-    """A stream frame, its values checked.
+class BoardParts:
+    """The parts of a board; each is the healthy one unless another is given."""
 
-    Attributes
-    ----------
-    index : int
-        Unwrapped sequence number.
-    t_apply_us : int or None
-        Unwrapped device time; None: as soon as possible, before everything that is queued.
-    content : Content
-        A drive in the resolution it was commanded in, or focal points.
-    """
-
-    index: int
-    t_apply_us: int | None
-    content: Content
+    output: type[OutputStage] = OutputStage
+    timers: type[OutputTimers] = OutputTimers
+    queue: type[StreamQueue] = StreamQueue
+    uploads: type[Uploads] = Uploads
 
 
-class Board(OutputStage):
+_HEALTHY: Final = BoardParts()
+
+
+class Board:
     """One virtual board, from its power-up on.
 
+    Parameters
+    ----------
+    settings : BoardSettings
+        Hardware and limits.
+    parts : BoardParts
+        Its parts.
+
     Attributes
     ----------
+    output : OutputStage
+        Output state, registers and timers.
     margins : Margins
         Arrival margin of stream frames.
     last_stream_index : int
         Unwrapped sequence number of the last latched stream frame, 0: none in this session.
     """
 
-    def __init__(self, settings: BoardSettings) -> None:
-        super().__init__(settings)
+    def __init__(self, settings: BoardSettings, parts: BoardParts = _HEALTHY) -> None:
+        self.settings = settings
+        self.output = parts.output(settings, self._stop_sources, timers=parts.timers)
         self.margins = Margins()
         self.last_stream_index = 0
-        self._queue = StreamQueue(settings.queue_depth)
-        self._focuser = PointFocuser(settings, self.config.sound_speed_mm_s)
-        self._uploads = Uploads(settings)
+        self._queue = parts.queue(settings.queue_depth)
+        self._focuser = PointFocuser(settings, self.output.config.sound_speed_mm_s)
+        self._uploads = parts.uploads(settings)
         self._sequences: dict[int, Upload] = {}
         self._playback: Playback | None = None
+
+    # --- output --------------------------------------------------------------------------------
+
+    @property
+    def now_us(self) -> int:
+        """Device time up to which everything has happened."""
+        return self.output.now_us
+
+    @property
+    def state(self) -> OutputState:
+        """Output state."""
+        return self.output.state
+
+    @property
+    def reason(self) -> MuteReason:
+        """Reason for the output state."""
+        return self.output.reason
+
+    @property
+    def session(self) -> int:
+        """Session that is open, 0: none."""
+        return self.output.session
+
+    @property
+    def latched(self) -> Latch | None:
+        """The last latch of this session."""
+        return self.output.latched
+
+    @property
+    def config(self) -> Config:
+        """Configuration in force."""
+        return self.output.config
+
+    @property
+    def counters(self) -> BoardCounters:
+        """Counts since power-up."""
+        return self.output.counters
+
+    def arm(self) -> None:
+        """Allow output; see :meth:`OutputStage.arm`."""
+        self.output.arm()
+
+    def mute(self, *, requested: bool = True) -> None:
+        """Switch the output off; see :meth:`OutputStage.mute`."""
+        self.output.mute(requested=requested)
+
+    def disarm(self) -> None:
+        """Switch the output off and forbid it."""
+        self.output.disarm()
+
+    def radiated(self, t_us: int) -> Drive:
+        """Return the drive that leaves the transducers at *t_us*, now or before the next event."""
+        return self.output.radiated(t_us)
+
+    def take_latches(self) -> list[Latch]:
+        """Return the latches since the last call, in order."""
+        return self.output.take_latches()
+
+    def take_notices(self) -> list[Notice]:
+        """Return changes of the output and ends of playback since the last call, in order."""
+        return self.output.take_notices()
 
     # --- time ----------------------------------------------------------------------------------
 
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
         due = self._next_due()
-        return None if due is None else max(due[0], self._now_us)
+        return None if due is None else max(due[0], self.output.now_us)
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, that moment included.
@@ -91,9 +159,9 @@ class Board(OutputStage):
         """
         self._refuse_past(t_us)
         while (due := self._next_due()) is not None and due[0] <= t_us:
-            self._now_us = max(self._now_us, due[0])
+            self.output.now_us = max(self.output.now_us, due[0])
             due[1]()
-        self._now_us = t_us
+        self.output.now_us = t_us
 
     def idle_to(self, t_us: int) -> None:
         """Let time pass in which nothing is due.
@@ -104,17 +172,18 @@ class Board(OutputStage):
             If time would run backwards.
         """
         self._refuse_past(t_us)
-        self._now_us = t_us
+        self.output.now_us = t_us
 
     def _refuse_past(self, t_us: int) -> None:
-        if t_us < self._now_us:
-            raise ValueError(f"board is at {self._now_us} us, cannot go back to {t_us} us")
+        if t_us < self.output.now_us:
+            raise ValueError(f"board is at {self.output.now_us} us, cannot go back to {t_us} us")
 
     def _next_due(self) -> Due | None:
-        """Return what happens next; at one time, latches come before timers."""
-        due = self._timer() if self.state is OutputState.ARMED else None
+        """Return the next action; at one time, latches come before timers."""
+        due = self.output.next_timer()
         if self._playback is not None:
-            due = _earlier((self._boundary_us(self._playback.due_us), self._latch_playback), due)
+            due_us = self.output.boundary_us(self._playback.due_us)
+            due = _earlier((due_us, self._latch_playback), due)
         if (head := self._queue.head) is not None:
             due = _earlier((head.t_latch_us, self._latch_stream), due)
         return due
@@ -123,19 +192,15 @@ class Board(OutputStage):
 
     def open_session(self, nonce: int) -> None:
         """Begin a session: output off, queue and trace empty; sequences and settings stay."""
-        self._enter(OutputInput.NEW_SESSION, MuteReason.NEW_SESSION)
-        self._silence_output()
+        self.output.begin_session(nonce)
         self._uploads.abandon()
-        self.session, self.latched = nonce, None
-        self._latches = self.last_stream_index = 0
-        self._ring.clear()
-        self._new_notices.append(SessionOpened(self._now_us, nonce))
+        self.last_stream_index = 0
+        self.output.note(SessionOpened(self.output.now_us, nonce))
 
-    def _silence_output(self) -> None:
-        """Stop radiating, and whatever could begin to: queue and playback."""
+    def _stop_sources(self) -> None:
+        """Flush the queue and end playback."""
         self.counters.flushed += self._queue.flush()
         self._end_playback()
-        super()._silence_output()
 
     # --- stream --------------------------------------------------------------------------------
 
@@ -149,8 +214,8 @@ class Board(OutputStage):
             self.counters.flushed += self._queue.flush()
         entry = self._entry(frame)
         self.counters.flushed += self._queue.push(entry)
-        if entry.t_latch_us <= self._now_us:  # its boundary is this very moment
-            self.advance_to(self._now_us)
+        if entry.t_latch_us <= self.output.now_us:  # its boundary is this very moment
+            self.advance_to(self.output.now_us)
         return None
 
     @property
@@ -163,7 +228,7 @@ class Board(OutputStage):
             return Drop.STATE
         if frame.t_apply_us is None:
             return None
-        margin_us = frame.t_apply_us - self._now_us
+        margin_us = frame.t_apply_us - self.output.now_us
         self.margins.add(margin_us)
         if not self._queue.precedes(frame.t_apply_us):
             return Drop.ORDER
@@ -175,13 +240,13 @@ class Board(OutputStage):
 
     def _entry(self, frame: StreamFrame) -> Entry:
         drive, bits = self._focuser.registers(frame.content)
-        t_apply_us = self._now_us if frame.t_apply_us is None else frame.t_apply_us
+        t_apply_us = self.output.now_us if frame.t_apply_us is None else frame.t_apply_us
         return Entry(
             index=frame.index,
             t_apply_us=t_apply_us,
-            t_latch_us=self._boundary_us(t_apply_us),
-            late=t_apply_us < self._now_us,
-            t_received_us=self._now_us,
+            t_latch_us=self.output.boundary_us(t_apply_us),
+            late=t_apply_us < self.output.now_us,
+            t_received_us=self.output.now_us,
             drive=drive,
             commanded_bits=bits,
         )
@@ -191,7 +256,7 @@ class Board(OutputStage):
         self.last_stream_index = entry.index
         self.counters.late += entry.late
         key = LatchKey(sequence=0, loop=0, index=entry.index)
-        self._latch(
+        self.output.latch(
             key,
             entry.drive,
             entry.commanded_bits,
@@ -204,7 +269,7 @@ class Board(OutputStage):
     @property
     def config_crc(self) -> int:
         """CRC-32 of configuration and phase correction."""
-        return config_crc(self.config, self.correction)
+        return config_crc(self.output.config, self.output.correction)
 
     def configure(self, config: Config) -> None:
         """Put *config* in force, timers included.
@@ -217,11 +282,8 @@ class Board(OutputStage):
         check_config(config, self.settings)
         if config.sound_speed_mm_s != self.config.sound_speed_mm_s:
             self._focuser = PointFocuser(self.settings, config.sound_speed_mm_s)
-        self.config = config
-        if self.state is OutputState.ARMED:
-            self._safety.reconfigure(self._now_us, self._last_boundary_us, config)
-            self.renew_lease()
-            self.advance_to(self._now_us)  # a shorter hold may have run out already
+        self.output.configure(config)
+        self.advance_to(self.output.now_us)  # a shorter hold may have run out already
 
     def begin_upload(self, begin: UploadBegin) -> None:
         """Make room for an upload; see :meth:`Uploads.begin` for what is refused."""
@@ -240,7 +302,7 @@ class Board(OutputStage):
         self._refuse_without_upload()
         upload = self._uploads.commit(commit)
         if upload.begin.kind is UploadKind.CORRECTION:
-            self.correction = upload.data
+            self.output.correction = upload.data
         else:
             self._sequences[commit.target] = upload
         self._uploads.abandon()
@@ -281,12 +343,12 @@ class Board(OutputStage):
             held = len(self._sequences)
             raise RefusalError(ErrorCode.NOT_FOUND, held, f"no sequence {sequence}")
         self._check_play(start_us, period_us, unattended_ms)
-        start_us = self._now_us if start_us is None else start_us
+        start_us = self.output.now_us if start_us is None else start_us
         self.counters.flushed += self._queue.flush()
         self._playback = Playback(sequence, frames, start_us, period_us, loops, unattended_ms)
-        self._unattended_ms = unattended_ms
-        self.renew_lease()
-        self.advance_to(self._now_us)
+        self.output.unattended_ms = unattended_ms
+        self.output.renew_lease()
+        self.advance_to(self.output.now_us)
 
     def _check_play(self, start_us: int | None, period_us: int, unattended_ms: int) -> None:
         limits = self.settings
@@ -297,34 +359,34 @@ class Board(OutputStage):
             text = f"unattended for {unattended_ms} ms, 1 to {limits.max_unattended_ms}"
             offset = Play.WIRE["unattended_ms"].offset
             raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
-        if start_us is not None and not 0 <= start_us - self._now_us <= limits.max_horizon_us:
-            text = f"start in {start_us - self._now_us} us, 0 to {limits.max_horizon_us}"
+        if start_us is not None and not 0 <= start_us - self.output.now_us <= limits.max_horizon_us:
+            text = f"start in {start_us - self.output.now_us} us, 0 to {limits.max_horizon_us}"
             raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
 
     def stop(self) -> None:
         """End playback, if any; the last drive is held for ``hold_ms``."""
         if self._playback is not None:
             self._end_playback()
-            self.renew_lease()
+            self.output.renew_lease()
 
     def _latch_playback(self) -> None:
         playback = self._playback
         if playback is None:
             return
         drive, bits = self._focuser.registers(playback.content)
-        self._latch(playback.key, drive, bits, late=False)
+        self.output.latch(playback.key, drive, bits, late=False)
         playback.played += 1
         if playback.is_over:
             self.stop()  # from here on the host timeout counts again
 
     def _end_playback(self) -> None:
         if (ended := self._playback) is not None:
-            self._playback, self._unattended_ms = None, None
-            self._new_notices.append(
-                PlaybackEnd(self._now_us, ended.sequence, ended.loops_done, ended.played)
+            self._playback, self.output.unattended_ms = None, None
+            self.output.note(
+                PlaybackEnd(self.output.now_us, ended.sequence, ended.loops_done, ended.played)
             )
 
 
 def _earlier(due: Due, other: Due | None) -> Due:
-    """Return what happens first; *due*, if both do at one time."""
+    """Return the earlier action; *due*, if both are due at one time."""
     return due if other is None or due[0] <= other[0] else other

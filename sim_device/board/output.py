@@ -1,7 +1,6 @@
 """The output of a board: its state, the drive at the transducers, and the timers that silence it.
 
-It happens at the time that :class:`~sim_device.board.board.Board` has come to; nothing here lets
-time pass.
+Everything here happens at ``now_us``, which :class:`~sim_device.board.board.Board` advances.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from typing import TypeAlias
 
 from haptogram.acoustics import Drive
 from haptogram_protocol.errors import LocalProtocolError
-from haptogram_protocol.messages import ErrorCode, Feature, LatchKey, TraceMode
+from haptogram_protocol.messages import Config, ErrorCode, Feature, LatchKey, TraceMode
 from haptogram_protocol.state import MuteReason, OutputInput, OutputState, next_output_state
 
 from .configuration import initial_config
@@ -20,25 +19,36 @@ from .counters import BoardCounters
 from .events import Latch, Notice, RampBegan, RampEnded, StateChange
 from .refusal import RefusalError
 from .registers import radiated_drive
-from .safety import NEVER_US, Safety
 from .settings import BoardSettings
+from .timers import NEVER_US, OutputTimers
 
-Due: TypeAlias = tuple[int, Callable[[], None]]  # when, and what happens then
+Due: TypeAlias = tuple[int, Callable[[], None]]  # when, and the action
 
 
 class OutputStage:
-    """What is common to everything that can be latched.
+    """Output state, registers, trace ring and timers of one board.
+
+    Parameters
+    ----------
+    settings : BoardSettings
+        Hardware and limits of the board.
+    stop_sources : callable
+        Stops the board's queue and playback, whose latches would end the silence.
+    timers : type, keyword-only
+        The timers.
 
     Attributes
     ----------
-    settings : BoardSettings
-        What the board is.
+    now_us : int
+        Device time up to which everything has happened.
     config : Config
-        What the host set.
+        Configuration in force.
     correction : (N,) bytes
         Codes added to the phases that are radiated.
+    unattended_ms : int or None
+        Replaces the host timeout while a sequence plays.
     state, reason
-        Output state, and what led to it.
+        Output state, and the reason for it.
     session : int
         Session that is open, 0: none.
     latched : Latch or None
@@ -47,8 +57,15 @@ class OutputStage:
         Counts since power-up.
     """
 
-    def __init__(self, settings: BoardSettings) -> None:
+    def __init__(
+        self,
+        settings: BoardSettings,
+        stop_sources: Callable[[], None],
+        *,
+        timers: type[OutputTimers] = OutputTimers,
+    ) -> None:
         self.settings = settings
+        self.now_us = settings.boot_us
         self.config = initial_config(settings)
         self.correction = bytes(settings.count)
         self.state = OutputState.DISARMED
@@ -56,22 +73,17 @@ class OutputStage:
         self.session = 0
         self.latched: Latch | None = None
         self.counters = BoardCounters()
-        self._now_us = settings.boot_us
-        self._unattended_ms: int | None = None  # of the sequence that plays
+        self.unattended_ms: int | None = None
+        self._stop_sources = stop_sources
         self._sounding = False
         self._ramping = False
         self._latches = 0
         self._last_boundary_us = settings.boot_us - settings.carrier_us
         self._silence = Drive.muted(settings.count)
-        self._safety = Safety(graded=bool(settings.features & Feature.AMPLITUDE))
+        self._timers = timers(graded=bool(settings.features & Feature.AMPLITUDE))
         self._ring: deque[Latch] = deque(maxlen=settings.trace_ring)
         self._new_latches: list[Latch] = []
         self._new_notices: list[Notice] = []
-
-    @property
-    def now_us(self) -> int:
-        """Device time up to which everything has happened."""
-        return self._now_us
 
     # --- state ---------------------------------------------------------------------------------
 
@@ -89,22 +101,36 @@ class OutputStage:
     def mute(self, *, requested: bool = True) -> None:
         """Switch the output off, whatever the state; *requested* by the host of the session."""
         self._enter(OutputInput.MUTE, MuteReason.MUTE, requested=requested)
-        self._silence_output()
+        self.silence()
 
     def disarm(self) -> None:
         """Switch the output off and forbid it."""
         self._enter(OutputInput.DISARM, MuteReason.DISARM)
-        self._silence_output()
+        self.silence()
 
-    def find_fault(self) -> None:
+    def raise_hardware_fault(self) -> None:
         """Behave as after a hardware fault: output off until DISARM."""
         self._enter(OutputInput.FAULT_FOUND, MuteReason.FAULT, requested=False)
-        self._silence_output()
+        self.silence()
+
+    def begin_session(self, nonce: int) -> None:
+        """Begin a session: output off, trace empty; configuration and correction stay."""
+        self._enter(OutputInput.NEW_SESSION, MuteReason.NEW_SESSION)
+        self.silence()
+        self.session, self.latched, self._latches = nonce, None, 0
+        self._ring.clear()
+
+    def configure(self, config: Config) -> None:
+        """Put *config* in force, timers included."""
+        self.config = config
+        if self.state is OutputState.ARMED:
+            self._timers.reconfigure(self.now_us, self._last_boundary_us, config)
+            self.renew_lease()
 
     def renew_lease(self) -> None:
-        """Take note that the host is there: a valid frame of its session came."""
+        """Restart the host timeout: a valid frame of the session came."""
         if self.state is OutputState.ARMED:
-            self._safety.renew_lease(self._now_us, self.config, self._unattended_ms)
+            self._timers.renew_lease(self.now_us, self.config, self.unattended_ms)
             self._end_ramp_if_restored()
 
     def _enter(self, event: OutputInput, reason: MuteReason, *, requested: bool = True) -> None:
@@ -114,52 +140,55 @@ class OutputStage:
             raise RefusalError(ErrorCode.BAD_STATE, int(self.state), str(error)) from error
         if state is not self.state:
             self.state, self.reason = state, reason
-            self._new_notices.append(StateChange(self._now_us, state, reason, requested))
+            self._new_notices.append(StateChange(self.now_us, state, reason, requested))
         elif event is OutputInput.MUTE:
             self.reason = reason  # somebody asked for it now: no host may take it for a pause
 
-    def _silence_output(self) -> None:
-        """Stop radiating, and forget the timers."""
-        self._safety.disarm()
+    def silence(self) -> None:
+        """Stop the sources of drives, the timers and the output."""
+        self._stop_sources()
+        self._timers.disarm()
         self._sounding = False
         if self._ramping:
             self._ramping = False
-            self._new_notices.append(RampEnded(self._now_us, restored=False))
+            self._new_notices.append(RampEnded(self.now_us, restored=False))
 
     # --- timers --------------------------------------------------------------------------------
 
-    def _timer(self) -> Due | None:
-        """Return what the timers do next."""
-        if not self._ramping and (begin_us := self._safety.first_deadline().deadline_us) < NEVER_US:
+    def next_timer(self) -> Due | None:
+        """Return the next action of the timers, if the board is armed."""
+        if self.state is not OutputState.ARMED:
+            return None
+        if not self._ramping and (begin_us := self._timers.first_deadline().deadline_us) < NEVER_US:
             return begin_us, self._begin_ramp
-        end_us = self._safety.first_end().end_us
+        end_us = self._timers.first_end().end_us
         return (end_us, self._time_out) if end_us < NEVER_US else None
 
     def _begin_ramp(self) -> None:
         self._ramping = True
-        reason = self._safety.first_deadline().reason
-        self._new_notices.append(RampBegan(self._now_us, reason))
+        reason = self._timers.first_deadline().reason
+        self._new_notices.append(RampBegan(self.now_us, reason))
 
     def _end_ramp_if_restored(self) -> None:
-        if self._ramping and self._now_us < self._safety.first_deadline().deadline_us:
+        if self._ramping and self.now_us < self._timers.first_deadline().deadline_us:
             self._ramping = False
-            self._new_notices.append(RampEnded(self._now_us, restored=True))
+            self._new_notices.append(RampEnded(self.now_us, restored=True))
 
     def _time_out(self) -> None:
         self.counters.timeouts += 1
-        reason = self._safety.first_end().reason
+        reason = self._timers.first_end().reason
         self._enter(OutputInput.RAMP_ENDED, reason, requested=False)
-        self._silence_output()
+        self.silence()
 
     # --- latch ---------------------------------------------------------------------------------
 
-    def _boundary_us(self, t_us: int) -> int:
+    def boundary_us(self, t_us: int) -> int:
         """Return the first free carrier boundary at or after *t_us* and now."""
         carrier_us = self.settings.carrier_us
-        boundary_us = -(-max(t_us, self._now_us) // carrier_us) * carrier_us
+        boundary_us = -(-max(t_us, self.now_us) // carrier_us) * carrier_us
         return max(boundary_us, self._last_boundary_us + carrier_us)
 
-    def _latch(
+    def latch(
         self,
         key: LatchKey,
         drive: Drive,
@@ -171,22 +200,22 @@ class OutputStage:
         """Swap the buffers: *drive* is at the transducers from now on."""
         self._enter(OutputInput.LATCH, MuteReason.NONE)
         self._sounding = True
-        self._safety.latched(self._now_us, self.config)
+        self._timers.latched(self.now_us, self.config)
         self._end_ramp_if_restored()
         latch = Latch(
             key=key,
             session=self.session,
             number=self._latches,
-            t_latch_us=self._now_us,
+            t_latch_us=self.now_us,
             late=late,
             drive=drive,
             commanded_bits=bits,
-            radiated=self._sound(self._radiate(drive, self._now_us)),
-            ramping=self._safety.gain(self._now_us) < 1.0,
+            radiated=self._sound(self._radiate(drive, self.now_us)),
+            ramping=self._timers.gain(self.now_us) < 1.0,
             t_received_us=t_received_us,
         )
         self.latched = latch
-        self._last_boundary_us = self._now_us
+        self._last_boundary_us = self.now_us
         self._latches += 1
         self.counters.latched += 1
         self._new_latches.append(latch)
@@ -206,23 +235,27 @@ class OutputStage:
         return list(self._ring)
 
     def radiated(self, t_us: int) -> Drive:
-        """Return what leaves the transducers at *t_us*, now or before the next event."""
+        """Return the drive that leaves the transducers at *t_us*, now or before the next event."""
         if not self._sounding or self.latched is None:
             return self._silence
         return self._radiate(self.latched.drive, t_us)
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        gain = self._safety.gain(t_us)
+        gain = self._timers.gain(t_us)
         return radiated_drive(drive, self.correction, self.config.amplitude_ceiling, gain)
 
     def _sound(self, radiated: Drive) -> Drive:
-        """Return what the transducers make of *radiated*; the board itself cannot know."""
+        """Return the drive that the transducers sound, which the board itself cannot know."""
         return radiated
 
     def take_latches(self) -> list[Latch]:
         """Return the latches since the last call, in order."""
         taken, self._new_latches = self._new_latches, []
         return taken
+
+    def note(self, notice: Notice) -> None:
+        """Add a change for :meth:`take_notices`."""
+        self._new_notices.append(notice)
 
     def take_notices(self) -> list[Notice]:
         """Return changes of the output and ends of playback since the last call, in order."""

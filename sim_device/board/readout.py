@@ -142,13 +142,15 @@ def drive(board: Board, request: ReadDrive) -> DriveReply:
 
 def trace(board: Board, request: ReadTrace) -> TraceReply:
     """Return latches of the trace ring, from the number asked for on, as many as fit one frame."""
-    ring = board.ring
-    oldest = ring[0].number if ring else board.latches
+    ring = board.output.ring
+    oldest = ring[0].number if ring else board.output.latches
     room = _room(TraceReply) // TraceRecord.LAYOUT.size
     start = max(request.first, oldest)
     stop = min(request.first + request.count, start + room)
     records = [_trace_record(latch) for latch in ring if start <= latch.number < stop]
-    return TraceReply(oldest=oldest & _U32, next=board.latches & _U32, records=tuple(records))
+    return TraceReply(
+        oldest=oldest & _U32, next=board.output.latches & _U32, records=tuple(records)
+    )
 
 
 def codes(shown: Drive, first: int = 0, stop: int | None = None) -> bytes:

@@ -7,6 +7,27 @@ from dataclasses import dataclass
 
 from haptogram.acoustics import Drive
 
+from .registers import Content
+
+
+@dataclass(frozen=True, slots=True)
+class StreamFrame:
+    """A stream frame, its values checked.
+
+    Attributes
+    ----------
+    index : int
+        Unwrapped sequence number.
+    t_apply_us : int or None
+        Unwrapped device time; None: as soon as possible, before everything that is queued.
+    content : Content
+        A drive in the resolution it was commanded in, or focal points.
+    """
+
+    index: int
+    t_apply_us: int | None
+    content: Content
+
 
 @dataclass(frozen=True, slots=True)
 class Entry:

@@ -66,14 +66,15 @@ from haptogram_protocol.messages import (
 )
 
 from ..board import readout
-from ..board.board import Board, StreamFrame
+from ..board.board import Board
 from ..board.clock import earliest
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange
 from ..board.refusal import RefusalError
 from ..board.registers import REGISTER_BITS, Content, full_amplitude, split_codes
+from ..board.stream_queue import StreamFrame
 
-_OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
-_STATUS_LIMIT: Final = _OUTPUT_LIMIT * 3 // 4  # the last quarter is for responses: HG-9.6
+OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
+_STATUS_LIMIT: Final = OUTPUT_LIMIT * 3 // 4  # the last quarter is for responses: HG-9.6
 _NEEDS: Final[dict[type[Message], Feature]] = {
     Drives: Feature.AMPLITUDE,
     Points: Feature.POINTS,
@@ -104,10 +105,10 @@ class BoardDialect:
     ----------
     board : Board
         The board.
-    description_hash : int
-        CRC-32 of the description of the protocol.
-    connection : callable
-        Makes the board's end of the link, of the description hash and ``output_limit``.
+    link : BoardConnection
+        The board's end of the link.
+    watch : callable, optional
+        Called with every event of the link before the board acts on it.
 
     Attributes
     ----------
@@ -119,12 +120,13 @@ class BoardDialect:
     def __init__(
         self,
         board: Board,
-        description_hash: int,
-        connection: Callable[..., BoardConnection] = BoardConnection,
+        link: BoardConnection,
+        watch: Callable[[BoardEvent], None] | None = None,
     ) -> None:
         self.board = board
         self.line_free_us = board.now_us
-        self._link = connection(description_hash, output_limit=_OUTPUT_LIMIT)
+        self._link = link
+        self._watch = watch
         self._trace_dropped = 0
         self._traced = 0
         self._next_status_us: int | None = None
@@ -169,6 +171,8 @@ class BoardDialect:
         self.advance_to(t_us)
         self._link.receive_data(data, t_us)
         while (event := self._link.next_event()) is not NEED_DATA:
+            if self._watch is not None:
+                self._watch(event)
             self._dispatch(event)
             self.collect()
 
@@ -200,7 +204,7 @@ class BoardDialect:
 
     def _dispatch(self, event: BoardEvent) -> None:
         if event.renews_lease:
-            self.board.renew_lease()
+            self.board.output.renew_lease()
         if isinstance(event, StreamReceived):
             self._stream(event)
         elif isinstance(event, RequestReceived) and isinstance(event.message, Hello):

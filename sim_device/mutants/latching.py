@@ -11,11 +11,11 @@ import numpy as np
 from haptogram.acoustics import Drive
 from haptogram_protocol.messages import DriveKind, ErrorCode, ReadDrive, Trace, UploadCommit
 
-from ..board.board import Board, StreamFrame
+from ..board.board import Board
 from ..board.counters import Drop
+from ..board.output import OutputStage
 from ..board.registers import Content, to_registers
-from ..board.settings import BoardSettings
-from ..board.stream_queue import Entry, StreamQueue
+from ..board.stream_queue import Entry, StreamFrame, StreamQueue
 from ..board.uploads import Uploads
 from ..dialects.haptogram import BoardDialect
 from .mutant import Evidence, Mutant
@@ -26,7 +26,7 @@ class LatchesEarly(Board):
 
     def _entry(self, frame: StreamFrame) -> Entry:
         entry = super()._entry(frame)
-        early_us = self._boundary_us(entry.t_apply_us - self.settings.carrier_us)
+        early_us = self.output.boundary_us(entry.t_apply_us - self.settings.carrier_us)
         return dataclasses.replace(entry, t_latch_us=early_us)
 
 
@@ -44,7 +44,7 @@ class LatchesOffTheCarrier(Board):
 
     def _entry(self, frame: StreamFrame) -> Entry:
         entry = super()._entry(frame)
-        soon_us = max(entry.t_apply_us, self._now_us)
+        soon_us = max(entry.t_apply_us, self.now_us)
         return dataclasses.replace(entry, t_latch_us=soon_us)
 
 
@@ -63,7 +63,7 @@ class LateWindowInMilliseconds(Board):
         dropped = super()._refuse(frame)
         window_us = 1000 * self.config.late_window_us
         late = dropped is Drop.LATE and frame.t_apply_us is not None
-        taken = late and self._now_us - (frame.t_apply_us or 0) <= window_us
+        taken = late and self.now_us - (frame.t_apply_us or 0) <= window_us
         return None if taken else dropped
 
 
@@ -74,47 +74,42 @@ class LateUnmarked(Board):
         return dataclasses.replace(super()._entry(frame), late=False)
 
 
-class NonAtomic(Board):
+class NonAtomic(OutputStage):
     """Swaps the second half of the transducers one latch after the first half."""
 
-    def _latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
+    def latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
+        """Latch one half of *drive* and one half of the drive before."""
         previous = self.latched.drive if self.latched else self._silence
         self._pending, before = drive, getattr(self, "_pending", previous)
-        super()._latch(key, _halves(drive, before), bits, **how)
+        super().latch(key, _halves(drive, before), bits, **how)
 
 
-class OffByOneBank(Board):
+class OffByOneBank(OutputStage):
     """Latches the drive of the frame before: it swaps the wrong buffer."""
 
     _filled: Drive | None = None
 
-    def _latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
+    def latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
+        """Latch the drive before."""
         shown = self._silence if self._filled is None else self._filled
         self._filled = drive
-        super()._latch(key, shown, bits, **how)
+        super().latch(key, shown, bits, **how)
 
 
-class TwoInOnePeriod(Board):
+class TwoInOnePeriod(StreamQueue):
     """Latches both of two frames that fall on one carrier period."""
 
-    def __init__(self, settings: BoardSettings) -> None:
-        super().__init__(settings)
-        self._queue = _KeepsBoth(settings.queue_depth)
-
-
-class _KeepsBoth(StreamQueue):
     def push(self, entry: Entry) -> int:
         """Queue *entry* behind whatever is there."""
         self._entries.append(entry)
         return 0
 
 
-class QueueHalfAsDeep(Board):
+class QueueHalfAsDeep(StreamQueue):
     """Has room for half as many frames as it says."""
 
-    def __init__(self, settings: BoardSettings) -> None:
-        super().__init__(settings)
-        self._queue = StreamQueue(settings.queue_depth // 2)
+    def __init__(self, depth: int) -> None:
+        super().__init__(depth // 2)
 
 
 class OrderIgnored(Board):
@@ -141,7 +136,7 @@ class ImmediateKeepsQueue(Board):
         if frame.t_apply_us is not None or self._refuse(frame) is not None:
             return super().submit(frame)
         self._queue._entries.appendleft(self._entry(frame))
-        self.advance_to(self._now_us)
+        self.advance_to(self.now_us)
         return None
 
 
@@ -221,15 +216,9 @@ class PlaybackRoundsUp(Board):
         super().play(sequence, **how)
 
 
-class UploadUnchecked(Board):
+class UploadUnchecked(Uploads):
     """Takes an upload whatever its CRC is."""
 
-    def __init__(self, settings: BoardSettings) -> None:
-        super().__init__(settings)
-        self._uploads = _TakesAnyCrc(settings)
-
-
-class _TakesAnyCrc(Uploads):
     def commit(self, commit: UploadCommit) -> Any:
         """Return what was uploaded."""
         try:
@@ -274,9 +263,11 @@ class TornReadBack(BoardDialect):
         asked = request.message
         lies = isinstance(asked, ReadDrive) and asked.kind is DriveKind.LATCHED
         if latch is not None and lies and len(self._drives) == 2:
-            board.latched = dataclasses.replace(latch, drive=_halves(latch.drive, self._drives[0]))
+            board.output.latched = dataclasses.replace(
+                latch, drive=_halves(latch.drive, self._drives[0])
+            )
         super()._answer(request)
-        board.latched = latch
+        board.output.latched = latch
 
 
 class ReadBackTimeIsNow(BoardDialect):
@@ -285,9 +276,9 @@ class ReadBackTimeIsNow(BoardDialect):
     def _answer(self, request: Any) -> None:
         board, latch = self.board, self.board.latched
         if latch is not None and isinstance(request.message, ReadDrive):
-            board.latched = dataclasses.replace(latch, t_latch_us=board.now_us)
+            board.output.latched = dataclasses.replace(latch, t_latch_us=board.now_us)
         super()._answer(request)
-        board.latched = latch
+        board.output.latched = latch
 
 
 def _halves(first: Drive, second: Drive) -> Drive:

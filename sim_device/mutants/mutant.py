@@ -1,33 +1,24 @@
-"""What a mutant is: one part of a board, wrong in one way."""
+"""A mutant: a board with one part that is wrong in one way."""
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import inspect
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Self, TypeAlias
-
-from haptogram_protocol.connection import BoardConnection
-from haptogram_protocol.framing import FrameDecoder
+from typing import Any, Final, Self, TypeAlias
 
 from ..assembly import Parts
-from ..board.board import Board
-from ..board.clock import DeviceClock
-from ..dialects.haptogram import BoardDialect
 
-Part: TypeAlias = (
-    type[Board]
-    | type[BoardDialect]
-    | type[BoardConnection]
-    | type[FrameDecoder]
-    | type[DeviceClock]
-)
+Part: TypeAlias = type[Any]
+#: The part of :class:`~sim_device.assembly.Parts` that a subclass of its healthy class replaces.
+_NAMES: Final = {field.default: field.name for field in dataclasses.fields(Parts)}
 
 
 class Evidence(enum.StrEnum):
-    """What it takes to see that a board is wrong."""
+    """The kind of evidence that shows that a board is wrong."""
 
     WIRE = "wire"
     SELF_REPORTED = "self-reported"
@@ -45,9 +36,9 @@ class Mutant:
     clause : str
         Requirement of SPEC.md that it violates.
     evidence : Evidence
-        What shows it: bytes on the wire, the board's own report, or nothing but a measurement.
+        Bytes on the wire, the board's own report, or only a measurement.
     docstring : str
-        What it does wrong.
+        One sentence about the error.
     parts : Parts
         The board.
     """
@@ -71,10 +62,5 @@ def by_name(mutants: Iterable[Mutant]) -> dict[str, Mutant]:
 
 
 def _parts(part: Part) -> Parts:
-    if issubclass(part, Board):
-        return Parts(board=part)
-    if issubclass(part, BoardDialect):
-        return Parts(dialect=part)
-    if issubclass(part, BoardConnection):
-        return Parts(connection=part)
-    return Parts(decoder=part) if issubclass(part, FrameDecoder) else Parts(clock=part)
+    name = next(_NAMES[kind] for kind in part.__mro__ if kind in _NAMES)
+    return Parts(**{name: part})

@@ -17,9 +17,9 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ..board.board import Board
 from ..board.clock import DeviceClock
 from ..board.events import StateChange
+from ..board.output import OutputStage
 from ..board.registers import radiated_drive
-from ..board.safety import Safety
-from ..board.settings import BoardSettings
+from ..board.timers import OutputTimers
 from ..dialects.haptogram import BoardDialect
 from .mutant import Evidence, Mutant
 
@@ -38,7 +38,8 @@ class ArmedAtBoot(Board):
         """Begin a session."""
         super().open_session(nonce)
         if self._booting:
-            self._booting, self.state, self.reason = False, OutputState.ARMED, MuteReason.NONE
+            self._booting = False
+            self.output.state, self.output.reason = OutputState.ARMED, MuteReason.NONE
 
 
 class MuteOfOthersIgnored(Board):
@@ -72,7 +73,7 @@ class MuteKeepsQueue(Board):
         return super()._next_due() if self.state is OutputState.ARMED else None
 
 
-class MuteReasonKept(Board):
+class MuteReasonKept(OutputStage):
     """Keeps the reason of the timer that had muted it when MUTE comes."""
 
     def mute(self, *, requested: bool = True) -> None:
@@ -83,7 +84,7 @@ class MuteReasonKept(Board):
             self.reason = reason
 
 
-class DisarmTakesTheReason(Board):
+class DisarmTakesTheReason(OutputStage):
     """Says that DISARM switched it off when it was muted before."""
 
     def disarm(self) -> None:
@@ -99,7 +100,7 @@ class DisarmIgnored(Board):
         """Do nothing."""
 
 
-class ArmLeavesFullOutput(Board):
+class ArmLeavesFullOutput(OutputStage):
     """Sounds at once when it is armed again: with the last drive."""
 
     def arm(self) -> None:
@@ -108,7 +109,7 @@ class ArmLeavesFullOutput(Board):
         self._sounding = self.latched is not None
 
 
-class SoundsInMuted(Board):
+class SoundsInMuted(OutputStage):
     """Goes on sounding when MUTE is carried out."""
 
     def radiated(self, t_us: int) -> Drive:
@@ -116,58 +117,38 @@ class SoundsInMuted(Board):
         return self._radiate(self.latched.drive, t_us) if self.latched else self._silence
 
 
-class WatchdogMissing(Board):
+class WatchdogMissing(OutputStage):
     """Never misses the host: the lease does not run."""
 
     def renew_lease(self) -> None:
         """Do nothing."""
 
 
-class _SafetyBoard(Board):
-    safety: type[Safety] = Safety
+class WatchdogTooSlow(OutputTimers):
+    """Misses the host after three times the time that was set."""
 
-    def __init__(self, settings: BoardSettings) -> None:
-        super().__init__(settings)
-        self._safety = self.safety(graded=self._safety._graded)
-
-
-class _SlowLease(Safety):
     def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
         """Start the lease anew, three times as long."""
         slow = dataclasses.replace(config, host_timeout_ms=3 * config.host_timeout_ms)
         super().renew_lease(now_us, slow, unattended_ms)
 
 
-class WatchdogTooSlow(_SafetyBoard):
-    """Misses the host after three times the time that was set."""
+class HoldMissing(OutputTimers):
+    """Holds the last drive for ever when the stream stops."""
 
-    safety = _SlowLease
-
-
-class _NoHold(Safety):
     def latched(self, _: int, config: Config) -> None:
         """Let the hold last for ever."""
         super().latched(_NEVER_US, config)
 
 
-class HoldMissing(_SafetyBoard):
-    """Holds the last drive for ever when the stream stops."""
+class RampSkipped(OutputTimers):
+    """Goes off at once where it should fade."""
 
-    safety = _NoHold
-
-
-class _NoRamp(Safety):
     def _ramp_us(self, _: Config) -> int:
         return 0
 
 
-class RampSkipped(_SafetyBoard):
-    """Goes off at once where it should fade."""
-
-    safety = _NoRamp
-
-
-class TimeoutsUncounted(Board):
+class TimeoutsUncounted(OutputStage):
     """Does not count mutes by a timer."""
 
     def _time_out(self) -> None:
@@ -181,24 +162,24 @@ class StateChangeUnsaid(BoardDialect):
 
     def collect(self) -> None:
         """Take what the board did, and keep changes of its state to itself."""
-        for k, notice in enumerate(self.board._new_notices):
+        for k, notice in enumerate(self.board.output._new_notices):
             if isinstance(notice, StateChange):
-                self.board._new_notices[k] = dataclasses.replace(notice, requested=True)
+                self.board.output._new_notices[k] = dataclasses.replace(notice, requested=True)
         super().collect()
 
 
-class CeilingIgnored(Board):
+class CeilingIgnored(OutputStage):
     """Radiates amplitudes above the ceiling."""
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        return radiated_drive(drive, self.correction, 255, self._safety.gain(t_us))
+        return radiated_drive(drive, self.correction, 255, self._timers.gain(t_us))
 
 
-class CorrectionIgnored(Board):
+class CorrectionIgnored(OutputStage):
     """Radiates without the phase correction."""
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        gain = self._safety.gain(t_us)
+        gain = self._timers.gain(t_us)
         return radiated_drive(
             drive, bytes(self.settings.count), self.config.amplitude_ceiling, gain
         )
@@ -236,7 +217,7 @@ class ClockSteps(DeviceClock):
         return steady_us + jumps * _JUMP_US
 
 
-class DeadElement(Board):
+class DeadElement(OutputStage):
     """Transducer 0 is silent, and the board does not know."""
 
     def _sound(self, radiated: Drive) -> Drive:
@@ -245,7 +226,7 @@ class DeadElement(Board):
         return Drive(radiated.phase_codes, amplitudes)
 
 
-class StuckColumn(Board):
+class StuckColumn(OutputStage):
     """The first column is driven by phase 0 whatever was latched."""
 
     def _sound(self, radiated: Drive) -> Drive:
@@ -255,14 +236,14 @@ class StuckColumn(Board):
         return Drive(phases, radiated.amplitude_codes)
 
 
-class PhaseInverted(Board):
+class PhaseInverted(OutputStage):
     """A phase code advances its transducer: the wires of the outputs are crossed."""
 
     def _sound(self, radiated: Drive) -> Drive:
         return Drive(np.uint8(0) - radiated.phase_codes, radiated.amplitude_codes)
 
 
-class OutputsReversed(Board):
+class OutputsReversed(OutputStage):
     """Transducer n is driven by the codes of transducer N - 1 - n."""
 
     def _sound(self, radiated: Drive) -> Drive:

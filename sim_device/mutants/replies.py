@@ -176,7 +176,7 @@ class BoundsIgnored(Board):
         try:
             super().configure(config)
         except RefusalError:
-            self.config = config
+            self.output.config = config
 
 
 class StopWantsPlayback(Board):

@@ -8,8 +8,8 @@ from typing import Any, Final
 from haptogram_protocol.connection import NEED_DATA, BoardConnection
 from haptogram_protocol.messages import STREAM_RANGE, Feature, Hello, HelloReply, signed_difference
 
-from ..board.board import Board
 from ..board.counters import BoardCounters
+from ..board.output import OutputStage
 from ..dialects.haptogram import BoardDialect
 from .mutant import Evidence, Mutant
 
@@ -153,7 +153,7 @@ class CountersCleared(BoardDialect):
 
     def _greet(self, hello: Hello, request: Any) -> None:
         self._link.counters = dict.fromkeys(self._link.counters, 0)
-        self.board.counters = BoardCounters()
+        self.board.output.counters = BoardCounters()
         super()._greet(hello, request)
 
 
@@ -218,7 +218,7 @@ class RestartsOnJunk(BoardDialect):
         if self._link.counters["cobs"] > self._seen:
             self._seen = self._link.counters["cobs"]
             self.board.disarm()
-            self.board.session = self._link.session = 0
+            self.board.output.session = self._link.session = 0
 
 
 class StatusNeverSent(BoardDialect):
@@ -248,7 +248,7 @@ class SixBitsClaimed(BoardDialect):
         return super()._content(message)
 
 
-class RingClaimed(Board):
+class RingClaimed(OutputStage):
     """Advertises a trace ring and keeps one latch in it."""
 
     @property

@@ -47,7 +47,7 @@ class Board(Protocol):
     carrier_us: int
 
     @property
-    def session(self) -> int: ...  # noqa: D102  see sim_device.soak_board.JudgedBoard
+    def session(self) -> int: ...  # noqa: D102  see sim_device.soak_board.SoakBoard
     @property
     def counters(self) -> dict[str, int]: ...  # noqa: D102
     @property

@@ -44,7 +44,7 @@ Progress = Callable[[float], None]
 
 
 class MakeBoard(Protocol):
-    """Powers a board up; see ``sim_device.soak_board.JudgedBoard``."""
+    """Powers a board up; see ``sim_device.soak_board.SoakBoard``."""
 
     def __call__(
         self, *, seed: int, baud: int, clock_faults: tuple[str, ...], running_us: int

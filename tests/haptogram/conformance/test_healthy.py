@@ -84,8 +84,8 @@ def test_a_board_that_can_do_less_passes_what_is_left(features, monkeypatch):
     class Bare(Board):
         """Has only some of the capabilities, and says so."""
 
-        def __init__(self, settings):
-            super().__init__(dataclasses.replace(settings, features=features))
+        def __init__(self, settings, parts):
+            super().__init__(dataclasses.replace(settings, features=features), parts)
 
     bare = Mutant.of(Bare, "HG-1.2/2", Evidence.WIRE)
     monkeypatch.setattr("sim_device.mutants.MUTANTS", {"bare": bare})

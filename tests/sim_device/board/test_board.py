@@ -20,10 +20,11 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 from haptogram_protocol.state import MuteReason, OutputState
-from sim_device.board.board import Board, StreamFrame
+from sim_device.board.board import Board
 from sim_device.board.events import PlaybackEnd, RampBegan, RampEnded, StateChange
 from sim_device.board.refusal import RefusalError
 from sim_device.board.settings import BoardSettings
+from sim_device.board.stream_queue import StreamFrame
 
 MODEL = AcousticModel.default(2, 2)
 SETTINGS = BoardSettings(model=MODEL, queue_depth=4, max_horizon_us=2_000_000)
@@ -126,7 +127,7 @@ class Run:
                 "arm": board.arm,
                 "mute": board.mute,
                 "disarm": board.disarm,
-                "renew": board.renew_lease,
+                "renew": board.output.renew_lease,
                 "stop": board.stop,
             }[step.action]()
 
@@ -230,7 +231,7 @@ def test_a_latch_in_the_ramp_of_the_hold_restores_full_output():
     board = a_board()
     t_us = latch_now(board)
     board.advance_to(t_us + 4_000)
-    board.renew_lease()  # not what this ramp waits for
+    board.output.renew_lease()  # not what this ramp waits for
     assert board.radiated(board.now_us).amplitude_codes[0] == 128
     latch_now(board, 1)
     assert board.radiated(board.now_us).amplitude_codes[0] == 255
@@ -251,7 +252,7 @@ def test_a_latch_does_not_undo_the_ramp_of_the_lease_but_a_frame_does():
     assert latch.ramping
     assert latch.radiated.amplitude_codes[0] == 128
     assert latch.drive.amplitude_codes[0] == 255
-    board.renew_lease()
+    board.output.renew_lease()
     assert board.radiated(board.now_us).amplitude_codes[0] == 255
 
 
@@ -360,7 +361,7 @@ def test_correction_and_ceiling_change_what_is_radiated_not_what_is_latched():
 def test_a_fault_stops_everything_until_disarm():
     board = a_board()
     latch_now(board)
-    board.find_fault()
+    board.output.raise_hardware_fault()
     assert board.radiated(board.now_us).is_muted
     with pytest.raises(RefusalError) as caught:
         board.arm()

@@ -1,7 +1,7 @@
 """The timers that silence a board, and the ramps that they start.  SPEC.md chapters 6 and 12.
 
-Two fuses burn while the board is armed: the lease, which the host renews, and the hold, which
-every latch renews. Output fades from the deadline of a fuse to its end. Everything follows from
+Two timers run while the board is armed: the lease, which the host renews, and the hold, which
+every latch renews. Output fades from the deadline of a timer to its end. Everything follows from
 the two deadlines, so no state of "a ramp is under way" can disagree with them.
 """
 
@@ -13,24 +13,24 @@ from typing import Final
 from haptogram_protocol.messages import Config
 from haptogram_protocol.state import MuteReason
 
-NEVER_US: Final = 1 << 62  # when a fuse that does not burn runs out
+NEVER_US: Final = 1 << 62  # deadline of a timer that does not run
 
 
 @dataclass(slots=True)
-class Fuse:
-    """One timer: full output until ``deadline_us``, silence from ``end_us`` on."""
+class Timer:
+    """Full output until ``deadline_us``, silence from ``end_us`` on."""
 
     reason: MuteReason
     deadline_us: int = NEVER_US
     end_us: int = NEVER_US
 
     def restart(self, deadline_us: int, ramp_us: int, reason: MuteReason | None = None) -> None:
-        """Renew the timer; a ramp that it had started is undone."""
+        """Renew the timer; a ramp that it began is undone."""
         self.deadline_us, self.end_us = deadline_us, deadline_us + ramp_us
         self.reason = self.reason if reason is None else reason
 
     def stop(self) -> None:
-        """Burn no more."""
+        """Run no more."""
         self.deadline_us = self.end_us = NEVER_US
 
     def gain(self, t_us: int) -> float:
@@ -41,8 +41,8 @@ class Fuse:
         return left_us / (self.end_us - self.deadline_us) if left_us > 0 else 0.0
 
 
-class Safety:
-    """The two fuses of an armed board.
+class OutputTimers:
+    """Lease and hold of an armed board.
 
     Parameters
     ----------
@@ -52,11 +52,11 @@ class Safety:
 
     def __init__(self, *, graded: bool) -> None:
         self._graded = graded
-        self._lease = Fuse(MuteReason.HOST_SILENT)
-        self._hold = Fuse(MuteReason.HOLD_EXPIRED)
+        self._lease = Timer(MuteReason.HOST_SILENT)
+        self._hold = Timer(MuteReason.HOLD_EXPIRED)
 
     def disarm(self) -> None:
-        """Stop both fuses: the output is off anyway."""
+        """Stop both timers: the output is off anyway."""
         self._lease.stop()
         self._hold.stop()
 
@@ -77,13 +77,13 @@ class Safety:
             renewed_us = max(now_us, last_latch_us + config.hold_ms * 1000)
             self._hold.restart(renewed_us, self._ramp_us(config))
 
-    def first_deadline(self) -> Fuse:
-        """Return the fuse that runs out first."""
+    def first_deadline(self) -> Timer:
+        """Return the timer that runs out first."""
         lease, hold = self._lease, self._hold
         return lease if lease.deadline_us <= hold.deadline_us else hold
 
-    def first_end(self) -> Fuse:
-        """Return the fuse that silences the output first."""
+    def first_end(self) -> Timer:
+        """Return the timer that silences the output first."""
         lease, hold = self._lease, self._hold
         return lease if lease.end_us <= hold.end_us else hold
 
