@@ -1,10 +1,4 @@
-"""Thousands of trials: in parallel, to be gone on with, and what they came to.
-
-::
-
-    ci/trials --honest 10000 --wrong 10000 --resume out/trials.jsonl --table docs/trials.md
-    ci/trials --case wrong:17:3
-"""
+"""The command ``ci/trials``: thousands of trials in parallel, resumable, with their result."""
 
 from __future__ import annotations
 
@@ -21,7 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from itertools import islice, zip_longest
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 from tqdm import tqdm
 
@@ -34,7 +28,37 @@ _VERSION: Final = 1
 _AHEAD: Final = 3  # sessions that wait for each process
 _SEEDS: Final = 1_000_000  # of sessions, for each seed of a campaign
 _CASE: Final = re.compile(r"(honest|wrong):(\d+):(\d+)")
+USAGE: Final = 2
 INTERRUPTED: Final = 130
+
+_DESCRIPTION: Final = """\
+Is the verdict ever wrong?  Each trial is one frame that goes from the driver over bytes to the
+virtual board, in virtual time, and is judged by the program; beside it, a field and a search that
+share no code with the program find where the focus really is.  Array, pose, aperture, foci, air,
+calibration, tolerance and fault are drawn at random.
+
+  honest trials   correct frames: a verdict that fails one is a false fail
+  wrong trials    wrong drives, faults and poses: a verdict that passes one, although its effect is
+                  larger than the verdict says that it would have shown, is a false pass
+
+A session has {frames} frames.  20 000 trials take about an hour on two cores.
+"""
+_EXAMPLES: Final = """\
+examples:
+  ci/trials --honest 100 --wrong 100
+      a first look, in half a minute
+  ci/trials --resume out/trials.jsonl
+      all of them; Ctrl-C interrupts, the same command goes on where it stopped
+  ci/trials --resume out/trials.jsonl --table docs/trials.md
+      the same, then the page with the table
+  ci/trials --case wrong:1000017:3
+      one trial again, with array, drive, verdict and truth: each finding ends in such a command
+
+exit status:
+  0  no verdict was wrong
+  1  a verdict was wrong, the program crashed, or too many frames were not verified
+  2  usage                    130  interrupted
+"""
 
 
 # --- one session -----------------------------------------------------------------------------
@@ -69,12 +93,12 @@ def line_of(job: tuple[Group, int]) -> Line:
 
 
 class Book:
-    """The sessions that were run, in memory and in a file that can be gone on with.
+    """The finished sessions, in memory and in a file from which a run resumes.
 
     Raises
     ------
     SystemExit
-        If the file is of other trials.
+        If the file holds trials of another seed or version.
     """
 
     def __init__(self, path: Path | None, seed: int) -> None:
@@ -86,11 +110,11 @@ class Book:
         head = {"trials": _VERSION, "seed": seed, "frames": cases.FRAMES}
         kept = _whole_lines(path)
         if kept and kept[0] != head:
-            raise SystemExit(f"ci/trials: {path} is of other trials: {kept[0]}, not {head}")
+            refuse(f"{path} holds other trials: {kept[0]}, not {head}; name another file")
         for line in kept[1:]:
             self._done[line["group"], line["seed"]] = line
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Written anew: the last line of an interrupted run may be half of one.
+        # Written anew, because an interruption may have cut the last line.
         temporary = path.with_suffix(".part")
         temporary.write_text("".join(json.dumps(line) + "\n" for line in kept or [head]))
         temporary.replace(path)
@@ -130,10 +154,10 @@ def first_seed(seed: int) -> int:
 
 
 def sessions(book: Book, group: Group, seed: int, wanted: int) -> tuple[list[Line], int, int]:
-    """What is there for a group, in order: the sessions, their trials, and the next to be run.
+    """Return the finished sessions of a group in order, their number of trials, the next seed.
 
-    Sessions count from the first one on without a gap, up to the number that is wanted: which ones
-    they are does not depend on which process was faster.
+    Sessions count from the first seed without a gap, up to the wanted number of trials, so that the
+    result does not depend on which process was faster.
     """
     lines, trials, at = [], 0, first_seed(seed)
     while trials < wanted and (line := book.get(group, at)) is not None:
@@ -144,7 +168,7 @@ def sessions(book: Book, group: Group, seed: int, wanted: int) -> tuple[list[Lin
 
 
 def run(book: Book, seed: int, wanted: dict[Group, int], jobs: int, bar: tqdm[Any]) -> None:
-    """Run what is missing."""
+    """Run the missing sessions."""
     pool = ProcessPoolExecutor(jobs, get_context("spawn"), _leave_interrupts_alone)
     running: dict[Future[Line], tuple[Group, int]] = {}
     try:
@@ -170,7 +194,7 @@ def _leave_interrupts_alone() -> None:
 def _missing(
     book: Book, seed: int, wanted: dict[Group, int], ahead: int, running: set[tuple[Group, int]]
 ) -> Iterator[tuple[Group, int]]:
-    """The next sessions to run, of both groups in turn; the one that fewest run of is first."""
+    """Return the next sessions, of both groups in turn, beginning with the less busy group."""
     groups = sorted(GROUPS, key=[group for group, _ in running].count)
     queues = [_missing_of(book, group, seed, wanted[group], running) for group in groups]
     in_turn = (job for jobs in zip_longest(*queues) for job in jobs if job is not None)
@@ -184,14 +208,14 @@ def _missing_of(
     while trials < wanted and at < first_seed(seed + 1):
         if book.get(group, at) is None and (group, at) not in running:
             yield group, at
-        trials += cases.FRAMES  # about so many will come of those that run
+        trials += cases.FRAMES  # an estimate for a session that runs
         at += 1
 
 
 def _tell(bar: tqdm[Any], line: Line) -> None:
     bar.update(sum(counted(trial) for trial in line["trials"]))
     said = set()
-    for trial in line["trials"]:  # a session that was refused is told once, not for every frame
+    for trial in line["trials"]:  # a refused session is reported once, not for every frame
         if trial["outcome"] in BAD and str(trial["findings"]) not in said:
             said.add(str(trial["findings"]))
             bar.write(told(trial))
@@ -201,13 +225,13 @@ def _tell(bar: tqdm[Any], line: Line) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run; 0 only if no verdict was wrong, no program crashed and nothing was silent."""
+    """Run; return 0 only if no verdict was wrong, none crashed and few were not verified."""
     options = _parser().parse_args(arguments)
     if options.case is not None:
         return replay(options.case)
     wanted: dict[Group, int] = {"honest": options.honest, "wrong": options.wrong}
     book = Book(options.resume, options.seed)
-    for number in (signal.SIGINT, signal.SIGTERM):  # a shell may have told us to ignore them
+    for number in (signal.SIGINT, signal.SIGTERM):  # a shell may have had them ignored
         signal.signal(number, signal.default_int_handler)
     there = sum(min(sessions(book, g, options.seed, wanted[g])[1], wanted[g]) for g in GROUPS)
     try:
@@ -241,10 +265,13 @@ def _report(trials: dict[Group, list[Line]], shown: int) -> None:
 
 
 def replay(case: str) -> int:
-    """Run the session of one case again and tell everything about that case."""
+    """Run the session of one case again and print array, drive, verdict and truth."""
     match = _CASE.fullmatch(case)
     if match is None or int(match[3]) >= cases.FRAMES:
-        raise SystemExit(f"ci/trials: --case is {case!r}, must be honest:SEED:FRAME or wrong:...")
+        refuse(
+            f"--case is {case!r}, must be honest:SEED:FRAME or wrong:SEED:FRAME with a FRAME "
+            f"below {cases.FRAMES}"
+        )
     group: Group = "honest" if match[1] == "honest" else "wrong"
     session = cases.session_of(group, int(match[2]))
     ran, program = chain.run_session(session)
@@ -272,26 +299,33 @@ def _say(text: str) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="ci/trials",
-        description="Random trials of the verdict against a truth of its own, in virtual time.",
-        epilog="Exit status: 0 no verdict was wrong, 1 one was, 130 interrupted.",
+        description=_DESCRIPTION.format(frames=cases.FRAMES),
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )
     add = parser.add_argument
-    add("--honest", type=_count, default=10_000, metavar="N", help="correct frames (%(default)s)")
-    add("--wrong", type=_count, default=10_000, metavar="N", help="wrong frames (%(default)s)")
-    add("--seed", type=_count, default=1, help="of everything (%(default)s)")
-    add("--jobs", type=_count, default=2, metavar="N", help="processes (%(default)s)")
-    add("--resume", type=Path, metavar="FILE", help="JSON lines: what was run, to be gone on with")
+    add("--honest", type=_count, default=10_000, metavar="N", help="correct frames [%(default)s]")
+    add("--wrong", type=_count, default=10_000, metavar="N", help="wrong frames [%(default)s]")
+    add("--seed", type=_count, default=1, metavar="N", help="seed of all trials [%(default)s]")
+    add("--jobs", type=_count, default=2, metavar="N", help="processes [%(default)s]")
+    add("--resume", type=Path, metavar="FILE", help="keep finished sessions in FILE, skip those")
     add("--table", type=Path, metavar="FILE", help="write the result as Markdown")
-    add("--show", type=_count, default=3, metavar="N", help="of each finding (%(default)s)")
-    add("--case", metavar="GROUP:SEED:FRAME", help="run this one case again and tell all about it")
+    add("--show", type=_count, default=3, metavar="N", help="examples of a finding [%(default)s]")
+    add("--case", metavar="GROUP:SEED:FRAME", help="run this one trial again and print all of it")
     return parser
 
 
 def _count(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text} is below 0")
-    return value
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 on")
+    return int(text)
+
+
+def refuse(text: str) -> NoReturn:
+    """Leave with a usage error."""
+    sys.stderr.write(f"ci/trials: {text}\n")
+    raise SystemExit(USAGE)
 
 
 if __name__ == "__main__":

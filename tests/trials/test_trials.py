@@ -180,9 +180,10 @@ def test_a_case_by_itself_is_what_it_was_among_the_others(capsys):
 
 
 @pytest.mark.parametrize("case", ["", "wrong", "wrong:1", "good:1:2", "wrong:1:99", "wrong:x:1"])
-def test_a_case_that_is_none_is_refused(case):
-    with pytest.raises(SystemExit, match="--case is"):
+def test_a_case_that_is_none_is_refused(case, capsys):
+    with pytest.raises(SystemExit, match=str(campaign.USAGE)):
         campaign.replay(case)
+    assert f"ci/trials: --case is {case!r}, must be honest:SEED:FRAME" in capsys.readouterr().err
 
 
 def test_a_campaign_goes_on_where_it_was_interrupted(tmp_path):
@@ -198,11 +199,12 @@ def test_a_campaign_goes_on_where_it_was_interrupted(tmp_path):
     assert all(json.loads(text) for text in kept)
 
 
-def test_a_file_of_other_trials_is_refused(tmp_path):
+def test_a_file_of_other_trials_is_refused(tmp_path, capsys):
     path = tmp_path / "trials.jsonl"
     campaign.Book(path, 3).close()
-    with pytest.raises(SystemExit, match="is of other trials"):
+    with pytest.raises(SystemExit, match=str(campaign.USAGE)):
         campaign.Book(path, 4)
+    assert f"{path} holds other trials: " in capsys.readouterr().err
 
 
 def test_what_is_done_is_not_run_again(tmp_path, capsys):
