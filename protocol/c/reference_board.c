@@ -232,7 +232,7 @@ static void serve(struct board *board, int master)
         board_advance(board, monotonic_us() - origin_us);
         if (faulty) {
             faulty = 0;
-            board_find_fault(board);
+            board_raise_hardware_fault(board);
         }
         if (ready > 0 && (port.revents & POLLIN))
             read_input(board, master, origin_us);

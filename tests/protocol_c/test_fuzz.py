@@ -24,7 +24,7 @@ PLANTED = {
     ),
     "queue-overrun": ("board/stream.c", "board->queued == BOARD_QUEUE", "0", False),
     "dropped-and-not-counted": (
-        "board/link.c",
+        "board/judge.c",
         "link_count(board, HG_COUNTER_UNKNOWN_TYPE);",
         "(void)0;",
         False,

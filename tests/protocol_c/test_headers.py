@@ -1,6 +1,7 @@
 """The generated C99 headers: up to date, compiled strictly, and with asserts that bite."""
 
 import enum
+import graphlib
 import re
 import shutil
 
@@ -113,3 +114,22 @@ def test_the_example_of_the_readme_compiles(tmp_path):
     source.write_text(f'#include "haptogram_codec.h"\n{declared}{example}')
     command = (compiler(), *STRICT, f"-I{FOLDER}", "-c", source, "-o", tmp_path / "example.o")
     assert run(*command) == (0, "")
+
+
+def parts_included(folder):
+    """For each part of the board, a .c file with its .h file: the parts that it includes."""
+    included = {}
+    for path in (folder / "board").iterdir():
+        found = re.findall(r'^#include "(\w+)\.h"', path.read_text("utf-8"), re.MULTILINE)
+        included.setdefault(path.stem, set()).update(set(found) - {path.stem})
+    return included
+
+
+def test_the_parts_of_the_board_include_each_other_one_way(tmp_path):
+    order = list(graphlib.TopologicalSorter(parts_included(FOLDER)).static_order())
+    assert (order[0], order[-1]) == ("model", "board")
+    back = spoilt(
+        tmp_path, "board/link.c", '#include "link.h"', '#include "link.h"\n#include "judge.h"'
+    )
+    with pytest.raises(graphlib.CycleError):
+        list(graphlib.TopologicalSorter(parts_included(back)).static_order())

@@ -4,6 +4,16 @@
 
 #include <stdlib.h>
 
+#include "judge.h"
+#include "link.h"
+#include "output.h"
+#include "playback.h"
+#include "points.h"
+#include "readout.h"
+#include "shutdown.h"
+#include "stream.h"
+#include "uploads.h"
+
 static uint32_t geometry_hash(const struct board *board)
 {
     uint32_t crc = 0;
@@ -69,7 +79,8 @@ void board_receive(struct board *board, const uint8_t *data, size_t length, int6
         if (what == HG_PARSED_DAMAGE)
             link_count(board, frame.reason);
         else if (what == HG_PARSED_FRAME)
-            link_judge(board, &frame, t_us);
+            judge_frame(board, &frame, t_us);
+        board_advance(board, board->now_us); /* what the frame brought may be due this moment */
     }
 }
 
@@ -91,22 +102,6 @@ int64_t board_next_event(const struct board *board)
     return earlier(t_us, board->next_status_us);
 }
 
-void board_schedule_status(struct board *board)
-{
-    int64_t period_us = (int64_t)board->config.status_period_ms * 1000;
-
-    board->next_status_us = period_us > 0 ? board->now_us + period_us : BOARD_NEVER;
-}
-
-static void send_status(struct board *board)
-{
-    uint8_t payload[HG_SIZE_STATUS];
-
-    readout_status(board, payload);
-    link_event(board, HG_TYPE_STATUS, payload, sizeof payload, board->now_us, 0, STATUS);
-    board_schedule_status(board);
-}
-
 /* At one moment latches come before timers, and STATUS tells of both. */
 static void happen(struct board *board, int64_t t_us)
 {
@@ -115,9 +110,9 @@ static void happen(struct board *board, int64_t t_us)
     else if (playback_due_us(board) <= t_us)
         playback_latch(board);
     else if (output_end_us(board) <= t_us)
-        output_time_out(board);
+        shutdown_by_timer(board);
     else
-        send_status(board);
+        readout_send_status(board);
 }
 
 void board_advance(struct board *board, int64_t t_us)
@@ -142,12 +137,12 @@ void board_sent(struct board *board, size_t length)
         board->output[i] = board->output[i + length];
 }
 
-void board_find_fault(struct board *board)
+void board_raise_hardware_fault(struct board *board)
 {
     uint8_t before = board->state;
 
     output_enter(board, FAULT_FOUND, HG_REASON_FAULT);
     if (board->state != before)
         output_tell(board);
-    output_silence(board);
+    shutdown_output(board);
 }

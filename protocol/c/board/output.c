@@ -1,6 +1,9 @@
 /* Output state, the two timers, and the latch.  SPEC.md chapters 5, 6 and 12. */
 
-#include "board.h"
+#include "output.h"
+
+#include "link.h"
+#include "trace.h"
 
 #define REFUSED 0xFFu
 
@@ -42,14 +45,6 @@ void output_tell(struct board *board)
     link_event(board, HG_TYPE_STATE_CHANGED, payload, sizeof payload, board->now_us, 0, OTHER);
 }
 
-void output_silence(struct board *board)
-{
-    stream_flush(board);
-    playback_end(board);
-    board->lease.burning = board->hold.burning = 0;
-    board->sounding = 0;
-}
-
 /* --- Timers (HG-12) --------------------------------------------------------------------------- */
 
 static void light(struct board *board, struct fuse *fuse, int64_t deadline_us, uint8_t reason)
@@ -81,7 +76,6 @@ void output_reconfigure(struct board *board)
         light(board, &board->hold, deadline_us > board->now_us ? deadline_us : board->now_us,
               HG_REASON_HOLD_EXPIRED);
     output_renew_lease(board);
-    board_advance(board, board->now_us);
 }
 
 static int64_t end_us(const struct fuse *fuse)
@@ -99,14 +93,11 @@ int64_t output_end_us(const struct board *board)
     return lease_us < hold_us ? lease_us : hold_us;
 }
 
-void output_time_out(struct board *board)
+uint8_t output_end_reason(const struct board *board)
 {
     int by_lease = end_us(&board->lease) <= end_us(&board->hold);
 
-    board->counters[HG_COUNTER_TIMEOUTS]++;
-    output_enter(board, RAMP_ENDED, by_lease ? board->lease.reason : board->hold.reason);
-    output_tell(board);
-    output_silence(board);
+    return by_lease ? board->lease.reason : board->hold.reason;
 }
 
 /* --- Latch (HG-5.8) --------------------------------------------------------------------------- */
@@ -119,17 +110,6 @@ int64_t output_boundary_us(const struct board *board, int64_t t_us)
     int64_t boundary_us = (from_us + BOARD_CARRIER_US - 1) / BOARD_CARRIER_US * BOARD_CARRIER_US;
 
     return boundary_us > free_us ? boundary_us : free_us;
-}
-
-static void remember(struct board *board, const struct latch *latch)
-{
-    size_t place = (board->ring_first + board->ring_count) % BOARD_RING;
-
-    board->ring[place] = *latch;
-    if (board->ring_count < BOARD_RING)
-        board->ring_count++;
-    else
-        board->ring_first = (board->ring_first + 1) % BOARD_RING;
 }
 
 void output_latch(struct board *board, const struct hg_latch_key *key, const struct drive *drive,
@@ -145,12 +125,10 @@ void output_latch(struct board *board, const struct hg_latch_key *key, const str
     latch->key = *key;
     latch->number = board->latches++;
     latch->t_us = board->now_us;
-    latch->crc = readout_drive_crc(board, drive);
+    latch->crc = trace_drive_crc(board, drive);
     latch->late = late;
     board->counters[HG_COUNTER_LATCHED]++;
-    if (board->config.trace_mode == HG_TRACE_RING)
-        remember(board, latch);
-    readout_report(board, latch);
+    trace_report(board, latch);
 }
 
 /* --- What leaves the transducers (HG-7.9, HG-6.11) -------------------------------------------- */

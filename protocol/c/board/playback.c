@@ -1,6 +1,12 @@
 /* Sequences on the board's clock.  SPEC.md HG-7.6 to HG-7.8. */
 
-#include "board.h"
+#include "playback.h"
+
+#include "link.h"
+#include "output.h"
+#include "points.h"
+#include "stream.h"
+#include "uploads.h"
 
 static uint32_t bad_value(const struct board *board, const struct hg_play *play, int64_t start_us,
                           int *is_bad)
@@ -61,7 +67,6 @@ void playback_play(struct board *board, const struct request *request)
     playback->played = 0;
     output_renew_lease(board);
     link_reply(board, request, &board->state, HG_SIZE_PLAY_REPLY);
-    board_advance(board, board->now_us); /* its first frame may be due at once */
 }
 
 /* End it without a word; 0 if nothing played. */

@@ -1,6 +1,6 @@
 /* The array, and the drive of focal points.  SPEC.md HG-5.4 and HG-7.5. */
 
-#include "board.h"
+#include "points.h"
 
 #include <math.h>
 

@@ -1,9 +1,11 @@
-/* What only reads the board: identity, status, geometry, drive, trace.  SPEC.md chapters 4 to 9. */
+/* Identity, status, geometry and drive.  SPEC.md HG-4.3, HG-7.5, HG-8.6 and chapter 9. */
 
-#include "board.h"
+#include "readout.h"
 
-/* Bytes that one frame leaves for the tail of a reply. */
-#define ROOM(fixed) (HG_MAX_BODY_BYTES - HG_HEADER_BYTES - (fixed))
+#include "link.h"
+#include "output.h"
+#include "points.h"
+#include "uploads.h"
 
 static size_t least(size_t a, size_t b)
 {
@@ -104,6 +106,22 @@ void readout_status(struct board *board, uint8_t *payload)
         hg_put_u32(payload + HG_OFFSET_STATUS_COUNTERS + 4 * i, board->counters[i]);
 }
 
+void readout_schedule_status(struct board *board)
+{
+    int64_t period_us = (int64_t)board->config.status_period_ms * 1000;
+
+    board->next_status_us = period_us > 0 ? board->now_us + period_us : BOARD_NEVER;
+}
+
+void readout_send_status(struct board *board)
+{
+    uint8_t payload[HG_SIZE_STATUS];
+
+    readout_status(board, payload);
+    link_event(board, HG_TYPE_STATUS, payload, sizeof payload, board->now_us, 0, STATUS);
+    readout_schedule_status(board);
+}
+
 /* --- Geometry and drive ----------------------------------------------------------------------- */
 
 /* Set how many of the transducers asked for a reply shows; 0 if there is no such transducer. */
@@ -126,7 +144,7 @@ void readout_geometry(struct board *board, const struct request *request)
 
     hg_get_geometry_read(&asked, request->payload);
     if (!span(board, request, asked.first, asked.count,
-              ROOM(HG_SIZE_GEOMETRY_REPLY) / HG_SIZE_ELEMENT, &count))
+              BOARD_TAIL(HG_SIZE_GEOMETRY_REPLY) / HG_SIZE_ELEMENT, &count))
         return;
     reply.total = board->count;
     reply.first = asked.first;
@@ -146,7 +164,7 @@ void readout_drive(struct board *board, const struct request *request)
     size_t count;
 
     hg_read_drive_read(&asked, request->payload);
-    if (!span(board, request, asked.first, asked.count, ROOM(HG_SIZE_DRIVE_REPLY) / 2, &count))
+    if (!span(board, request, asked.first, asked.count, BOARD_TAIL(HG_SIZE_DRIVE_REPLY) / 2, &count))
         return;
     if (asked.kind == HG_DRIVE_RADIATED)
         output_radiated(board, &drive);
@@ -159,101 +177,4 @@ void readout_drive(struct board *board, const struct request *request)
     memcpy(data, drive.phase + asked.first, count);
     memcpy(data + count, drive.amplitude + asked.first, count);
     link_reply(board, request, board->scratch, HG_SIZE_DRIVE_REPLY + 2 * count);
-}
-
-uint32_t readout_drive_crc(const struct board *board, const struct drive *drive)
-{
-    uint32_t crc = hg_crc32(0, drive->phase, board->count);
-
-    return hg_crc32(crc, drive->amplitude, board->count);
-}
-
-/* --- Trace (chapter 8) ------------------------------------------------------------------------ */
-
-static void send_trace(struct board *board, uint8_t type, const struct latch *latch,
-                       const uint8_t *payload, size_t length)
-{
-    uint8_t flags = latch->late ? HG_FLAG_LATE : 0;
-
-    if (!link_event(board, type, payload, length, latch->t_us, flags, TRACE))
-        board->counters[HG_COUNTER_TRACE_DROPPED]++;
-}
-
-static void report_drive(struct board *board, const struct latch *latch)
-{
-    uint8_t *payload = board->scratch;
-    size_t count = board->count;
-    struct hg_trace_drive trace;
-
-    if (board->traced++ % board->config.trace_divider != 0)
-        return;
-    trace.key = latch->key;
-    trace.bits = 8;
-    hg_trace_drive_write(payload, &trace);
-    memcpy(payload + HG_SIZE_TRACE_DRIVE, board->latched.phase, count);
-    memcpy(payload + HG_SIZE_TRACE_DRIVE + count, board->latched.amplitude, count);
-    send_trace(board, HG_TYPE_TRACE_DRIVE, latch, payload, HG_SIZE_TRACE_DRIVE + 2 * count);
-}
-
-static void report_crc(struct board *board, const struct latch *latch)
-{
-    uint8_t payload[HG_SIZE_TRACE_PLAYBACK];
-    struct hg_trace_playback playback;
-    struct hg_trace trace;
-
-    if (latch->key.sequence != 0) {
-        playback.key = latch->key;
-        playback.crc = latch->crc;
-        hg_trace_playback_write(payload, &playback);
-        send_trace(board, HG_TYPE_TRACE_PLAYBACK, latch, payload, HG_SIZE_TRACE_PLAYBACK);
-        return;
-    }
-    trace.index = latch->key.index;
-    trace.crc = latch->crc;
-    hg_trace_write(payload, &trace);
-    send_trace(board, HG_TYPE_TRACE, latch, payload, HG_SIZE_TRACE);
-}
-
-void readout_report(struct board *board, const struct latch *latch)
-{
-    if (board->config.trace_mode == HG_TRACE_DRIVE)
-        report_drive(board, latch);
-    else if (board->config.trace_mode == HG_TRACE_CRC)
-        report_crc(board, latch);
-}
-
-static void write_record(uint8_t *to, const struct latch *latch)
-{
-    struct hg_trace_record record;
-
-    record.number = latch->number;
-    record.key = latch->key;
-    record.t_latch_us = (uint32_t)latch->t_us;
-    record.crc = latch->crc;
-    record.flags = latch->late ? HG_FLAG_LATE : 0;
-    hg_trace_record_write(to, &record);
-}
-
-void readout_trace(struct board *board, const struct request *request)
-{
-    struct hg_read_trace asked;
-    struct hg_trace_reply reply;
-    size_t length = HG_SIZE_TRACE_REPLY;
-    size_t i;
-
-    hg_read_trace_read(&asked, request->payload);
-    reply.next = board->latches;
-    reply.oldest = board->ring_count > 0 ? board->ring[board->ring_first].number : board->latches;
-    hg_trace_reply_write(board->scratch, &reply);
-    for (i = 0; i < board->ring_count; i++) {
-        const struct latch *latch = &board->ring[(board->ring_first + i) % BOARD_RING];
-
-        if (latch->number < asked.first
-            || latch->number >= (uint64_t)asked.first + asked.count
-            || length + HG_SIZE_TRACE_RECORD > HG_SIZE_TRACE_REPLY + ROOM(HG_SIZE_TRACE_REPLY))
-            continue;
-        write_record(board->scratch + length, latch);
-        length += HG_SIZE_TRACE_RECORD;
-    }
-    link_reply(board, request, board->scratch, length);
 }

@@ -1,6 +1,14 @@
-/* One function for each request that the link lets through.  SPEC.md chapters 6 to 9. */
+/* One function for each request that passed the checks of the link.  SPEC.md chapters 6 to 9. */
 
-#include "board.h"
+#include "requests.h"
+
+#include "link.h"
+#include "output.h"
+#include "playback.h"
+#include "readout.h"
+#include "shutdown.h"
+#include "trace.h"
+#include "uploads.h"
 
 static void reply_state(struct board *board, const struct request *request)
 {
@@ -27,14 +35,14 @@ static void mute(struct board *board, const struct request *request)
     reply_state(board, request); /* before the events below: HG-4.11/5 */
     if (!request->in_session && board->state != before)
         output_tell(board); /* HG-6.8/2: the open session learns what another one did */
-    output_silence(board);
+    shutdown_output(board);
 }
 
 static void disarm(struct board *board, const struct request *request)
 {
     output_enter(board, DISARM, HG_REASON_DISARM);
     reply_state(board, request);
-    output_silence(board);
+    shutdown_output(board);
 }
 
 static void ping(struct board *board, const struct request *request)
@@ -112,7 +120,7 @@ static void set_config(struct board *board, const struct request *request)
     }
     board->config = message.config;
     board->traced = 0;
-    board_schedule_status(board);
+    readout_schedule_status(board);
     reply_config(board, request); /* before what the new timers lead to: HG-4.11/5 */
     output_reconfigure(board);
 }
@@ -145,7 +153,7 @@ static const handler handlers[0x40] = {
     [HG_TYPE_UPLOAD_COMMIT - 0x40] = upload_commit,
     [HG_TYPE_PLAY - 0x40] = playback_play,
     [HG_TYPE_STOP - 0x40] = stop,
-    [HG_TYPE_READ_TRACE - 0x40] = readout_trace,
+    [HG_TYPE_READ_TRACE - 0x40] = trace_read,
 };
 
 void request_carry_out(struct board *board, const struct request *request)

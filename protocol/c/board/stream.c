@@ -1,6 +1,10 @@
 /* Stream frames and the queue between their arrival and their latch.  SPEC.md chapter 5. */
 
-#include "board.h"
+#include "stream.h"
+
+#include "link.h"
+#include "output.h"
+#include "points.h"
 
 static struct entry *at(struct board *board, size_t place)
 {
@@ -131,7 +135,6 @@ void stream_submit(struct board *board, const struct hg_frame *frame, uint32_t i
     entry->t_apply_us = t_apply_us;
     entry->late = t_apply_us < board->now_us;
     entry->drive = drive;
-    board_advance(board, board->now_us); /* its boundary may be this very moment */
 }
 
 void stream_latch(struct board *board)

@@ -2,9 +2,11 @@
 
    The only part that allocates: a board with less memory advertises less and keeps one arena. */
 
-#include "board.h"
+#include "uploads.h"
 
 #include <stdlib.h>
+
+#include "link.h"
 
 void upload_abandon(struct board *board)
 {

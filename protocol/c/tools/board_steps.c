@@ -32,7 +32,7 @@ static void step(struct board *board, const char *word, int64_t t_us, const char
     } else {
         board_advance(board, BOARD_BOOT_US + t_us);
         if (strcmp(word, "fault") == 0)
-            board_find_fault(board);
+            board_raise_hardware_fault(board);
     }
     hex_print(board->output, board->output_length);
     printf("\n");

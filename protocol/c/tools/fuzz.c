@@ -8,6 +8,7 @@
 #include <stdlib.h>
 
 #include "../board/board.h"
+#include "../board/uploads.h"
 
 enum { LONGEST = 12000 };
 

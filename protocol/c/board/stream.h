@@ -1,0 +1,12 @@
+/* Stream frames and their queue.  SPEC.md chapter 5. */
+
+#ifndef BOARD_STREAM_H
+#define BOARD_STREAM_H
+
+#include "model.h"
+
+void stream_submit(struct board *board, const struct hg_frame *frame, uint32_t index);
+void stream_latch(struct board *board);
+void stream_flush(struct board *board);
+
+#endif
