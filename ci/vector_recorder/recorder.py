@@ -97,7 +97,7 @@ def dialogues(cases: Iterable[Case], peer: VirtualBoard | None) -> list[Dialogue
         spoken = json.dumps([dialogue[part] for part in ("flags", "board", "steps")])
         if (same := found.setdefault(spoken, dialogue)) is not dialogue:
             same["clauses"] = list(dict.fromkeys([*same["clauses"], case.clause]))
-            same["comment"] += f"; {case.what}"
+            same["comment"] += f"; {case.summary}"
     return list(found.values())
 
 
@@ -118,7 +118,7 @@ def record(case: Case, peer: VirtualBoard | None) -> Dialogue | None:
         "id": f"dialogue/{case.id.removeprefix('HG-')}",
         "clauses": [case.clause],
         "flags": [_FLAGS[int(case.clause[3:].split(".")[0])]],
-        "comment": case.what,
+        "comment": case.summary,
         "board": BOARD if usual == other else BOARD | LIMITS,
         "steps": usual,
     }

@@ -13,7 +13,7 @@ from .verdict import Evidence
 
 Body: TypeAlias = Callable[[BoardClient], None]
 
-#: No capability is needed.
+#: The case needs no capability.
 NOTHING: Final = Feature(0)
 
 
@@ -24,25 +24,25 @@ class Case:
     Attributes
     ----------
     clause : str
-        Number of the clause that it judges.
-    what : str
-        What it does and expects, one line.
+        Number of the clause that the case judges.
+    summary : str
+        Experiment and expected result, one line.
     body : callable or None
-        Runs it; returns if the board did as the clause demands.  None: it cannot be observed.
+        The experiment; returns if the board meets the clause.  None: nothing can be observed.
     variant : str
-        Tells several cases of a clause apart.
+        Distinguishes the cases of one clause.
     needs : Feature
-        Capabilities without all of which it is UNIMPLEMENTED.
+        Capabilities that the board must advertise; without them the case is UNIMPLEMENTED.
     evidence : Evidence
-        What its verdict rests on.
+        Source of the verdict.
     needs_reset : bool
-        Whether it begins with a board that has just started.
+        Whether the case begins with a board that has just started.
     needs_session : bool
-        Whether a session is opened for it; else it talks to a board of which nothing is known.
+        Whether a session is opened before the case; else the board's state is unknown.
     """
 
     clause: str
-    what: str
+    summary: str
     body: Body | None
     variant: str = ""
     needs: Feature = NOTHING
@@ -58,7 +58,7 @@ class Case:
 
 def case(
     clause: str,
-    what: str,
+    summary: str,
     *,
     variant: str = "",
     needs: Feature = NOTHING,
@@ -66,24 +66,24 @@ def case(
     needs_reset: bool = False,
     needs_session: bool = True,
 ) -> Callable[[Body], Case]:
-    """Make a case of a function; see :class:`Case`."""
+    """Return a decorator that makes a function a :class:`Case`."""
 
     def make(body: Body) -> Case:
-        return Case(clause, what, body, variant, needs, evidence, needs_reset, needs_session)
+        return Case(clause, summary, body, variant, needs, evidence, needs_reset, needs_session)
 
     return make
 
 
 def unobservable(clause: str, reason: str, evidence: Evidence = Evidence.WIRE) -> Case:
-    """Register a clause that no case can judge, and why."""
+    """Return the case of a clause that nothing on the line can show, with the reason."""
     return Case(clause, reason, None, evidence=evidence)
 
 
 def about_host(clause: str) -> Case:
-    """Register a clause about the host."""
-    return unobservable(clause, "about the host: nothing that a board sends shows it")
+    """Return the case of a clause about the host."""
+    return unobservable(clause, "about the host: no frame of a board shows it")
 
 
 def about_text(clause: str) -> Case:
-    """Register a clause about SPEC.md itself."""
-    return unobservable(clause, "about how this text may change, not about a board")
+    """Return the case of a clause about SPEC.md itself."""
+    return unobservable(clause, "about changes of SPEC.md, not about a board")

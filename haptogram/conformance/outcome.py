@@ -1,4 +1,4 @@
-"""The ways in which a case can end."""
+"""How a case ends: by a check that fails, or by one of the other verdicts."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from haptogram.errors import HaptogramError
 
 from .verdict import Behaviour, Evidence
 
-#: Evidence classes under the names that cases use.
+#: Evidence, by the names that cases use.
 WIRE: Final = Evidence.WIRE
 SELF_REPORTED: Final = Evidence.SELF_REPORTED
 EXTERNAL: Final = Evidence.EXTERNAL
 
 
 class CaseEndedError(HaptogramError):
-    """A case knows its verdict."""
+    """Ends a case with a verdict other than OK."""
 
     def __init__(self, behaviour: Behaviour, text: str) -> None:
         super().__init__(text)
@@ -29,25 +29,25 @@ def check(holds: bool, text: str) -> None:
 
 
 def fail(text: str) -> NoReturn:
-    """End the case: the board did not do what the clause demands."""
+    """End the case as FAILED: the board does not meet the clause."""
     raise CaseEndedError(Behaviour.FAILED, text)
 
 
 def inconclusive(text: str) -> NoReturn:
-    """End the case: what was seen does not decide it."""
+    """End the case as INCONCLUSIVE: the observations decide nothing."""
     raise CaseEndedError(Behaviour.INCONCLUSIVE, text)
 
 
 def not_observed(text: str) -> NoReturn:
-    """End the case: there is nothing to see on this board, on this line."""
+    """End the case as NOT-OBSERVED: this board or this line cannot show the behaviour."""
     raise CaseEndedError(Behaviour.NOT_OBSERVED, text)
 
 
 def unimplemented(text: str) -> NoReturn:
-    """End the case: the board does not advertise what it needs."""
+    """End the case as UNIMPLEMENTED: the board lacks a capability that the case needs."""
     raise CaseEndedError(Behaviour.UNIMPLEMENTED, text)
 
 
 def informational(text: str) -> NoReturn:
-    """End the case with something worth knowing that the clause allows."""
+    """End the case as INFORMATIONAL: the clause allows the behaviour, and a reader may care."""
     raise CaseEndedError(Behaviour.INFORMATIONAL, text)

@@ -1,12 +1,12 @@
-"""The suite inside pytest: in any firmware repository, without a line of its own.
+"""The suite inside pytest, in any firmware repository.
 
 ::
 
     pip install haptogram
     pytest --pyargs haptogram.conformance --haptogram-port=/dev/ttyACM0
 
-Two fixtures are there for cases of one's own.  Nothing but pytest is imported before one of them
-is used.
+Two fixtures serve the repository's own cases.  The plugin imports nothing but pytest before one of
+them is used.
 """
 
 from __future__ import annotations
@@ -27,14 +27,28 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("haptogram", "board under test")
     add = group.addoption
     add("--haptogram-port", metavar="URL", help="any pyserial URL [a virtual board on a pty]")
-    add("--haptogram-spawn", metavar="CMD", help="start this program; it says its port")
-    add("--haptogram-port-regex", metavar="REGEX", help="finds the port in what it prints")
+    add("--haptogram-spawn", metavar="CMD", help="start this program, which prints its port")
+    add(
+        "--haptogram-port-regex", metavar="REGEX", help="finds the port in the text of that program"
+    )
     add("--haptogram-reset-cmd", metavar="CMD", help="shell command that restarts the board")
-    add("--haptogram-boot-timeout", type=float, default=60.0, metavar="S", help="of a restart [60]")
+    add(
+        "--haptogram-boot-timeout",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="longest wait for the port after a restart [60]",
+    )
     add("--haptogram-baud", type=int, default=3_000_000, metavar="BAUD", help="line rate")
-    add("--haptogram-timeout", type=float, default=1.0, metavar="S", help="until an answer comes")
-    add("--haptogram-seed", type=int, metavar="N", help="of nonces and contents [random]")
-    add("--haptogram-strict", action="store_true", help="a SHOULD that is not met fails")
+    add(
+        "--haptogram-timeout",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="longest wait for an answer [1]",
+    )
+    add("--haptogram-seed", type=int, metavar="N", help="seed of nonces and contents [random]")
+    add("--haptogram-strict", action="store_true", help="a SHOULD that is not met is a failure")
 
 
 @pytest.fixture(scope="session")
@@ -86,7 +100,7 @@ def _access(option: Any, folders: pytest.TempPathFactory) -> Access:
 
 
 def _virtual_board(folders: pytest.TempPathFactory) -> str:
-    """Return the command line of a virtual board: a process of its own, as any firmware is."""
+    """Return the command line of a virtual board, which runs as a process like a firmware build."""
     import shlex
     import sys
 

@@ -1,4 +1,4 @@
-"""One test for every case: what ``pytest --pyargs haptogram.conformance`` collects."""
+"""One test for every case, collected by ``pytest --pyargs haptogram.conformance``."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
 
 @pytest.mark.parametrize("case", all_cases(), ids=lambda case: case.id)
 def test_clause(case: Case, haptogram_board: Runner) -> None:
-    """Judge the board under test by one case; see the table of verdicts."""
+    """Judge the board under test by one case."""
     from haptogram.conformance.verdict import MEANINGS
 
     result = haptogram_board.result(case)
-    told = f"{result.behaviour} [{result.evidence}] {result.detail}"
+    verdict = f"{result.behaviour} [{result.evidence}] {result.detail}"
     junit = MEANINGS[result.behaviour].junit
     if junit == "skipped":
-        pytest.skip(told)
+        pytest.skip(verdict)
     if junit is not None or not result.recovers:
         recovery = "" if result.recovers else f"recovery: {result.recovery}"
         lines = [
-            told,
+            verdict,
             f"requirement: {result.requirement}",
             recovery,
             result.traceback,

@@ -1,4 +1,4 @@
-"""What a case can come to, and what that means for CI: one table for all reports."""
+"""Verdicts on a board, and their meaning for CI: one table for all reports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INCONCLUSIVE_STATUS: Final = 3
 
 
 class Behaviour(enum.StrEnum):
-    """What the board did, measured by the clause."""
+    """Verdict on the behaviour of the board."""
 
     OK = "OK"
     NON_STRICT = "NON-STRICT"
@@ -37,8 +37,8 @@ class Evidence(enum.StrEnum):
 class Meaning(NamedTuple):
     """One row of the table verdict -> JUnit -> exit status."""
 
-    what: str
-    junit: str | None  # element inside <testcase>; None: it passes
+    text: str
+    junit: str | None  # element inside <testcase>; None: the test passes
     exit_status: int
 
 
@@ -64,14 +64,14 @@ MEANINGS: Final[dict[Behaviour, Meaning]] = {
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """Whether requests and stream were clean again after a case.
+    """Second verdict: requests and stream work again after a case.
 
     Attributes
     ----------
     frames : int or None
-        How many requests it took until one was answered; None: none was.
+        Number of requests up to the first answered one; None: no request was answered.
     text : str
-        What was not clean, empty if everything was.
+        Description of the failure; empty if there is none.
     """
 
     frames: int | None = None
@@ -79,7 +79,7 @@ class Recovery:
 
     @property
     def clean(self) -> bool:
-        """Whether the line and the board work again."""
+        """True if requests and stream work again."""
         return self.frames is not None and not self.text
 
     def __str__(self) -> str:
@@ -90,34 +90,34 @@ class Recovery:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What one case came to.
+    """Result of one case.
 
     Attributes
     ----------
     case : str
-        Its id: the clause's number, and a word where a clause has several cases.
+        Id: the clause's number, and a word where a clause has several cases.
     clause : str
         Number of the clause.
     requirement : str
         Text of the clause, one line.
     what : str
-        What the case does and expects, one line.
+        Experiment and expected result, one line.
     behaviour : Behaviour
         First verdict.
     evidence : Evidence
-        What it rests on.
+        Source of the verdict.
     detail : str
-        Why, in words; empty where there is nothing to say.
+        Reason of the verdict; may be empty.
     recovery : Recovery or None
-        Second verdict; None where nothing was sent.
+        Second verdict; None if nothing was sent.
     transcript : tuple of str
-        The bytes exchanged, with what they mean; of a case that is not OK.
+        The bytes exchanged, decoded; of a case that is not OK.
     expected : str or None
-        What the baseline expects here.
+        Verdict in the baseline.
     seen : tuple of Behaviour
         Verdicts of the repetitions.
     traceback : str
-        Where the case broke off, if an error in the case itself did it and not the board.
+        Traceback of an error in the case itself.
     """
 
     case: str
@@ -135,39 +135,39 @@ class Result:
 
     @property
     def recovers(self) -> bool:
-        """Whether the board was clean again afterwards, as far as that was tried."""
+        """True if the board recovered, or if recovery was not tried."""
         return self.recovery is None or self.recovery.clean
 
     @property
     def is_failure(self) -> bool:
-        """Whether CI has to hear of it, were it not for a baseline."""
+        """True if the case fails, expected or not."""
         return MEANINGS[self.behaviour].exit_status == FAIL or not self.recovers
 
     @property
     def is_new_failure(self) -> bool:
-        """Whether it fails and nobody expected that."""
+        """True if the case fails and the baseline does not expect that."""
         return self.is_failure and self.expected is None
 
     @property
     def is_unexpected_pass(self) -> bool:
-        """Whether the baseline expects a failure that did not come."""
+        """True if the case does not fail and the baseline expects a failure."""
         return self.expected is not None and not self.is_failure
 
 
 @dataclass(frozen=True, slots=True)
 class SuiteResult:
-    """What a run came to.
+    """Result of a run.
 
     Attributes
     ----------
     results : tuple of Result
         In the order in which the cases ran.
     device : dict
-        What the board said of itself.
+        Description of the board, from HELLO_REPLY.
     settings : dict
-        How the suite was run: port, seed, strict, ...
+        Settings of the run: port, seed, strict, ...
     cut_short : str
-        Why not every case was run, empty if every one was.
+        Why some cases were not run; empty if all were.
     """
 
     results: tuple[Result, ...]
@@ -181,7 +181,7 @@ class SuiteResult:
         return exit_status(self.results)
 
     def count(self, behaviour: Behaviour) -> int:
-        """Return how many cases came to *behaviour*."""
+        """Return the number of cases with this verdict."""
         return sum(result.behaviour is behaviour for result in self.results)
 
 
@@ -200,7 +200,7 @@ def meaning_table() -> str:
     """Return the table verdict -> JUnit -> exit status, as text."""
     rows = [
         f"  {behaviour.value:<14} {meaning.junit or 'passes':<8} {meaning.exit_status}   "
-        f"{meaning.what}"
+        f"{meaning.text}"
         for behaviour, meaning in MEANINGS.items()
     ]
     head = f"  {'verdict':<14} {'JUnit':<8} exit"

@@ -144,7 +144,7 @@ EVENTS = ("STATE_CHANGED", "STATUS")
 
 
 def test_cases_with_one_dialogue_share_it():
-    other = dataclasses.replace(pings, clause="HG-4.11/2", what="and says when")
+    other = dataclasses.replace(pings, clause="HG-4.11/2", summary="and says when")
     (shared,) = dialogues([pings, other], None)
     assert shared["clauses"] == ["HG-4.11/1", "HG-4.11/2"]
     assert shared["comment"] == "PING is answered; and says when"

@@ -1,4 +1,4 @@
-"""A conversation in which a board says all that it can, for cases about what it sends."""
+"""A dialogue in which a board sends every kind of message, for cases about its frames."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ _TRACES: Final = (
 )
 
 
-def talk(board: BoardClient) -> list[Received]:
-    """Return every piece that the board sent in a conversation about everything."""
+def full_dialogue(board: BoardClient) -> list[Received]:
+    """Return every piece that the board sends in a dialogue of all requests that it takes."""
     board.hello()
     since = board.link.mark()
     board.hello(board.link.session)
@@ -99,7 +99,7 @@ def _be_refused(board: BoardClient) -> None:
 
 
 def _run_out_of_time(board: BoardClient) -> None:
-    """Let the hold mute the board, so that it says STATE_CHANGED."""
+    """Let the hold mute the board, so that the board sends STATE_CHANGED."""
     if not board.has(Feature.CONFIG):
         return
     board.configure(hold_ms=20)

@@ -1,4 +1,4 @@
-"""Drives onto a board, and what the board says that it latched."""
+"""Drives sent to be latched, and the latches that the board reports: read-back, trace, ring."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ FULL: Final = 255
 
 @dataclass(frozen=True, slots=True)
 class ShownDrive:
-    """A drive that a board shows: codes of the registers, or of what is radiated.
+    """A drive in a read-back: codes latched in the registers, or codes radiated.
 
     Attributes
     ----------
     phases, amplitudes : bytes
         One code per transducer.
     reply : DriveReply
-        Where they come from.
+        The read-back.
     """
 
     phases: bytes
@@ -51,7 +51,7 @@ class ShownDrive:
 
     @property
     def crc(self) -> int:
-        """CRC-32 of the drive, as trace has it."""
+        """CRC-32 of the drive, as in a trace."""
         return zlib.crc32(self.phases + self.amplitudes)
 
 
@@ -75,17 +75,17 @@ def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> ShownD
 
 
 def radiated(board: BoardClient) -> ShownDrive:
-    """Ask for what is radiated."""
+    """Ask for the radiated drive of all transducers."""
     return read_back(board, DriveKind.RADIATED)
 
 
 def is_silent(board: BoardClient) -> bool:
-    """Tell whether the board says that it radiates nothing."""
+    """Return True if the read-back shows that no transducer is driven."""
     return radiated(board).loudest == 0
 
 
 def latch_now(board: BoardClient, message: Message) -> int:
-    """Send a stream frame to be latched as soon as complete; return its unwrapped number."""
+    """Send a stream frame that is latched as soon as complete; return its unwrapped number."""
     index = board.link.stream_next
     wire = board.link.stream_wire(message)
     board.link.send(wire)
@@ -100,7 +100,7 @@ def full_drive(registers: bytes) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class TracedLatch:
-    """One latch as a trace tells it."""
+    """One latch in a trace."""
 
     index: int
     t_us: int
@@ -111,7 +111,7 @@ class TracedLatch:
 
 
 def watch(board: BoardClient) -> TraceMode:
-    """Switch on whatever trace tells of every latch; UNIMPLEMENTED if there is none."""
+    """Switch on a trace of every latch, and return its mode; UNIMPLEMENTED if there is none."""
     for feature, mode in (
         (Feature.TRACE, TraceMode.CRC),
         (Feature.TRACE_RING, TraceMode.RING),
@@ -124,7 +124,7 @@ def watch(board: BoardClient) -> TraceMode:
 
 
 def latches(board: BoardClient, since: int, mode: TraceMode) -> list[TracedLatch]:
-    """Return the latches that came as events since, or lie in the ring."""
+    """Return the latches in the events from piece *since* on, or in the trace ring."""
     board.link.barrier()
     if mode is TraceMode.RING:
         return _ring(board)

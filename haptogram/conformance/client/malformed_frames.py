@@ -1,4 +1,4 @@
-"""Bytes that no well-behaved host sends, and frames at the edges of what is allowed."""
+"""Bytes that no host may send, and frames of the longest and shortest kind."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BLOCK: Final = 254  # HG-2.2: longest piece of COBS without a zero
 
 
 def framed(data: bytes) -> bytes:
-    """Return *data* stuffed and between delimiters: it must bring its own CRC."""
+    """Return *data*, which ends with its CRC, stuffed and between delimiters."""
     return b"\x00" + cobs_encode(data) + b"\x00"
 
 
@@ -25,20 +25,20 @@ def with_crc(body: bytes) -> bytes:
 
 
 def with_wrong_crc(body: bytes, flip: int = 1) -> bytes:
-    """Return a body and a CRC that is not its own."""
+    """Return a body and a wrong CRC-32: the right one with the bits *flip* inverted."""
     return body + (zlib.crc32(body) ^ flip).to_bytes(4, "little")
 
 
 def noise(source: random.Random, size: int) -> bytes:
-    """Return bytes that are no zero: they can end no frame."""
+    """Return random bytes without a zero, so that they end no frame."""
     return bytes(source.randrange(1, 256) for _ in range(size))
 
 
 def mute_of(link: RequestClient, payload: bytes) -> tuple[bytes, int]:
     """Return body and number of a MUTE that carries *payload*.
 
-    MUTE is carried out whatever its payload is (HG-6.4/1): its reply proves that a frame of any
-    length and content has come through.
+    A board carries MUTE out with any payload (HG-6.4/1), so that MUTE_REPLY proves that a frame of
+    this length and content was read.
     """
     seq = link.next_seq()
     return link.body(Mute.TYPE, payload, seq=seq), seq
@@ -55,7 +55,7 @@ def mute_with_run(link: RequestClient, run: int) -> tuple[bytes, int]:
 
 
 def mute_of_encoded_size(link: RequestClient, size: int) -> tuple[bytes, int]:
-    """Return the stuffed bytes, *size* of them, of a MUTE, and its number."""
+    """Return a MUTE of *size* stuffed bytes, without delimiters, and its number."""
     payload = noise(link.random, size)
     for length in range(size - 60, size):
         body, seq = mute_of(link, payload[:length])
@@ -65,7 +65,7 @@ def mute_of_encoded_size(link: RequestClient, size: int) -> tuple[bytes, int]:
     raise AssertionError(f"no frame of {size} bytes was found")
 
 
-# --- Other checksums, to name the one that a board has instead --------------------------------
+# --- other checksums, to name the one that a board uses ----------------------------------------
 
 
 def crc16(data: bytes, polynomial: int, start: int, *, reflected: bool) -> int:
@@ -92,7 +92,7 @@ def crc32c(data: bytes) -> int:
 
 
 def other_checksums(body: bytes) -> dict[str, bytes]:
-    """Return *body* with checksums that boards may have in place of CRC-32, by name."""
+    """Return *body* with each checksum that a board may use in place of CRC-32, by name."""
     right = zlib.crc32(body)
     ccitt = crc16(body, 0x1021, 0xFFFF, reflected=False)
     xmodem = crc16(body, 0x1021, 0, reflected=False)

@@ -1,4 +1,4 @@
-"""The bytes that a case exchanged, and what they mean."""
+"""The bytes that a case exchanged, and their meaning in words."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, decode_frame
 from haptogram_protocol.messages import Header, Message, MessageType, parse_body
 
-_KEPT_TRANSFERS: Final = 200  # at the beginning, and as many at the end
+_KEPT_TRANSFERS: Final = 200  # from the beginning of a case, and as many from its end
 _SHOWN_BYTES: Final = 96  # of one transfer
 _PER_LINE: Final = 32
 
 
 class Direction(enum.StrEnum):
-    """Who sent it."""
+    """Sender of bytes."""
 
     HOST = "host "
     BOARD = "board"
@@ -26,7 +26,7 @@ class Direction(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Transfer:
-    """Bytes that were handed over, or came in, at once."""
+    """Bytes that one write or one read transferred."""
 
     t_us: int
     direction: Direction
@@ -42,7 +42,7 @@ class Recording:
         self._dropped = 0
 
     def add(self, t_us: int, direction: Direction, data: bytes) -> None:
-        """Take down a transfer."""
+        """Keep a transfer."""
         transfer = Transfer(t_us, direction, bytes(data))
         if len(self._first) < _KEPT_TRANSFERS:
             self._first.append(transfer)
@@ -51,7 +51,7 @@ class Recording:
         self._last.append(transfer)
 
     def transcript(self) -> tuple[str, ...]:
-        """Return the transfers as lines: time, who, hex, and the frames that they hold."""
+        """Return the transfers as lines: time, sender, hex, and the frames inside."""
         if not self._first:
             return ()
         start_us = self._first[0].t_us
@@ -63,7 +63,7 @@ class Recording:
 
 
 def _transcript_lines(transfers: Iterable[Transfer], start_us: int) -> list[str]:
-    """Return transfers as lines; a frame is told where its end came."""
+    """Return transfers as lines; a frame is described behind its last byte."""
     partial = dict.fromkeys(Direction, b"")
     lines = []
     for transfer in transfers:
@@ -85,7 +85,7 @@ def _lines_of(transfer: Transfer, start_us: int, pieces: list[bytes]) -> list[st
 
 
 def describe(piece: bytes) -> str:
-    """Return in words what the bytes between two delimiters are."""
+    """Return the bytes between two delimiters in words."""
     try:
         body = decode_frame(piece)
     except RemoteProtocolError as error:
@@ -103,7 +103,7 @@ def describe(piece: bytes) -> str:
 
 
 def summary(message: Message) -> str:
-    """Return the fields of a message; long bytes and lists by their length."""
+    """Return the fields of a message; bytes and lists by their length."""
     fields = []
     for name in (*message.WIRE, *([message.TAIL.name] if message.TAIL else [])):
         value = getattr(message, name)

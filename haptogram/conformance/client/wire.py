@@ -1,6 +1,6 @@
 """Raw frames out and in through a transport; every wait has an end.
 
-Time is that of the transport.  Nothing here knows a session or a sequence number.
+Times are those of the transport's clock.  Nothing here knows a session or a sequence number.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from ..outcome import fail, inconclusive
 from .recording import Direction, Recording
 
 _RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
-_FLOOD_BYTES: Final = 2 << 20  # more than this in one case is no board that one can talk to
+_FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be judged
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 
 
 @dataclass(frozen=True, slots=True)
 class WaitLimits:
-    """How long things may take, on the clock of the transport.
+    """Limits of waits, on the clock of the transport.
 
     Attributes
     ----------
     answer_us : int
-        How long an answer may take.
+        Longest wait for an answer.
     case_us : int
-        How long a case may take.
+        Longest duration of a case.
     slack_us : int
-        What the host's own scheduling may add to a wait: 0 in virtual time.
+        Delay that the host's scheduling may add to a wait; 0 in virtual time.
     lead_us : int
-        How long before its time a frame is sent.
+        Time between sending a frame and its t_apply.
     """
 
     answer_us: int
@@ -56,26 +56,26 @@ class WaitLimits:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """What came between two delimiters.
+    """The bytes between two delimiters: a piece, which may be a frame.
 
     Attributes
     ----------
     t_us : int
-        When it was read, on the clock of the transport.
+        Time of reading, on the clock of the transport.
     piece : bytes
-        As it was on the line, without delimiters.
+        The bytes on the line, without delimiters.
     shared : bool
-        Whether only one delimiter stood between it and the piece before.
+        Whether only one delimiter separates the piece from the one before.
     header : Header or None
-        None: it is no frame.
+        None: the piece is no frame.
     message : Message or None
-        None: no frame, or one whose payload cannot be read.
+        None: the piece is no frame, or its payload cannot be read.
     body : bytes
-        Header and payload; empty if it is no frame.
+        Header and payload; empty if the piece is no frame.
     fault : str
-        What is wrong with it, empty if nothing is.
+        Description of the defect; empty if there is none.
     reason : str
-        ``cobs``, ``crc``, ``short``, ``bad_length``, ...; empty if nothing is wrong.
+        ``cobs``, ``crc``, ``short``, ``bad_length``, ...; empty if there is no defect.
     """
 
     t_us: int
@@ -89,17 +89,17 @@ class Received:
 
     @property
     def is_response(self) -> bool:
-        """Whether it is a frame of the responses."""
+        """True for a response."""
         return self.header is not None and self.header.type in RESPONSE_RANGE
 
     @property
     def is_event(self) -> bool:
-        """Whether it is a frame of the events."""
+        """True for an event."""
         return self.header is not None and self.header.type in EVENT_RANGE
 
     @property
     def unstuffed(self) -> bytes:
-        """What COBS gives for the piece, empty if it is none."""
+        """The piece without its byte stuffing; empty if the piece is not COBS."""
         try:
             return cobs_decode(self.piece)
         except RemoteProtocolError:
@@ -107,14 +107,14 @@ class Received:
 
 
 class Wire:
-    """An open port and everything that came from it since the case began.
+    """An open port, and every piece that came from it since the case began.
 
     Attributes
     ----------
     limits : WaitLimits
-        Of every wait.
+        Limits of every wait.
     baudrate : int
-        Rate of the line, to tell how long bytes take.
+        Rate of the line, bits per second.
     received : list of Received
         Pieces since :meth:`begin_case`.
     heard : int
@@ -138,7 +138,7 @@ class Wire:
         self._busy_until_us = 0
 
     def begin_case(self) -> None:
-        """Forget what came, and give the next case its time."""
+        """Forget the pieces received so far, and start the time of the next case."""
         self.received, self.heard = [], 0
         self.held_up_us, self._left_us = 0, self.now_us()
         self.recording = Recording()
@@ -154,18 +154,18 @@ class Wire:
 
     @property
     def backlog_us(self) -> int:
-        """How long the line still takes to carry what was handed over."""
+        """Time that the line still needs for the bytes that were sent."""
         return max(0, self._busy_until_us - self.now_us())
 
     # --- out -----------------------------------------------------------------------------------
 
     def send(self, data: bytes) -> None:
-        """Hand over all of *data*, reading meanwhile if the port takes it in pieces.
+        """Send all of *data*; read meanwhile if the port takes *data* in pieces.
 
         Raises
         ------
         LinkLostError
-            If the port is gone, or took no byte for the time of an answer.
+            If the port is gone, or takes no byte during the longest wait for an answer.
         """
         self._come_back()
         self.recording.add(self.now_us(), Direction.HOST, data)
@@ -187,7 +187,7 @@ class Wire:
     # --- in ------------------------------------------------------------------------------------
 
     def wait(self, until: Callable[[], bool], timeout_us: int) -> bool:
-        """Read until *until* holds or the time is over; return whether it holds."""
+        """Read until *until* returns True or the time is over; return True in the first case."""
         end_us = self.now_us() + timeout_us
         while not until():
             if self.now_us() >= end_us:
@@ -198,7 +198,7 @@ class Wire:
     def wait_for(
         self, wanted: Callable[[Received], bool], since: int, timeout_us: int
     ) -> Received | None:
-        """Return the first piece from number *since* on that is *wanted*, None if none comes."""
+        """Return the first *wanted* piece from number *since* on, None if none comes in time."""
         looked_at = since
         found: Received | None = None
 
@@ -214,7 +214,7 @@ class Wire:
         return found
 
     def idle(self, duration_us: int) -> None:
-        """Let time pass, and take what comes."""
+        """Read for *duration_us*."""
         self.wait(lambda: False, duration_us)
 
     def _read(self, deadline_ns: int) -> None:
@@ -228,7 +228,7 @@ class Wire:
             self._take(data)
 
     def _come_back(self) -> None:
-        """Take note of how long the host was away; it listened up to the end of its last wait."""
+        """Note how long the host neither sent nor listened since its last wait."""
         self.held_up_us = max(self.held_up_us, self.now_us() - self._left_us)
 
     def _take(self, data: bytes) -> None:
@@ -254,7 +254,7 @@ class Wire:
         inconclusive(f"{text}, and no frame among them: not a board")
 
     def _keep(self, rest: bytes) -> None:
-        """Keep what no delimiter has ended yet, in bounded memory."""
+        """Keep the bytes behind the last delimiter, in bounded memory."""
         if len(self._partial) < _PARTIAL_BYTES:
             self._partial += rest
 

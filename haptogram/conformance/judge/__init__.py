@@ -1,1 +1,4 @@
-"""Judgements that cases share: drives and foci against the intended ones, recovery after a case."""
+"""Judgements that several cases share: drives, foci, mutes by a timer, recovery after a case.
+
+A judgement that one clause needs lies in the clause's case.
+"""

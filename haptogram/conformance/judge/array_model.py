@@ -37,7 +37,7 @@ def intended_drive(
     *,
     board_computed: bool = False,
 ) -> Intended:
-    """Return a drive that was asked for, in the form that verification takes."""
+    """Return a drive that was sent, as verification takes intended frames."""
     drive = Drive(np.frombuffer(registers, np.uint8), np.frombuffer(amplitudes, np.uint8))
     key = FrameKey(session=0, sequence=0, loop=0, index=0)
     return Intended(0, key, None, foci, drive, bits, board_computed)

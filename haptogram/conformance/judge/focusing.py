@@ -1,4 +1,4 @@
-"""Frames for foci, and whether what was latched makes them: numpy only."""
+"""Frames for foci, and the verdict on the focus of a latched drive; needs numpy only."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def _any_format(identity: HelloReply) -> int:
 
 
 def judge_of(model: AcousticModel) -> Judge:
-    """Return what judges drives of one array; it remembers where the last focus was."""
+    """Return the judge of drives of one array, which remembers the position of the last focus."""
     return Judge(model, carrier_us=round(1e6 / model.frequency_hz))
 
 
 def check_focus(judge: Judge, frame: Frame, shown: ShownDrive) -> None:
-    """FAILED, with the fault by its name, unless the focus of what is shown lies on its target."""
+    """FAILED, with the name of the fault, unless the focus of the shown drive is on target."""
     key = FrameKey(session=0, sequence=0, loop=0, index=0)
     latched = Drive(
         np.frombuffer(shown.phases, np.uint8), np.frombuffer(shown.amplitudes, np.uint8)

@@ -1,4 +1,4 @@
-"""The second verdict: whether requests and stream are clean again after a case."""
+"""The second verdict: requests and stream work again after a case."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from ..client.introduction import greet
 from ..outcome import CaseEndedError
 from ..verdict import Recovery
 
-MAX_FRAMES: Final = 3  # a board has to be in step again after that many
+MAX_FRAMES: Final = 3  # requests, of which the board has to answer one
 
 
 def recover(board: BoardClient) -> Recovery:
-    """Say how many requests it takes until one is answered, and whether a frame is latched.
+    """Send requests until one is answered, then a stream frame; return the verdict.
 
     A session is opened first if the case left none.
     """
@@ -40,13 +40,13 @@ def recover(board: BoardClient) -> Recovery:
 
 
 def farewell(board: BoardClient) -> None:
-    """Leave the board silent."""
+    """Mute the board at the end of a run."""
     board.wire.begin_case()
     board.link.ask(Mute())
 
 
 def _answers(board: BoardClient) -> bool:
-    """Tell whether the board answers, in the session that the case left or in a new one."""
+    """Return True if the board answers, in the session that the case left or in a new one."""
     seq = board.link.next_seq()
     wire, _ = board.link.request_wire(Ping(board.random.getrandbits(64)), seq=seq)
     since = board.link.mark()
@@ -54,12 +54,12 @@ def _answers(board: BoardClient) -> bool:
     answer = board.link.try_answer(seq, since)
     if answer is not None and isinstance(answer.message, Pong):
         return True
-    # Without a session, or in an old one, a PING is refused: a HELLO has the last word.
+    # A board refuses a PING without a session or of an old one: HELLO decides.
     return answer is not None and isinstance(greet(board), HelloReply)
 
 
 def _stream_fault(board: BoardClient) -> str:
-    """Return what is wrong with the stream of a new session, empty if a frame is latched."""
+    """Return the defect of the stream of a new session, empty if a frame is latched."""
     if not isinstance(greet(board), HelloReply):
         return "HELLO is not answered"
     if not board.has_phases:

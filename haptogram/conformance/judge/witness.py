@@ -1,4 +1,4 @@
-"""Whether a drive came into the registers as it was sent, and what is wrong with it by name."""
+"""The latched drive against the sent one, with the name of the fault if they differ."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _SHOWN: Final = 4  # transducers named in a message
 
 @dataclass(frozen=True, slots=True)
 class Witness:
-    """What can tell which drive was latched.
+    """The best source that shows the latched drive: read-back, else a trace.
 
     Attributes
     ----------
     board : BoardClient
-        Where it is asked.
+        Board that is asked.
     mode : TraceMode or None
-        The trace that tells; None: the read-back does.
+        Mode of the trace; None: the read-back is the source.
     """
 
     board: BoardClient
@@ -32,7 +32,7 @@ class Witness:
 
     @classmethod
     def of(cls, board: BoardClient) -> Witness:
-        """Return the best one; UNIMPLEMENTED if there is none."""
+        """Return the best source of *board*; UNIMPLEMENTED if there is none."""
         if board.has(Feature.READ_LATCHED):
             return cls(board, None)
         if not board.has(Feature.CONFIG):
@@ -42,7 +42,7 @@ class Witness:
     def expect(
         self, registers: bytes, amplitudes: bytes | None = None, *, bits: int = 8, since: int = 0
     ) -> None:
-        """FAILED unless the last latch brought this drive into the registers."""
+        """FAILED unless the last latch put this drive into the registers."""
         amplitudes = bytes([FULL]) * len(registers) if amplitudes is None else amplitudes
         if self.mode is None:
             expect_shown(self.board, read_back(self.board), registers, amplitudes, bits=bits)
@@ -59,7 +59,7 @@ class Witness:
 def expect_shown(
     board: BoardClient, shown: ShownDrive, registers: bytes, amplitudes: bytes, *, bits: int = 8
 ) -> None:
-    """FAILED, by name, unless a drive is the one that was sent."""
+    """FAILED, with the name of the fault, unless *shown* is the drive that was sent."""
     if (shown.phases, shown.amplitudes) == (registers, amplitudes):
         return
     wrong = [
@@ -83,8 +83,8 @@ def expect_shown(
 def names_of(
     board: BoardClient, shown: ShownDrive, registers: bytes, amplitudes: bytes, bits: int
 ) -> tuple[str, ...]:
-    """Return what is wrong with a drive, by name, from the array's geometry."""
-    # Late: only a drive that is wrong pays for the acoustics.
+    """Return the names of the faults of a drive, judged by the array's geometry."""
+    # Imported here: only a wrong drive pays for the acoustics.
     import numpy as np
 
     from haptogram.acoustics import Drive

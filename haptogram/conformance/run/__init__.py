@@ -1,1 +1,4 @@
-"""Runs of the suite: ways to a board, the runner that never hangs, expected failures."""
+"""Runs of the suite: ways to a board, its connection, the runner, expected failures.
+
+Reports of a run lie in :mod:`haptogram.report.conformance`.
+"""

@@ -1,4 +1,4 @@
-"""Ways to a board: one in this program, or behind a port that is there; a reset."""
+"""Ways to a board: in this program, or behind a port; and ways to reset it."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class Access(Protocol):
     Attributes
     ----------
     url : str
-        Its name in reports.
+        Name of the board in reports.
     baudrate : int
         Rate of the line.
     virtual : bool
-        Whether its time is virtual.
+        Whether the board's time is virtual.
     can_reset : bool
-        Whether :meth:`reset` can restart it.
+        Whether :meth:`reset` can restart the board.
     boots : bool
         Whether :meth:`open` finds a board that has just started.
     """
@@ -40,15 +40,15 @@ class Access(Protocol):
     boots: bool
 
     def open(self) -> Transport:
-        """Open the port; :class:`HaptogramError` if that cannot be done."""
+        """Open the port; :class:`HaptogramError` if the port does not open."""
         ...
 
     def reset(self) -> Transport:
-        """Restart the board and open its port; the one that was open is closed."""
+        """Restart the board and open its port; the caller has closed the old one."""
         ...
 
     def close(self) -> None:
-        """End what was started for it."""
+        """End the processes that :meth:`open` started."""
         ...
 
 
@@ -58,9 +58,9 @@ class VirtualAccess:
     Parameters
     ----------
     url : str
-        Its name.
+        Name of the board in reports.
     start : callable
-        Given how often it was started before, returns its port.
+        Takes the number of earlier starts, returns the port.
     """
 
     can_reset = True
@@ -79,15 +79,15 @@ class VirtualAccess:
         return self._start(self._starts - 1)
 
     def reset(self) -> Transport:
-        """Power another board up, as the same one after a reset."""
+        """Power up another board, in the state of a board after a reset."""
         return self.open()
 
     def close(self) -> None:
-        """Do nothing: a port that is closed is a board without power."""
+        """Do nothing: a board whose port is closed has no power."""
 
 
 class PortAccess:
-    """A board behind a port that is there.
+    """A board behind a port of the system.
 
     Parameters
     ----------
@@ -96,11 +96,11 @@ class PortAccess:
     reset_command : str or None
         Shell command that restarts the board.
     boot_timeout_s : float
-        How long it may take until its port is there again.
+        Longest wait for the port after a restart.
     dtr, rts : bool or None
-        State of the modem lines while the suite runs; None: as the system leaves them.
+        State of the modem lines during the run; None: as the system sets them.
     pulse : str or None
-        ``"dtr"`` or ``"rts"``: the line whose pulse restarts the board.
+        ``"dtr"`` or ``"rts"``: the line on which a pulse restarts the board.
     """
 
     virtual = False
@@ -136,7 +136,7 @@ class PortAccess:
             self._set_lines({self._pulse: True}, then={self._pulse: False})
         if self._reset_command is not None:
             _run(self._reset_command, self._boot_timeout_s)
-        return when_there(self.open, self._boot_timeout_s)
+        return open_when_there(self.open, self._boot_timeout_s)
 
     def _set_lines(self, states: dict[str, bool], then: dict[str, bool] | None = None) -> None:
         if not states:
@@ -153,7 +153,7 @@ class PortAccess:
             raise LinkError(f"{self.url}: modem lines cannot be set: {error}") from error
 
     def close(self) -> None:
-        """Do nothing: the board is not ours."""
+        """Do nothing: the run did not start the board."""
 
 
 def _run(command: str, timeout_s: float) -> None:
@@ -175,8 +175,8 @@ def _run(command: str, timeout_s: float) -> None:
         raise ConfigurationError(f"--reset-cmd ended with status {done.returncode}: {said}")
 
 
-def when_there(open_port: Callable[[], Transport], timeout_s: float) -> Transport:
-    """Open a port as soon as it is there."""
+def open_when_there(open_port: Callable[[], Transport], timeout_s: float) -> Transport:
+    """Open a port as soon as it exists; raise the last error after *timeout_s*."""
     end_s = time.monotonic() + timeout_s
     while True:
         try:

@@ -1,4 +1,4 @@
-"""Failures that are expected: a firmware that fails today need not fail its CI for that.
+"""Expected failures: a baseline lets the CI of a firmware pass in spite of known failures.
 
 ::
 
@@ -20,12 +20,12 @@ from ..verdict import Behaviour, SuiteResult
 
 
 def load_baseline(path: Path, cases: tuple[Case, ...]) -> dict[str, str]:
-    """Return the verdicts that are expected, by case or clause.
+    """Return the expected verdicts by case or clause.
 
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, names a case that there is not, or a verdict that is none.
+        If the file cannot be read, or names an unknown case or an unknown verdict.
     """
     try:
         found = tomllib.loads(path.read_text("utf-8"))
@@ -44,7 +44,7 @@ def load_baseline(path: Path, cases: tuple[Case, ...]) -> dict[str, str]:
 
 
 def write_baseline(path: Path, suite: SuiteResult) -> None:
-    """Write the failures of a run as those that are expected from now on."""
+    """Write the failures of a run as the expected ones."""
     rows = [
         f'"{result.case}" = "{result.behaviour}"  # {" ".join(result.detail.split())[:100]}'
         for result in suite.results

@@ -145,7 +145,7 @@ class Runner:
             case=case.id,
             clause=case.clause,
             requirement=self._clauses[case.clause].text,
-            what=case.what,
+            what=case.summary,
             behaviour=behaviour,
             evidence=case.evidence,
             detail=detail,
@@ -158,7 +158,7 @@ class Runner:
 
     def _attempt(self, case: Case) -> _Outcome:
         if case.body is None:
-            return _Outcome(Behaviour.NOT_OBSERVED, case.what)
+            return _Outcome(Behaviour.NOT_OBSERVED, case.summary)
         if case.needs_reset and not self._access.can_reset:
             return _Outcome(
                 Behaviour.NOT_OBSERVED, "no way to restart the board (--spawn, --reset-cmd, --dtr)"
@@ -279,5 +279,5 @@ def _is_shown(behaviour: Behaviour) -> bool:
 def _not_run(case: Case, clause: Clause, why: str) -> Result:
     evidence = case.evidence if case.body else Evidence.WIRE
     return Result(
-        case.id, case.clause, clause.text, case.what, Behaviour.INCONCLUSIVE, evidence, why
+        case.id, case.clause, clause.text, case.summary, Behaviour.INCONCLUSIVE, evidence, why
     )

@@ -1,4 +1,4 @@
-"""A board that is a process: started, asked for its port, ended with everything that it began."""
+"""A board that runs as a process: its start, the port that it prints, and its end."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import IO, Final
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, open_transport
 from haptogram.errors import ConfigurationError
 
-from .access import when_there
+from .access import open_when_there
 
 DEFAULT_PORT_REGEX: Final = r"(?:listening on|redirected to|PTY is|pty:?) +(/\S+)"
 _POLL_S: Final = 0.02
@@ -23,10 +23,10 @@ _LAST_WORDS_S: Final = 1.0
 _KEPT_BYTES: Final = 1 << 16
 
 
-class _Said:
-    """What a process prints: its beginning and its end, so that nothing grows without bound.
+class _Output:
+    """The beginning and the end of the text that a process prints.
 
-    All of it is taken: a pipe that nobody empties would stop the board once it is full.
+    A thread reads everything: a full pipe would stop the board.
     """
 
     def __init__(self, stream: IO[bytes]) -> None:
@@ -43,28 +43,28 @@ class _Said:
                 self._last = (self._last + data[room:])[-_KEPT_BYTES:]
 
     def find(self, pattern: re.Pattern[str]) -> re.Match[str] | None:
-        """Return where *pattern* is found first, in what is kept."""
+        """Return the first match of *pattern* in the kept text."""
         return pattern.search(self._first.decode(errors="replace")) or pattern.search(
             self._last.decode(errors="replace")
         )
 
     def end(self, timeout_s: float) -> str:
-        """Wait until the process has said everything; return the last of it, on one line."""
+        """Wait for the end of the text; return its last 200 characters on one line."""
         self._thread.join(timeout_s)
         return " ".join((self._first + self._last).decode(errors="replace").split())[-200:]
 
 
 class SpawnAccess:
-    """A process that is a board: a native build or an emulator, and says which port it opened.
+    """A board that runs as a process, native or in an emulator, and prints its port.
 
     Parameters
     ----------
     command : str
         Command line, without a shell.
     port_regex : str
-        Found in what it prints; its first group, or all of it, is the port's URL.
+        Matches the text that the process prints; the first group, or the match, is the URL.
     boot_timeout_s : float
-        How long it may take to say so.
+        Longest wait for that text.
     """
 
     virtual = False
@@ -97,14 +97,14 @@ class SpawnAccess:
         return open_transport(self.url, baudrate=self.baudrate)
 
     def reset(self) -> Transport:
-        """Start it anew and open its port."""
+        """Start the process anew and open its port."""
         self.close()
         self.url = self._wait_for_port(self._start())
-        return when_there(
+        return open_when_there(
             lambda: open_transport(self.url, baudrate=self.baudrate), self._boot_timeout_s
         )
 
-    def _start(self) -> _Said:
+    def _start(self) -> _Output:
         try:
             self._process = subprocess.Popen(
                 self._arguments,
@@ -116,23 +116,23 @@ class SpawnAccess:
         except (OSError, ValueError) as error:
             raise ConfigurationError(f"--spawn {self._arguments[0]}: {error}") from error
         assert self._process.stdout is not None  # PIPE
-        return _Said(self._process.stdout)
+        return _Output(self._process.stdout)
 
-    def _wait_for_port(self, said: _Said) -> str:
+    def _wait_for_port(self, output: _Output) -> str:
         assert self._process is not None  # _start has set it
         end_s = time.monotonic() + self._boot_timeout_s
         while True:
             ended = self._process.poll() is not None
             if ended:
-                said.end(_LAST_WORDS_S)
-            if found := said.find(self._regex):
+                output.end(_LAST_WORDS_S)
+            if found := output.find(self._regex):
                 return found[1] if found.groups() else found[0]
             if ended or time.monotonic() > end_s:
                 how = "ended" if ended else f"went on for {self._boot_timeout_s:g} s"
-                last = said.end(0) or "nothing"
+                last = output.end(0) or "nothing"
                 raise ConfigurationError(
                     f"{self._arguments[0]} {how} before it named a port that matches "
-                    f"{self._regex.pattern!r}; it said: {last}"
+                    f"{self._regex.pattern!r}; it printed: {last}"
                 )
             time.sleep(_POLL_S)
 

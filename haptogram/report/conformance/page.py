@@ -45,7 +45,7 @@ def write_page(path: Path, suite: SuiteResult) -> None:
         ],
         attention=[result for result in suite.results if _needs_attention(result)],
         meanings=[
-            (_TONES[behaviour], behaviour, meaning.what) for behaviour, meaning in MEANINGS.items()
+            (_TONES[behaviour], behaviour, meaning.text) for behaviour, meaning in MEANINGS.items()
         ],
         results=suite.results,
         tone_of=_tone,

@@ -74,8 +74,8 @@ def test_cases_are_in_the_order_of_the_text():
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
 def test_every_case_says_in_one_line_what_it_does(case):
-    assert 10 < len(case.what) < 120
-    assert "\n" not in case.what
+    assert 10 < len(case.summary) < 120
+    assert "\n" not in case.summary
 
 
 def test_level_is_the_strongest_word():

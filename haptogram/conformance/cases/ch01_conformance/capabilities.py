@@ -103,7 +103,9 @@ def advertised_is_there(board: BoardClient) -> None:
             use(board)
 
 
-@case("HG-1.2/2", "a request of every capability that is not advertised is refused: UNSUPPORTED")
+@case(
+    "HG-1.2/2", "requests that need a capability which is not advertised are refused: UNSUPPORTED"
+)
 def refuses_what_it_lacks(board: BoardClient) -> None:
     lacking = [make for any_of, make in _REQUESTS if not board.identity.features & any_of]
     if not lacking:

@@ -7,7 +7,7 @@ from haptogram_protocol.messages import Error, Feature, HelloReply, Ping, StateC
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.dialogue import talk
+from ...client.dialogue import full_dialogue
 from ...client.introduction import greet
 from ...client.wire import Received
 from ...outcome import SELF_REPORTED, check, inconclusive
@@ -54,7 +54,7 @@ def _hello_body(board: BoardClient) -> bytes:
 
 def _check_crc(board: BoardClient) -> None:
     board.prepare()
-    wrong = [piece for piece in talk(board) if piece.reason in ("crc", "short")]
+    wrong = [piece for piece in full_dialogue(board) if piece.reason in ("crc", "short")]
     check(not wrong, f"a frame without its CRC-32: {wrong[0].fault if wrong else ''}")
 
 

@@ -8,14 +8,14 @@ from haptogram_protocol.messages import Ping
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.dialogue import talk
+from ...client.dialogue import full_dialogue
 from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check, fail
 
 
-@case("HG-2.1/1", "in a whole conversation no two frames share a delimiter")
+@case("HG-2.1/1", "in a full dialogue no two frames share a delimiter")
 def sends_both_delimiters(board: BoardClient) -> None:
-    pieces = talk(board)
+    pieces = full_dialogue(board)
     shared = [describe(piece.piece) for piece in pieces if piece.shared]
     check(not shared, f"{len(shared)} frames share a zero with the one before: {shared[:1]}")
 

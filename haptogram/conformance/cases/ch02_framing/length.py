@@ -8,7 +8,7 @@ from haptogram_protocol.messages import Arm, Ping
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.dialogue import talk
+from ...client.dialogue import full_dialogue
 from ...outcome import SELF_REPORTED, check, fail
 
 
@@ -24,9 +24,9 @@ def drops_short_frames(board: BoardClient) -> None:
         board.link.send(*(malformed_frames.framed(piece) for piece in pieces))
 
 
-@case("HG-2.6/1", "no frame of a whole conversation is longer than 4096 bytes")
+@case("HG-2.6/1", "no frame of a full dialogue is longer than 4096 bytes")
 def sends_no_frame_too_long(board: BoardClient) -> None:
-    longest = max((len(piece.piece) for piece in talk(board)), default=0)
+    longest = max((len(piece.piece) for piece in full_dialogue(board)), default=0)
     check(longest <= MAX_ENCODED_BYTES, f"{longest} bytes between two delimiters")
 
 
@@ -42,7 +42,7 @@ def reads_the_longest_frames(board: BoardClient) -> None:
 
 @case(
     "HG-2.6/3",
-    "runs of 4097 to 20000 bytes are counted in oversize, once; what they hold has no effect",
+    "runs of 4097 to 20000 bytes are counted in oversize, once; frames inside have no effect",
     evidence=SELF_REPORTED,
 )
 def discards_a_run_too_long(board: BoardClient) -> None:

@@ -10,16 +10,16 @@ from haptogram_protocol.messages import Ping
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.dialogue import talk
+from ...client.dialogue import full_dialogue
 from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check, fail
 
 _RUNS: Final = (252, 253, 254, 255, 256, 507, 508, 509, 762)
 
 
-@case("HG-2.2/1", "every frame in a whole conversation is the COBS encoding of what it holds")
+@case("HG-2.2/1", "every frame of a full dialogue is stuffed as COBS prescribes")
 def sends_cobs(board: BoardClient) -> None:
-    pieces = talk(board)
+    pieces = full_dialogue(board)
     broken = [piece for piece in pieces if not piece.unstuffed]
     check(not broken, f"no COBS: {broken[0].piece[:16].hex(' ') if broken else ''} ...")
     odd = [p for p in pieces if p.piece != cobs_encode(p.unstuffed)]

@@ -80,7 +80,7 @@ def stream_in_order(board: BoardClient) -> None:
 
 @case(
     "HG-3.8/1",
-    "at a queue that is full: order before room, room before horizon, order before lateness",
+    "a full queue: order is checked before room, room before horizon, order before lateness",
     variant="queue",
     evidence=SELF_REPORTED,
 )

@@ -58,7 +58,7 @@ def survives_junk(board: BoardClient) -> None:
 
 @case(
     "HG-3.9/4",
-    "2 MiB of junk (what the line carries in 20 s, if less): PINGs answered, free_bytes as before",
+    "2 MiB of junk, or 20 s of it: PINGs are answered, and free_bytes is as before",
 )
 def does_not_leak(board: BoardClient) -> None:
     before = board.status()
@@ -90,7 +90,7 @@ def _junk(board: BoardClient) -> bytes:
 
 @case(
     "HG-3.9/1",
-    "one frame of every defect: each counter goes up by 1, all together by their number",
+    "of one frame with each defect every counter grows by 1, and frames by their number",
     evidence=SELF_REPORTED,
 )
 def counts_once(board: BoardClient) -> None:

@@ -9,22 +9,22 @@ from haptogram_protocol.messages import (
 
 from ...case import about_host, case
 from ...client.board_client import BoardClient
-from ...client.dialogue import frames_in, talk, unstuffed_crc
+from ...client.dialogue import frames_in, full_dialogue, unstuffed_crc
 from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check
 
 
-@case("HG-3.1/1", "every frame of a whole conversation begins with a header of ten bytes")
+@case("HG-3.1/1", "every frame of a full dialogue begins with a header of ten bytes")
 def begins_with_a_header(board: BoardClient) -> None:
-    for piece in talk(board):
+    for piece in full_dialogue(board):
         _, body = unstuffed_crc(piece)
         check(len(body) >= HEADER_BYTES, f"a frame without a header: {describe(piece.piece)}")
         check(body[0] >= 0x80, f"the board sends a frame of the host: {describe(piece.piece)}")
 
 
-@case("HG-3.7/1", "every frame of a whole conversation carries its session, ERROR at times 0")
+@case("HG-3.7/1", "every frame of a full dialogue carries its session; ERROR may carry 0")
 def carries_the_session(board: BoardClient) -> None:
-    for piece in frames_in(talk(board)):
+    for piece in frames_in(full_dialogue(board)):
         header = piece.header
         assert header is not None  # frames_in
         stale = header.type == MessageType.ERROR and header.session == 0

@@ -15,7 +15,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.capabilities import requests_of, session_for
-from ...client.dialogue import frames_in, talk
+from ...client.dialogue import frames_in, full_dialogue
 from ...client.latching import latch_now
 from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check
@@ -55,10 +55,10 @@ def ignores_the_low_nibble(board: BoardClient) -> None:
         board.clock.wait_latched()
 
 
-@case("HG-3.4/3", "no frame of a whole conversation has a flag but LATE, and that in traces only")
+@case("HG-3.4/3", "no frame of a full dialogue has a flag but LATE, and only traces have LATE")
 def sends_no_flags(board: BoardClient) -> None:
     traces = {MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE}
-    for piece in frames_in(talk(board)):
+    for piece in frames_in(full_dialogue(board)):
         if piece.header is not None:
             allowed = Flag.LATE if piece.header.type in traces else 0
             check(not piece.header.flags & ~allowed, f"flags: {describe(piece.piece)}")

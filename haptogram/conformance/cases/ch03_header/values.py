@@ -26,12 +26,12 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYBACK, requests_of, session_for
-from ...client.dialogue import talk
+from ...client.dialogue import full_dialogue
 from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check
 
 
-@case("HG-3.2/1", "numbers of 16, 32 and 64 bits, signed ones too, make sense lowest byte first")
+@case("HG-3.2/1", "numbers of 16, 32 and 64 bits, signed ones too, have their lowest byte first")
 def is_little_endian(board: BoardClient) -> None:
     nonce = 0x1FE2 if board.link.session != 0x1FE2 else 0x1FE3
     reply = board.hello(nonce)
@@ -94,13 +94,15 @@ def text_is_filled(board: BoardClient) -> None:
         check(False, f"{raw!r} is no UTF-8: {error}")
 
 
-@case("HG-3.2/3", "every payload of a whole conversation has the length of its type")
+@case("HG-3.2/3", "every payload of a full dialogue has the length of its type")
 def payloads_have_their_length(board: BoardClient) -> None:
-    wrong = [piece for piece in talk(board) if piece.reason == "bad_length"]
+    wrong = [piece for piece in full_dialogue(board) if piece.reason == "bad_length"]
     check(not wrong, f"{describe(wrong[0].piece) if wrong else ''}")
 
 
-@case("HG-3.2/4", "requests a byte too long and too short are refused with their right length")
+@case(
+    "HG-3.2/4", "requests a byte too long or too short are refused; the detail is the right length"
+)
 def refuses_a_wrong_length(board: BoardClient) -> None:
     kinds = requests_of(board)
     wrong = [(kind, size) for kind in kinds for size in _wrong_sizes(kind.LAYOUT.size)]
@@ -119,7 +121,7 @@ def _wrong_sizes(right: int) -> tuple[int, ...]:
 
 @case(
     "HG-3.2/4",
-    "stream frames a byte too long and too short are counted in bad_length and not answered",
+    "stream frames a byte too long or too short are counted in bad_length and not answered",
     variant="stream",
     evidence=SELF_REPORTED,
 )

@@ -57,7 +57,7 @@ def boot_id_differs(board: BoardClient) -> None:
     check(now != board.last_boot_id, f"boot_id is {now:#x} after a reset, as before")
 
 
-@case("HG-4.3/6", "geometry_hash is the CRC-32 of what GET_GEOMETRY shows of all transducers")
+@case("HG-4.3/6", "geometry_hash is the CRC-32 of the geometry records of all transducers")
 def geometry_hash_is_right(board: BoardClient) -> None:
     records = b"".join(element.pack() for element in board.read_geometry())
     got, due = board.identity.geometry_hash, zlib.crc32(records)

@@ -31,7 +31,7 @@ from ...outcome import SELF_REPORTED, check
 
 @case(
     "HG-4.6/1",
-    "HELLO with the open nonce: same reply, ARMED stays, queue and numbers go on; repeated + 1",
+    "HELLO with the open nonce: same reply; ARMED, queue and numbers stay; repeated + 1",
 )
 def the_same_nonce(board: BoardClient) -> None:
     first = board.hello()
@@ -62,7 +62,9 @@ def a_new_nonce_and_the_state(board: BoardClient) -> None:
     board.link.ask(Arm())
 
 
-@case("HG-4.6/3", "a new nonce flushes the queue; nothing of it is latched", evidence=SELF_REPORTED)
+@case(
+    "HG-4.6/3", "a new nonce flushes the queue; no queued frame is latched", evidence=SELF_REPORTED
+)
 def a_new_nonce_flushes(board: BoardClient) -> None:
     board.arm()
     start_us = board.clock.soon_us(bytes(4000))
@@ -161,7 +163,8 @@ def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
 
 
 @case(
-    "HG-4.6/6", "HELLO of number 0, 0x8000, 0xFFFF, ...: accepted; the next request is ahead of it"
+    "HG-4.6/6",
+    "HELLO is accepted with number 0, 0x8000, 0xFFFF, ...; the next request counts from there",
 )
 def a_hello_of_any_number(board: BoardClient) -> None:
     for seq in (0, 0x8000, 0xFFFF, 0x7FFF, 1):

@@ -71,7 +71,7 @@ def refuses_other_versions(board: BoardClient) -> None:
 
 @case(
     "HG-4.7/1",
-    "for 0.3 s after a reset, and a PING of no session, no event comes",
+    "for 0.3 s after a reset and a PING without a session no event comes",
     needs_reset=True,
 )
 def no_event_without_a_session(board: BoardClient) -> None:

@@ -50,7 +50,7 @@ def _repeat(board: BoardClient, wire: bytes, kind: type[Message], seq: int) -> b
 
 @case(
     "HG-4.9/1",
-    "ARM sent again after a MUTE of no session: same reply to the byte, still MUTED; repeated + 1",
+    "ARM again after a MUTE without a session: same reply to the byte, still MUTED; repeated + 1",
 )
 def repeats_its_reply(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
@@ -81,7 +81,10 @@ def _arm_is_not_done_twice(board: BoardClient) -> None:
     check(state is OutputState.MUTED, f"ARM sent again was carried out again: {state.name}")
 
 
-@case("HG-4.9/2", "the number of the last request with other bytes: SEQUENCE_REUSED, its detail")
+@case(
+    "HG-4.9/2",
+    "the last request's number with other bytes is refused: SEQUENCE_REUSED, detail: the number",
+)
 def refuses_a_reused_number(board: BoardClient) -> None:
     board.arm()
     seq = board.link.seq & 0xFFFF
@@ -91,7 +94,7 @@ def refuses_a_reused_number(board: BoardClient) -> None:
     check(state is OutputState.ARMED, f"a refused DISARM has led to {state.name}")
 
 
-@case("HG-4.9/3", "a delayed copy of ARM does not undo the DISARM behind it: SEQUENCE_REUSED")
+@case("HG-4.9/3", "a delayed copy of ARM does not undo a later DISARM: SEQUENCE_REUSED")
 def refuses_a_delayed_copy(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
     _repeat(board, wire, Arm, seq)
@@ -155,7 +158,9 @@ def does_chunks_again(board: BoardClient) -> None:
     check(again.received == 1, f"a chunk of 1 byte again: {again.received} received, {first!r}")
 
 
-@case("HG-4.12/1", "ARM, DISARM, PING of another session: STALE_SESSION, session 0; not done")
+@case(
+    "HG-4.12/1", "DISARM, PING, GET_STATUS of another session: STALE_SESSION, session 0; not done"
+)
 def refuses_another_session(board: BoardClient) -> None:
     board.arm()
     requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())

@@ -59,7 +59,10 @@ def responses_belong(board: BoardClient) -> None:
     check(session == 0, f"ERROR(STALE_SESSION) has session {session:#06x}, must be 0")
 
 
-@case("HG-4.11/2", "the time in the header is that of the first byte: t_tx of a PONG, in between")
+@case(
+    "HG-4.11/2",
+    "the header time is that of the first byte: t_tx of a PONG; it rises from reply to reply",
+)
 def responses_tell_the_time(board: BoardClient) -> None:
     for _ in range(_TRIES):
         first = board.link.ask(Ping(1))
@@ -94,7 +97,7 @@ def _round_trip_us(board: BoardClient, number: int) -> int:
     return board.wire.now_us() - start_us
 
 
-@case("HG-4.11/5", "MUTE of no session: MUTE_REPLY comes before STATE_CHANGED")
+@case("HG-4.11/5", "MUTE without a session: MUTE_REPLY comes before STATE_CHANGED")
 def answers_before_it_reports(board: BoardClient) -> None:
     board.arm()
     _in_order(board, Mute(), (MuteReply, StateChanged), session=0)

@@ -41,7 +41,7 @@ def count_is_in_range(board: BoardClient) -> None:
 
 @case(
     "HG-5.2/1",
-    "random codes in every format come into the registers as they were packed",
+    "random codes in every format reach the registers as they were packed",
     evidence=SELF_REPORTED,
 )
 def unpacks_phases(board: BoardClient) -> None:

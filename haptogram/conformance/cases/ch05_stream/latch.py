@@ -129,7 +129,7 @@ def one_latch_a_period(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
 
 
-@case("HG-5.8/4", "25 latches count 25 in latched, no more", evidence=SELF_REPORTED)
+@case("HG-5.8/4", "25 frames add 25 to latched", evidence=SELF_REPORTED)
 def counts_latches(board: BoardClient) -> None:
     board.arm()
     with board.counting(latched=25):
@@ -139,7 +139,7 @@ def counts_latches(board: BoardClient) -> None:
 
 @case(
     "HG-5.8/5",
-    "each of 8 drives is in the registers from its time to that of the next",
+    "each of 8 drives stays in the registers until the next is latched",
     evidence=SELF_REPORTED,
 )
 def holds_the_last_drive(board: BoardClient) -> None:

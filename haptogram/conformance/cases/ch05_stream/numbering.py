@@ -42,7 +42,7 @@ def counts_gaps(board: BoardClient) -> None:
 
 @case(
     "HG-5.6/1",
-    "frames dropped for type, flags, length, value, state and time have used up their numbers",
+    "frames dropped for type, flags, length, value, state and time use up their numbers",
     evidence=SELF_REPORTED,
 )
 def numbers_are_used_up(board: BoardClient) -> None:

@@ -32,7 +32,7 @@ def _model(board: BoardClient) -> AcousticModel:
 
 @case(
     "HG-5.2/1",
-    "PHASES for a focus, in every format: the focus of what is latched lies on its target",
+    "PHASES for a focus, in every format: the focus of the latched drive lies on its target",
     variant="focus",
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
@@ -52,7 +52,7 @@ def phases_make_a_focus(board: BoardClient) -> None:
 
 @case(
     "HG-5.3/1",
-    "DRIVES for two foci: the focus of what is latched lies on its target",
+    "DRIVES for each of two foci: the focus of the latched drive lies on its target",
     variant="focus",
     needs=Feature.READ_LATCHED | Feature.AMPLITUDE,
     evidence=SELF_REPORTED,
@@ -70,7 +70,7 @@ def drives_make_a_focus(board: BoardClient) -> None:
 
 @case(
     "HG-5.4/1",
-    "POINTS for two foci: the focus lies on its target; sign, order and axes are as they are due",
+    "POINTS for each of two foci: the focus lies on its target; sign, order and axes are right",
     needs=_COMPUTES,
     evidence=SELF_REPORTED,
 )

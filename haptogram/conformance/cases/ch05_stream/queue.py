@@ -34,7 +34,7 @@ def drops_unless_armed(board: BoardClient) -> None:
 
 @case(
     "HG-5.7/2",
-    "a t_apply equal to, or before, that of the last queued frame: dropped_order",
+    "frames not after the last queued one are counted in dropped_order",
     evidence=SELF_REPORTED,
 )
 def keeps_its_order(board: BoardClient) -> None:
@@ -52,7 +52,7 @@ def keeps_its_order(board: BoardClient) -> None:
 
 @case(
     "HG-5.7/3",
-    "queue_depth frames are queued and latched, the one more is dropped_full",
+    "queue_depth frames are queued and latched; one more is dropped_full",
     evidence=SELF_REPORTED,
 )
 def holds_its_depth(board: BoardClient) -> None:

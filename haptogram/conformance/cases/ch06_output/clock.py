@@ -86,7 +86,7 @@ def _pong(board: BoardClient, answer: Received) -> Pong:
     return board.link.reply_in(answer, Pong, Ping.TYPE)
 
 
-@case("HG-6.9/2", "t_rx is not after t_tx, both lie within the round trip, t_tx is that sent")
+@case("HG-6.9/2", "t_rx is not after t_tx, and both lie within the round trip")
 def stamps_pings(board: BoardClient) -> None:
     for number in range(_SAMPLES):
         start_us = board.wire.now_us()
@@ -102,7 +102,7 @@ def stamps_pings(board: BoardClient) -> None:
 
 @case(
     "HG-6.9/2",
-    "behind 4000 bytes t_rx is that of the PING's own end; behind a reply t_tx waits for the line",
+    "behind 4000 bytes t_rx is the end of the PING itself; behind a reply t_tx waits for the line",
     variant="exact",
 )
 def stamps_exactly(board: BoardClient) -> None:

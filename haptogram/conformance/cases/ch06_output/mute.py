@@ -30,12 +30,13 @@ _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
 host_keeps_room = about_host("HG-6.4/3")
 
 
-fault_lasts = unobservable(
-    "HG-6.6/3", "a fault of the hardware, which nothing on the line can bring about", EXTERNAL
+fault_lasts = unobservable("HG-6.6/3", "no frame can bring about a fault of the hardware", EXTERNAL)
+
+
+@case(
+    "HG-6.4/1",
+    "MUTE mutes in every state, without a session and with a payload; frames are dropped",
 )
-
-
-@case("HG-6.4/1", "MUTE in every state, from no session and with a payload, mutes; frames drop")
 def mutes_always(board: BoardClient) -> None:
     for state in _STATES:
         for header in (
@@ -96,7 +97,7 @@ def mute_flushes(board: BoardClient) -> None:
 
 @case(
     "HG-6.4/4",
-    "MUTE, of the session and of none, while a timer has muted: the reason becomes MUTE",
+    "MUTE, with and without a session, after a timer has muted: the reason becomes MUTE",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
@@ -128,7 +129,7 @@ def disarm_leaves_muted(board: BoardClient) -> None:
 
 @case(
     "HG-6.6/1",
-    "a read-back of what is radiated, right behind MUTE, DISARM and HELLO, shows silence",
+    "the radiated drive, read back right behind MUTE, DISARM and HELLO, is silent",
     needs=Feature.READ_RADIATED,
     evidence=SELF_REPORTED,
 )

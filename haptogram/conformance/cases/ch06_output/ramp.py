@@ -31,7 +31,7 @@ _RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 
 @case(
     "HG-6.7/1",
-    "frames that are dropped for type, flags, length or number renew the lease; others do not",
+    "frames dropped for type, flags, length, number or time renew the lease; stale frames do not",
     needs=Feature.CONFIG,
 )
 def any_frame_renews(board: BoardClient) -> None:
@@ -96,7 +96,7 @@ def _read_at(board: BoardClient) -> tuple[int, ShownDrive]:
 
 @case(
     "HG-6.11/1",
-    "read-backs during a ramp: the amplitude never rises",
+    "during a ramp the amplitude in read-backs never rises",
     needs=_RAMPS,
     evidence=SELF_REPORTED,
 )
@@ -108,7 +108,7 @@ def ramps_do_not_rise(board: BoardClient) -> None:
 
 @case(
     "HG-6.11/2",
-    "read-backs during a ramp: full before it, in small steps on the way, 0 at its end",
+    "the amplitude is full before a ramp, falls in small steps and is 0 at its end",
     needs=_RAMPS,
     evidence=SELF_REPORTED,
 )
@@ -140,7 +140,7 @@ def hard_mute(board: BoardClient) -> None:
 
 @case(
     "HG-6.11/4",
-    "a latch ends the ramp of the hold, a request does not; any frame ends that of the lease",
+    "a latch ends the ramp of the hold, a request does not; any frame ends the lease's ramp",
     needs=_RAMPS,
     evidence=SELF_REPORTED,
 )
@@ -167,7 +167,7 @@ def ramps_are_renewed(board: BoardClient) -> None:
 
 @case(
     "HG-6.11/5",
-    "at the end of a ramp: MUTED with its reason, queue flushed, timeouts + 1",
+    "a ramp ends in MUTED with its reason; the queue is flushed, timeouts + 1",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )

@@ -56,7 +56,9 @@ def starts_disarmed(board: BoardClient) -> None:
         check(is_silent(board), "transducers are driven after a reset")
 
 
-@case("HG-6.2/1", "ARM, MUTE, DISARM, STOP and HELLO in every state lead where the table says")
+@case(
+    "HG-6.2/1", "ARM, MUTE, DISARM, STOP and HELLO lead from every state to the state in the table"
+)
 def follows_the_table(board: BoardClient) -> None:
     for state in _STATES:
         for event in (*_INPUTS, OutputInput.NEW_SESSION):
@@ -109,7 +111,7 @@ def tells_the_state(board: BoardClient) -> None:
 
 @case(
     "HG-6.2/3",
-    "an input that leaves the state, but for MUTE, leaves the reason too",
+    "an input that keeps the state keeps the reason too, except MUTE",
     evidence=SELF_REPORTED,
 )
 def keeps_the_reason(board: BoardClient) -> None:
@@ -160,7 +162,7 @@ def arms_again(board: BoardClient) -> None:
         board.clock.wait_until(t_us + 2000)
 
 
-@case("HG-6.8/2", "MUTE of no session and of another one: STATE_CHANGED(MUTED, MUTE)")
+@case("HG-6.8/2", "MUTE without a session and of another one: STATE_CHANGED(MUTED, MUTE)")
 def tells_of_a_foreign_mute(board: BoardClient) -> None:
     for session in (0, board.link.session ^ 0x0AA0):
         board.arm()
@@ -176,7 +178,9 @@ def tells_of_a_foreign_mute(board: BoardClient) -> None:
             )
 
 
-@case("HG-6.8/1", "when the lease and the hold run out STATE_CHANGED says so", needs=Feature.CONFIG)
+@case(
+    "HG-6.8/1", "STATE_CHANGED names the lease and the hold when they run out", needs=Feature.CONFIG
+)
 def tells_of_a_timer(board: BoardClient) -> None:
     for reason, changes in (
         (MuteReason.HOST_SILENT, {"host_timeout_ms": 100}),

@@ -57,7 +57,7 @@ def _in_force(board: BoardClient) -> Config:
 
 @case(
     "HG-7.1/1",
-    "values one beyond a bound are refused by their offset and change nothing; bounds are taken",
+    "values one beyond a bound are refused with their offset and change nothing; bounds are taken",
     needs=Feature.CONFIG,
 )
 def keeps_its_bounds(board: BoardClient) -> None:
@@ -91,7 +91,7 @@ def spares_the_line(board: BoardClient) -> None:
 
 @case(
     "HG-7.1/3",
-    "a hold, a STATUS period and a late window are in force for the frame behind SET_CONFIG",
+    "STATUS period and late window are in force for the frame behind SET_CONFIG",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
@@ -135,7 +135,7 @@ def a_ramp_goes_on(board: BoardClient) -> None:
 
 @case(
     "HG-7.1/4",
-    "what was set before a reset is gone, unless CONFIG_KEPT is advertised",
+    "a configuration is gone after a reset, unless CONFIG_KEPT is advertised",
     needs_reset=True,
 )
 def starts_with_its_default(board: BoardClient) -> None:
@@ -151,7 +151,10 @@ def starts_with_its_default(board: BoardClient) -> None:
         check(not kept, f"{found} has survived a reset, but CONFIG_KEPT is not advertised")
 
 
-@case("HG-7.1/5", "config_crc is that of the 20 bytes in force and N bytes of the correction")
+@case(
+    "HG-7.1/5",
+    "config_crc is the CRC-32 of the 20 bytes in force and the N bytes of the correction",
+)
 def config_crc_is_right(board: BoardClient) -> None:
     none = bytes(board.identity.transducers)
     corrections = [none]
@@ -173,7 +176,7 @@ def config_crc_is_right(board: BoardClient) -> None:
 
 @case(
     "HG-7.1/6",
-    "trace modes that are not advertised, those of no version included, are refused",
+    "trace modes that are not advertised or not defined are refused",
     needs=Feature.CONFIG,
 )
 def refuses_other_traces(board: BoardClient) -> None:

@@ -18,7 +18,7 @@ from ...outcome import SELF_REPORTED, check
 
 @case(
     "HG-7.9/1",
-    "a correction is added to what is radiated, modulo 256; the latched drive stays",
+    "the correction is added to the radiated phases, modulo 256; the latched drive stays",
     needs=Feature.CORRECTION | Feature.READ_RADIATED | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )

@@ -17,7 +17,7 @@ from ...outcome import check
 _ELEMENTS: Final = 18
 
 
-@case("HG-7.5/1", "GET_GEOMETRY of 1, of some and of too many transducers shows those from first")
+@case("HG-7.5/1", "GET_GEOMETRY of one, some and too many transducers shows those from first on")
 def shows_its_geometry(board: BoardClient) -> None:
     count = board.identity.transducers
     room = (4075 - 14) // _ELEMENTS

@@ -36,7 +36,11 @@ def _ended(board: BoardClient, since: int, timeout_us: int) -> PlaybackEnded:
     return found[1]
 
 
-@case("HG-7.6/1", "PLAY while one plays: BAD_STATE; of no sequence: NOT_FOUND", needs=_NEEDS)
+@case(
+    "HG-7.6/1",
+    "PLAY during a playback is refused with BAD_STATE, of no stored sequence with NOT_FOUND",
+    needs=_NEEDS,
+)
 def refuses_to_play(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
     board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, 0, flags=0x10)
@@ -48,7 +52,11 @@ def refuses_to_play(board: BoardClient) -> None:
         board.link.send(board.link.stream_wire(board.flat_phases()))
 
 
-@case("HG-7.6/2", "periods, unattended times and starts out of bounds: BAD_VALUE", needs=_NEEDS)
+@case(
+    "HG-7.6/2",
+    "periods, unattended times and starts out of bounds are refused with BAD_VALUE",
+    needs=_NEEDS,
+)
 def checks_its_times(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
     board.arm()
@@ -84,7 +92,7 @@ def play_flushes(board: BoardClient) -> None:
 
 @case(
     "HG-7.6/4",
-    "60 frames of a period that is no multiple of the carrier: each on the next carrier period",
+    "60 frames whose times lie between carrier periods are each latched on the next one",
     needs=_NEEDS | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
@@ -133,7 +141,7 @@ def may_be_left_alone(board: BoardClient) -> None:
 
 @case(
     "HG-7.6/6",
-    "with loops = 0 it plays on until STOP, DISARM, MUTE and a new session end it",
+    "with loops = 0 a sequence plays until STOP, DISARM, MUTE or a new session ends it",
     needs=_NEEDS,
 )
 def plays_until_it_is_ended(board: BoardClient) -> None:
@@ -180,7 +188,11 @@ def stops_nothing(board: BoardClient) -> None:
     check(not board.link.events(PlaybackEnded, since), "PLAYBACK_ENDED without a playback")
 
 
-@case("HG-7.8/1", "one PLAYBACK_ENDED for each end: by itself, STOP, MUTE, DISARM", needs=_NEEDS)
+@case(
+    "HG-7.8/1",
+    "one PLAYBACK_ENDED tells each end of a playback: by itself, by STOP, MUTE and DISARM",
+    needs=_NEEDS,
+)
 def tells_of_the_end(board: BoardClient) -> None:
     store_phases(board, 4, frames=3)
     for message in (None, Stop(), Mute(), Disarm()):

@@ -43,7 +43,10 @@ def _begin(board: BoardClient, size: int, crc: int = 0) -> UploadBegin:
     return UploadBegin(kind, int(kind is UploadKind.POINTS), target, size, crc)
 
 
-@case("HG-7.2/1", "more bytes, or more frames, than there is room for: TOO_LARGE, by the limit")
+@case(
+    "HG-7.2/1",
+    "an upload of more bytes or frames than fit is refused: TOO_LARGE, detail: the limit",
+)
 def refuses_what_is_too_large(board: BoardClient) -> None:
     kind, _, frame = _kind(board)
     identity = board.identity
@@ -67,7 +70,9 @@ def refuses_what_is_too_large(board: BoardClient) -> None:
     board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
 
 
-@case("HG-7.2/2", "sizes of 0 and of a frame and a byte: BAD_LENGTH, by the bytes in a frame")
+@case(
+    "HG-7.2/2", "sizes that are no whole frames are refused: BAD_LENGTH, detail: bytes in a frame"
+)
 def refuses_a_broken_size(board: BoardClient) -> None:
     _, _, frame = _kind(board)
     for size in (0, frame + 1, 2 * frame - 1):
@@ -75,7 +80,7 @@ def refuses_a_broken_size(board: BoardClient) -> None:
             board.link.refused(_begin(board, size), ErrorCode.BAD_LENGTH, frame)
 
 
-@case("HG-7.2/3", "a sequence 0, and a correction for 1, are refused with BAD_VALUE")
+@case("HG-7.2/3", "sequence 0, and a correction for target 1, are refused with BAD_VALUE")
 def refuses_a_wrong_target(board: BoardClient) -> None:
     board.need_any(_ANY)
     count, offset = board.identity.transducers, UploadBegin.WIRE["target"].offset
@@ -90,7 +95,7 @@ def refuses_a_wrong_target(board: BoardClient) -> None:
         board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)
 
 
-@case("HG-7.2/4", "a second UPLOAD_BEGIN abandons what came for the first")
+@case("HG-7.2/4", "a second UPLOAD_BEGIN discards the chunks of the first")
 def begins_anew(board: BoardClient) -> None:
     kind, target, frame = _kind(board)
     data = b"\x07" * frame
@@ -114,7 +119,7 @@ def protects_what_plays(board: BoardClient) -> None:
     board.link.refused(UploadBegin(UploadKind.PHASES, 0, 5, size, 0), ErrorCode.BAD_STATE, 1)
 
 
-@case("HG-7.3/1", "chunks backwards and three times each are put together as they belong")
+@case("HG-7.3/1", "chunks that come backwards and then once more are put together in order")
 def takes_any_order(board: BoardClient) -> None:
     kind, target, frame = _kind(board)
     data = board.random.randbytes(frame)
@@ -127,7 +132,7 @@ def takes_any_order(board: BoardClient) -> None:
     board.link.call(UploadCommit(target), UploadCommitReply)
 
 
-@case("HG-7.3/2", "a window of chunks without a pause: all are taken")
+@case("HG-7.3/2", "a window of chunks sent without a pause is taken whole")
 def takes_a_window(board: BoardClient) -> None:
     kind, target, frame = _kind(board)
     identity = board.identity
@@ -151,7 +156,7 @@ def takes_a_window(board: BoardClient) -> None:
     check(received == sent, f"{sent} bytes in {len(pieces)} chunks were sent, {received} are there")
 
 
-@case("HG-7.3/3", "a chunk of max_chunk bytes is taken, one byte more is BAD_LENGTH")
+@case("HG-7.3/3", "a chunk of max_chunk bytes is taken; one byte more is refused with BAD_LENGTH")
 def limits_its_chunks(board: BoardClient) -> None:
     kind, target, frame = _kind(board)
     limit = board.identity.max_chunk
@@ -164,7 +169,10 @@ def limits_its_chunks(board: BoardClient) -> None:
     check(received == limit, f"a chunk of {limit} bytes: {received} are there")
 
 
-@case("HG-7.3/4", "a chunk past the end is BAD_VALUE, one without an upload BAD_STATE")
+@case(
+    "HG-7.3/4",
+    "a chunk past the end is refused with BAD_VALUE, one without an upload with BAD_STATE",
+)
 def refuses_stray_chunks(board: BoardClient) -> None:
     kind, target, frame = _kind(board)
     board.hello()
@@ -201,7 +209,7 @@ def keeps_the_old_one(board: BoardClient) -> None:
         check(got == wanted, f"the {which} sequence is due; traced are {len(got)} other drives")
 
 
-@case("HG-7.4/2", "a commit with a gap is INCOMPLETE, by the first byte; then the rest is taken")
+@case("HG-7.4/2", "a commit with a gap is refused: INCOMPLETE, detail: the first missing byte")
 def refuses_a_gap(board: BoardClient) -> None:
     kind, target, frame = _kind(board)
     frames = 1 if kind is UploadKind.CORRECTION else 2
@@ -219,7 +227,10 @@ def refuses_a_gap(board: BoardClient) -> None:
     check(got == due, f"UPLOAD_COMMIT_REPLY says {got}, due is {due}")
 
 
-@case("HG-7.4/3", "a commit of other bytes than announced is CRC_MISMATCH, by their CRC-32")
+@case(
+    "HG-7.4/3",
+    "a commit of other bytes than announced is refused: CRC_MISMATCH, detail: their CRC-32",
+)
 def refuses_other_bytes(board: BoardClient) -> None:
     kind, target, frame = _kind(board)
     data = board.random.randbytes(frame)
@@ -230,7 +241,10 @@ def refuses_other_bytes(board: BoardClient) -> None:
     check(kind is begin.kind, "the upload is of another kind")
 
 
-@case("HG-7.4/4", "a commit of another target is BAD_VALUE, one without an upload BAD_STATE")
+@case(
+    "HG-7.4/4",
+    "a commit of another target is refused with BAD_VALUE, one without an upload with BAD_STATE",
+)
 def refuses_a_stray_commit(board: BoardClient) -> None:
     kind, target, frame = _kind(board)
     board.hello()

@@ -24,7 +24,7 @@ _ANY_READ: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
 
 @case(
     "HG-8.6/1",
-    "READ_DRIVE of 1, of some and of too many transducers shows those from first on",
+    "READ_DRIVE of one, some and too many transducers shows those from first on",
     evidence=SELF_REPORTED,
 )
 def reads_some(board: BoardClient) -> None:
@@ -59,7 +59,7 @@ def reads_no_more(board: BoardClient) -> None:
 
 @case(
     "HG-8.6/3",
-    "codes, key and time of a read-back are those of one latch, as trace and STATUS have them",
+    "codes, key and time of a read-back belong to one latch, as in trace and STATUS",
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )

@@ -60,7 +60,7 @@ def _fill(board: BoardClient, size: int) -> int:
 
 @case(
     "HG-8.5/2",
-    "READ_TRACE of some, of none and of all: numbers, keys and CRCs, oldest first",
+    "READ_TRACE of some, none and all records shows numbers, keys and CRCs, oldest first",
     needs=Feature.TRACE_RING | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )

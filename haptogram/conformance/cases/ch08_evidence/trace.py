@@ -30,7 +30,7 @@ def _events(board: BoardClient, since: int) -> int:
 
 @case(
     "HG-8.1/1",
-    "of 6 latches OFF and RING tell nothing by itself, CRC and DRIVE tell 6",
+    "of 6 latches the trace modes OFF and RING report none, CRC and DRIVE report 6",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
@@ -55,7 +55,7 @@ def reports_as_told(board: BoardClient) -> None:
 
 @case(
     "HG-8.2/1",
-    "40 stream latches across 0xFFFF and two passes of a sequence have keys of their own",
+    "40 stream latches across 0xFFFF and two passes of a sequence have unique keys",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
@@ -127,7 +127,7 @@ def traces_hash_the_drive(board: BoardClient) -> None:
 
 @case(
     "HG-8.4/1",
-    "with trace_divider 3 latches 0, 3, 6 and 9 are told in full, anew after HELLO, no others",
+    "with trace_divider 3 only latches 0, 3, 6 and 9 are traced, and so again after HELLO",
     needs=Feature.TRACE_DRIVE | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
@@ -153,7 +153,7 @@ def traces_every_third(board: BoardClient) -> None:
 
 @case(
     "HG-8.7/1",
-    "while traces fill the line 400 latches at the highest rate are all made, each in its time",
+    "while traces fill the line all of 400 frames are latched at the highest rate, in time",
     needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )

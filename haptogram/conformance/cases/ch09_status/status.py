@@ -19,7 +19,7 @@ from ...outcome import SELF_REPORTED, check
 _MS: Final = 1000
 
 
-@case("HG-9.1/1", "in 8.4 periods of status_period_ms eight STATUS come, with a period of 0 none")
+@case("HG-9.1/1", "in 8.4 periods eight STATUS come; with status_period_ms = 0 none comes")
 def sends_status(board: BoardClient) -> None:
     board.need(Feature.CONFIG)
     period_ms = board.quick_status_ms
@@ -58,7 +58,7 @@ def begins_with_nothing(board: BoardClient) -> None:
 
 @case(
     "HG-9.3/1",
-    "margins of 3 frames in time and one too late, by number, least and mean; then anew",
+    "margins of 3 frames in time and one too late: number, least and mean; then they begin anew",
     evidence=SELF_REPORTED,
 )
 def tells_margins(board: BoardClient) -> None:

@@ -68,7 +68,7 @@ def stream_is_not_answered(board: BoardClient) -> None:
     board.link.unanswered("a stream frame while DISARMED", board.link.stream_wire(good))
 
 
-@case("HG-10.2/1", "ten cases are each refused with the code that the text gives; never BUSY")
+@case("HG-10.2/1", "ten refusals have the code that SPEC.md gives; none is BUSY")
 def uses_the_right_codes(board: BoardClient) -> None:
     board.link.refused_raw(0x7B, b"", ErrorCode.UNSUPPORTED, 0x7B)
     board.link.refused(Ping(0), ErrorCode.UNSUPPORTED, 0x80, flags=0x80)

@@ -17,7 +17,7 @@ from haptogram_protocol.messages import (
 
 from ...case import about_host, about_text, case
 from ...client.board_client import BoardClient
-from ...client.dialogue import frames_in, talk
+from ...client.dialogue import frames_in, full_dialogue
 from ...client.recording import describe, type_name
 from ...outcome import SELF_REPORTED, check
 
@@ -48,14 +48,14 @@ def keeps_what_never_changes(board: BoardClient) -> None:
     check(reply.body[10] == VERSION_MAJOR, f"byte 0 of HELLO_REPLY is {reply.body[10]}")
 
 
-@case("HG-11.2/2", "a host of minor version 255 is answered; the board sends what 1.0 has")
+@case("HG-11.2/2", "a host of minor version 255 is answered; the board sends messages of 1.0 only")
 def uses_the_smaller_minor(board: BoardClient) -> None:
     hello = Hello(VERSION_MAJOR, 255, board.new_nonce(), board.description_hash ^ 1)
     reply = board.link.call(hello, HelloReply, session=0)
     board.adopt(reply)
     check(reply.minor >= VERSION_MINOR, f"HELLO_REPLY says minor {reply.minor}")
     board.hello()
-    unknown = [p for p in frames_in(talk(board)) if p.reason == "unknown_type"]
+    unknown = [p for p in frames_in(full_dialogue(board)) if p.reason == "unknown_type"]
     check(
         not unknown,
         f"to a host of {VERSION_MAJOR}.{VERSION_MINOR}: "
@@ -72,14 +72,14 @@ def advertises_nothing_reserved(board: BoardClient) -> None:
 
 @case(
     "HG-11.5/2",
-    "in a whole conversation no type, flag, code, value or capability that no table names",
+    "no frame of a full dialogue has a type, flag, code, value or capability outside the tables",
     evidence=SELF_REPORTED,
 )
 def sends_nothing_reserved(board: BoardClient) -> None:
     known = sum(int(feature) for feature in Feature)
     spare = board.identity.features & ~known
     check(not spare, f"capability bits {spare:#x} are in no table")
-    for piece in frames_in(talk(board)):
+    for piece in frames_in(full_dialogue(board)):
         header = piece.header
         assert header is not None  # frames_in
         check(header.type in MESSAGES, f"{type_name(header.type)} is in no table")

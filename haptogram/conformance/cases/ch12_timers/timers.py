@@ -88,7 +88,7 @@ def hold_runs_from_the_last_latch(board: BoardClient) -> None:
 
 @case(
     "HG-12.4/1",
-    "when a playback ends the lease is host_timeout_ms again, from then on",
+    "from the end of a playback on the lease is host_timeout_ms again",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
 )
 def lease_after_playback(board: BoardClient) -> None:
