@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 FORMATS: Final = (".png", ".svg", ".pdf")
 MAGNITUDE_MAP: Final = "cividis"
 PHASE_MAP: Final = "twilight"
+ERROR_MAP: Final = "viridis"  # among grey elements, where cividis would be lost
 DPI: Final = 200  # of a picture in a file of its own
 PAGE_DPI: Final = 150  # of a picture in a page
 
@@ -58,8 +59,8 @@ _STYLE: Final[dict[str, Any]] = {
 #: Sign, size and colour of a place in the field; each has a white rim, to be seen on any ground.
 _MARKS: Final = {
     "target": ("+", 17.0, VERMILION),
-    "fitted focus": ("x", 9.0, BLUE),
-    "peak": ("o", 9.0, BLACK),
+    "fitted focus": ("x", 7.0, BLUE),
+    "peak": ("o", 11.0, BLACK),
 }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from haptogram.acoustics import AcousticModel
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
-from ..figures.style import BLUE, GREY, VERMILION, mark
+from ..figures.style import BLUE, ERROR_MAP, GREY, VERMILION, mark
 from .fieldmap import FieldMap, FieldPicture
 from .series import ErrorSeries, Floats, measured_mm, relative_error, targets_mm, thinned
 
@@ -64,6 +64,7 @@ def _measured(figure: Figure, axes: Any, seen: list[tuple[Floats, float]], size:
         s=size,
         c=np.maximum(errors, _LEAST_RATIO),
         norm=norm,
+        cmap=ERROR_MAP,
         linewidths=0,
         depthshade=False,
     )
