@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from haptogram.errors import ConfigurationError
-from haptogram.report import write_json
+from haptogram.report.run import write_json
 
 from .measure import measure_goals
 

@@ -132,7 +132,7 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 def _write(
     arguments: argparse.Namespace, found: BenchRun, result: dict[str, Any], changes: list[str]
 ) -> None:
-    from haptogram.report import write_json
+    from haptogram.report.run import write_json
 
     if arguments.json is not None:
         write_json(arguments.json, result)

@@ -78,8 +78,8 @@ def set_up(
 
 def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) -> int:
     """Run the job, write and print its result, and return the exit status."""
-    from haptogram import report
     from haptogram.evidence.run_record import measure
+    from haptogram.report import run as report
     from haptogram.report.html import check_page
     from haptogram.verification import tolerance_of, uncertainty_of, verify_run
 
@@ -181,7 +181,7 @@ def _blaming(planned: FaultPlan, board: BoardUnderTest) -> Iterator[None]:
 
 
 def _plan_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
-    from haptogram import report
+    from haptogram.report import run as report
 
     told = next(report.faults_and_troubles({"faults": faults, "troubles": {}}))
     # What is at the other end is known: no guess at another device or version.
@@ -255,7 +255,7 @@ def _write(
     config: VerifyConfig, verdict: RunVerdict, result: dict[str, object], found: Measured
 ) -> bool:
     """Write every file that was asked for; tell of those that could not be written."""
-    from haptogram import report
+    from haptogram.report import run as report
 
     outputs = ((o.key, o.radiated or o.drive) for o in found.observations)
     seen = {key: drive for key, drive in outputs if drive is not None}

@@ -1,1 +1,1 @@
-"""The result of a run as text, JSON, JUnit XML and HTML, and several runs as a matrix."""
+"""The report of the conformance suite: page, JUnit XML, JSON, text; several devices compared."""

@@ -1,1 +1,19 @@
-"""The report of one verification run: page, pictures, JUnit, JSON."""
+"""The report of one verification run: page, pictures, JUnit XML, JSON, and lines for a terminal.
+
+Each file is written as a whole or not at all.
+"""
+
+from .junit import write_junit
+from .page import write_html
+from .result import environment, result_dict, write_frames, write_json
+from .wording import faults_and_troubles
+
+__all__ = [
+    "environment",
+    "faults_and_troubles",
+    "result_dict",
+    "write_frames",
+    "write_html",
+    "write_json",
+    "write_junit",
+]

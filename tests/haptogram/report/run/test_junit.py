@@ -6,9 +6,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from haptogram import report
 from haptogram.acoustics import AcousticModel
 from haptogram.records.frame import FrameKey
+from haptogram.report import run as report
 from haptogram.report.run.checks import NAMED_FRAMES, Outcome, checks
 from haptogram.verification import Cut, RunVerdict, Verdict
 from judged_runs import (

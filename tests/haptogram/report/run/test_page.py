@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from haptogram import report
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.report import run as report
 from haptogram.verification import RunVerdict
 from judged_runs import damage, delay, hurry, lose, make_result, make_run, targets
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptogram import report
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.report import run as report
 from haptogram.report.run import prose
 from haptogram.verification import Cut, RunVerdict, Verdict
 from judged_runs import lose, make_result, make_run, targets
