@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.settings.parser import number, whole_number
 
-from .shell.output_files import write_picture
+from .shell.output_files import FILE_HELP, Outputs, check_picture, write_picture
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.measure import BenchRun
@@ -76,10 +75,16 @@ def set_up(parser: Parser) -> None:
         action="store_true",
         help="ask for fixed priority, locked memory and a frozen garbage collector",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
-    parser.add_argument("--html", type=Path, metavar="FILE", help="write it with histograms")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="write the histogram alone")
-    parser.add_argument(
+    result = parser.add_argument_group("result", FILE_HELP)
+    result.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    result.add_argument("--html", type=Path, metavar="FILE", help="write it with histograms")
+    result.add_argument(
+        "--picture",
+        type=Path,
+        metavar="FILE",
+        help="write the histogram alone: .png, .svg or .pdf",
+    )
+    result.add_argument(
         "--compare", type=Path, metavar="OLD.json", help="say what changed beyond the noise"
     )
 
@@ -89,13 +94,12 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.campaigns.bench.measure import BenchConfig, run_bench
     from haptogram.campaigns.bench.result import as_dict, read_result
     from haptogram.report.bench.text import bench_text
-    from haptogram.report.figures import check_format
     from haptogram.report.html import check_page
 
     if arguments.html is not None:
         check_page()
-    if arguments.picture is not None:
-        check_format(arguments.picture)
+    check_picture(arguments.picture)
+    outputs = Outputs(arguments, "json", "html", "picture")
     old = None if arguments.compare is None else read_result(arguments.compare)
     lead_us = None if arguments.lead_ms is None else round(arguments.lead_ms * 1e3)
     config = BenchConfig(
@@ -112,10 +116,11 @@ def run(arguments: argparse.Namespace) -> int:
     found = run_bench(config)  # without a progress bar: it would draw between the ticks
     result = as_dict(found)
     changes = [] if old is None else _changes(old, result)
-    print(bench_text(result))
+    print(bench_text(result), file=outputs.text)
     if changes:
-        print("\n" + "\n".join(changes))
+        print("\n" + "\n".join(changes), file=outputs.text)
     _write(arguments, found, result, changes)
+    outputs.announce()
     return 0
 
 
@@ -144,6 +149,3 @@ def _write(
         from haptogram.report.bench.pictures import draw_histograms
 
         write_picture(arguments.picture, draw_histograms(found.stages_us))
-    for path in (arguments.json, arguments.html, arguments.picture):
-        if path is not None:
-            print(f"wrote {path}", file=sys.stderr)

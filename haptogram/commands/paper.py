@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
+
+from haptogram.machine.files import STANDARD_OUTPUT
 
 from .shell.exit_status import FAIL, PASS
-from .shell.output_files import STANDARD_OUTPUT, check_file, write_json
+from .shell.output_files import Outputs, write_json
 
 if TYPE_CHECKING:
+    from haptogram.published.paper.document import Paper
     from haptogram.settings.parser import Parser
 
+_PAGE: Final = Path("paper.html")
 _EPILOG: Final = """\
 examples:
   haptogram paper                       equations, Table 1, readings and figure 4 as text
@@ -64,30 +67,40 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.report.paper.text import paper_text
     from haptogram.report.presets import presets_text
 
-    _check_places(arguments)
+    outputs = _outputs(arguments)
     paper = reproduce_paper()
-    wanted = arguments.presets or arguments.json or arguments.html
+    wanted = arguments.presets or outputs.paths
     compared = [(preset, compare(preset)) for preset in PRESETS] if wanted else []
     presets = [row for _, rows in compared for row in rows]
-    if arguments.json != STANDARD_OUTPUT:  # before the files: a full disk shall not cost the result
-        sys.stdout.write(paper_text(paper))
-        if arguments.presets:
-            sys.stdout.write("\n" + presets_text(compared))
+    # Before the files: a full disk must not cost the result.
+    print(paper_text(paper), file=outputs.text, end="")
+    if arguments.presets:
+        print("\n" + presets_text(compared), file=outputs.text, end="")
     if arguments.json:
         write_json(arguments.json, paper.as_dict() | {"presets": presets})
     if arguments.html:
-        from haptogram.machine.files import write_atomically
-        from haptogram.report.paper.page import report_files
-
-        for path, content in report_files(paper, presets, arguments.html):
-            write_atomically(path, content)
+        _write_report(paper, presets, arguments.html)
     return PASS if paper.averages_reproduced else FAIL
 
 
-def _check_places(arguments: argparse.Namespace) -> None:
-    """Raise before some seconds of work, not after, if a result cannot be written."""
-    if arguments.html:
-        from haptogram.report.paper.page import check_report
+def _outputs(arguments: argparse.Namespace) -> Outputs:
+    """Return the files, after a check that they can be written."""
+    from haptogram.report.paper.page import check_report
 
-        check_report(arguments.html)
-    check_file(arguments.json)
+    page: Path | None = arguments.html
+    if page is not None and page != STANDARD_OUTPUT:
+        check_report(page)
+        page = page if page.suffix else page / "index.html"
+    return Outputs(argparse.Namespace(json=arguments.json, html=page), "json", "html")
+
+
+def _write_report(paper: Paper, presets: list[dict[str, Any]], place: Path) -> None:
+    from haptogram.machine.files import write_atomically
+    from haptogram.report.paper.page import report_files
+
+    if place == STANDARD_OUTPUT:
+        ((_, page),) = report_files(paper, presets, _PAGE)
+        write_atomically(place, page)
+        return
+    for path, content in report_files(paper, presets, place):
+        write_atomically(path, content)

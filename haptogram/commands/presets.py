@@ -7,7 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Final
 
 from .shell.exit_status import PASS
-from .shell.output_files import check_file, write_json
+from .shell.output_files import Outputs, write_json
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.published.presets import PRESETS, compare, find_preset
     from haptogram.report.presets import presets_text
 
-    check_file(arguments.json)
+    Outputs(arguments, "json")
     chosen = [find_preset(name) for name in arguments.names] or PRESETS
     compared = [(preset, compare(preset)) for preset in chosen]
     if arguments.json:

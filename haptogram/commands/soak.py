@@ -11,16 +11,32 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from haptogram.errors import ConfigurationError
+from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.settings.parser import number, whole_number
 
 from .shell.exit_status import FAIL, INTERRUPTED, PASS
+from .shell.output_files import FILE_HELP, Outputs
 
 if TYPE_CHECKING:
     from haptogram.campaigns.soak import Campaign, MakeBoard
     from haptogram.campaigns.soak.campaign import Progress
-    from haptogram.settings.parser import Parser
+    from haptogram.errors import ConfigurationError
+from haptogram.settings.parser import Parser
 
-_DAY_H: Final = 24.0
+_EPILOG: Final = """\
+examples:
+  haptogram soak --hours 0.1
+      six minutes of virtual time, 1 % of the frames hit
+  haptogram soak --hours 24 --jobs 2 --resume soak.json
+      a day, in two processes; after an interrupt the same command goes on
+
+exit status:
+  0    pass: every fault is accounted for
+  1    fail: something is not explained, or the board or the host was wrong
+  2    usage or environment error
+  130  interrupted, and nothing was wrong until then
+"""
 
 
 def set_up(
@@ -33,16 +49,15 @@ def set_up(
         "damages frames, with pauses, outages and new sessions; at the end every fault must be "
         "explained.  See docs/soak.md."
     )
+    parser.epilog = _EPILOG
+    parser.refused["--virtual-time"] = "does nothing: a soak has no other time; leave it out"
     parser.set_defaults(run=functools.partial(run, board_maker=board_maker))
-    parser.add_argument(
-        "--virtual-time", action="store_true", help="in virtual time: the only way there is"
-    )
     parser.add_argument(
         "--hours",
         type=number(1e-6, 100_000.0, "h"),
-        default=_DAY_H,
+        required=True,
         metavar="H",
-        help="virtual time [24]",
+        help="virtual time to stream; an hour takes minutes",
     )
     parser.add_argument(
         "--fault-rate",
@@ -70,7 +85,9 @@ def set_up(
         metavar="FILE",
         help="checkpoint: written after every segment, and gone on from if it is there",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the account as JSON")
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help=f"write the account as JSON. {FILE_HELP}"
+    )
     parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
@@ -80,6 +97,9 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     from haptogram.campaigns.soak import Interrupted
     from haptogram.report.soak import soak_text
 
+    outputs = Outputs(arguments, "json", "resume")
+    if arguments.resume == STANDARD_OUTPUT:
+        raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
     campaign = _campaign(arguments)
     interrupted = False
     try:
@@ -92,7 +112,8 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
             )
     except Interrupted:
         interrupted = True
-    print(soak_text(campaign))  # before the file: a full disk must not cost the account
+    # Before the file: a full disk must not cost the account.
+    print(soak_text(campaign), file=outputs.text)
     if interrupted:
         print(_how_to_resume(arguments, campaign), file=sys.stderr)
     if arguments.json is not None:

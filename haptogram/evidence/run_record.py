@@ -20,7 +20,7 @@ from haptogram.evidence.boards import BoardUnderTest
 from haptogram.objects import shapes as tactile
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.records.frame import STREAM, Focus, Intended, Observation
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.verify_config import UNITS_M, VerifyConfig
 from haptogram.verification import Cut, check_tolerance, tolerance_of
 from haptogram_protocol.messages import Counters, HelloReply, StateChanged
 
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 Progress: TypeAlias = Callable[[int, int], None]
 
 #: A run keeps its frames, with what was seen of them: some 6 kB each.
+#: Length of a mesh that can be displayed, and felt as one.
+LEAST_MESH_M: Final = 1e-3
+MOST_MESH_M: Final = 2.0
 MOST_FRAMES: Final = 200_000
 _NO_TROUBLE: Final = frozenset({"frames", "latched", "requests"})
 _OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
@@ -150,7 +153,24 @@ def _shape(config: VerifyConfig) -> tactile.TactileObject:
             return tactile.Sphere(radius_m, center_m)
         case "hemisphere":
             return tactile.Hemisphere(radius_m, center_m)
-    return tactile.MeshSurface.from_file(config.object, center_m=center_m)
+    unit_m = UNITS_M[config.unit]
+    mesh = tactile.MeshSurface.from_file(config.object, center_m=center_m, unit_m=unit_m)
+    _check_size(mesh, config)
+    return mesh
+
+
+def _check_size(mesh: tactile.MeshSurface, config: VerifyConfig) -> None:
+    """Refuse a mesh whose file is most likely in another unit."""
+    size_m = float(np.ptp(mesh.mesh.bounds, axis=0).max())
+    size = size_m / UNITS_M[config.unit]
+    if LEAST_MESH_M <= size_m <= MOST_MESH_M:
+        return
+    fitting = [u for u, m in UNITS_M.items() if LEAST_MESH_M <= size * m <= MOST_MESH_M]
+    hint = f"; the file may be in {' or '.join(fitting)}: give --unit" if fitting else ""
+    raise ConfigurationError(
+        f"{config.object}: the mesh is {size_m * 1e3:.3g} mm long with --unit {config.unit}; it "
+        f"can be {LEAST_MESH_M * 1e3:g} to {MOST_MESH_M * 1e3:g} mm long{hint}"
+    )
 
 
 def measure(

@@ -1,19 +1,24 @@
-"""Writes a result as a whole or not at all."""
+"""Writes a result as a whole or not at all, and finds out before the work if it can be written."""
 
 from __future__ import annotations
 
 import os
 import secrets
+import sys
 from pathlib import Path
+from typing import Final
 
 from haptogram.errors import ConfigurationError
+
+#: The path that is standard output.
+STANDARD_OUTPUT: Final = Path("-")
 
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Write *content* to *path*: a reader meets the old file or the new one, never a part.
 
     The folder is created where there is none.  What exists and is no regular file (``/dev/stdout``,
-    a pipe) is written to, not replaced.
+    a pipe) is written to, not replaced; ``-`` is standard output.
 
     Raises
     ------
@@ -21,6 +26,9 @@ def write_atomically(path: Path, content: bytes) -> None:
         If it cannot be written; the text names the path and the reason.
     """
     try:
+        if path == STANDARD_OUTPUT:
+            _write_standard_output(content)
+            return
         target = Path(os.path.realpath(path))  # a link keeps pointing to the result
         if target.exists() and not (target.is_file() or target.is_dir()):
             target.write_bytes(content)
@@ -28,13 +36,47 @@ def write_atomically(path: Path, content: bytes) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         _replace(target, content)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        reason = getattr(error, "strerror", None) or str(error)
-        raise ConfigurationError(f"{path}: cannot be written: {reason}") from error
+        raise _refusal(path, error) from error
+
+
+def check_writable(path: Path) -> None:
+    """Raise, without a trace on the disk, if :func:`write_atomically` could not write *path*.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the path and the reason.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+        if target.is_dir():
+            raise ConfigurationError(f"{path}: is a folder; name a file")
+        if target.exists() and not target.is_file():
+            os.close(os.open(target, os.O_WRONLY | os.O_NONBLOCK))
+            return
+        folder = next(parent for parent in target.parents if parent.exists())
+        temporary = _temporary(folder)
+        temporary.touch(exist_ok=False)
+        temporary.unlink()
+    except (OSError, ValueError) as error:
+        if not isinstance(error, ConfigurationError):
+            raise _refusal(path, error) from error
+        raise
+
+
+def _refusal(path: Path, error: OSError | ValueError) -> ConfigurationError:
+    reason = getattr(error, "strerror", None) or str(error)
+    return ConfigurationError(f"{path}: cannot be written: {reason}")
+
+
+def _write_standard_output(content: bytes) -> None:
+    sys.stdout.flush()
+    sys.stdout.buffer.write(content)
+    sys.stdout.buffer.flush()
 
 
 def _replace(target: Path, content: bytes) -> None:
-    # Beside the target: a rename is atomic within one file system only.
-    temporary = target.parent / f".haptogram-{secrets.token_hex(8)}.tmp"
+    temporary = _temporary(target.parent)
     try:
         with temporary.open("xb") as file:
             file.write(content)
@@ -43,3 +85,8 @@ def _replace(target: Path, content: bytes) -> None:
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _temporary(folder: Path) -> Path:
+    # In the folder of the target: a rename is atomic within one file system only.
+    return folder / f".haptogram-{secrets.token_hex(8)}.tmp"

@@ -37,20 +37,39 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         raise ConfigurationError(
             f"{path}: meshes need the extra 'mesh': pip install 'haptogram[mesh]'"
         ) from error
-    if not path.is_file():
-        raise ConfigurationError(f"{path}: no such file")
+    _check_file(path)
     try:
         # Unprocessed: processing drops triangles that are not finite without a word.
         mesh: Any = trimesh.load_mesh(path, process=False)  # a cloud of points has no faces
     except Exception as error:  # the parsers of the formats raise whatever they meet
-        raise ConfigurationError(f"{path}: not a mesh that can be read: {error}") from error
+        raise ConfigurationError(
+            f"{path}: not a mesh that can be read as {path.suffix[1:].upper()}; export it anew"
+        ) from error
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise ConfigurationError(f"{path}: the mesh has no surface")
     if not np.isfinite(mesh.vertices).all():
         raise ConfigurationError(f"{path}: the mesh has a vertex that is not finite")
-    if not mesh.area > 0.0:
-        raise ConfigurationError(f"{path}: the mesh has no surface: its area is {mesh.area:g}")
+    with np.errstate(over="ignore"):  # of vertices at 1e300
+        area = float(mesh.area)
+    if not area > 0.0:
+        raise ConfigurationError(f"{path}: the mesh has no surface: its area is {area:g}")
     return mesh
+
+
+def _check_file(path: Path) -> None:
+    """Refuse what is no file that can be opened and holds bytes."""
+    if path.is_dir():
+        raise ConfigurationError(f"{path}: this is a folder; name a mesh file")
+    try:
+        with path.open("rb") as file:
+            is_empty = not file.read(1)
+    except FileNotFoundError as error:
+        raise ConfigurationError(f"{path}: no such file") from error
+    except (OSError, ValueError) as error:  # ValueError: a path with a null character
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigurationError(f"{path}: cannot be read: {reason}") from error
+    if is_empty:
+        raise ConfigurationError(f"{path}: the file is empty")
 
 
 def even_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> Points:

@@ -60,6 +60,11 @@ class Parser(argparse.ArgumentParser):
         )
         self.refused: dict[str, str] = {}
 
+    @property
+    def option_actions(self) -> dict[str, argparse.Action]:
+        """The actions by the words that call them."""
+        return self._option_string_actions
+
     def rename(self, **names: str) -> None:
         """Refuse each former name of an option, in favour of its new one."""
         self.refused.update(
@@ -84,7 +89,7 @@ class Parser(argparse.ArgumentParser):
         """Return *message* with the option in place of the Python argument that it begins with."""
         name = message.partition(" ")[0]
         option = _as_option(name)
-        known = name.isidentifier() and option in self._option_string_actions
+        known = name.isidentifier() and option in self.option_actions
         return option + message[len(name) :] if known else message
 
     def error(self, message: str) -> NoReturn:
@@ -110,16 +115,16 @@ class Parser(argparse.ArgumentParser):
         for word in _options_among(words):
             if word in self.refused:
                 self.error(f"{word} {self.refused[word]}")
-            if word not in self._option_string_actions and not self._is_short(word):
-                guess = suggestion(word, self._option_string_actions)
+            if word not in self.option_actions and not self._is_short(word):
+                guess = suggestion(word, self.option_actions)
                 self.error(f"there is no option {_shown(word)}{guess}")
 
     def _is_short(self, word: str) -> bool:
         """Return True for short options, alone or together with others or a value (-vh)."""
-        return not word.startswith("--") and word[:2] in self._option_string_actions
+        return not word.startswith("--") and word[:2] in self.option_actions
 
     def _given(self, words: Sequence[str]) -> Iterator[str]:
-        actions = self._option_string_actions
+        actions = self.option_actions
         return (actions[word].dest for word in _options_among(words) if word in actions)
 
 

@@ -20,6 +20,8 @@ SOLVERS: Final = ("naive", "ibp", "gs", "wgs", "gspat", "gradient")
 MODULATIONS: Final = ("am", "lm", "stm")  # those of haptogram.objects.modulation, which takes numpy
 SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
 MESH_SUFFIXES: Final = (".stl", ".obj", ".ply")
+#: Units of the lengths in a mesh file, in metres: the file does not say which it has.
+UNITS_M: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 #: The largest tolerance of a miss and of the air, and uncertainty of air and elements.
 MOST_MISS_MM: Final = 10.0
 MOST_OFF_C: Final = 20.0
@@ -32,6 +34,8 @@ GUESS_C: Final = 2.0
 GUESS_HUMIDITY_PERCENT: Final = 10.0
 GUESS_POSITION_MM: Final = 0.1
 GUESS_PHASE_RAD: Final = 0.2
+#: The settings that name a file to be written.
+OUTPUTS: Final = ("frames", "json", "junit", "html")
 _SECTION: Final = "verify"
 #: Former keys, and those that replaced them.
 _RENAMED: Final = {"link_baud": "baud", "report": "html"}
@@ -55,6 +59,7 @@ class VerifyConfig:
     resolution_mm: float = dataclasses.field(default=5.0, metadata=_limits(0.1, 100.0))
     radius_mm: float = dataclasses.field(default=50.0, metadata=_limits(0.1, 500.0))
     center_mm: tuple[float, float, float] = (0.0, 0.0, 100.0)
+    unit: str = "mm"
     rate_hz: float = dataclasses.field(default=1000.0, metadata=_limits(1.0, 40_000.0))
     repeat: int = dataclasses.field(default=1, metadata=_limits(1, 1_000_000))
     modulation: str | None = None
@@ -107,6 +112,7 @@ class VerifyConfig:
             _check_limits(field, getattr(self, field.name))
         _check_choice("mode", self.mode, MODES)
         _check_choice("phase_bits", self.phase_bits, PHASE_BITS)
+        _check_choice("unit", self.unit, tuple(UNITS_M))
         if self.solver is not None:
             _check_choice("solver", self.solver, SOLVERS)
         if self.object not in SHAPES and Path(self.object).suffix.lower() not in MESH_SUFFIXES:
@@ -221,9 +227,8 @@ class VerifyConfig:
 
     def job(self) -> dict[str, Any]:
         """Return what decides the result, for the report: no output path, JSON types only."""
-        outputs = {"frames", "json", "junit", "html"}
         values = dataclasses.asdict(self)
-        return {name: _for_json(value) for name, value in values.items() if name not in outputs}
+        return {name: _for_json(value) for name, value in values.items() if name not in OUTPUTS}
 
 
 def _for_json(value: Any) -> Any:

@@ -63,14 +63,42 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
     assert ended.returncode == 0
 
 
-def test_a_file_that_cannot_be_written_costs_neither_the_result_nor_the_other_files(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_file_that_cannot_be_written_at_the_end_costs_neither_the_result_nor_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blocked, junit = tmp_path / "file", tmp_path / "result.xml"
-    blocked.write_text("")
+    blocked.write_text("")  # as if somebody had put it there while the command was at work
+    monkeypatch.setattr("haptogram.commands.shell.output_files.check_writable", lambda _: None)
     words = ["--json", str(blocked / "result.json"), "--junit", str(junit)]
     assert main(["verify", "--virtual-time", "--object", "point", "--quiet", *words]) == 2
     said = capsys.readouterr()
     assert str(blocked) in said.err
     assert said.out.startswith("PASS")
     assert junit.exists()
+
+
+@pytest.mark.parametrize(
+    ("edge", "unit", "told"),
+    [
+        (0.05, "mm", "is 0.05 mm long with --unit mm; it can be 1 to 2000 mm long; the file may"),
+        (0.05, "m", None),
+        (50.0, "mm", None),
+        (5.0, "cm", None),
+        (2.0, "in", None),
+        (50.0, "m", "is 5e+04 mm long with --unit m; it can be 1 to 2000 mm long; the file may be"),
+    ],
+)
+def test_a_mesh_in_another_unit_is_recognised(
+    edge: float, unit: str, told: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "triangle.obj"
+    path.write_text(f"v 0 0 0\nv {edge} 0 0\nv 0 {edge} 0\nf 1 2 3\n")
+    words = ["modulation", "dwell", "--object", str(path), "--unit", unit, "--array", "6x6"]
+    assert main(words) == (2 if told else 0)
+    assert (told or "") in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["soak"], ["soak", "--virtual-time", "--hours", "1"]])
+def test_a_soak_begins_no_day_unasked(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    assert capsys.readouterr().err.count("\n") == 1

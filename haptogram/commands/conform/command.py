@@ -10,6 +10,8 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, TypeAlias
 
+from ..acting_options import refuse_idle_options
+from ..shell.output_files import Outputs, announce
 from .options import EXAMPLES, PULSE, add_options, check, is_virtual
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     from haptogram.conformance.cases import all_cases, select
     from haptogram.errors import ConfigurationError
 
+    refuse_idle_options("conform", arguments)
     if arguments.compare:
         return _compare(arguments)
     for name in arguments.clause:
@@ -54,10 +57,12 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     cases = tuple(select(all_cases(), arguments.clause))
     if arguments.list:
         return _list(cases)
+    outputs = Outputs(arguments, "json", "junit", "html", "write_baseline")
     suite = _run_cases(arguments, cases, virtual)
     from haptogram.report.conformance.text import suite_text
 
-    print(suite_text(suite, verbose=arguments.verbose), flush=True)  # whatever becomes of the files
+    text = suite_text(suite, verbose=arguments.verbose)
+    print(text, file=outputs.text, flush=True)  # before the files: a full disk must not cost it
     _write(arguments, suite)
     return suite.exit_status
 
@@ -150,8 +155,9 @@ def _compare(arguments: argparse.Namespace) -> int:
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
     check_page(pictures=False)
+    outputs = Outputs(arguments, "html")
     write_comparison(arguments.html, [read_json(path) for path in arguments.compare])
-    print(f"wrote {arguments.html}", file=sys.stderr)
+    outputs.announce()
     return 0
 
 
@@ -169,4 +175,4 @@ def _write(arguments: argparse.Namespace, suite: SuiteResult) -> None:
     ):
         if path is not None:
             write(path, suite)
-            print(f"wrote {path}", file=sys.stderr)
+            announce(path)

@@ -9,6 +9,8 @@ from typing import Final
 from haptogram.errors import ConfigurationError
 from haptogram.settings.parser import number, whole_number
 
+from ..shell.output_files import FILE_HELP
+
 _SCHEME: Final = "haptogram://"
 PULSE: Final = "pulse"
 EXAMPLES: Final = """\
@@ -30,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     _add_board(parser.add_argument_group("board and port"))
     _add_choice(parser.add_argument_group("what is run, and how"))
-    _add_results(parser.add_argument_group("result"))
+    _add_results(parser.add_argument_group("result", FILE_HELP))
 
 
 def _add_board(group: argparse._ArgumentGroup) -> None:
@@ -128,16 +130,12 @@ def check(arguments: argparse.Namespace) -> None:
     ConfigurationError
         Before anything is run.
     """
-    _check_files(arguments)
+    _check_page(arguments)
     _check_board(arguments)
 
 
-def _check_files(arguments: argparse.Namespace) -> None:
-    """Refuse what cannot be written before minutes of work, not after."""
-    for name in ("json", "junit", "html", "write_baseline"):
-        path: Path | None = getattr(arguments, name)
-        if path is not None and path.is_dir():
-            raise ConfigurationError(f"--{name.replace('_', '-')} {path} is a folder")
+def _check_page(arguments: argparse.Namespace) -> None:
+    """Refuse a page before minutes of work where the extra for pages is missing."""
     if arguments.html is not None:
         from haptogram.report.html import check_page
 

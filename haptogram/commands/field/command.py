@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.settings.parser import number, whole_number
-from haptogram.settings.verify_config import MESH_SUFFIXES, MODULATIONS, SHAPES, VerifyConfig
+from haptogram.settings.verify_config import (
+    MESH_SUFFIXES,
+    MODULATIONS,
+    SHAPES,
+    UNITS_M,
+    VerifyConfig,
+)
 
+from ..acting_options import refuse_idle_options
 from ..shell.exit_status import PASS
-from ..shell.output_files import check_file, write_picture
+from ..shell.output_files import FILE_HELP, Outputs, check_picture, write_picture
 from ..shell.places import Place, place_mm
 from ..shell.setting_types import setting_type
 from ..system import add_system
@@ -29,18 +35,20 @@ EAR_MM: Final[Place] = (0.0, -300.0, 400.0)  # someone who sits before an array 
 _EPILOG: Final = """\
 examples:
   haptogram field --focus-mm 20,0,120
-      |p| in the plane y = 0 through a focus, as field.png, and the figures of the focus as text
+      the figures of a focus: pressure, place of the maximum, spot, force, levels
+  haptogram field --focus-mm 20,0,120 --picture field.png
+      and |p| in the plane y = 0 through it as a picture
   haptogram field --focus-mm 20,0,120 --plane xy --quantity phase --picture phase.svg
-  haptogram field --preset autd3 --view isosurface
-  haptogram field --object circle --radius-mm 20 --plane xy
+  haptogram field --preset autd3 --view isosurface --picture autd3.png
+  haptogram field --object circle --radius-mm 20 --plane xy --picture circle.png
       what a hand feels over one pass: mean square over the sequence, with narrow transducers
   haptogram field --ear-mm --modulation am
       what reaches an ear: ultrasound in dB SPL, what is audible of a 200 Hz modulation in dB(A)
-  haptogram field --drive drive.csv --plane xy
+  haptogram field --drive drive.csv --plane xy --picture drive.svg
       a drive as codes: a header phase,amplitude and one line for each element
 
 exit status:
-  0  the picture was written
+  0  the figures were printed, and the picture was written
   2  usage or environment error
 """
 
@@ -74,11 +82,17 @@ def _add_source(parser: Parser) -> None:
     source.add_argument(
         "--object",
         metavar="SHAPE",
-        help=f"a sequence: {', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}, in mm) "
+        help=f"a sequence: {', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}) "
         "[one focus]",
     )
     source.add_argument(
         "--drive", type=Path, metavar="FILE", help="codes of every element as CSV [one focus]"
+    )
+    group.add_argument(
+        "--unit",
+        choices=tuple(UNITS_M),
+        default="mm",
+        help="unit of the lengths in a mesh file [mm]",
     )
     for name, unit, text, value in (
         ("resolution_mm", "MM", "spacing of the points of an object", default.resolution_mm),
@@ -123,7 +137,7 @@ def _add_source(parser: Parser) -> None:
 
 
 def _add_picture(parser: Parser) -> None:
-    group = parser.add_argument_group("picture")
+    group = parser.add_argument_group("picture", FILE_HELP)
     group.add_argument("--view", choices=VIEWS, default="plane", help="kind of picture [plane]")
     group.add_argument("--plane", choices=PLANES, default="xz", help="axes of a plane [xz]")
     group.add_argument(
@@ -150,8 +164,7 @@ def _add_picture(parser: Parser) -> None:
         "--picture",
         type=Path,
         metavar="FILE",
-        default=Path("field.png"),
-        help=".png, .svg or .pdf [field.png]",
+        help="write the picture: .png, .svg or .pdf [none]",
     )
     group.add_argument(
         "--ear-mm",
@@ -167,22 +180,23 @@ def _add_picture(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
-    from haptogram.report.figures import check_format
-
     from .levels import describe_levels
     from .scene import Scene
     from .views import describe, draw
 
-    check_format(arguments.picture)
-    check_file(arguments.picture)
+    refuse_idle_options("field", arguments)
+    check_picture(arguments.picture)
+    outputs = Outputs(arguments, "picture")
     scene = Scene.from_arguments(arguments)
     levels = [] if arguments.quiet else list(describe_levels(arguments, scene))
     lines = [] if arguments.quiet else [*describe(scene), *levels]
-    with _bar(quiet=arguments.quiet) as progress:
-        figure = draw(arguments, scene, progress)
-    write_picture(arguments.picture, figure)
-    if not arguments.quiet:
-        sys.stdout.write("\n".join([*lines, f"written: {arguments.picture}"]) + "\n")
+    for line in lines:
+        print(line, file=outputs.text)
+    if arguments.picture is not None:
+        with _bar(quiet=arguments.quiet) as progress:
+            figure = draw(arguments, scene, progress)
+        write_picture(arguments.picture, figure)
+        outputs.announce()
     return PASS
 
 

@@ -136,6 +136,7 @@ def _focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
 def _object_config(arguments: argparse.Namespace) -> VerifyConfig:
     return VerifyConfig(
         object=arguments.object,
+        unit=arguments.unit,
         resolution_mm=arguments.resolution_mm,
         radius_mm=arguments.radius_mm,
         center_mm=arguments.center_mm,

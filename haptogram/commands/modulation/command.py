@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.settings.parser import number
-from haptogram.settings.verify_config import MESH_SUFFIXES, SHAPES, VerifyConfig, load_config
+from haptogram.settings.verify_config import (
+    MESH_SUFFIXES,
+    SHAPES,
+    UNITS_M,
+    VerifyConfig,
+    load_config,
+)
 
+from ..acting_options import refuse_idle_options
 from ..shell.exit_status import PASS
-from ..shell.output_files import check_file, write_json, write_picture
+from ..shell.output_files import FILE_HELP, Outputs, check_picture, write_json, write_picture
 from ..shell.places import metres, place_mm
 from ..shell.setting_types import setting_type
 from ..system import add_system, system_model
@@ -73,8 +79,13 @@ def _add_object(parser: Parser) -> None:
     shape.add_argument(
         "--object",
         metavar="SHAPE",
-        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}, in mm) "
+        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}) "
         "[point; stm and dwell: circle]",
+    )
+    shape.add_argument(
+        "--unit",
+        choices=tuple(UNITS_M),
+        help="unit of the lengths in a mesh file [mm]",
     )
     for name, metavar, text, value in (
         ("radius_mm", "MM", "radius of the object; half the length of a line", _RADIUS_MM),
@@ -109,7 +120,7 @@ def _add_skin(parser: Parser) -> None:
 
 
 def _add_outputs(parser: Parser) -> None:
-    result = parser.add_argument_group("result")
+    result = parser.add_argument_group("result", FILE_HELP)
     result.add_argument(
         "--picture", type=Path, metavar="FILE", help="picture: .png, .svg or .pdf [none]"
     )
@@ -129,27 +140,26 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.acoustics import NumpyEngine, Resonator
     from haptogram.evidence.run_record import frames_to_show
     from haptogram.machine.files import write_atomically
-    from haptogram.report.figures import check_format
 
     from .result import Felt, as_csv, as_dict, describe, draw
 
-    if arguments.picture is not None:
-        check_format(arguments.picture)
-    for path in (arguments.picture, arguments.csv, arguments.json):
-        check_file(path)
+    refuse_idle_options("modulation", arguments)
+    check_picture(arguments.picture)
+    outputs = Outputs(arguments, "picture", "csv", "json")
     config = _config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
     frames = frames_to_show(config)
     place = None if arguments.at_mm is None else metres(arguments.at_mm)
     felt = Felt.of(NumpyEngine(system_model(arguments)), config, frames, lag, place)
-    if arguments.json != "-":
-        sys.stdout.write("\n".join(describe(felt, arguments.bandwidth_hz)) + "\n")
+    for line in describe(felt, arguments.bandwidth_hz):
+        print(line, file=outputs.text)
     if arguments.picture is not None:
         write_picture(arguments.picture, draw(felt))
     if arguments.csv is not None:
         write_atomically(arguments.csv, as_csv(frames).encode("ascii"))
     if arguments.json is not None:
         write_json(arguments.json, as_dict(felt, arguments.bandwidth_hz))
+    outputs.announce()
     return PASS
 
 

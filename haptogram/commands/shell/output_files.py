@@ -1,60 +1,127 @@
-"""Results as files, each whole or not at all; - is standard output."""
+"""The files that a command writes: checked before its work begins; - is standard output."""
 
 from __future__ import annotations
 
-import json
+import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from haptogram.errors import ConfigurationError
+from haptogram.machine.files import STANDARD_OUTPUT, check_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STANDARD_OUTPUT: Final = "-"
+FILE_HELP: Final = "With - a file is standard output, and the text goes to standard error."
 
 
-def check_file(path: Path | str | None) -> None:
-    """Raise before some seconds of work, not after, if *path* is a folder where a file is wanted.
+class Outputs:
+    """The files that the options of a command name.
+
+    Parameters
+    ----------
+    settings : object
+        Has the options as attributes.
+    *names : str
+        The options that name a file.
+
+    Attributes
+    ----------
+    paths : dict of str to Path
+        The files by option, of those that were asked for.
 
     Raises
     ------
     ConfigurationError
-        Names it.
+        If two options name one file, or a file cannot be written.
     """
-    if path is not None and Path(path).is_dir():
-        raise ConfigurationError(f"'{path}' is a folder; a file is wanted")
+
+    def __init__(self, settings: object, *names: str) -> None:
+        given = {f"--{name.replace('_', '-')}": getattr(settings, name) for name in names}
+        self.paths: dict[str, Path] = {
+            option: Path(path) for option, path in given.items() if path is not None
+        }
+        _check_names(self.paths)
+        for option, path in self.paths.items():
+            if path != STANDARD_OUTPUT:
+                try:
+                    check_writable(path)
+                except ConfigurationError as error:
+                    raise ConfigurationError(f"{option} {error}") from error
+
+    @property
+    def text(self) -> TextIO:
+        """The stream for text: standard output, unless that is one of the files."""
+        return sys.stderr if STANDARD_OUTPUT in self.paths.values() else sys.stdout
+
+    def announce(self) -> None:
+        """Say on standard error what was written."""
+        for path in self.paths.values():
+            announce(path)
 
 
-def write_json(name: str, document: Mapping[str, Any]) -> None:
-    """Write *document* as JSON to the file *name*; - is standard output.
+def announce(path: Path) -> None:
+    """Say on standard error that *path* was written, unless that is standard output."""
+    if path != STANDARD_OUTPUT:
+        print(f"wrote {path}", file=sys.stderr)
+
+
+def _check_names(paths: Mapping[str, Path]) -> None:
+    options: dict[str, str] = {}
+    for option, path in paths.items():
+        is_output = path == STANDARD_OUTPUT
+        place = "standard output" if is_output else os.path.realpath(path)
+        is_shared = is_output or not os.path.exists(place) or os.path.isfile(place)
+        if is_shared and place in options:
+            name = place if is_output else f"the same file, {path}"
+            raise ConfigurationError(
+                f"{options[place]} and {option} are both {name}; give each a name of its own"
+            )
+        options[place] = option
+
+
+def write_json(path: Path | str, document: Mapping[str, Any]) -> None:
+    """Write *document* as JSON.
 
     Raises
     ------
     ConfigurationError
         If it cannot be written.
     """
+    import json
+
     from haptogram.machine.files import write_atomically
 
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
-    if name == STANDARD_OUTPUT:
-        sys.stdout.write(text)
-    else:
-        write_atomically(Path(name), text.encode("ascii"))
+    write_atomically(Path(path), text.encode("ascii"))
 
 
-def write_picture(path: Path, figure: Figure) -> None:
-    """Write *figure* in the format of the suffix of *path*.
+def check_picture(path: Path | None) -> None:
+    """Raise unless the suffix of *path* names a format of pictures.
 
     Raises
     ------
     ConfigurationError
-        A suffix that is not a format, or a path that cannot be written.
+        Names the suffix and what is possible.
+    """
+    from haptogram.report.figures import check_format
+
+    if path is not None and path != STANDARD_OUTPUT:
+        check_format(path)
+
+
+def write_picture(path: Path, figure: Figure) -> None:
+    """Write *figure* in the format of the suffix of *path*; to standard output, as PNG.
+
+    Raises
+    ------
+    ConfigurationError
+        A path that cannot be written.
     """
     from haptogram.machine.files import write_atomically
-    from haptogram.report.figures import check_format, encode
+    from haptogram.report.figures import encode
 
-    check_format(path)
-    write_atomically(path, encode(figure, path.suffix.lower()))
+    suffix = ".png" if path == STANDARD_OUTPUT else path.suffix.lower()
+    write_atomically(path, encode(figure, suffix))

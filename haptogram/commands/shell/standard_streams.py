@@ -28,15 +28,26 @@ class PatientStream:
 
     def __init__(self, stream: Any) -> None:
         self.error: OSError | None = None
-        self._stream = stream or io.StringIO()  # None, where it was closed
+        # None, where it was closed
+        self._stream = stream or io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
+
+    @property
+    def buffer(self) -> PatientBytes:
+        """The stream below, for bytes."""
+        return PatientBytes(self)
 
     def write(self, text: str) -> int:
         """Write *text*, if that is possible."""
         self._attempt(lambda: self._stream.write(text))
         return len(text)
+
+    def write_bytes(self, content: bytes) -> int:
+        """Write *content*, if that is possible."""
+        self._attempt(lambda: self._stream.buffer.write(content))
+        return len(content)
 
     def flush(self) -> None:
         """Pass on what waits, if that is possible."""
@@ -56,6 +67,13 @@ class PatientStream:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self._stream.fileno())
         os.close(nowhere)
+
+
+class PatientBytes:
+    """The stream of bytes below a :class:`PatientStream`."""
+
+    def __init__(self, text: PatientStream) -> None:
+        self.write, self.flush = text.write_bytes, text.flush
 
 
 @contextlib.contextmanager

@@ -20,9 +20,11 @@ from haptogram.errors import (
     VersionMismatchError,
     WrongProtocolError,
 )
-from haptogram.settings.verify_config import VerifyConfig, load_config
+from haptogram.settings.verify_config import OUTPUTS, VerifyConfig, load_config
 
+from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
+from ..shell.output_files import Outputs, announce
 from .options import add_options
 
 if TYPE_CHECKING:
@@ -86,6 +88,8 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     names = {field.name for field in dataclasses.fields(VerifyConfig)}
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_config(arguments.config, given)
+    refuse_idle_options("verify", arguments, config)
+    outputs = Outputs(config, *OUTPUTS)
     if config.html is not None:
         check_page()
     planned = prepare(config)
@@ -126,11 +130,11 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         host=None if config.virtual_time else _host_dict(found),
         environment=None if config.virtual_time else report.environment(),
     )
-    print(verdict)  # before the files: a full disk must not cost the result
+    print(verdict, file=outputs.text)  # before the files: a full disk must not cost the result
     for line in report.faults_and_troubles(result):
-        print(f"  {line}")
+        print(f"  {line}", file=outputs.text)
     for warning in found.warnings:
-        print(f"  warning   {warning}")
+        print(f"  warning   {warning}", file=outputs.text)
     if not _write(config, verdict, result, found):
         return USAGE
     status = verdict.exit_status
@@ -275,7 +279,7 @@ def _write(
             continue
         try:
             write(path)
-            print(f"wrote {path}", file=sys.stderr)
+            announce(path)
         except ConfigurationError as error:
             print(f"haptogram verify: {error}", file=sys.stderr)
             written = False

@@ -17,10 +17,12 @@ from haptogram.settings.verify_config import (
     PHASE_BITS,
     SHAPES,
     SOLVERS,
+    UNITS_M,
     VerifyConfig,
 )
 
 from ..modulation.options import add_modulation
+from ..shell.output_files import FILE_HELP
 from ..shell.places import place_mm
 from ..shell.setting_types import setting_type
 
@@ -33,8 +35,12 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     shape.add_argument(
         "--object",
         metavar="SHAPE",
-        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}, in mm) "
-        f"[{default.object}]",
+        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}) [{default.object}]",
+    )
+    shape.add_argument(
+        "--unit",
+        choices=tuple(UNITS_M),
+        help="unit of the lengths in a mesh file [mm]",
     )
     shape.add_argument(
         "--resolution-mm",
@@ -189,7 +195,10 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         help=f"seed of everything random, faults among it [{default.seed}]",
     )
 
-    result = verify.add_argument_group("result", "Folders of these files are made where needed.")
+    result = verify.add_argument_group(
+        "result",
+        f"Folders of these files are made where needed. {FILE_HELP}",
+    )
     result.add_argument(
         "--min-verified",
         type=setting_type("min_verified"),

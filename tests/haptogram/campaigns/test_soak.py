@@ -218,7 +218,7 @@ def test_segments_cover_the_whole_time() -> None:
         (["--jobs", "0"], "--jobs 0: out of range"),
         (["--seed", "-1"], "--seed -1: out of range"),
         (["--segment-minutes", "0"], "--segment-minutes 0: out of range"),
-        (["--mutant", "werewolf"], "no mutant 'werewolf'"),
+        (["--hours", "1", "--mutant", "werewolf"], "no mutant 'werewolf'"),
     ],
 )
 def test_a_wrong_argument_is_status_2(

@@ -34,14 +34,14 @@ def run(tmp_path, monkeypatch):
     monkeypatch.setattr("haptogram.report.figures.style.DPI", 40)
 
     def run(*words):
-        arguments = parse("--step-mm", "3", *words)
+        arguments = parse(*words)
         return arguments.run(arguments)
 
     return run
 
 
 def test_a_focus_is_drawn_and_described(run, tmp_path, capsys):
-    assert run("--focus-mm", "20,0,120") == 0
+    assert run("--focus-mm", "20,0,120", "--picture", "field.png", "--step-mm", "3") == 0
     assert (tmp_path / "field.png").read_bytes().startswith(b"\x89PNG")
     out = capsys.readouterr().out
     level, db = re.search(r"target \(20, 0, 120\) mm: (\d+) Pa RMS, ([\d.]+) dB SPL", out).groups()
@@ -49,6 +49,10 @@ def test_a_focus_is_drawn_and_described(run, tmp_path, capsys):
     assert float(db) == pytest.approx(20 * np.log10(float(level) / 20e-6), abs=0.1)
     assert "mm from the target" in out
     assert "mN" in out
+    (tmp_path / "field.png").unlink()
+    assert run("--focus-mm", "20,0,120") == 0
+    assert capsys.readouterr().out == out
+    assert not list(tmp_path.iterdir())  # no picture unasked
     assert "no judgement" in " ".join(out.split())
 
 
@@ -75,6 +79,11 @@ MOVED = {
 }
 
 
+def view_words(view):
+    coarse = () if view == "cuts" else ("--step-mm", "3")
+    return ("--view", view, "--picture", "a.png", *coarse)
+
+
 @pytest.mark.parametrize("where", MOVED)
 @pytest.mark.parametrize("view", ["plane", "cuts", "isosurface"])
 def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
@@ -92,7 +101,7 @@ def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
         lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
         (tmp_path / name).write_text("\n".join(["x,y,z,nx,ny,nz", *lines]))
         place = ",".join(f"{value * 1e3:.9g}" for value in focus)
-        assert run("--array", tmp_path / name, f"--focus-mm={place}", "--view", view) == 0
+        assert run("--array", tmp_path / name, f"--focus-mm={place}", *view_words(view)) == 0
         out = capsys.readouterr().out
         text[name] = re.sub(r"\([-\d., e]+\)", "(place)", out)
     assert text["there"] == text["here"]
@@ -139,7 +148,8 @@ def test_an_array_too_small_to_focus_is_described_as_such(run, capsys, array, sa
     ],
 )
 def test_every_view_is_written_as_a_picture_with_axes_in_mm(run, tmp_path, words, capsys):
-    assert run(*words, "--quiet") == 0
+    coarse = () if "cuts" in words else ("--step-mm", "3")
+    assert run(*words, *coarse, "--quiet") == 0
     picture = (tmp_path / "a.svg").read_text()
     assert "<svg" in picture
     assert "(mm)" in picture or "(Hz)" in picture
@@ -154,7 +164,7 @@ def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
     (tmp_path / "drive.csv").write_text(
         "phase,amplitude\n" + "".join(f"{phase},{amplitude}\n" for phase, amplitude in rows)
     )
-    assert run("--drive", "drive.csv", "--picture", "drive.svg") == 0
+    assert run("--drive", "drive.csv", "--picture", "drive.svg", "--step-mm", "3") == 0
     picture = (tmp_path / "drive.svg").read_text()
     assert "peak" in picture
     assert "target" not in picture
@@ -186,17 +196,17 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
     [
         (("--focus-mm", "0,0,5"), "height"),
         (("--focus-mm", "nan,0,100"), "finite"),
-        (("--object", "circle", "--view", "cuts"), "one focus"),
-        (("--object", "circle", "--quantity", "phase"), "no phase"),
+        (("--object", "circle", "--view", "cuts", "--picture", "field.png"), "one focus"),
+        (("--object", "circle", "--quantity", "phase", "--picture", "field.png"), "no phase"),
         (("--object", "dodecahedron"), "known are"),
         (("--preset", "unknown"), "known are"),
         (("--drive", "missing.csv"), "cannot be read"),
         (("--picture", "field.gif"), "possible are"),
-        (("--rate-hz", "0"), "1 to 40000"),
+        (("--object", "circle", "--rate-hz", "0"), "1 to 40000"),
         (("--ear-mm", "--modulation-hz", "900"), "half of"),
         (("--ear-mm", "--modulation-hz", "0"), "give 0.01 to"),
         (("--temperature-c", "90"), "--temperature-c 90: out of range; give -20 to 50"),
-        (("--half-width-mm", "1e4"), "points"),
+        (("--half-width-mm", "1e4", "--picture", "field.png"), "points"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_with_the_reason(run, tmp_path, words, message):
@@ -213,7 +223,7 @@ def test_a_place_that_is_no_triple_is_a_usage_error(capsys):
 
 
 def test_the_levels_at_an_ear_are_those_of_the_library(run, capsys):
-    assert run("--array", "6x6", "--focus-mm", "0,0,80", "--ear-mm", "--step-mm", "6") == 0
+    assert run("--array", "6x6", "--focus-mm", "0,0,80", "--ear-mm") == 0
     out = " ".join(capsys.readouterr().out.split())
     model = AcousticModel.default(6, 6)
     frames = Modulation("am").frames([(0.0, 0.0, 0.08)], 1000.0)
@@ -234,7 +244,7 @@ def test_the_levels_at_an_ear_are_those_of_the_library(run, capsys):
 
 
 def test_one_line_says_that_numba_is_missing(run, monkeypatch, capsys):
-    words = ("--array", "4x4", "--step-mm", "6")
+    words = ("--array", "4x4")
     monkeypatch.setattr("haptogram.acoustics.field.engines.engine.load_kernels", lambda: None)
     assert run(*words) == 0
     assert capsys.readouterr().out.count("since numba is not installed") == 1
@@ -243,8 +253,8 @@ def test_one_line_says_that_numba_is_missing(run, monkeypatch, capsys):
 
 
 def test_an_ear_hears_a_sequence_and_nothing_of_a_steady_drive(run, tmp_path, capsys):
-    words = ("--array", "4x4", "--ear-mm", "100,-200,300", "--step-mm", "6")
-    assert run(*words, "--object", "circle", "--resolution-mm", "20", "--plane", "xy") == 0
+    words = ("--array", "4x4", "--ear-mm", "100,-200,300")
+    assert run(*words, "--object", "circle", "--resolution-mm", "20") == 0
     sequence = " ".join(capsys.readouterr().out.split())
     assert re.search(
         r"\(100, -200, 300\) mm.*; 16 drives of 1 ms: .* by the air: [\d.]+ dB", sequence

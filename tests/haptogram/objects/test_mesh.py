@@ -186,8 +186,8 @@ NOT_FINITE = "v 0 0 0\nv 1 0 0\nv 0 nan 0\nv 1 1 0\nf 1 2 3\nf 1 2 4\n"
         ("cloud.ply", POINT_CLOUD, "no surface"),
         ("flat.obj", FLAT_TO_NOTHING, "no surface"),
         ("nan.obj", NOT_FINITE, "not finite"),
-        ("empty.obj", "", "no surface|cannot be read|not a mesh"),
-        ("empty.stl", "", "no surface|not a mesh"),
+        ("empty.obj", "", "the file is empty"),
+        ("empty.stl", "", "the file is empty"),
         ("noise.stl", "solid of nothing", "no surface|not a mesh"),
         ("noise.ply", "ply?", "not a mesh"),
         ("table.csv", "1,2,3\n", "not a mesh"),
@@ -201,10 +201,33 @@ def test_a_file_without_a_surface_is_refused(tmp_path, name, text, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["nowhere.stl", "."])
-def test_no_file_is_refused(tmp_path, name):
-    with pytest.raises(ConfigurationError, match="no such file"):
+@pytest.mark.parametrize(("name", "message"), [("nowhere.stl", "no such file"), (".", "a folder")])
+def test_no_file_is_refused(tmp_path, name, message):
+    with pytest.raises(ConfigurationError, match=message):
         MeshSurface.from_file(tmp_path / name)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
+def test_bytes_of_any_kind_are_refused_in_plain_words(tmp_path, suffix):
+    noise = np.random.default_rng(1)
+    for number in range(20):
+        path = tmp_path / f"{number}{suffix}"
+        path.write_bytes(noise.bytes(int(noise.integers(1, 300))))
+        with pytest.raises(ConfigurationError) as caught:
+            MeshSurface.from_file(path)
+        message = str(caught.value).removeprefix(f"{path}: ")
+        assert message.startswith(("not a mesh that can be read as ", "the mesh has "))
+
+
+def test_a_file_that_cannot_be_opened_is_refused_with_the_reason(tmp_path, monkeypatch):
+    path = write(tmp_path / "locked.stl", "solid")
+
+    def locked(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(type(path), "open", locked)
+    with pytest.raises(ConfigurationError, match=r"locked\.stl: cannot be read: Permission denied"):
+        MeshSurface.from_file(path)
 
 
 def test_without_the_extra_the_message_names_it(monkeypatch):

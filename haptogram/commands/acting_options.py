@@ -1,0 +1,221 @@
+"""Where each option acts, for every command: one that does nothing in a mode is refused.
+
+A row that is None acts in every mode.  Files of settings are not judged: a file may hold settings
+for several modes, of which the command line chooses one.
+"""
+
+from __future__ import annotations
+
+import re
+from argparse import Namespace
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple, TypeAlias
+
+from haptogram.errors import ConfigurationError
+
+_GRID: Final = re.compile(r"\s*\d+x\d+\s*")
+_URL: Final = "haptogram://"
+
+
+class Acting(NamedTuple):
+    """When an option acts.
+
+    Attributes
+    ----------
+    where : str
+        The modes in words, after "acts only".
+    is_there : callable
+        Returns True for the settings of a command in such a mode.
+    """
+
+    where: str
+    is_there: Callable[[Any], bool]
+
+
+Rows: TypeAlias = Mapping[str, Acting | None]
+
+
+def refuse_idle_options(command: str, arguments: Namespace, settings: object = None) -> None:
+    """Refuse the first given option that does nothing in this mode.
+
+    Parameters
+    ----------
+    settings : object, optional
+        The settings that *arguments* and a file make together; by default *arguments*.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the option and the modes in which it acts.
+    """
+    rows = ACTING[command]
+    for name in sorted(arguments.given):
+        row = rows[name]
+        if row is not None and not row.is_there(arguments if settings is None else settings):
+            option = f"--{name.replace('_', '-')}"
+            raise ConfigurationError(f"{option} acts only {row.where}; leave it out")
+
+
+def _always(names: str) -> dict[str, Acting | None]:
+    return dict.fromkeys(names.split())
+
+
+def _is_shape(settings: Any) -> bool:
+    from haptogram.settings.verify_config import SHAPES
+
+    return settings.object is None or settings.object in SHAPES
+
+
+def _has_size(settings: Any) -> bool:
+    return settings.object != "point" and _is_shape(settings)
+
+
+def _has_grid(settings: Any) -> bool:
+    return settings.array is None or _GRID.fullmatch(settings.array) is not None
+
+
+_PITCH: Final = Acting("on an --array that is a grid (a file has its own positions)", _has_grid)
+_RADIUS: Final = Acting("on a shape that has a radius (a point and a mesh have none)", _has_size)
+_RESOLUTION: Final = Acting(
+    "on an object of several points (not on a point)", lambda s: s.object != "point"
+)
+_MESH: Final = Acting("on a mesh file", lambda s: not _is_shape(s))
+_AM: Final = Acting("with the modulation am", lambda s: _modulation(s) == "am")
+_LM: Final = Acting("with the modulation lm", lambda s: _modulation(s) == "lm")
+
+
+def _modulation(settings: Any) -> str | None:
+    kind: str | None = settings.kind if hasattr(settings, "kind") else settings.modulation
+    return kind
+
+
+# --- The commands ------------------------------------------------------------------------------
+
+_VERIFY: Final[Rows] = {
+    **_always(
+        "object center_mm rate_hz repeat modulation foci array temperature_c board_temperature_c "
+        "calibration compensate tolerance_mm tolerance_c tolerance_humidity uncertainty_c "
+        "uncertainty_humidity uncertainty_position_mm uncertainty_phase_rad port baud mode lead_ms "
+        "virtual_time fault fault_plan min_verified frames json junit html config quiet"
+    ),
+    "resolution_mm": _RESOLUTION,
+    "radius_mm": _RADIUS,
+    "unit": _MESH,
+    "modulation_hz": Acting("with --modulation", lambda s: s.modulation is not None),
+    "depth": _AM,
+    "shift_mm": _LM,
+    "dwell_ms": Acting("without --modulation stm", lambda s: s.modulation != "stm"),
+    "solver": Acting("with --foci 2 or more", lambda s: s.foci > 1),
+    "pitch_mm": Acting(
+        "on a grid: without --port, or with --array NXxNY",
+        lambda s: _has_grid(s) and (s.port is None or s.array is not None),
+    ),
+    "phase_bits": Acting(
+        "on frames of phases (--mode phases, and sequence without amplitudes)",
+        lambda s: s.frame_kind == "phases",
+    ),
+    "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
+}
+
+
+def _is_conform_run(arguments: Namespace) -> bool:
+    return not arguments.compare and not arguments.list
+
+
+def _resets_a_port(arguments: Namespace) -> bool:
+    is_board = arguments.port is not None and not arguments.port.startswith(_URL)
+    return arguments.spawn is not None or is_board
+
+
+_RUN: Final = Acting("where cases are run (not with --list or --compare)", _is_conform_run)
+_RUN_OPTIONS: Final = (
+    "port baud spawn port_regex reset_cmd dtr rts strict timeout seed repeat baseline quiet junit "
+    "json write_baseline verbose"
+)
+_CONFORM: Final[Rows] = {
+    **dict.fromkeys(_RUN_OPTIONS.split(), _RUN),
+    "boot_timeout": Acting(
+        "on a board at --port or from --spawn",
+        lambda a: _is_conform_run(a) and _resets_a_port(a),
+    ),
+    "clause": Acting("without --compare", lambda a: not a.compare),
+    "html": Acting("without --list", lambda a: not a.list),
+    "list": Acting("without --compare", lambda a: not a.compare),
+    "compare": None,
+}
+
+_MODULATION: Final[Rows] = {
+    **_always(
+        "object rate_hz center_mm preset array temperature_c bandwidth_hz at_mm picture csv json"
+    ),
+    "modulation_hz": Acting("with am, lm and stm", lambda a: a.kind != "dwell"),
+    "depth": _AM,
+    "shift_mm": _LM,
+    "dwell_ms": Acting("with am, lm and dwell", lambda a: a.kind != "stm"),
+    "radius_mm": Acting(
+        _RADIUS.where,
+        lambda a: _has_size(a) and (a.object is not None or a.kind in ("stm", "dwell")),
+    ),
+    "resolution_mm": Acting(
+        _RESOLUTION.where,
+        lambda a: a.object != "point" and (a.object is not None or a.kind in ("stm", "dwell")),
+    ),
+    "unit": _MESH,
+    "pitch_mm": _PITCH,
+}
+
+
+def _is_modulated_for_an_ear(arguments: Namespace) -> bool:
+    return arguments.ear_mm is not None and not arguments.object and not arguments.drive
+
+
+_PICTURE: Final = Acting("with --picture", lambda a: a.picture is not None)
+_FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _is_modulated_for_an_ear)
+_FIELD: Final[Rows] = {
+    **_always("focus_mm object drive phase_bits preset array temperature_c picture"),
+    "resolution_mm": Acting(
+        "with --object, on other objects than a point",
+        lambda a: a.object is not None and a.object != "point",
+    ),
+    "radius_mm": Acting(
+        "with --object, on a shape that has a radius",
+        lambda a: a.object is not None and _has_size(a),
+    ),
+    "unit": Acting("with --object, on a mesh file", lambda a: a.object and not _is_shape(a)),
+    "center_mm": Acting("with --object", lambda a: a.object is not None),
+    "rate_hz": Acting(
+        "with --object, or on one focus with --ear-mm",
+        lambda a: a.object is not None or _is_modulated_for_an_ear(a),
+    ),
+    "modulation": _FOR_AN_EAR,
+    "modulation_hz": _FOR_AN_EAR,
+    "pitch_mm": _PITCH,
+    "ear_mm": Acting("without --quiet", lambda a: not a.quiet),
+    "quiet": _PICTURE,
+    "view": _PICTURE,
+    "quantity": _PICTURE,
+    "half_width_mm": _PICTURE,
+    "plane": Acting(
+        "with --picture and --view plane", lambda a: a.picture is not None and a.view == "plane"
+    ),
+    "step_mm": Acting(
+        "with --picture and --view plane or isosurface",
+        lambda a: a.picture is not None and a.view != "cuts",
+    ),
+}
+
+#: For every command the options, and when each acts.
+ACTING: Final[Mapping[str, Rows]] = {
+    "verify": _VERIFY,
+    "conform": _CONFORM,
+    "modulation": _MODULATION,
+    "field": _FIELD,
+    "soak": _always("hours fault_rate seed segment_minutes jobs resume json mutant quiet"),
+    "bench": _always(
+        "port rate_hz seconds baud phase_bits lead_ms trim spin_us realtime json html picture "
+        "compare"
+    ),
+    "budget": _always("baud rate_hz phase_bits transducers"),
+    "presets": _always("json"),
+    "paper": _always("presets json html"),
+}

@@ -1,0 +1,143 @@
+"""An option that does nothing in a mode is refused, by a table that every option is in."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from haptogram.cli import COMMANDS, command_parser, main
+from haptogram.commands.acting_options import ACTING
+
+#: For every option that does not always act: a command line where it acts and one where not.
+CASES = {
+    "verify": {
+        "resolution_mm": ("--object circle", "--object point"),
+        "radius_mm": ("--object line", "--object shape.stl"),
+        "unit": ("--object shape.stl", "--object circle"),
+        "modulation_hz": ("--modulation lm", ""),
+        "depth": ("--modulation am --mode points", "--modulation lm"),
+        "shift_mm": ("--modulation lm", "--modulation am --mode points"),
+        "dwell_ms": ("", "--modulation stm"),
+        "solver": ("--foci 2", ""),
+        "pitch_mm": ("--array 8x8", "--array array.csv"),
+        "phase_bits": ("--mode sequence", "--mode points"),
+        "seed": ("", "--port /dev/absent"),
+    },
+    "conform": {
+        name: ("--port /dev/absent", "--list")
+        for name, row in ACTING["conform"].items()
+        if row is not None
+    }
+    | {
+        "spawn": ("", "--list"),
+        "port": ("", "--list"),
+        "port_regex": ("--spawn true", "--compare a.json --html b.html"),
+        "boot_timeout": ("--port /dev/absent", "--port haptogram://"),
+        "clause": ("--list", "--compare a.json"),
+        "html": ("--compare a.json", "--list"),
+        "list": ("", "--compare a.json"),
+    },
+    "modulation": {
+        "modulation_hz": ("am", "dwell"),
+        "depth": ("am", "lm"),
+        "shift_mm": ("lm", "stm"),
+        "dwell_ms": ("dwell", "stm"),
+        "radius_mm": ("stm", "am"),
+        "resolution_mm": ("am --object circle", "am"),
+        "unit": ("stm --object shape.stl", "stm"),
+        "pitch_mm": ("am --array 8x8", "am --array array.csv"),
+    },
+    "field": {
+        "resolution_mm": ("--object circle", "--object point"),
+        "radius_mm": ("--object circle", ""),
+        "unit": ("--object shape.stl", ""),
+        "center_mm": ("--object point", ""),
+        "rate_hz": ("--ear-mm", "--drive drive.csv"),
+        "modulation": ("--ear-mm", "--ear-mm --object circle"),
+        "modulation_hz": ("--ear-mm", ""),
+        "pitch_mm": ("--array 8x8", "--array array.csv"),
+        "ear_mm": ("", "--quiet --picture a.png"),
+        "quiet": ("--picture a.png", ""),
+        "view": ("--picture a.png", ""),
+        "quantity": ("--picture a.png", ""),
+        "half_width_mm": ("--picture a.png", ""),
+        "plane": ("--picture a.png", "--picture a.png --view cuts"),
+        "step_mm": ("--picture a.png --view isosurface", "--picture a.png --view cuts"),
+    },
+}
+#: Values of the options that do not take 5.
+VALUES = {"depth": "0.5", "baud": "9600", "clause": "HG-2.3"}
+ROWS = [
+    (command, name, *lines) for command, options in CASES.items() for name, lines in options.items()
+]
+
+
+def actions_of(command: str) -> dict[str, argparse.Action]:
+    actions = command_parser(command).option_actions.values()
+    return {action.dest: action for action in actions if action.dest != "help"}
+
+
+def option_words(command: str, name: str) -> list[str]:
+    """Return the option with a value that it takes."""
+    action = actions_of(command)[name]
+    word = action.option_strings[0]
+    if action.nargs == 0 or action.const is not None:
+        return [word]
+    if action.choices:
+        return [word, str(list(action.choices)[-1])]
+    return [word, VALUES.get(name, "1,1,100" if action.metavar == "X,Y,Z" else "5")]
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "board"])
+def test_the_table_has_every_option_of_every_command(command: str) -> None:
+    assert set(ACTING[command]) == set(actions_of(command))
+
+
+def test_every_option_that_does_not_always_act_is_tried_in_both_kinds_of_modes() -> None:
+    sometimes = {
+        (command, name) for command, rows in ACTING.items() for name, row in rows.items() if row
+    }
+    assert {(command, name) for command, name, *_ in ROWS} == sometimes
+
+
+@pytest.mark.parametrize(("command", "name", "acts", "idle"), ROWS)
+def test_an_idle_option_is_one_line_and_status_2_before_any_work(
+    command: str,
+    name: str,
+    acts: str,
+    idle: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = option_words(command, name)
+    refused = f"haptogram {command}: {words[0]} acts only "
+    assert main([command, *idle.split(), *words]) == 2
+    said = capsys.readouterr()
+    assert said.err.startswith(refused)
+    assert said.err.endswith("; leave it out\n")
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+
+    class Passed(Exception):
+        pass
+
+    def stop(*_: object) -> None:
+        raise Passed
+
+    # What comes after the check is no matter here.
+    for module in ("verify.command", "field.command", "modulation.command", "conform.command"):
+        monkeypatch.setattr(f"haptogram.commands.{module}.Outputs", stop)
+    monkeypatch.setattr("haptogram.commands.conform.command._list", stop)
+    monkeypatch.setattr("haptogram.commands.conform.command._compare", stop)
+    with pytest.raises(Passed):
+        raise SystemExit(main([command, *acts.split(), *words]))
+
+
+def test_a_file_of_settings_may_hold_those_of_other_modes(tmp_path: Path) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text('[verify]\nobject = "point"\ndepth = 0.5\nradius_mm = 20.0\narray = "6x6"\n')
+    assert main(["verify", "--virtual-time", "--quiet", "--config", str(path)]) == 0

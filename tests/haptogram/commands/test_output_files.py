@@ -1,0 +1,154 @@
+"""Outputs: refused before the work if they cannot be written; - is standard output."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from haptogram.cli import main
+
+CIRCLE = ["--object", "point", "--array", "6x6", "--virtual-time", "--quiet"]
+#: Every command that writes, with words that make it quick, and its options that name a file.
+WRITERS = {
+    "verify": (CIRCLE, ("--json", "--junit", "--html", "--frames")),
+    "conform": (
+        ["--clause", "HG-2.3/1", "--quiet"],
+        ("--json", "--junit", "--html", "--write-baseline"),
+    ),
+    "soak": (["--hours", "0.0001", "--quiet"], ("--json", "--resume")),
+    "bench": (["--seconds", "0.1"], ("--json", "--html", "--picture")),
+    "field": (["--array", "4x4"], ("--picture",)),
+    "modulation": (
+        ["am", "--array", "4x4", "--center-mm", "0,0,80"],
+        ("--picture", "--csv", "--json"),
+    ),
+    "presets": (["autd3"], ("--json",)),
+    "paper": ([], ("--html", "--json")),
+}
+OPTIONS = [(command, option) for command, (_, options) in WRITERS.items() for option in options]
+SUFFIX = {"--picture": ".png", "--html": ".html"}
+
+
+def everything_in(folder: Path) -> dict[str, str]:
+    return {str(path): path.read_text() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(("command", "option"), OPTIONS)
+@pytest.mark.parametrize("kind", ["folder", "below a file", "no permission"])
+def test_what_cannot_be_written_is_refused_before_the_work(
+    command: str,
+    option: str,
+    kind: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tmp_path / f"there{SUFFIX.get(option, '')}"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "below a file":
+        path.write_text("kept")
+        path = path / f"result{SUFFIX.get(option, '')}"
+    else:
+        monkeypatch.setattr(Path, "touch", _forbidden)
+    before = everything_in(tmp_path)
+    words, _ = WRITERS[command]
+    assert main([command, *words, option, str(path)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith(f"haptogram {command}: {option} {path}")
+    assert said.err.count("\n") == 1
+    assert everything_in(tmp_path) == before
+
+
+def _forbidden(*_: object, **__: object) -> None:
+    raise PermissionError(13, "Permission denied")
+
+
+@pytest.mark.parametrize(
+    ("command", "first", "second"),
+    [
+        (command, *options[:2])
+        for command, (_, options) in WRITERS.items()
+        if len(options) > 1 and command != "paper"
+    ],
+)
+@pytest.mark.parametrize("name", ["same", "-"])
+def test_two_outputs_with_one_name_are_refused(
+    command: str,
+    first: str,
+    second: str,
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = f"{name}.png" if name == "same" and "--picture" in (first, second) else name
+    other = name if name == "-" else f"./{name}"
+    words, _ = WRITERS[command]
+    assert main([command, *words, first, name, second, other]) == 2
+    said = capsys.readouterr()
+    assert f"{first} and {second} are both" in said.err
+    assert said.out == ""
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [row for row in OPTIONS if row[1] != "--resume" and row[0] not in ("paper", "bench")],
+)
+def test_a_minus_is_standard_output_and_nothing_else_is_written_there(
+    command: str, option: str, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    words, _ = WRITERS[command]
+    assert main([command, *words, option, "-"]) == 0
+    written = capfdbinary.readouterr().out
+    if option == "--picture":
+        assert written.startswith(b"\x89PNG")
+        assert written.endswith(b"IEND\xaeB`\x82")
+    elif option == "--json":
+        assert json.loads(written)
+    elif option == "--junit":
+        assert ElementTree.fromstring(written) is not None
+    elif option == "--html":
+        assert written.lower().startswith(b"<!doctype html>")
+        assert written.rstrip().endswith(b"</html>")
+    elif option == "--csv":
+        assert written.startswith(b"time_s,x_mm,")
+    else:
+        assert written
+    assert not Path("-").exists()
+
+
+def test_the_text_goes_to_standard_error_then(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", *CIRCLE, "--json", "-"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["verdict"] == "pass"
+    assert said.err.startswith("PASS")
+    assert "wrote" not in said.err
+
+
+def test_a_file_that_is_there_is_kept_until_the_result_is(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    path.write_text("old")
+    assert main(["verify", *CIRCLE, "--port", "/dev/absent", "--json", str(path)]) == 2
+    assert path.read_text() == "old"
+
+
+def test_a_checkpoint_is_no_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["soak", "--hours", "0.001", "--resume", "-"]) == 2
+    assert "--resume -: a checkpoint is read again; name a file" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    try:
+        assert main(["presets", "--json", str(tmp_path / "x.json")]) == 2
+    finally:
+        tmp_path.chmod(0o700)
