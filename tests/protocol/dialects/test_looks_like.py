@@ -1,0 +1,98 @@
+"""Which wire bytes look like: each dialect's own frames, Haptogram's, gRPC, and none."""
+
+import random
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptogram_protocol.dialects.autd3 import messages as link
+from haptogram_protocol.dialects.codec import Operation
+from haptogram_protocol.dialects.fpga_bytes import Begin, ModulationStep, Select, SetPhases, Swap
+from haptogram_protocol.dialects.interactlab import QueueFrame
+from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like
+from haptogram_protocol.dialects.sonicsurface import frame
+from haptogram_protocol.dialects.table import DIALECTS
+from haptogram_protocol.dialects.ultraino import operations as nibbles
+from haptogram_protocol.dialects.ultraino.arduino import mega64_frame
+from haptogram_protocol.dialects.ultraino.fpga import chained_frame
+from haptogram_protocol.export.vectors.samples import sample
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import HelloReply, build_body
+
+CODES = bytes(range(33)) * 7 + bytes(25)
+# SimpleFPGA sends SonicSurface's frames, and a stack's frame holds one of a chain.
+TWINS = {"sonicsurface", "sonicsurface-tactile", "ultraino-fpga"}
+STACK = {"sonicsurface", "ultraino-fpga-chained"}
+
+
+def pattern(board: int, size: int) -> nibbles.SetPattern:
+    return nibbles.SetPattern(board, 0, bytes(range(size)))
+
+
+# dialect, options, operations
+ROWS: list[tuple[str, dict[str, int], list[Operation]]] = [
+    ("sonicsurface", {}, frame(CODES)),
+    (
+        "sonicsurface",
+        {"boards": 2},
+        [
+            *(Begin(), Select(0), SetPhases((0,), 0, CODES)),
+            *(Select(1), SetPhases((1,), 0, CODES), Swap()),
+        ],
+    ),
+    ("sonicsurface-tactile", {}, [ModulationStep(7), *frame(CODES)]),
+    ("ultraino-fpga", {}, frame(CODES)),
+    ("ultraino-fpga-128", {}, frame(bytes(range(57, 129)))),
+    ("ultraino-fpga-chained", {"boards": 3}, chained_frame([CODES] * 3)),
+    ("ultraino-mega64", {}, mega64_frame([bytes(range(100))])),
+    ("ultraino-mega64", {"boards": 4}, mega64_frame([bytes(range(100))] * 4)),
+    ("ultraino-nano8", {}, [pattern(0, 24), nibbles.Swap()]),
+    ("ultraino-nano16", {}, [pattern(0, 32), nibbles.Swap()]),
+    ("interactlab", {}, [QueueFrame(bytes(range(128)) * 2, bytes([64] * 256))]),
+    ("autd3", {}, [link.Hello()]),
+]
+
+
+@pytest.mark.parametrize(("name", "options", "operations"), ROWS)
+@pytest.mark.parametrize("lead", [b"", b"\x00", b"\x00\x05\x07"])  # the client began before
+def test_a_frame_looks_like_its_own_wire(
+    name: str, options: dict[str, int], operations: list[Operation], lead: bytes
+) -> None:
+    host = DIALECTS[name].host(**options)
+    found = looks_like(lead + b"".join(map(host.send, operations)))
+    assert name in found
+    alike = STACK if "boards" in options else TWINS
+    assert set(found) <= (alike if name in alike else {name})
+
+
+def test_every_dialect_is_recognised() -> None:
+    assert {name for name, _, _ in ROWS} == set(DIALECTS)
+
+
+def test_haptogram_s_own_wire_and_grpc_are_named() -> None:
+    header = {"flags": 0, "seq": 1, "time_us": 2, "session": 3}
+    own = encode_frame(build_body(sample(HelloReply, "random"), **header))
+    assert looks_like(own) == ("haptogram",)
+    assert looks_like(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n") == ("http/2",)
+
+
+@given(st.binary(max_size=2000))
+def test_any_bytes_give_names(data: bytes) -> None:
+    assert set(looks_like(data)) <= {*DIALECTS, "haptogram", "http/2"}
+
+
+def test_noise_text_and_silence_look_like_nothing() -> None:
+    source = random.Random(3)
+    for _ in range(200):
+        assert looks_like(source.randbytes(LOOKED_AT_BYTES)) == ()
+    assert looks_like(Path(__file__).read_bytes()) == ()
+    assert looks_like(b"") == looks_like(bytes(LOOKED_AT_BYTES)) == ()
+    assert looks_like(b"\xff" * LOOKED_AT_BYTES) == ()
+    assert looks_like(bytes(LOOKED_AT_BYTES) + b"PRI * HTTP/2.0\r\n") == ()
+
+
+def test_only_the_dialects_in_question_are_named() -> None:
+    line = DIALECTS["sonicsurface"].host().send(Begin()) + CODES + b"\xfd"
+    assert looks_like(line, [DIALECTS["sonicsurface"], DIALECTS["autd3"]]) == ("sonicsurface",)
