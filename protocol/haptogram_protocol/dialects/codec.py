@@ -16,7 +16,16 @@ from typing import Protocol, TypeVar
 
 from ..errors import LocalProtocolError
 
-__all__ = ["BoardEnd", "Dialect", "End", "HostEnd", "Operation", "Reply", "SilentBoard"]
+__all__ = [
+    "BoardEnd",
+    "Dialect",
+    "End",
+    "HostEnd",
+    "OneWayHost",
+    "Operation",
+    "Reply",
+    "no_bytes_for",
+]
 
 
 class Operation:
@@ -99,8 +108,8 @@ class Dialect:
     signature: re.Pattern[bytes]
 
 
-class SilentBoard:
-    """What the host's end is on a wire whose answers say nothing: it counts their bytes."""
+class OneWayHost:
+    """The receiving half of a host's end where boards never answer, or nothing of interest."""
 
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
 from ..errors import LocalProtocolError
-from .codec import Operation, Reply, SilentBoard, no_bytes_for
+from .codec import OneWayHost, Operation, Reply, no_bytes_for
 
 __all__ = [
     "Begin",
@@ -294,7 +294,7 @@ class FpgaBoard:
         self._run.clear()
 
 
-class FpgaHost(SilentBoard):
+class FpgaHost(OneWayHost):
     """The host's end of the line: the bytes of operations, and boards that never answer.
 
     Parameters

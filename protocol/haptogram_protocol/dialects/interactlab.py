@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..errors import LocalProtocolError
-from .codec import Dialect, Operation, Reply, SilentBoard, no_bytes_for
+from .codec import Dialect, OneWayHost, Operation, Reply, no_bytes_for
 
 __all__ = [
     "CHANNELS",
@@ -136,7 +136,7 @@ class InteractlabBoard:
         )
 
 
-class InteractlabHost(SilentBoard):
+class InteractlabHost(OneWayHost):
     """The host's end: the bytes of frames, and a board that never answers."""
 
     def send(self, message: Operation) -> bytes:

@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ...errors import LocalProtocolError
-from ..codec import Dialect, Operation, Reply, SilentBoard, no_bytes_for
+from ..codec import Dialect, OneWayHost, Operation, Reply, no_bytes_for
 from .operations import CommitDurations, Forward, Restart, SetDurations, SetPattern, Swap
 
 __all__ = [
@@ -256,7 +256,7 @@ class ArduinoBoard:
         found += [Forward(byte - self._boards) for byte in part]
 
 
-class ArduinoHost(SilentBoard):
+class ArduinoHost(OneWayHost):
     """The host's end: the bytes of operations; what a chain sends back is ignored.
 
     Parameters

@@ -1,0 +1,91 @@
+"""Foreign wires: decoding alone, against the speed of the line and the rate of their frames."""
+
+import random
+
+import pytest
+
+from haptogram_protocol.dialects.autd3 import messages as link
+from haptogram_protocol.dialects.autd3.frame import DeviceFrame
+from haptogram_protocol.dialects.autd3.operations import Gain
+from haptogram_protocol.dialects.interactlab import QueueFrame
+from haptogram_protocol.dialects.sonicsurface import frame
+from haptogram_protocol.dialects.table import DIALECTS
+from haptogram_protocol.dialects.ultraino.arduino import mega64_frame
+from haptogram_protocol.dialects.ultraino.fpga import chained_frame
+from haptogram_protocol.dialects.ultraino.operations import SetPattern, Swap
+
+CHUNK = 4096  # bytes, as a pseudo-terminal hands them out
+BITS = 10  # of a byte on a serial line, 8N1
+TIMES_LINE = 10  # decoding is at least so many times as fast as the line
+FRAMES_PER_S = 5_000  # of autd3, which has no baud rate
+FRAMES = 50
+
+source = random.Random(9)
+codes = bytes(source.randrange(33) for _ in range(256))
+# What a client sends over and over: options of both ends, the beginning, and a frame.
+CLIENTS = {
+    "sonicsurface": ({}, [], frame(codes)),
+    "sonicsurface-tactile": ({}, [], frame(codes)),
+    "ultraino-fpga": ({}, [], frame(codes)),
+    "ultraino-fpga-128": ({}, [], frame(source.randbytes(72).translate(bytes(range(128)) * 2))),
+    "ultraino-fpga-chained": ({"boards": 2}, [], chained_frame([codes, codes])),
+    "ultraino-mega64": ({}, [], mega64_frame([source.randbytes(100)])),
+    "ultraino-nano8": ({}, [], [SetPattern(0, 0, source.randbytes(24)), Swap()]),
+    "ultraino-nano16": ({}, [], [SetPattern(0, 0, source.randbytes(32)), Swap()]),
+    "interactlab": ({}, [], [QueueFrame(codes, bytes([64] * 256), colour=77, divider=4)]),
+    "autd3": (
+        {},
+        [link.Hello(), link.Open((link.Pose((0, 0, 0), (1, 0, 0, 0)),))],
+        [
+            link.Write((DeviceFrame(number, (Gain(0, True, source.randbytes(498)),)),))
+            for number in range(2)  # ids must change
+        ],
+    ),
+}
+
+
+# Noise ends a link of autd3 with its first byte.
+ROWS = [
+    (name, content)
+    for name, dialect in DIALECTS.items()
+    for content in (["frames", "noise"] if dialect.bauds else ["frames"])
+]
+
+
+def chunks(line):
+    return [line[at : at + CHUNK] for at in range(0, len(line), CHUNK)]
+
+
+def decoding(name, line):
+    """Return a call that decodes *line* and counts the operations."""
+    options, beginning, _ = CLIENTS[name]
+    board, host = DIALECTS[name].board(**options), DIALECTS[name].host(**options)
+    board.receive_data(b"".join(map(host.send, beginning)))
+    return lambda: sum(len(board.receive_data(chunk)) for chunk in chunks(line))
+
+
+def frames(name):
+    options, beginning, operations = CLIENTS[name]
+    host = DIALECTS[name].host(**options)
+    for operation in beginning:
+        host.send(operation)
+    return b"".join(map(host.send, operations)) * FRAMES
+
+
+@pytest.mark.row("decoder of {dialect}, {content}")
+@pytest.mark.parametrize(("dialect", "content"), ROWS)
+def test_dialect_decoding(dialect, content, measure, benchmark):
+    """The board's end, from bytes to operations; noise is random bytes of the same length."""
+    line = frames(dialect)
+    if content == "noise":
+        line = random.Random(1).randbytes(len(line))
+    decode = decoding(dialect, line)
+    assert content == "noise" or decode() >= len(CLIENTS[dialect][2]) * FRAMES
+    measure(decode, bytes=len(line))
+    bytes_per_s = len(line) / benchmark.extra_info["ours_s"]
+    baud = max(DIALECTS[dialect].bauds, default=None)
+    if baud is not None:
+        benchmark.extra_info.update(goal=TIMES_LINE, times_line=bytes_per_s * BITS / baud)
+    else:
+        per_s = 2 * FRAMES / benchmark.extra_info["ours_s"]
+        benchmark.extra_info.update(goal=FRAMES_PER_S, frames_per_s=per_s)
