@@ -14,8 +14,9 @@ from haptogram_protocol.connection import (
     HostConnection,
 )
 from haptogram_protocol.connection.events import FrameDropped, ReplyReceived
-from haptogram_protocol.export.tables import ENUMERATIONS, RECORDS, update_spec
-from haptogram_protocol.export.worked import EXCHANGE, WORKED_FRAMES, Step
+from haptogram_protocol.export.tables import ENUMERATIONS, RECORDS
+from haptogram_protocol.export.tables.spec import update_spec
+from haptogram_protocol.export.tables.worked import EXCHANGE, WORKED_FRAMES, Step
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,

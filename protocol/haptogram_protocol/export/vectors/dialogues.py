@@ -10,7 +10,7 @@ from typing import Any
 from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
-from ..worked import EXCHANGE
+from ..tables.worked import EXCHANGE
 from .script import Script
 from .vector import SESSION, wire
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 from haptogram_protocol import messages as m
 from haptogram_protocol.framing import MAX_BODY_BYTES
 
-from ..worked import WORKED_FRAMES, worked_frame
+from ..tables.worked import WORKED_FRAMES, worked_frame
 from .samples import HOW, sample
 from .vector import SESSION, body_of, ending_in_run, frame, vector, wire
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from .. import messages as m
-from ..framing import encode_frame
-from ..state import OutputState
+from ... import messages as m
+from ...framing import encode_frame
+from ...state import OutputState
 
 # --- Frames ------------------------------------------------------------------------------------
 

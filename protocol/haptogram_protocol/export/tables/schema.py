@@ -1,0 +1,132 @@
+"""The protocol as data, and the hash by which two ends know the same wire.  SPEC.md HG-11.3."""
+
+from __future__ import annotations
+
+import enum
+import json
+import re
+import zlib
+from collections.abc import Mapping
+from typing import Any, Final
+
+from ... import messages as m
+from ...framing import CRC_BYTES, HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
+from ...record import Record, WireField
+from ...state import MuteReason, OutputState
+
+_TYPE_NAMES: Final = {"B": "u8", "H": "u16", "I": "u32", "Q": "u64", "h": "i16", "i": "i32"}
+
+ENUMERATIONS: Final[tuple[type[enum.IntEnum] | type[enum.IntFlag], ...]] = (
+    m.MessageType,
+    m.Flag,
+    m.ErrorCode,
+    m.Feature,
+    m.PhaseFormat,
+    m.TraceMode,
+    m.UploadKind,
+    m.DriveKind,
+    OutputState,
+    MuteReason,
+)
+
+RECORDS: Final[tuple[type[Record], ...]] = (
+    m.Header,
+    m.FocalPoint,
+    m.Counters,
+    m.Config,
+    m.Element,
+    m.LatchKey,
+    m.TraceRecord,
+)
+
+CONSTANTS: Final[Mapping[str, int]] = {
+    "VERSION_MAJOR": m.VERSION_MAJOR,
+    "VERSION_MINOR": m.VERSION_MINOR,
+    "HEADER_BYTES": HEADER_BYTES,
+    "CRC_BYTES": CRC_BYTES,
+    "MAX_ENCODED_BYTES": MAX_ENCODED_BYTES,
+    "MAX_BODY_BYTES": MAX_BODY_BYTES,
+    "MAX_TRANSDUCERS": m.MAX_TRANSDUCERS,
+    "FIRST_STREAM_SEQ": m.FIRST_STREAM_SEQ,
+    "RESPONSE_OFFSET": m.RESPONSE_OFFSET,
+    "MUST_UNDERSTAND": m.MUST_UNDERSTAND,
+}
+
+
+def description() -> dict[str, Any]:
+    """Return the protocol as data that JSON can hold: what a generator for a language needs."""
+    return {
+        "constants": dict(CONSTANTS),
+        "enumerations": {
+            kind.__name__: {
+                member.name: {"value": int(member), "doc": getattr(member, "doc", "")}
+                for member in kind
+            }
+            for kind in ENUMERATIONS
+        },
+        "records": {record.__name__: _record(record) for record in RECORDS},
+        "messages": {
+            kind.TYPE.name: {"type": int(kind.TYPE), **_record(kind)}
+            for kind in m.MESSAGES.values()
+        },
+    }
+
+
+def _record(record: type[Record]) -> dict[str, Any]:
+    tail = record.TAIL
+    return {
+        "doc": summary(record),
+        "size": record.LAYOUT.size,
+        "fields": [_field(name, field) for name, field in record.WIRE.items()],
+        "tail": tail
+        and {
+            "name": tail.name,
+            "unit": tail.unit,
+            "least": tail.least,
+            "record": tail.record and tail.record.__name__,
+            "doc": tail.doc,
+        },
+    }
+
+
+def _field(name: str, field: WireField) -> dict[str, Any]:
+    return {
+        "name": name,
+        "offset": field.offset,
+        "size": field.size,
+        "type": type_name(field),
+        "enumeration": field.enumeration and field.enumeration.__name__,
+        "doc": field.doc,
+    }
+
+
+def type_name(field: WireField) -> str:
+    """Return the name of a field's type in SPEC.md: ``u16``, ``i32``, ``text[16]``, a record."""
+    if field.record is not None:
+        return field.record.__name__
+    if field.code.endswith("s"):
+        return f"text[{field.code[:-1]}]"
+    return _TYPE_NAMES[field.code]
+
+
+def summary(kind: type) -> str:
+    """Return the docstring of a message without its section number, on one line of Markdown."""
+    text = " ".join((kind.__doc__ or "").split()).replace("``", "`")
+    return re.sub(r" HG-[\d.]+$", "", text)
+
+
+def description_hash() -> int:
+    """Return the CRC-32 of the canonical JSON of what matters on the wire.  HG-11.3.
+
+    Words do not matter: two ends whose comments differ understand each other.
+    """
+    text = json.dumps(_without_docs(description()), sort_keys=True, separators=(",", ":"))
+    return zlib.crc32(text.encode("ascii"))
+
+
+def _without_docs(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_docs(item) for key, item in value.items() if key != "doc"}
+    if isinstance(value, list):
+        return [_without_docs(item) for item in value]
+    return value
