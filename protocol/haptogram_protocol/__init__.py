@@ -1,6 +1,7 @@
 """The Haptogram wire protocol: codec and sans-I/O connection, standard library only.
 
-What both ends of a link need is here; every message is in :mod:`haptogram_protocol.messages`.
+The names here serve both ends of a link. All messages live in :mod:`haptogram_protocol.messages`;
+ports, clocks and threads live elsewhere.
 """
 
 from .connection import NEED_DATA, BoardConnection, HostConnection
@@ -8,6 +9,11 @@ from .errors import LocalProtocolError, ProtocolError, RemoteProtocolError
 from .framing import FrameDecoder, encode_frame
 from .messages import MESSAGES, VERSION_MAJOR, VERSION_MINOR, Message, MessageType
 from .state import LinkState, MuteReason, OutputState
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
 
 __all__ = [
     "MESSAGES",

@@ -1,8 +1,8 @@
 """Consistent Overhead Byte Stuffing: bytes without a zero among them.  SPEC.md HG-2.2.
 
-Cheshire and Baker, IEEE/ACM Trans. Networking 7(2), 1999.  A piece is what lies before a zero; it
-travels behind its code byte, which is its length and one.  A piece of 254 bytes or more travels in
-blocks of 254 with the code byte 255, behind which no zero is implied.
+Cheshire and Baker, IEEE/ACM Trans. Networking 7(2), 1999. A piece is the run of bytes before a
+zero; it travels behind its code byte, which is its length and one. A piece of 254 bytes or more
+travels in blocks of 254 with the code byte 255, behind which no zero is implied.
 
 Plane waves and muted frames are zeros throughout, so the work must not grow with the number of
 zeros: few of them are handled piece by piece, many all at once.
@@ -33,9 +33,20 @@ _runs_of_empty_pieces = re.compile(rb"\x01{8,}").finditer
 
 
 def cobs_encode(data: bytes) -> bytes:
-    """Return *data* without zero bytes; one byte longer, and one more per 254 bytes without a zero.
+    """Return *data* in COBS, without zero bytes.
 
-    The time depends on the length, and hardly on the content.
+    The result is one byte longer than *data*, and one more per 254 bytes without a zero. The time
+    depends on the length, and hardly on the content.
+
+    Parameters
+    ----------
+    data : bytes
+        Any bytes.
+
+    Returns
+    -------
+    bytes
+        Encoded bytes without delimiters.
     """
     return _one_by_one(data) if data.count(0) <= _FEW else _all_at_once(data)
 
@@ -43,7 +54,7 @@ def cobs_encode(data: bytes) -> bytes:
 def _one_by_one(data: bytes) -> bytes:
     pieces = data.split(_ZERO)
     out = b"".join([_CODES[len(p)] + p if len(p) < BLOCK else _blocks(p) for p in pieces])
-    # A full block at the very end implies no zero, so nothing is left to say behind it.
+    # A full block at the very end implies no zero, so no code byte follows it.
     last = len(pieces[-1])
     return out[:-1] if last and last % BLOCK == 0 else out
 
@@ -66,7 +77,7 @@ def _all_at_once(data: bytes) -> bytes:
             stop = start + BLOCK
             out.append(_CODES[BLOCK] + rest[start:stop])
             if stop == end - 1:
-                break  # nothing is left to say
+                break  # no code byte follows a full block at the end
         start = stop
     return b"".join(out)
 
@@ -99,6 +110,11 @@ def _short_pieces(chunk: bytes) -> bytes:
 
 def cobs_decode(encoded: bytes) -> bytes:
     """Return the bytes that :func:`cobs_encode` was given.
+
+    Parameters
+    ----------
+    encoded : bytes
+        Bytes between two delimiters.
 
     Raises
     ------
@@ -141,14 +157,14 @@ def _walk(encoded: bytes, at: int, stop: int, out: bytearray, without_zero: list
 
 
 class Cobs(NamedTuple):
-    """An implementation of COBS: both ends of a connection take one, the default or a faster one.
+    """An implementation of COBS, for either end of a connection.
 
     Attributes
     ----------
     encode, decode : callable
-        They give the same bytes as :func:`cobs_encode` and :func:`cobs_decode`.
+        Functions that return the same bytes as :func:`cobs_encode` and :func:`cobs_decode`.
     refusal : type
-        What *decode* raises on bytes, none of them zero, that are not COBS.
+        Exception of *decode* for bytes, none of them zero, that are not COBS.
     """
 
     encode: Stuffing = cobs_encode

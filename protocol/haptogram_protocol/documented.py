@@ -1,4 +1,4 @@
-"""Enumerations whose members carry their meaning, so that SPEC.md takes it from here."""
+"""Enumerations whose members carry their meaning, for the tables of SPEC.md and the C headers."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Bytes on the line: COBS, CRC-32 and a bounded decoder.  SPEC.md chapter 2.
 
 A frame travels as ``00 COBS(body | CRC-32(body)) 00``.  COBS leaves no zero inside, so a zero
-always ends a frame and the receiver is in step again after one frame at the most, whatever was
-damaged.
+always ends a frame: whatever was damaged, the receiver finds the next frame but one.
 """
 
 from __future__ import annotations
@@ -38,19 +37,24 @@ MAX_BODY_BYTES: Final = MAX_ENCODED_BYTES - CRC_BYTES - (MAX_ENCODED_BYTES // BL
 _SHORTEST: Final = HEADER_BYTES + CRC_BYTES
 _CRC_OF_ALL: Final = 0x2144DF1C  # CRC-32 of anything with its own CRC-32 behind it
 
-# One for all noise, to be looked at and never raised.
+# One error for all noise; it is compared and never raised.
 _NOT_COBS: Final = RemoteProtocolError("a COBS code byte points past the end", reason="cobs")
 
 
 def encode_frame(body: bytes, stuff: Stuffing = cobs_encode) -> bytes:
-    """Return the bytes for the line: both delimiters, COBS of body and CRC-32.  HG-2.1 to HG-2.6.
+    """Return the bytes of one frame on the line.  HG-2.1 to HG-2.6.
 
     Parameters
     ----------
     body : bytes
         Header and payload.
     stuff : callable
-        COBS encoder; a compiled one may be passed in.
+        COBS encoder; :func:`fastest_cobs` gives a compiled one.
+
+    Returns
+    -------
+    bytes
+        Delimiter, COBS of *body* and its CRC-32, delimiter.
 
     Raises
     ------
@@ -64,7 +68,14 @@ def encode_frame(body: bytes, stuff: Stuffing = cobs_encode) -> bytes:
 
 
 def decode_frame(encoded: bytes, unstuff: Stuffing = cobs_decode) -> bytes:
-    """Return the body of one frame, given the bytes between two delimiters.
+    """Return the body of one frame: header and payload.
+
+    Parameters
+    ----------
+    encoded : bytes
+        Bytes between two delimiters.
+    unstuff : callable
+        COBS decoder.
 
     Raises
     ------
@@ -78,26 +89,28 @@ def decode_frame(encoded: bytes, unstuff: Stuffing = cobs_decode) -> bytes:
 
 
 def _damage(decoded: bytes) -> RemoteProtocolError:
-    """Return what is wrong with bytes that were COBS and are no frame."""
+    """Return the error of bytes that were COBS and are no frame."""
     if len(decoded) < _SHORTEST:
         return RemoteProtocolError(
-            f"frame of {len(decoded)} bytes; header and CRC take {_SHORTEST}",
+            f"frame of {len(decoded)} bytes; header and CRC-32 need {_SHORTEST}",
             reason="short",
         )
     right, crc = crc32(decoded[:-CRC_BYTES]), int.from_bytes(decoded[-CRC_BYTES:], "little")
-    return RemoteProtocolError(f"CRC-32 is {right:08x}, the frame says {crc:08x}", reason="crc")
+    return RemoteProtocolError(
+        f"CRC-32 of the frame is {right:08x}, not {crc:08x} as sent", reason="crc"
+    )
 
 
 class FrameDecoder:
     """Cut a stream of bytes into frames, in bounded memory.
 
-    At most :data:`MAX_ENCODED_BYTES` are kept between two calls.  A longer run without a delimiter
-    is discarded up to the next delimiter and reported once (HG-2.6).
+    The decoder keeps at most :data:`MAX_ENCODED_BYTES` between two calls. It discards a longer run
+    without a delimiter up to the next delimiter, and reports the run once (HG-2.6).
 
     Parameters
     ----------
     cobs : Cobs
-        A compiled COBS may be passed in.
+        COBS decoder; :func:`fastest_cobs` gives a compiled one.
     """
 
     def __init__(self, cobs: Cobs = PURE_PYTHON) -> None:
@@ -116,12 +129,24 @@ class FrameDecoder:
         self._discarding = False
 
     def feed(self, chunk: bytes) -> list[bytes | RemoteProtocolError]:
-        """Return, in order, a body for every whole frame and an error for every damaged one."""
+        """Return, in order, a body for every whole frame and an error for every damaged one.
+
+        Parameters
+        ----------
+        chunk : bytes
+            Any number of bytes; frames may begin and end anywhere in them.
+
+        Returns
+        -------
+        list of bytes or RemoteProtocolError
+            An error is returned, not raised: its ``reason`` is ``crc``, ``cobs``, ``short`` or
+            ``oversize``.
+        """
         *ended, rest = (self._partial + chunk).split(DELIMITER)
         if ended and self._discarding:  # reported when the limit was passed
             self._discarding = False
             del ended[0]
-        # HG-2.3: nothing between two delimiters is no frame and no error
+        # HG-2.3: two delimiters without a byte between them are neither frame nor error
         decode = self._decode
         found = [decode(encoded) for encoded in ended if encoded]
         if not self._discarding and len(rest) > MAX_ENCODED_BYTES:
@@ -131,11 +156,11 @@ class FrameDecoder:
         return found
 
     def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
-        # Errors are not raised here: a traceback would hold the caller's frame, and that the list
-        # which holds the error: a cycle for every damaged frame, in processes that switch the cycle
-        # collector off. Raising and wording would also take longer than decoding a frame does.
+        # Errors are not raised here: a traceback would hold the caller's frame, which holds the
+        # list, which holds the error. Every damaged frame would be a cycle, in processes that
+        # switch the cycle collector off. Raising also takes longer than decoding a frame.
         size = len(encoded)
-        if encoded[0] > size:  # so most noise is known by its first byte
+        if encoded[0] > size:  # the first byte gives most noise away
             return _NOT_COBS
         if size > MAX_ENCODED_BYTES:
             return _oversize()

@@ -1,8 +1,8 @@
 """Little-endian records, declared once.
 
-One line per field gives the dataclass attribute, its width on the wire, the byte table of SPEC.md
-and the C header: nothing about a layout is written twice.  A record is a fixed part and, in some
-messages, a tail that fills the rest of the payload: bytes, or records of one kind.
+One line per field declares the attribute, its width on the wire, its row in the byte table of
+SPEC.md and its member in the C header. A record is a fixed part and, in some messages, a tail that
+fills the rest of the payload: bytes, or records of one kind.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _WIRE: Final = "haptogram_wire"
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class WireField:
-    """How one field of the fixed part travels.
+    """Form on the wire of one field of the fixed part.
 
     Attributes
     ----------
@@ -51,11 +51,11 @@ class WireField:
 
     @property
     def is_number(self) -> bool:
-        """Whether :mod:`struct` gives and takes the very value, and every value will do."""
+        """True if the field is a plain number: no enumeration, no record, no text."""
         return self.enumeration is None and self.record is None and not self.code.endswith("s")
 
     def to_raw(self, name: str, value: Any) -> Any:
-        """Return what :mod:`struct` packs for *value*."""
+        """Return *value* in the form that :mod:`struct` packs."""
         if not isinstance(value, str):
             return value
         text = value.encode()
@@ -67,7 +67,7 @@ class WireField:
         return text
 
     def value(self, name: str, raw: Any, base: int) -> Any:
-        """Return the value for what :mod:`struct` gave; *base* is where the record begins."""
+        """Return the value of what :mod:`struct` unpacked; the record begins at byte *base*."""
         if isinstance(raw, bytes):
             return raw.rstrip(b"\x00").decode(errors="replace")
         if self.enumeration is None:
@@ -82,7 +82,7 @@ class WireField:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class WireTail:
-    """What fills the payload behind the fixed part.
+    """Form on the wire of the bytes behind the fixed part.
 
     Attributes
     ----------
@@ -91,9 +91,9 @@ class WireTail:
     doc : str
         Meaning.
     unit : int
-        Its length is a multiple of this many bytes.
+        The length of the tail is a multiple of *unit* bytes.
     least : int
-        Units that must be there.
+        Least number of units.
     record : type or None
         Kind of the records; None: plain bytes.
     """
@@ -112,7 +112,7 @@ def wire(
     enum: type[enum.IntEnum] | None = None,
     default: Any = dataclasses.MISSING,
 ) -> Any:
-    """Declare a field of a record: its :mod:`struct` code and what it means."""
+    """Declare a field of a record by its :mod:`struct` code and its meaning."""
     return dataclasses.field(default=default, metadata={_WIRE: WireField(code, doc, enum)})
 
 
@@ -134,22 +134,22 @@ def repeated(record: type[Record], doc: str, *, least: int = 0) -> Any:
 
 
 class Record:
-    """Base of everything that has a layout.  Use :func:`record` on every subclass.
+    """Base of all records and messages; :func:`record` decorates every subclass.
 
     Attributes
     ----------
     LAYOUT : struct.Struct
-        Of the fixed part.
+        Layout of the fixed part.
     WIRE : dict of str to WireField
-        Its fields, in their order on the wire.
+        Fields of the fixed part, in their order on the wire.
     TAIL : WireTail or None
-        What follows them.
+        Tail behind the fixed part.
     ITEMS : int
-        How many values :mod:`struct` packs for them.
+        Number of values that :mod:`struct` packs for the fixed part.
     VALUES : callable
         Returns the values of the fixed fields of a record.
     CONVERTED : tuple
-        Place, name and form of those fields that are not plain numbers: most records have none.
+        Place, name and form of the fields that are not plain numbers; most records have none.
     """
 
     __slots__ = ()
@@ -161,7 +161,7 @@ class Record:
     CONVERTED: ClassVar[tuple[tuple[int, str, WireField], ...]]
 
     def pack(self) -> bytes:
-        """Return the bytes.
+        """Return the bytes of the record.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class Record:
         return fixed + self._pack_tail() if self.TAIL else fixed
 
     def to_raw(self) -> list[Any]:
-        """Return what :mod:`struct` packs for the fixed fields, nested ones in line."""
+        """Return the values that :mod:`struct` packs, those of nested records in line."""
         raw = list(type(self).VALUES(self))
         for place, name, field in reversed(self.CONVERTED):  # backwards: a record takes more places
             if field.record is not None:
@@ -185,12 +185,12 @@ class Record:
         return raw
 
     def _pack_tail(self) -> bytes:
-        what = cast(WireTail, self.TAIL)
-        value = getattr(self, what.name)
-        data = bytes(value) if what.record is None else b"".join(item.pack() for item in value)
-        if not _tail_fits(what, len(data)):
+        form = cast(WireTail, self.TAIL)
+        value = getattr(self, form.name)
+        data = bytes(value) if form.record is None else b"".join(item.pack() for item in value)
+        if not _tail_fits(form, len(data)):
             raise LocalProtocolError(
-                f"{type(self).__name__}.{what.name} of {len(data)} bytes; {_tail_rule(what)}"
+                f"{type(self).__name__}.{form.name} of {len(data)} bytes; {_tail_rule(form)}"
             )
         return data
 
@@ -203,24 +203,29 @@ class Record:
         RemoteProtocolError
             With the reason ``bad_length``, or ``bad_value`` and the offset of the field.
         """
-        size, what = cls.LAYOUT.size, cls.TAIL
+        size, form = cls.LAYOUT.size, cls.TAIL
         rest = len(data) - size
-        if rest < 0 or (not _tail_fits(what, rest) if what else rest):
-            rule = f", then {_tail_rule(what)}" if what else ""
+        if rest < 0 or (not _tail_fits(form, rest) if form else rest):
+            rule = f", then {_tail_rule(form)}" if form else ""
             raise RemoteProtocolError(
                 f"{cls.__name__} of {len(data)} bytes; its layout has {size}{rule}",
                 reason="bad_length",
             )
         values = cls.from_raw(cls.LAYOUT.unpack_from(data), 0)
-        if what:
-            values.append(_unpack_tail(what, data, size))
+        if form:
+            values.append(_unpack_tail(form, data, size))
         return cls(*values)
 
     @classmethod
     def from_raw(cls, raw: Sequence[Any], base: int) -> list[Any]:
-        """Return the values of the fixed fields, in order, from what :mod:`struct` gave.
+        """Return the values of the fixed fields, in order.
 
-        *base* is the first byte of the record in its payload.
+        Parameters
+        ----------
+        raw : sequence
+            Values that :mod:`struct` unpacked.
+        base : int
+            First byte of the record in its payload.
         """
         values = list(raw)
         for place, name, field in cls.CONVERTED:
@@ -232,18 +237,18 @@ class Record:
         return values
 
 
-def _tail_fits(what: WireTail, length: int) -> bool:
-    return length % what.unit == 0 and length >= what.least * what.unit
+def _tail_fits(form: WireTail, length: int) -> bool:
+    return length % form.unit == 0 and length >= form.least * form.unit
 
 
-def _tail_rule(what: WireTail) -> str:
-    return f"{what.name} in units of {what.unit} bytes, at least {what.least}"
+def _tail_rule(form: WireTail) -> str:
+    return f"{form.name} in units of {form.unit} bytes, at least {form.least}"
 
 
-def _unpack_tail(what: WireTail, data: bytes, start: int) -> Any:
-    if what.record is None:
+def _unpack_tail(form: WireTail, data: bytes, start: int) -> Any:
+    if form.record is None:
         return data[start:]
-    size, record = what.unit, what.record
+    size, record = form.unit, form.record
     items = (record.LAYOUT.unpack_from(data, i) for i in range(start, len(data), size))
     return tuple(
         record(*record.from_raw(item, start + number * size)) for number, item in enumerate(items)
@@ -264,7 +269,7 @@ def _wire_fields(made: Any) -> tuple[dict[str, WireField], WireTail | None]:
 
 
 def _getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]]:
-    """Return what gets the attributes *names*, all at once."""
+    """Return a function that gets all attributes *names* of a record."""
     if len(names) > 1:
         return operator.attrgetter(*names)
     return lambda record: tuple(getattr(record, name) for name in names)

@@ -1,7 +1,7 @@
 """The two state machines of the protocol, as tables.  SPEC.md chapters 4 and 6.
 
-A pair that is not in its table is a violation: the host's own (``LocalProtocolError``) or the
-peer's (``ERROR(BAD_STATE)``).  Spec, tests and board read these tables; there is no other place.
+A pair that a table lacks is a violation: by the host itself (``LocalProtocolError``) or by the peer
+(``ERROR(BAD_STATE)``). SPEC.md, the tests and the board read these tables.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class MuteReason(DocumentedEnum):
 
 
 class OutputInput(enum.Enum):
-    """What moves the output state.  HG-6.2."""
+    """Input of the state machine of the output.  HG-6.2."""
 
     NEW_SESSION = enum.auto()
     ARM = enum.auto()
@@ -85,7 +85,19 @@ OUTPUT_TRANSITIONS: Final[Mapping[tuple[OutputState, OutputInput], OutputState]]
 
 
 class LinkState(enum.Enum):
-    """Where the host's side of the link is.  HG-4.1."""
+    """State of the link as the host knows it.  HG-4.1.
+
+    Attributes
+    ----------
+    CLOSED
+        No HELLO was sent.
+    GREETING
+        A HELLO waits for its answer.
+    OPEN
+        The session is open: requests and stream frames may be sent.
+    FAILED
+        A request was refused for its session or not answered; only HELLO leads out.
+    """
 
     CLOSED = enum.auto()
     GREETING = enum.auto()
@@ -94,7 +106,7 @@ class LinkState(enum.Enum):
 
 
 class LinkInput(enum.Enum):
-    """What moves the host's side of the link."""
+    """Input of the state machine of the link."""
 
     HELLO_SENT = enum.auto()
     HELLO_ANSWERED = enum.auto()
@@ -107,7 +119,7 @@ class LinkInput(enum.Enum):
 
 _L, _N = LinkState, LinkInput
 
-# HG-4.1.  A HELLO is allowed from everywhere: it is how a link is opened again.
+# HG-4.1.  HELLO is allowed in every state: it opens the link again.
 LINK_TRANSITIONS: Final[Mapping[tuple[LinkState, LinkInput], LinkState]] = {
     (_L.CLOSED, _N.HELLO_SENT): _L.GREETING,
     (_L.CLOSED, _N.PORT_CLOSED): _L.CLOSED,

@@ -92,3 +92,14 @@ def test_every_message_is_a_public_name_of_messages() -> None:
     from haptogram_protocol import messages
 
     assert {kind.__name__ for kind in messages.MESSAGES.values()} <= set(messages.__all__)
+
+
+def test_dir_lists_the_public_names_and_nothing_else() -> None:
+    assert dir(haptogram_protocol) == sorted(haptogram_protocol.__all__)
+    undocumented = [
+        name
+        for name in haptogram_protocol.__all__
+        if callable(getattr(haptogram_protocol, name))
+        and not getattr(haptogram_protocol, name).__doc__
+    ]
+    assert undocumented == []

@@ -1,10 +1,11 @@
 """Sans-I/O connections: bytes and times in, events and bytes out.
 
-``receive_data``, ``next_event`` and ``data_to_send`` at both ends; at the host also
-``next_deadline_us`` and ``advance_to``.  There is no socket, thread, sleep or clock in here.
+Both ends have ``receive_data``, ``next_event`` and ``data_to_send``; the host's end also has
+``next_deadline_us`` and ``advance_to``. Sockets, threads, sleeps and clocks do not live here.
 """
 
-from .board import LINK_COUNTERS, BoardConnection
+from .board import BoardConnection
+from .counters import HOST_COUNTERS, LINK_COUNTERS
 from .events import (
     NEED_DATA,
     BoardEvent,
@@ -18,7 +19,7 @@ from .events import (
     RequestTimedOut,
     StreamReceived,
 )
-from .host import HOST_COUNTERS, HostConnection
+from .host import HostConnection
 from .inbox import INPUT_LIMIT
 from .outbox import OUTPUT_LIMIT
 from .timer import INITIAL_RTO_US, MAX_ATTEMPTS, MAX_RTO_US, MIN_RTO_US, RoundTripTimer

@@ -1,8 +1,8 @@
-"""The board's end: frames of the host in, events out; replies and events of the board out.
+"""The board's end: takes frames of the host, gives events to the board and replies to the line.
 
-Everything that the link itself can judge is judged and answered here, in the order of SPEC.md
-HG-3.8: damage, type, session, sequence, flags, length and value.  What is left for the board is its
-own: output state, time, configuration.
+The connection makes every check that needs no board, in the order of SPEC.md HG-3.8: damage, type,
+session, sequence, flags, length and value. It answers a request that fails one. The board itself
+checks output state, time and configuration.
 """
 
 from __future__ import annotations
@@ -35,36 +35,19 @@ from ..messages import (
     build_body,
     signed_difference,
 )
+from .counters import LINK_COUNTERS
 from .events import NEED_DATA, BoardEvent, FrameDropped, NeedData, RequestReceived, StreamReceived
 from .inbox import Inbox
 from .outbox import OUTPUT_LIMIT, Outbox
 from .received import IMMEDIATE, ReceivedFrame, error_of, unknown_flags
 
-#: The counters that the link keeps; the others of HG-9.2 are the board's own.
-LINK_COUNTERS: Final = (
-    "frames",
-    "duplicate",
-    "gap",
-    "stale_session",
-    "crc",
-    "cobs",
-    "short",
-    "oversize",
-    "bad_length",
-    "bad_value",
-    "unknown_type",
-    "unsupported",
-    "requests",
-    "repeated",
-)
-
-# HG-4.10: never compared with the last request, because doing it again does no harm.
+# HG-4.10: never compared with the last request, because a repetition does no harm.
 _IDEMPOTENT: Final = frozenset({MessageType.MUTE, MessageType.UPLOAD_CHUNK})
 
 
 @dataclass(frozen=True, slots=True)
 class _Answered:
-    """The last request and its reply, kept for a host that did not hear it.  HG-4.9."""
+    """The last request and its reply, for a host that missed the reply.  HG-4.9."""
 
     seq: int
     crc: int
@@ -81,9 +64,9 @@ class BoardConnection:
     output_limit : int, keyword-only
         Bytes that may wait for the line; droppable events get half of it.
     cobs : Cobs, keyword-only
-        A compiled COBS may be passed in.
+        COBS; :func:`~haptogram_protocol.framing.fastest_cobs` gives a compiled one.
     decoder : FrameDecoder or None, keyword-only
-        Takes frames out of the bytes; None: one with *cobs*.
+        Decoder of the received bytes; None: a new one with *cobs*.
 
     Attributes
     ----------
@@ -120,7 +103,7 @@ class BoardConnection:
     # --- In ------------------------------------------------------------------------------------
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take bytes from the line; nothing that they hold can raise.
+        """Take bytes from the line; no content of them raises an error.
 
         Parameters
         ----------
@@ -151,7 +134,7 @@ class BoardConnection:
         return self._judge(body, t_rx_us)
 
     def count(self, reason: str, number: int = 1) -> None:
-        """Count what the link, or the board behind it, found wrong with a stream frame.
+        """Add *number* to a counter: the connection or the board dropped frames.
 
         Raises
         ------
@@ -260,7 +243,7 @@ class BoardConnection:
         return self._request(frame, hello, new_session=True)
 
     def _judge_control_seq(self, frame: ReceivedFrame) -> FrameDropped | None:
-        """Answer a repetition from memory, refuse a number used before; None: it is new."""
+        """Answer a repetition from memory, refuse a used number; return None for a new request."""
         seq = frame.header.seq
         if frame.header.type in _IDEMPOTENT:
             return None
@@ -294,7 +277,7 @@ class BoardConnection:
     def _refuse(
         self, frame: ReceivedFrame, reason: str, code: ErrorCode, number: int, detail: str
     ) -> FrameDropped:
-        """Answer a request with ERROR before the board has seen it, and remember nothing."""
+        """Answer a request with ERROR, without the board; the reply is not remembered."""
         error = Error(request=frame.header.type, code=code, detail=number)
         session = 0 if code is ErrorCode.STALE_SESSION else self.session
         wire = self._response(error, frame.header.seq, frame.t_rx_us, session)
@@ -304,15 +287,21 @@ class BoardConnection:
     # --- Out -----------------------------------------------------------------------------------
 
     def open_session(self, nonce: int) -> None:
-        """Make *nonce* the open session: every sequence space starts anew.  HG-4.6."""
+        """Make *nonce* the open session: every sequence space starts anew.  HG-4.6.
+
+        Raises
+        ------
+        LocalProtocolError
+            If *nonce* is not 1 to 65535.
+        """
         if not 1 <= nonce <= 0xFFFF:
-            raise LocalProtocolError(f"session {nonce}; the nonce is 1 to 65535")
+            raise LocalProtocolError(f"session nonce {nonce}; it is 1 to 65535")
         self.session = nonce
         self._greeting = None
         self._start_sequences(0)
 
     def reply(self, request: RequestReceived, message: Message, now_us: int) -> None:
-        """Answer *request* with *message*; a HELLO after ``open_session``.
+        """Answer *request* with *message*; call :meth:`open_session` before the reply to a HELLO.
 
         Parameters
         ----------
@@ -349,7 +338,7 @@ class BoardConnection:
         now_us : int
             Device time for the header, unwrapped: of the latch in a trace, else of sending.
         droppable : bool
-            A trace: it gives way when half of the output is full.
+            True for a trace, which is dropped when half of the output is full.
 
         Returns
         -------
@@ -369,12 +358,18 @@ class BoardConnection:
         return sent
 
     def data_to_send(self, limit: int | None = None) -> bytes:
-        """Return the frames that wait for the line, whole ones, at most *limit* bytes if given."""
+        """Return whole frames that wait for the line.
+
+        Parameters
+        ----------
+        limit : int or None
+            Most bytes to return; None: all.
+        """
         return self._outbox.take(limit)
 
     @property
     def output_bytes(self) -> int:
-        """Bytes that wait for the line."""
+        """Number of bytes that wait for the line."""
         return self._outbox.waiting
 
     def _answer(self, request: RequestReceived, message: Message, now_us: int) -> None:

@@ -1,6 +1,6 @@
-"""What a connection reports.  One frozen dataclass per event; times are those of the caller.
+"""Events of a connection, one frozen dataclass each.
 
-``t_rx_us`` is always the time that the caller gave with the bytes which ended the frame.
+``t_rx_us`` is always the time that the caller gave with the last bytes of the frame.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ class NeedData(enum.Enum):
     NEED_DATA = enum.auto()
 
 
-#: There is no event until more bytes come (or until a deadline passes).
+#: No event waits; more bytes, or a deadline, bring the next one.
 NEED_DATA: Final = NeedData.NEED_DATA
 
 
 @dataclass(frozen=True, slots=True)
 class FrameDropped:
-    """A frame, or a run of bytes, went no further; it has been counted.
+    """A frame, or a run of bytes, was dropped and counted.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class FrameDropped:
     detail : str
         One line for a log.
     renews_lease : bool
-        Board: the frame was one of the open session all the same (HG-6.7).
+        Board: True if the frame was of the open session (HG-6.7).
     """
 
     reason: str
@@ -47,7 +47,7 @@ class FrameDropped:
 
 @dataclass(frozen=True, slots=True)
 class StreamReceived:
-    """A stream frame of the open session, neither seen before nor damaged.
+    """A new stream frame of the open session passed every check.
 
     Attributes
     ----------
@@ -67,16 +67,16 @@ class StreamReceived:
 
 @dataclass(frozen=True, slots=True)
 class RequestReceived:
-    """A request that is to be carried out once and answered with ``reply`` or ``refuse``.
+    """A new request passed every check; the board answers it with ``reply`` or ``refuse``.
 
     Attributes
     ----------
     t_wire_us : int
         Time field of the header, modulo 2^32: the start time of a PLAY, else 0.
     immediate : bool
-        PLAY: start at once, ``t_wire_us`` means nothing.
+        PLAY: start at once and ignore ``t_wire_us``.
     new_session : bool
-        A HELLO whose nonce is not that of the open session: mute, flush, ``open_session``, reply.
+        True for a HELLO with a new nonce: mute, flush, call ``open_session``, then reply.
     crc : int
         CRC-32 of the frame's body, by which a repetition is known.
     """
@@ -107,8 +107,8 @@ class ReplyReceived:
     request : MessageType
         Type of the request.
     rtt_us : int or None
-        Round trip; None where the request was sent more than once (Karn: nobody knows which of
-        the two was answered).
+        Round trip in microseconds; None if the request was sent more than once, because the
+        answered copy is unknown (Karn's rule).
     t_device_us : int
         Device time of the reply's first byte, modulo 2^32.
     """
@@ -133,7 +133,7 @@ class RequestRefused:
 
 @dataclass(frozen=True, slots=True)
 class RequestTimedOut:
-    """Nothing answered a request, however often it was sent."""
+    """A request was sent as often as it may be, and never answered."""
 
     request: MessageType
     seq: int
@@ -142,12 +142,12 @@ class RequestTimedOut:
 
 @dataclass(frozen=True, slots=True)
 class EventReceived:
-    """The board reported something by itself.
+    """The board sent an event.
 
     Attributes
     ----------
     gap : int
-        Events that were sent between the last one and this one, and never came.
+        Number of events lost between the last one and this one.
     """
 
     message: Message

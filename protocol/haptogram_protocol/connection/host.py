@@ -1,14 +1,13 @@
-"""The host's end: requests and stream frames out; replies and events of the board in.
+"""The host's end: sends requests and stream frames, takes replies and events of the board.
 
-Control is stop-and-wait (HG-4.8): one request at a time, sent again until it is answered or
-given up.  Upload chunks go by a window, and MUTE overtakes everything.  Stream frames are handed
-straight to the caller: they are never sent again.
+Control is stop-and-wait (HG-4.8): one request at a time, sent again until it is answered or given
+up. Upload chunks have a window, and MUTE waits for no other request. A stream frame is never sent
+again, so the caller gets its bytes.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from typing import Final
 
 from ..errors import LocalProtocolError, RemoteProtocolError
 from ..framing import PURE_PYTHON, Cobs, FrameDecoder, encode_frame
@@ -40,6 +39,7 @@ from ..messages import (
     signed_difference,
 )
 from ..state import LinkInput, LinkState, next_link_state
+from .counters import HOST_COUNTERS
 from .events import (
     NEED_DATA,
     EventReceived,
@@ -53,22 +53,6 @@ from .events import (
 from .inbox import Inbox
 from .pending import PendingRequest, PendingRequests
 
-#: What the host counts of the frames that it receives, by the names of HG-9.2.
-HOST_COUNTERS: Final = (
-    "frames",
-    "duplicate",
-    "gap",
-    "stale_session",
-    "crc",
-    "cobs",
-    "short",
-    "oversize",
-    "bad_length",
-    "bad_value",
-    "unknown_type",
-    "unsupported",
-)
-
 
 class HostConnection:
     """Sans-I/O end of the link at the host.
@@ -80,17 +64,25 @@ class HostConnection:
     description_hash : int, keyword-only
         CRC-32 of the host's description of the protocol.
     cobs : Cobs, keyword-only
-        A compiled COBS may be passed in.
+        COBS; :func:`~haptogram_protocol.framing.fastest_cobs` gives a compiled one.
 
     Attributes
     ----------
+    session : int
+        Nonce of the session that is open or asked for.
     link_state : LinkState
+        State of the link.
     identity : HelloReply or None
-        What the board said of itself, once the session is open.
+        Identity and limits of the board, once the session is open.
     warnings : list of str
-        What differs between the two ends although they can work together.
+        Differences between the two ends that do not keep them from working together.
     counters : dict of str to int
-        :data:`HOST_COUNTERS`.
+        Number of received frames by :data:`HOST_COUNTERS`.
+
+    Raises
+    ------
+    LocalProtocolError
+        If *nonce* is not 1 to 65535.
     """
 
     def __init__(self, *, nonce: int, description_hash: int, cobs: Cobs = PURE_PYTHON) -> None:
@@ -117,8 +109,8 @@ class HostConnection:
     def send_hello(self, now_us: int) -> int:
         """Ask for the session and return the request's seq; allowed in every link state.
 
-        The same nonce again does not start the session anew (HG-4.6): after a reset of the board,
-        or of the line, make a new connection.
+        The board does not start a session anew for the same nonce (HG-4.6): after a reset of the
+        board, or of the line, make a new connection.
         """
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_SENT)
         self._pending.forget_all()
@@ -140,13 +132,13 @@ class HostConnection:
         Raises
         ------
         LocalProtocolError
-            If another one waits for its answer, if the link is not open, or if *message* is no
-            request or has a method of its own here.
+            If another request waits for its answer, if the link is not open, or if *message* is no
+            request or has its own method.
         """
         if message.TYPE not in REQUEST_RANGE or isinstance(message, Hello | Mute | UploadChunk):
             raise LocalProtocolError(
-                f"{message.TYPE.name} is not sent by send_request; see send_hello, send_mute, "
-                "send_chunk, stream_frame"
+                f"send_request does not send {message.TYPE.name}; use send_hello, send_mute, "
+                "send_chunk or stream_frame"
             )
         if (t_apply_us or immediate) and message.TYPE is not MessageType.PLAY:
             raise LocalProtocolError(f"{message.TYPE.name} takes no time; only PLAY does")
@@ -175,7 +167,7 @@ class HostConnection:
     def send_mute(self, now_us: int) -> int:
         """Mute the board, in any link state, and return the request's seq.
 
-        Whatever request waits is abandoned and no event will speak of it, except a HELLO.
+        A request that waits, other than HELLO, is abandoned without an event.
         """
         self._pending.forget_all(but=MessageType.HELLO)
         return self._send(Mute(), now_us, session=self.session if self.identity else 0)
@@ -209,7 +201,7 @@ class HostConnection:
         return index, wire
 
     def data_to_send(self) -> bytes:
-        """Return the bytes of requests that are due; stream frames are not among them."""
+        """Return the bytes of the requests that are due, without stream frames."""
         if not self._output:
             return b""
         taken = bytes(self._output)
@@ -229,7 +221,7 @@ class HostConnection:
         return max(0, self._window - len(self._pending))
 
     def port_closed(self) -> None:
-        """Forget what waits: the port is gone, and nothing more can come."""
+        """Forget every request and byte that waits: the port is closed."""
         self.link_state = next_link_state(self.link_state, LinkInput.PORT_CLOSED)
         self._pending.forget_all()
         self._output.clear()
@@ -249,11 +241,11 @@ class HostConnection:
     # --- Time ----------------------------------------------------------------------------------
 
     def next_deadline_us(self) -> int | None:
-        """Return when :meth:`advance_to` has something to do; None: never."""
+        """Return the time at which to call :meth:`advance_to`; None if no request waits."""
         return self._pending.next_deadline_us
 
     def advance_to(self, now_us: int) -> None:
-        """Send again what was not answered by now, or give it up.  HG-12.6."""
+        """Send unanswered requests again, or give them up.  HG-12.6."""
         for waiting in self._pending.due(now_us):
             if waiting.is_exhausted:
                 self._give_up(waiting)
@@ -270,21 +262,21 @@ class HostConnection:
 
     @property
     def bytes_received(self) -> int:
-        """Bytes that came in, whatever they were."""
+        """Number of bytes received, of any content."""
         return self._inbox.bytes_received
 
     @property
     def frames_received(self) -> int:
-        """Frames whose CRC was right: with bytes but no frame the peer speaks something else."""
+        """Number of frames whose CRC was right; 0 after many bytes means another protocol."""
         return self.counters["frames"]
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take bytes from the line; nothing that they hold can raise.
+        """Take bytes from the line; no content of them raises an error.
 
         Parameters
         ----------
         now_us : int
-            When they came, on the clock of :meth:`advance_to`.
+            Arrival time, on the clock of :meth:`advance_to`.
 
         Raises
         ------
@@ -354,10 +346,7 @@ class HostConnection:
         return ReplyReceived(message, header.seq, waiting.request, rtt_us, t_rx_us, header.time_us)
 
     def _from_here(self, header: Header, message: Message, waiting: PendingRequest) -> bool:
-        """Tell whether a response is for this session.  HG-3.7.
-
-        A MUTE may be answered in any session, and an ERROR in none.
-        """
+        """Return True if a response is for this session: MUTE in any, ERROR in none.  HG-3.7."""
         if isinstance(message, HelloReply):
             return message.nonce == self.session
         anywhere = waiting.request in (MessageType.MUTE, MessageType.HELLO)
@@ -365,7 +354,7 @@ class HostConnection:
         return anywhere or stale or header.session == self.session
 
     def _greeted(self, reply: HelloReply) -> HelloReply | Error:
-        """Open the link; a board of another major version that answers all the same is refused."""
+        """Open the link, or refuse a board of another major version."""
         if reply.major != VERSION_MAJOR:
             return Error(MessageType.HELLO, ErrorCode.VERSION, reply.major)
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_ANSWERED)
@@ -381,7 +370,7 @@ def _answers(message: Message, request: MessageType) -> bool:
 
 
 def _differences(reply: HelloReply, description_hash: int) -> list[str]:
-    """Say what differs between host and board of one major version.  HG-11.3."""
+    """Return the differences between host and board of one major version.  HG-11.3."""
     found = []
     if reply.minor != VERSION_MINOR:
         found.append(

@@ -1,7 +1,7 @@
-"""Bytes that came in, taken frame by frame: what both ends of a connection share.
+"""Received bytes, given out frame by frame, at either end of a connection.
 
-Frames are decoded one at a time, when they are asked for, because what a frame means may depend on
-what the caller did about the one before it (a HELLO opens the session of the next frame).
+A frame is decoded when it is asked for: its meaning may depend on the caller's answer to the frame
+before (a HELLO opens the session of the next frame).
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Final
 from ..errors import LocalProtocolError, RemoteProtocolError
 from ..framing import FrameDecoder
 
-#: Bytes that may wait undecoded; the caller who lets more pile up does not take the events.
+#: Bytes that may wait undecoded; more means that the caller does not take the events.
 INPUT_LIMIT: Final = 1 << 20
-_SLICE: Final = 4096  # decoded at a time, so that a chunk of tiny damaged frames stays small
+_SLICE: Final = 4096  # bytes decoded at a time: a chunk may hold thousands of damaged frames
 
 
 class Inbox:
@@ -28,7 +28,7 @@ class Inbox:
         self.bytes_received = 0
 
     def receive(self, data: bytes, now_us: int) -> None:
-        """Take *data*, whatever it holds.
+        """Keep *data*, of any content.
 
         Raises
         ------
@@ -45,7 +45,7 @@ class Inbox:
             self.bytes_received += len(data)
 
     def next_frame(self) -> tuple[bytes | RemoteProtocolError, int] | None:
-        """Return the next body, or what was wrong with it, and when it came; None: no more."""
+        """Return the next body, or its error, and its arrival time; None if no frame is left."""
         while not self._frames and self._chunks:
             chunk, t_us = self._chunks.popleft()
             head, rest = chunk[:_SLICE], chunk[_SLICE:]
@@ -56,7 +56,7 @@ class Inbox:
         return self._frames.popleft() if self._frames else None
 
     def reset(self) -> None:
-        """Forget everything that is not yet an event (the port was closed)."""
+        """Forget all bytes and frames that wait: the port was closed."""
         self._chunks.clear()
         self._frames.clear()
         self._decoder.reset()

@@ -24,9 +24,9 @@ class PendingRequest:
     sent_us : int
         Time at which it was last sent.
     timeout_us : int
-        How long its answer may take from then on.
+        Time from then until its deadline.
     attempts : int
-        How often it was sent.
+        Number of times it was sent.
     """
 
     request: MessageType

@@ -13,7 +13,12 @@ MAX_ATTEMPTS: Final = 5
 class RoundTripTimer:
     """Smoothed round trip and its variation, in integer microseconds (RFC 6298 section 2).
 
-    The caller gives no sample of a request that was sent twice (Karn's rule, section 3).
+    A request that was sent twice gives no sample (Karn's rule, section 3).
+
+    Attributes
+    ----------
+    rto_us : int
+        Retransmission timeout in microseconds.
     """
 
     def __init__(self) -> None:
@@ -22,7 +27,7 @@ class RoundTripTimer:
         self._variation_us = 0
 
     def add_sample(self, rtt_us: int) -> None:
-        """Take the round trip of a request that was sent once; a doubled timeout ends here."""
+        """Take the round trip of a request that was sent once; end the doubling of the timeout."""
         if self._smoothed_us is None:
             self._smoothed_us, self._variation_us = rtt_us, rtt_us // 2
         else:

@@ -1,8 +1,8 @@
 """The C99 headers that firmware includes, made from the messages.
 
-``python -m haptogram_protocol.export.c`` rewrites them. ``haptogram.h`` says what is on the wire:
-constants, enumerations, layouts. ``haptogram_messages.h`` turns a layout into a struct of numbers
-and back.
+``python -m haptogram_protocol.export.c`` rewrites them. ``haptogram.h`` declares constants,
+enumerations and layouts. ``haptogram_messages.h`` turns a layout into a struct of numbers and back.
+The codec and the board in C are written by hand and do not live here.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Final
 from .layouts import wire_header
 from .values import values_header
 
-#: What makes each header, by the name of its file.
+#: Maker of each header, by the name of its file.
 HEADERS: Final[Mapping[str, Callable[[], str]]] = {
     "haptogram.h": wire_header,
     "haptogram_messages.h": values_header,

@@ -1,4 +1,4 @@
-"""How what the messages declare is called in C."""
+"""Names in C of records, fields and enumerations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ..tables import RECORDS
 
 _WIDTH: Final = 100
-#: Words that no member may be called, those of them that a field could ever want.
+#: Keywords of C and C++ that no member may be called.
 _KEYWORDS: Final = re.compile(
     "auto|break|case|char|class|const|continue|default|delete|do|double|else|enum|extern|float|for|"
     "goto|if|inline|int|long|new|private|public|register|restrict|return|short|signed|sizeof|"
@@ -68,7 +68,7 @@ def snake(name: str) -> str:
 
 
 def is_text(field: WireField) -> bool:
-    """Tell whether *field* holds characters."""
+    """Return True if *field* holds characters."""
     return field.code.endswith("s")
 
 

@@ -16,7 +16,7 @@ from ...state import OutputState
 _SESSION: Final = 0x5EED
 _EIGHT: Final = m.PhaseFormat.BITS_8
 
-# What the frame is, header fields, message.  The arrays are small so that the bytes can be read.
+# Title, message, header fields.  The arrays are small so that the bytes can be read.
 WORKED_FRAMES: Final[Mapping[str, tuple[m.Message, dict[str, int]]]] = {
     "HELLO, nonce 0x5EED, description hash 0x01020304": (
         m.Hello(1, 0, _SESSION, 0x01020304),
@@ -82,10 +82,10 @@ class Step:
     Attributes
     ----------
     t_us : int
-        Time since the board started, microseconds: of the arrival of what the host sends, of the
-        first byte of what the board sends.
+        Microseconds since the board started: arrival of a frame of the host, first byte of a frame
+        of the board.
     words : str
-        What it is.
+        Description of the frame.
     message : Message
         The frame.
     header : dict
@@ -99,7 +99,7 @@ class Step:
 
     @property
     def from_host(self) -> bool:
-        """Whether the host sends it."""
+        """True if the host sends the frame."""
         return self.message.TYPE < m.MessageType.HELLO_REPLY
 
     @property

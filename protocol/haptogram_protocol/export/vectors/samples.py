@@ -38,7 +38,7 @@ def _random(seed: str) -> Choice:
 
 _TEXTS: Final = {"least": "", "most": "f" * 16, "ordered": "Größe µ 1", "random": "firmware 2.10"}
 _UNITS: Final = {"least": 0, "most": 9, "ordered": 2, "random": 5}
-#: How the values of a sample are chosen, and why such a sample is there.
+#: Ways to choose the values of a sample, each with its description.
 HOW: Final[Mapping[str, str]] = {
     "least": "least value of every field",
     "most": "largest value of every field",

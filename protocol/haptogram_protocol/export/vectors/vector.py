@@ -1,4 +1,4 @@
-"""What a vector says of bytes and messages, ready for JSON."""
+"""Parts of a vector as JSON: frames, outcomes, fields."""
 
 from __future__ import annotations
 
