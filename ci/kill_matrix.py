@@ -23,7 +23,8 @@ from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.clauses import load_clauses
 from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
-from sim_device.mutants import MUTANTS, Evidence, Mutant
+from haptogram.records.frame import Evidence
+from sim_device.mutants import MUTANTS, Mutant
 
 WORKERS = 2
 OPTIONS = Options(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={})

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
+from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Feature
 
 from .client.board_client import BoardClient
-from .verdict import Evidence
 
 Body: TypeAlias = Callable[[BoardClient], None]
 

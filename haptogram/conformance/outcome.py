@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Final, NoReturn
 
 from haptogram.errors import HaptogramError
+from haptogram.records.frame import Evidence
 
-from .verdict import Behaviour, Evidence
+from .verdict import Behaviour
 
 #: Evidence, by the names that cases use.
 WIRE: Final = Evidence.WIRE

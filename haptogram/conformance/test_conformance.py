@@ -19,7 +19,7 @@ def test_clause(case: Case, haptogram_board: Runner) -> None:
     from haptogram.conformance.verdict import MEANINGS
 
     result = haptogram_board.result(case)
-    verdict = f"{result.behaviour} [{result.evidence}] {result.detail}"
+    verdict = f"{result.behaviour} [{result.evidence.upper()}] {result.detail}"
     junit = MEANINGS[result.behaviour].junit
     if junit == "skipped":
         pytest.skip(verdict)

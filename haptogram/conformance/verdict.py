@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
+from haptogram.records.frame import Evidence
+
 PASS: Final = 0
 FAIL: Final = 1
 USAGE: Final = 2
@@ -24,14 +26,6 @@ class Behaviour(enum.StrEnum):
     INCONCLUSIVE = "INCONCLUSIVE"
     FLAKY = "FLAKY"
     FAILED = "FAILED"
-
-
-class Evidence(enum.StrEnum):
-    """What a verdict rests on."""
-
-    WIRE = "WIRE"  # the bytes on the line and their times
-    SELF_REPORTED = "SELF-REPORTED"  # the firmware's own word: read-back, trace, counters
-    EXTERNAL = "EXTERNAL"  # only a measurement shows it; nothing here has that
 
 
 class Meaning(NamedTuple):

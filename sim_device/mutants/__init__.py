@@ -14,7 +14,7 @@ from haptogram.errors import ConfigurationError
 
 from ..assembly import HEALTHY, Parts
 from . import framing, latching, output, replies, session
-from .mutant import Evidence, Mutant, by_name
+from .mutant import Mutant, by_name
 
 _PARTS: Final = (framing, session, replies, latching, output)
 
@@ -38,4 +38,4 @@ def parts_of(name: str | None) -> Parts:
     return MUTANTS[name].parts
 
 
-__all__ = ["MUTANTS", "Evidence", "Mutant", "parts_of"]
+__all__ = ["MUTANTS", "Mutant", "parts_of"]

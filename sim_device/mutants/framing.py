@@ -5,6 +5,7 @@ from __future__ import annotations
 import binascii
 from typing import Any, Final
 
+from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import (
@@ -20,7 +21,7 @@ from haptogram_protocol.framing import (
 from haptogram_protocol.messages import MESSAGES, Error, ErrorCode
 
 from ..dialects.haptogram import BoardDialect
-from .mutant import Evidence, Mutant
+from .mutant import Mutant
 
 _QUIET_US: Final = 5_000
 _FIRMWARE_BUFFER: Final = 512

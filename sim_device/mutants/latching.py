@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import Drive
+from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import DriveKind, ErrorCode, ReadDrive, Trace, UploadCommit
 
 from ..board.board import Board
@@ -18,7 +19,7 @@ from ..board.registers import Content, to_registers
 from ..board.stream_queue import Entry, StreamFrame, StreamQueue
 from ..board.uploads import Uploads
 from ..dialects.haptogram import BoardDialect
-from .mutant import Evidence, Mutant
+from .mutant import Mutant
 
 
 class LatchesEarly(Board):

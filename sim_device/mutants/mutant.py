@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
 import inspect
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final, Self, TypeAlias
 
+from haptogram.records.frame import Evidence
+
 from ..assembly import Parts
 
 Part: TypeAlias = type[Any]
 #: The part of :class:`~sim_device.assembly.Parts` that a subclass of its healthy class replaces.
 _NAMES: Final = {field.default: field.name for field in dataclasses.fields(Parts)}
-
-
-class Evidence(enum.StrEnum):
-    """The kind of evidence that shows that a board is wrong."""
-
-    WIRE = "wire"
-    SELF_REPORTED = "self-reported"
-    EXTERNAL = "external"
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import Drive
+from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Config
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -21,7 +22,7 @@ from ..board.output import OutputStage
 from ..board.registers import radiated_drive
 from ..board.timers import OutputTimers
 from ..dialects.haptogram import BoardDialect
-from .mutant import Evidence, Mutant
+from .mutant import Mutant
 
 _WRAP: Final = 2**32
 _NEVER_US: Final = 1 << 60

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final
 
+from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.messages import (
     Config,
@@ -22,7 +23,7 @@ from haptogram_protocol.messages import (
 from ..board.board import Board
 from ..board.refusal import RefusalError
 from ..dialects.haptogram import BoardDialect
-from .mutant import Evidence, Mutant
+from .mutant import Mutant
 
 
 class _Liar(BoardConnection):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final
 
+from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import NEED_DATA, BoardConnection
 from haptogram_protocol.messages import STREAM_RANGE, Feature, Hello, HelloReply, signed_difference
 
 from ..board.counters import BoardCounters
 from ..board.output import OutputStage
 from ..dialects.haptogram import BoardDialect
-from .mutant import Evidence, Mutant
+from .mutant import Mutant
 
 _DAMAGE: Final = frozenset({"crc", "cobs", "short", "oversize"})
 _LEAK_BYTES: Final = 16_384

@@ -15,9 +15,10 @@ from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.line.port import open_transport
 from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Evidence
 from sim_device.board.clock import ClockChange, DeviceClock
 from sim_device.command import main
-from sim_device.mutants import MUTANTS, Evidence, parts_of
+from sim_device.mutants import MUTANTS, parts_of
 
 ROOT = Path(__file__).parents[2]
 SPEC = ROOT / "protocol" / "SPEC.md"

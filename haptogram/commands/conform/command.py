@@ -142,7 +142,7 @@ def _progress(*, quiet: bool) -> Iterator[CaseProgress | None]:
 def _list(cases: tuple[Case, ...]) -> int:
     for case in cases:
         kind = "" if case.body else " (not observable)"
-        print(f"{case.id:<20} {case.evidence:<14} {case.summary}{kind}")
+        print(f"{case.id:<20} {case.evidence.upper():<14} {case.summary}{kind}")
     return 0
 
 

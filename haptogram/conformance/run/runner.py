@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Final, Self, TypeAlias
 
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
+from haptogram.records.frame import Evidence
 
 from ..case import Case
 from ..clauses import Clause, Level, load_clauses
 from ..client.board_client import BoardClient
 from ..judge.recovery import recover
 from ..outcome import CaseEndedError
-from ..verdict import Behaviour, Evidence, Recovery, Result, SuiteResult
+from ..verdict import Behaviour, Recovery, Result, SuiteResult
 from .access import Access
 from .connection import BoardConnection
 

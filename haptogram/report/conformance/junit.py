@@ -25,7 +25,7 @@ def write_junit(path: Path, suite: SuiteResult) -> None:
 
 
 def _case(result: Result) -> JUnitCase:
-    message = f"{result.behaviour} [{result.evidence}] {result.detail}".strip()
+    message = f"{result.behaviour} [{result.evidence.upper()}] {result.detail}".strip()
     if not result.recovers:
         message += f"; recovery {result.recovery}"
     if result.expected is not None:

@@ -9,13 +9,13 @@ from typing import Any, Final
 
 from haptogram.conformance.verdict import (
     Behaviour,
-    Evidence,
     Recovery,
     Result,
     SuiteResult,
 )
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import write_atomically
+from haptogram.records.frame import Evidence
 
 FORMAT: Final = "haptogram-conformance/1"
 
@@ -41,7 +41,7 @@ def _result_dict(result: Result) -> dict[str, Any]:
         "requirement": result.requirement,
         "what": result.what,
         "behaviour": result.behaviour.value,
-        "evidence": result.evidence.value,
+        "evidence": result.evidence.upper(),
         "detail": result.detail,
         "recovery": None
         if recovery is None
@@ -91,7 +91,7 @@ def _result_from(item: Mapping[str, Any]) -> Result:
         requirement=item["requirement"],
         what=item["what"],
         behaviour=Behaviour(item["behaviour"]),
-        evidence=Evidence(item["evidence"]),
+        evidence=Evidence(item["evidence"].lower()),
         detail=item["detail"],
         recovery=None if recovery is None else Recovery(recovery["frames"], recovery["text"]),
         transcript=tuple(item["transcript"]),

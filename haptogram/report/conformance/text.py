@@ -38,7 +38,7 @@ def _lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
 
 def _result(result: Result) -> Iterator[str]:
     known = f" (expected: {result.expected})" if result.expected and result.is_failure else ""
-    yield f"{result.case}  {result.behaviour} [{result.evidence}]{known}"
+    yield f"{result.case}  {result.behaviour} [{result.evidence.upper()}]{known}"
     yield f"    requirement  {result.requirement}"
     yield f"    case         {result.what}"
     if result.detail:

@@ -7,7 +7,8 @@ from haptogram.conformance.case import Case
 from haptogram.conformance.outcome import CaseEndedError, check
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import Options, Runner
-from haptogram.conformance.verdict import Behaviour, Evidence, Result, exit_status
+from haptogram.conformance.verdict import Behaviour, Result, exit_status
+from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MessageType
 

@@ -7,9 +7,10 @@ import pytest
 from boards import run, virtual
 
 from haptogram.conformance.verdict import Behaviour
+from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Feature
 from sim_device.board.board import Board
-from sim_device.mutants.mutant import Evidence, Mutant
+from sim_device.mutants.mutant import Mutant
 
 #: Clauses about the host, about this text, or that no line can show: never passed.
 NEVER_SHOWN = {
