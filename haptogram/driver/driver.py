@@ -15,7 +15,6 @@ from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.frame import REGISTER_BITS, Frame, Mode
 from haptogram.driver.frames.targets import Targets, as_foci
 from haptogram.driver.identity import check_air, read_geometry
-from haptogram.driver.line.link import Progress
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port
 from haptogram.driver.output import Output
 from haptogram.driver.playback import MOST_PLAYED, PlayReport, Timing, playback_period_us
@@ -26,7 +25,13 @@ from haptogram.driver.upload import upload_correction
 from haptogram.errors import HaptogramError
 from haptogram.records.frame import Focus, Intended, Observation
 from haptogram.records.kept import MOST_KEPT, Kept, check_keep
-from haptogram.settings.arguments import check_callable, check_kind, check_number, check_whole
+from haptogram.settings.arguments import (
+    Progress,
+    check_callable,
+    check_kind,
+    check_number,
+    check_whole,
+)
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.messages import (
     Config,

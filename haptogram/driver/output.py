@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from haptogram.driver.frames.frame import Frame
-from haptogram.driver.line.link import NS_PER_S, Progress
+from haptogram.driver.line.link import NS_PER_S
 from haptogram.driver.playback import Player, PlayReport, Timing
 from haptogram.driver.session import Session
 from haptogram.driver.stream import Pacing, Streamer, StreamReport, preparation_ns
@@ -18,6 +18,7 @@ from haptogram.driver.upload import SequenceData
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
 from haptogram.records.kept import Kept
+from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import GetStatus, StatusReply
 
 

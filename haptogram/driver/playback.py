@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptogram.driver.frames.frame import Frame
-from haptogram.driver.line.link import Link, Progress
+from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import next_boundary_us
 from haptogram.driver.timing.pings import PING_PERIOD_NS, Pinger
 from haptogram.driver.timing.schedule import LEAST_RATE_HZ
@@ -14,7 +14,7 @@ from haptogram.driver.upload import SequenceData, upload
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey, Intended
 from haptogram.records.kept import Kept
-from haptogram.settings.arguments import check_number, check_whole
+from haptogram.settings.arguments import Progress, check_number, check_whole
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.messages import HelloReply, Play, PlaybackEnded, PlayReply, StatusReply
 

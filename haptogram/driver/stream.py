@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.driver.frames.frame import Frame
-from haptogram.driver.line.link import Link, Progress
+from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import next_boundary_us
 from haptogram.driver.timing.lead import LeadTrim, SafetyMargin
 from haptogram.driver.timing.pings import Pinger
@@ -30,6 +30,7 @@ from haptogram.errors import LinkError
 from haptogram.machine.process import real_time
 from haptogram.records.frame import FrameKey, Intended
 from haptogram.records.kept import Kept
+from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import HelloReply, Status, StatusReply
 
 _PROGRESS_HZ: Final = 20

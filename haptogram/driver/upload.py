@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptogram.driver.frames.frame import Frame
-from haptogram.driver.line.link import Link, Progress
+from haptogram.driver.line.link import Link
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import check_kind
+from haptogram.settings.arguments import Progress, check_kind
 from haptogram_protocol.messages import (
     Feature,
     HelloReply,

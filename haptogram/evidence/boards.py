@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, Final, Protocol
 
 from haptogram.acoustics import AcousticModel
 from haptogram.driver.driver import Driver
@@ -21,10 +21,9 @@ from haptogram.evidence.backdoor import (
 )
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import Observation
+from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import Feature, HelloReply, StateChanged, TraceDrive, TraceMode
 from haptogram_protocol.state import OutputState
-
-Progress: TypeAlias = Callable[[int, int], None]
 
 _TRACE_SHARE: Final = 0.5  # of the line from the board, for full drives
 _AFTER_LAST_NS: Final = 5_000_000

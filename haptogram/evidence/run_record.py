@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, TypeAlias, cast
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from haptogram.evidence.boards import BoardUnderTest
 from haptogram.objects import shapes as tactile
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.records.frame import STREAM, Focus, Intended, Observation
+from haptogram.settings.arguments import Progress
 from haptogram.settings.verify_config import UNITS_M, VerifyConfig
 from haptogram.verification import Cut, check_tolerance, tolerance_of
 from haptogram_protocol.messages import Counters, HelloReply, StateChanged
@@ -27,7 +28,6 @@ from haptogram_protocol.messages import Counters, HelloReply, StateChanged
 if TYPE_CHECKING:
     from haptogram.acoustics.solvers.several import Method
 
-Progress: TypeAlias = Callable[[int, int], None]
 
 #: A run keeps its frames, with what was seen of them: some 6 kB each.
 #: Length of a mesh that can be displayed, and felt as one.

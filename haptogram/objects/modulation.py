@@ -14,16 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, focus_phases
-from haptogram.acoustics._validation import (
-    as_place,
-    as_points,
-    check_count,
-    check_positive,
-    check_range,
-)
+from haptogram.acoustics.arrays import FloatArray, as_place, as_points
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number, check_positive, check_whole
 
-FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
 KINDS: Final = ("am", "lm", "stm")
@@ -189,7 +183,7 @@ def modulate_amplitude(
     ConfigurationError
         A depth outside 0 to 1, or a frequency above half the rate.
     """
-    depth = check_range("depth", depth, 0.0, 1.0)
+    depth = check_number("depth", depth, 0.0, 1.0)
     force = (1.0 + depth * np.cos(_phase_rad(frames, frequency_hz))) / (1.0 + depth)
     amplitudes = frames.amplitudes * np.sqrt(np.maximum(force, 0.0))
     return FocusFrames(frames.points_m, amplitudes, frames.rate_hz)
@@ -269,7 +263,7 @@ def dwell(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> FocusFrames
         Points that are not (K, 3), a dwell of half a frame or less, or frames out of range.
     """
     points = as_points("points_m", points_m)
-    check_count("number of points", len(points), 1, MAX_FRAMES)
+    check_whole("number of points", len(points), 1, MAX_FRAMES)
     rate_hz = check_positive("rate_hz", rate_hz)
     frames = check_positive("dwell_s", dwell_s) * rate_hz
     if frames <= 0.5:

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine, focus_phases, radiation_pressure_pa
-from haptogram.acoustics._validation import as_place
+from haptogram.acoustics.arrays import FloatArray, as_place
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.objects.modulation import FocusFrames
 
-FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
 _FOCI_AT_A_TIME: Final = 2048  # their weights: 8 MB over 256 elements

@@ -1,13 +1,16 @@
-"""Checks of what a caller gives: every refusal is one line with argument, value and limit."""
+"""Arguments of a caller: every refusal is one line with argument, value and limit."""
 
 from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Collection
-from typing import Any, Final, TypeVar
+from collections.abc import Callable, Collection
+from typing import Any, Final, TypeAlias, TypeVar
 
 from haptogram.errors import ConfigurationError
+
+#: Called with the number done and the total.
+Progress: TypeAlias = Callable[[int, int], None]
 
 MOST_SEED: Final = 2**32 - 1
 _SHOWN: Final = 40  # characters of a value that are printed
@@ -24,6 +27,16 @@ def check_number(name: str, value: Any, low: float, high: float) -> float:
     raise ConfigurationError(f"{name} is {shown(value)}, must be a number")
 
 
+def check_positive(name: str, value: Any) -> float:
+    """Return *value* as a float, or raise unless it is a finite real number above zero."""
+    if isinstance(value, numbers.Real) and not isinstance(value, bool):
+        number = _as_float(value)
+        if math.isfinite(number) and number > 0.0:
+            return number
+        raise ConfigurationError(f"{name} is {shown(value)}, must be finite and above 0")
+    raise ConfigurationError(f"{name} is {shown(value)}, must be a number")
+
+
 def _as_float(value: numbers.Real) -> float:
     try:
         return float(value)
@@ -37,7 +50,8 @@ def check_whole(name: str, value: Any, low: int, high: int) -> int:
         if low <= int(value) <= high:
             return int(value)
         raise ConfigurationError(f"{name} is {shown(value)}, must be {low} to {high}")
-    raise ConfigurationError(f"{name} is {shown(value)}, must be a whole number")
+    told = repr(float(value)) if isinstance(value, float) else shown(value)  # 8.0, not 8
+    raise ConfigurationError(f"{name} is {told}, must be a whole number")
 
 
 def check_choice(name: str, value: Any, known: Collection[str]) -> None:

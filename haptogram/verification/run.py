@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey, Intended, Observation
+from haptogram.settings.arguments import Progress
 
 from .consequences.effect import Effect
 from .consequences.held import Held, consequence, dues, still_held
@@ -17,8 +18,6 @@ from .frame.judge import Judge, lost
 from .run_verdict import RunVerdict
 from .tolerance import Tolerance, Uncertainty
 from .verdict import JUDGED, Cut, FrameStatus, FrameVerdict, Verdict
-
-Progress = Callable[[int, int], None]
 
 
 def verify_run(

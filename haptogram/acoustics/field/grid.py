@@ -7,19 +7,14 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._memory import check_memory
-from haptogram.acoustics._validation import (
-    FloatArray,
-    as_place,
-    as_points,
-    check_computed,
-    check_positive,
-)
+from haptogram.acoustics.arrays import FloatArray, as_place, as_points, check_computed
 from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine, choose_engine
 from haptogram.acoustics.field.reference import propagators
+from haptogram.acoustics.memory import check_memory
 from haptogram.acoustics.model.drive import as_single_drives
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_positive
 
 
 class GridField:

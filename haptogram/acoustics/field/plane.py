@@ -17,14 +17,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._memory import check_memory
-from haptogram.acoustics._validation import MAX_POINT_M, FloatArray, check_count, check_range
+from haptogram.acoustics.arrays import MAX_POINT_M, FloatArray
 from haptogram.acoustics.field.reference import propagators
+from haptogram.acoustics.memory import check_memory
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.lattice import Lattice, find_lattice
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number, check_whole
 
 MAX_OVERSAMPLING: Final = 64
 _MIN_HALF_WIDTH_M: Final = 1e-6
@@ -68,9 +69,9 @@ class PlaneField:
     def __init__(
         self, model: AcousticModel, height_m: float, *, half_width_m: float, oversampling: int = 10
     ) -> None:
-        check_range("half_width_m", half_width_m, _MIN_HALF_WIDTH_M, MAX_POINT_M)
-        check_range("height_m", height_m, -MAX_POINT_M, MAX_POINT_M)
-        check_count("oversampling", oversampling, 1, MAX_OVERSAMPLING)
+        check_number("half_width_m", half_width_m, _MIN_HALF_WIDTH_M, MAX_POINT_M)
+        check_number("height_m", height_m, -MAX_POINT_M, MAX_POINT_M)
+        check_whole("oversampling", oversampling, 1, MAX_OVERSAMPLING)
         self._model = model
         self._height_m = float(height_m)
         self._lattice = _regular_lattice(model.array)

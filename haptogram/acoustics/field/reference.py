@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._memory import check_memory, chunks
-from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray, as_points
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray, as_points
+from haptogram.acoustics.memory import check_memory, chunks
 from haptogram.acoustics.model.drive import as_drive, as_drives
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._memory import check_memory
-from haptogram.acoustics._validation import FloatArray, as_floats, as_phasors, check_positive
+from haptogram.acoustics.arrays import FloatArray, as_floats, as_phasors
+from haptogram.acoustics.memory import check_memory
+from haptogram.settings.arguments import check_positive
 
 
 def rms_pressure(pressure_peak: ArrayLike) -> FloatArray:

@@ -11,10 +11,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import ComplexArray, FloatArray, as_points, check_positive
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_points
 from haptogram.acoustics.field.reference import FieldEngine
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.model.drive import as_sequence
+from haptogram.settings.arguments import check_positive
 
 _VALUES_PER_CHUNK: Final = 1 << 20  # 16 MB of complex128
 

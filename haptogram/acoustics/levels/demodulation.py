@@ -23,14 +23,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._memory import check_memory
-from haptogram.acoustics._validation import (
-    ComplexArray,
-    FloatArray,
-    check_computed,
-    check_count,
-    check_positive,
-)
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, check_computed
 from haptogram.acoustics.field.reference import FieldEngine
 from haptogram.acoustics.levels.average import periodic_start
 from haptogram.acoustics.levels.dynamics import Resonator
@@ -42,7 +35,9 @@ from haptogram.acoustics.levels.exposure import (
     half_sphere,
 )
 from haptogram.acoustics.levels.radiation import level_db_spl
+from haptogram.acoustics.memory import check_memory
 from haptogram.acoustics.model.drive import as_sequence
+from haptogram.settings.arguments import check_positive, check_whole
 
 NONLINEARITY: Final = 1.2  # beta of air: (gamma + 1) / 2
 _APERTURES: Final = 4.0  # radius of the sphere over the array's: the beam's power is radial there
@@ -216,7 +211,7 @@ def _frame_sums(
 
 def _sphere(engine: FieldEngine, directions: int) -> tuple[FloatArray, float]:
     """Return places on a half sphere, and the power that each of them stands for, per Pa^2."""
-    check_count("directions", directions, 10, MAX_DIRECTIONS)
+    check_whole("directions", directions, 10, MAX_DIRECTIONS)
     model, array = engine.model, engine.model.array
     aperture_m = float(np.linalg.norm(array.positions_m - array.centre_m, axis=1).max())
     radius_m = max(_APERTURES * aperture_m, 10.0 * model.wavelength_m)

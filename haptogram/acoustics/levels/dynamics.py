@@ -18,19 +18,13 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import (
-    ComplexArray,
-    FloatArray,
-    as_floats,
-    as_place,
-    check_positive,
-    check_range,
-)
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_floats, as_place
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.model.drive import as_weights
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import focus_phases
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number, check_positive
 
 DEFAULT_BANDWIDTH_HZ: Final = 2000.0  # at -6 dB: ProWave 400PT120, a common 10 mm, 40 kHz part
 FULL_DUTY: Final = 0.5
@@ -94,12 +88,12 @@ class Resonator:
     time_constant_s: float
 
     def __post_init__(self) -> None:
-        check_range("time_constant_s", self.time_constant_s, 0.0, 1.0)
+        check_number("time_constant_s", self.time_constant_s, 0.0, 1.0)
 
     @classmethod
     def from_bandwidth(cls, bandwidth_hz: float = DEFAULT_BANDWIDTH_HZ) -> Self:
         """Return the resonator of a full -6 dB bandwidth: tau = sqrt(3) / (pi B)."""
-        check_range("bandwidth_hz", bandwidth_hz, 1.0, MAX_BANDWIDTH_HZ)
+        check_number("bandwidth_hz", bandwidth_hz, 1.0, MAX_BANDWIDTH_HZ)
         return cls(math.sqrt(3.0) / (math.pi * bandwidth_hz))
 
     def quality_factor(self, frequency_hz: float) -> float:
@@ -108,7 +102,7 @@ class Resonator:
 
     def decay(self, duration_s: float) -> float:
         """Return what is left after a time of the difference between envelope and command."""
-        check_range("duration_s", duration_s, 0.0, math.inf)
+        check_number("duration_s", duration_s, 0.0, math.inf)
         if self.time_constant_s == 0.0:
             return 1.0 if duration_s == 0.0 else 0.0
         return math.exp(-duration_s / self.time_constant_s)

@@ -18,25 +18,25 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._climb import STEPS, climb
-from haptogram.acoustics._memory import check_memory
-from haptogram.acoustics._validation import (
+from haptogram.acoustics.arrays import (
     ComplexArray,
     FloatArray,
     as_floats,
     as_place,
     as_points,
     check_computed,
-    check_count,
-    check_positive,
 )
 from haptogram.acoustics.field.reference import FieldEngine, has_field
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.radiation import level_db_spl
+from haptogram.acoustics.local_maximum import STEPS, climb
+from haptogram.acoustics.memory import check_memory
 from haptogram.acoustics.model.drive import as_sequence
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.model.own_axes import axes_about, plane_axes
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_positive, check_whole
 
 AUDIBLE_LIMIT_HZ: Final = 20e3
 MAX_DIRECTIONS: Final = 1_000_000
@@ -153,7 +153,7 @@ def worst_place(
     check_positive("distance_m", distance_m)
     if directions is None:
         directions = _enough_directions(engine.model)
-    check_count("directions", directions, 10, MAX_DIRECTIONS)
+    check_whole("directions", directions, 10, MAX_DIRECTIONS)
     array = engine.model.array
 
     def places_m(directions: FloatArray) -> FloatArray:
@@ -312,9 +312,7 @@ def half_sphere(axis: FloatArray, count: int, side: FloatArray | None = None) ->
     angle = np.pi * (1.0 + math.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
     local = np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
-    if side is None:
-        side = np.eye(3)[int(np.abs(axis).argmin())]
-    side = side - (side @ axis) * axis
-    side /= np.linalg.norm(side)
-    directions: FloatArray = local @ np.array([side, np.cross(axis, side), axis])
+    axes = axes_about(axis) if side is None else plane_axes(axis, side)
+    assert axes is not None  # *side* has a part across *axis*
+    directions: FloatArray = local @ axes
     return directions

@@ -10,12 +10,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._climb import STEPS, climb
-from haptogram.acoustics._validation import MAX_POINT_M, FloatArray, as_place, check_range
+from haptogram.acoustics.arrays import MAX_POINT_M, FloatArray, as_place
 from haptogram.acoustics.field.reference import FieldEngine, check_points, level_in_front
+from haptogram.acoustics.local_maximum import STEPS, climb
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number
 
 _POINTS_PER_WAVELENGTH: Final = 3
 _CLIMBED: Final = 8  # maxima of the grid
@@ -94,7 +95,7 @@ def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe
     if pitch is None or model.array.grid_shape is None:
         raise ConfigurationError("the array is not a regular grid: it has no grating lobes")
     steered = model.array.local_m(as_place("target_m", target_m))
-    check_range("height of the target", steered[2], _MIN_HEIGHT_M, MAX_POINT_M)
+    check_number("height of the target", steered[2], _MIN_HEIGHT_M, MAX_POINT_M)
     steered = steered / np.linalg.norm(steered)
     step = model.wavelength_m / pitch
     orders = range(-math.ceil(2.0 / step), math.ceil(2.0 / step) + 1)
@@ -127,7 +128,7 @@ def largest_secondary_lobe(
     >>> lobe.position_m[2] == target[2]
     True
     """
-    check_range("half_width_m", half_width_m, 0.010, _MAX_HALF_WIDTH_M)
+    check_number("half_width_m", half_width_m, 0.010, _MAX_HALF_WIDTH_M)
     target = as_place("target_m", target_m)
     count = math.ceil(2.0 * half_width_m * _POINTS_PER_WAVELENGTH / engine.model.wavelength_m)
     side = np.linspace(-half_width_m, half_width_m, count + 1)

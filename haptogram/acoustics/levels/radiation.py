@@ -12,19 +12,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import (
-    ComplexArray,
-    FloatArray,
-    as_complex,
-    as_place,
-    check_positive,
-    check_range,
-)
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_complex, as_place
 from haptogram.acoustics.field.reference import FieldEngine, NumpyEngine
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.medium import Medium
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.model.own_axes import axes_about
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number, check_positive
 
 REFERENCE_PRESSURE_PA: Final = 20e-6
 TOTAL_REFLECTION: Final = 2.0
@@ -43,7 +38,7 @@ def level_db_spl(pressure_rms_pa: float) -> float:
     >>> round(level_db_spl(20e-6), 1), round(level_db_spl(2000.0), 1)
     (0.0, 160.0)
     """
-    pressure = check_range("pressure_rms_pa", pressure_rms_pa, 0.0, 1e12)
+    pressure = check_number("pressure_rms_pa", pressure_rms_pa, 0.0, 1e12)
     return 20.0 * math.log10(pressure / REFERENCE_PRESSURE_PA) if pressure > 0.0 else -math.inf
 
 
@@ -69,7 +64,7 @@ def radiation_pressure_pa(
     >>> f"{float(radiation_pressure_pa(3000.0, model.medium)):.1f} Pa"
     '63.5 Pa'
     """
-    check_range("reflection", reflection, 1.0, 2.0)
+    check_number("reflection", reflection, 1.0, 2.0)
     mean_square = 0.5 * np.abs(as_complex("pressure_peak_pa", pressure_peak_pa)) ** 2
     result: FloatArray = reflection * mean_square / (medium.impedance * medium.sound_speed_m_s)
     return result
@@ -142,7 +137,7 @@ class ReflectingDisc:
         radius_m: float = DISC_RADIUS_M,
         normal: ArrayLike | None = None,
     ) -> None:
-        check_range("radius_m", radius_m, 1e-6, 0.1)
+        check_number("radius_m", radius_m, 1e-6, 0.1)
         self._engine = engine
         wavenumber, axes = engine.model.wavenumber, _disc_axes(engine.model.array, normal)
         fine_m, self._areas_m2 = disc_nodes(radius_m, wavenumber)
@@ -190,11 +185,7 @@ def _disc_axes(array: TransducerArray, normal: ArrayLike | None) -> FloatArray:
     length = float(np.linalg.norm(given))
     if length < _NO_LENGTH:
         raise ConfigurationError(f"normal is {given.tolist()}, must have a direction")
-    unit = given / length
-    side = array.axes[int(np.abs(array.axes @ unit).argmin())]
-    side = side - (side @ unit) * unit
-    side = side / np.linalg.norm(side)
-    return np.stack([side, np.cross(unit, side), unit])
+    return axes_about(given / length, array.axes)
 
 
 def disc_nodes(radius_m: float, wavenumber: float) -> tuple[FloatArray, FloatArray]:

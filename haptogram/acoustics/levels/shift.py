@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import FloatArray, as_place, as_vector, check_positive
+from haptogram.acoustics.arrays import FloatArray, as_place, as_vector
 from haptogram.acoustics.field.reference import (
     MIN_DISTANCE_M,
     FieldEngine,
@@ -26,6 +26,7 @@ from haptogram.acoustics.field.reference import (
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_positive
 
 _GRADIENT_STEP_M: Final = 1e-5
 _MAX_STEPS: Final = 400  # a steered focus of a small aperture creeps along its ridge

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import FloatArray, as_place
+from haptogram.acoustics.arrays import FloatArray, as_place
 from haptogram.acoustics.field.reference import FieldEngine, level_in_front, propagators
 from haptogram.acoustics.levels.shift import direction_covariance
 from haptogram.acoustics.model.drive import as_drive

@@ -10,19 +10,19 @@ from typing import Final, Self
 
 import numpy as np
 
-from haptogram.acoustics._validation import (
+from haptogram.acoustics.arrays import (
     MAX_TRANSDUCERS,
     BoolArray,
     ComplexArray,
     FloatArray,
     as_points,
     as_vector,
-    check_range,
     read_only,
 )
 from haptogram.acoustics.model.csv_rows import read_rows
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M, TransducerArray
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number
 
 HEADER: Final = ("element", "gain", "phase_rad", "x_mm", "y_mm", "z_mm")
 MAX_GAIN: Final = 10.0
@@ -88,7 +88,7 @@ class Calibration:
             )
         for column, values in (("gain", gain), ("phase_rad", phase)):
             for extreme in (values.min(), values.max()):
-                check_range(f"{self.name}: {column}", extreme, *_LIMITS[column])
+                check_number(f"{self.name}: {column}", extreme, *_LIMITS[column])
         if not gain.any():
             raise ConfigurationError(
                 f"{self.name}: the gain of all {len(gain)} elements is 0, must be above 0 for one"
@@ -251,7 +251,7 @@ def _row(where: str, cells: list[str]) -> tuple[int, list[float]]:
             f"{MAX_TRANSDUCERS - 1}"
         )
     return int(element), [
-        check_range(f"{where}: {name}", _number(f"{where}: {name}", cell), *_LIMITS[name])
+        check_number(f"{where}: {name}", _number(f"{where}: {name}", cell), *_LIMITS[name])
         for name, cell in zip(HEADER[1:], others, strict=True)
     ]
 

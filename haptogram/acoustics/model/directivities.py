@@ -14,16 +14,11 @@ from typing import ClassVar, Final, NoReturn, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import (
-    FloatArray,
-    as_floats,
-    as_place,
-    check_positive,
-    read_only,
-)
+from haptogram.acoustics.arrays import FloatArray, as_floats, as_place, read_only
 from haptogram.acoustics.model.csv_rows import read_rows
 from haptogram.acoustics.model.transducer import GRAZING
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_positive
 
 MAX_GAIN: Final = 10.0
 

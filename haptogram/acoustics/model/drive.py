@@ -14,17 +14,17 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._validation import (
+from haptogram.acoustics.arrays import (
     MAX_TRANSDUCERS,
     ComplexArray,
     FloatArray,
     as_complex,
     as_floats,
-    check_count,
     check_magnitudes,
     read_only,
 )
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_whole
 
 MAX_PHASE_BITS: Final = 8
 FULL_AMPLITUDE: Final = 255
@@ -77,7 +77,7 @@ class Drive:
     @classmethod
     def muted(cls, count: int, phase_bits: int = MAX_PHASE_BITS) -> Self:
         """Return the drive of *count* elements that radiates nothing."""
-        codes = np.zeros(check_count("count", count, 1, MAX_TRANSDUCERS), dtype=np.uint8)
+        codes = np.zeros(check_whole("count", count, 1, MAX_TRANSDUCERS), dtype=np.uint8)
         return cls(codes, codes, phase_bits)
 
     @classmethod
@@ -188,7 +188,7 @@ def phase_step_rad(bits: int) -> float:
 
 def check_phase_bits(bits: int) -> int:
     """Return *bits* as an int, or raise unless it is a whole number from 1 to 8."""
-    return check_count("phase_bits", bits, 1, MAX_PHASE_BITS)
+    return check_whole("phase_bits", bits, 1, MAX_PHASE_BITS)
 
 
 def as_weights(weights: ArrayLike) -> ComplexArray:

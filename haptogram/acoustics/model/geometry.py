@@ -17,20 +17,19 @@ from typing import Final, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._validation import (
+from haptogram.acoustics.arrays import (
     MAX_TRANSDUCERS,
     FloatArray,
     as_floats,
     as_place,
     as_points,
-    check_count,
     check_magnitudes,
-    check_positive,
     read_only,
 )
 from haptogram.acoustics.model.csv_rows import read_rows
 from haptogram.acoustics.model.own_axes import mean_direction, own_axes
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_positive, check_whole
 
 MIN_SPACING_M: Final = 0.1e-3
 MAX_COORDINATE_M: Final = 100.0  # keeps micrometres far inside an int32
@@ -119,7 +118,7 @@ class TransducerArray:
     def grid(cls, nx: int, ny: int, *, pitch_m: float = DEFAULT_PITCH_M) -> Self:
         """Return a planar nx-by-ny grid, centred on the origin and facing +z."""
         for side in (nx, ny):
-            check_count("side of the grid", side, 1, MAX_TRANSDUCERS)
+            check_whole("side of the grid", side, 1, MAX_TRANSDUCERS)
         _check_count(nx * ny)
         check_positive("pitch_m", pitch_m)
         ix, iy = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")

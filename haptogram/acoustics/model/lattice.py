@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics._validation import FloatArray, read_only
+from haptogram.acoustics.arrays import FloatArray, read_only
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.own_axes import TOLERANCE_M, plane_axes, rows_and_columns
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Final, Self
 
-from haptogram.acoustics._validation import check_positive, check_range
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number, check_positive
 
 NEPER_PER_DB: Final = math.log(10.0) / 20.0
 
@@ -49,7 +49,7 @@ class Medium:
     def __post_init__(self) -> None:
         check_positive("sound_speed_m_s", self.sound_speed_m_s)
         check_positive("density_kg_m3", self.density_kg_m3)
-        check_range("absorption_np_m", self.absorption_np_m, 0.0, 100.0)
+        check_number("absorption_np_m", self.absorption_np_m, 0.0, 100.0)
 
     @classmethod
     def air(
@@ -141,9 +141,9 @@ def iso_9613_absorption_np_m(
     >>> f"{iso_9613_absorption_np_m(20.0, 50.0, 101_325.0, 40e3):.3f} Np/m"
     '0.152 Np/m'
     """
-    check_range("temperature_c", temperature_c, -20.0, 50.0)
-    check_range("relative_humidity_percent", relative_humidity_percent, 10.0, 100.0)
-    check_range("pressure_pa", pressure_pa, 50e3, 200e3)
+    check_number("temperature_c", temperature_c, -20.0, 50.0)
+    check_number("relative_humidity_percent", relative_humidity_percent, 10.0, 100.0)
+    check_number("pressure_pa", pressure_pa, 50e3, 200e3)
     ratio = check_positive("frequency_hz", frequency_hz) / pressure_pa
     if not 4e-4 <= ratio <= 10.0:
         raise ConfigurationError(

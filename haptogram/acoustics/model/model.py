@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-from haptogram.acoustics._validation import ComplexArray
+from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.geometry import DEFAULT_PITCH_M, TransducerArray
 from haptogram.acoustics.model.medium import Medium
 from haptogram.acoustics.model.transducer import Transducer

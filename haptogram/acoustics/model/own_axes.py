@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics._validation import FloatArray
+from haptogram.acoustics.arrays import FloatArray
 
 TOLERANCE_M: Final = 1e-9
 _ROUNDED_M: Final = 5e-6  # lines and planes of an array that was rounded to whole micrometres
@@ -52,6 +52,18 @@ def plane_axes(normal: FloatArray, direction: FloatArray) -> FloatArray | None:
         return None
     first = first / length
     return np.stack([first, np.cross(normal, first), normal])
+
+
+def axes_about(normal: FloatArray, reference: FloatArray | None = None) -> FloatArray:
+    """Return a right-handed frame of a unit *normal*, whose first axis no chance decides.
+
+    That axis is the one of *reference* (3, 3), by default of the world, that is furthest off
+    *normal*, turned into the plane across it.
+    """
+    axes = np.eye(3) if reference is None else reference
+    frame = plane_axes(normal, axes[int(np.abs(axes @ normal).argmin())])
+    assert frame is not None  # no axis of a frame is further than 55 degrees off this plane
+    return frame
 
 
 def rows_and_columns(

@@ -7,7 +7,8 @@ from typing import ClassVar, Final, Protocol
 
 import numpy as np
 
-from haptogram.acoustics._validation import FloatArray, check_positive, check_range
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.settings.arguments import check_number, check_positive
 
 #: Cosine of the angle to the axis below which a point is behind: far above what rounding makes of
 #: 0 for an array that is turned, in single precision too.
@@ -117,4 +118,4 @@ class Transducer:
 
     def __post_init__(self) -> None:
         check_positive("source_strength_pa_m", self.source_strength_pa_m)
-        check_range("frequency_hz", self.frequency_hz, 1e3, 1e6)
+        check_number("frequency_hz", self.frequency_hz, 1e3, 1e6)

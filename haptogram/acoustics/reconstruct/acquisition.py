@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics._validation import BoolArray, FloatArray
+from haptogram.acoustics.arrays import BoolArray, FloatArray
 from haptogram.acoustics.model.geometry import MIN_SPACING_M
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics._validation import FloatArray
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.reference import in_front
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import (

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics._validation import FloatArray
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.layout import Layout, single
 from haptogram.acoustics.model.drive import MAX_PHASE_BITS, check_phase_bits, phase_step_rad

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._memory import check_memory
-from haptogram.acoustics._validation import FloatArray, as_floats, as_place, as_points
+from haptogram.acoustics.arrays import FloatArray, as_floats, as_place, as_points
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.layout import Layout, single
+from haptogram.acoustics.memory import check_memory
 from haptogram.acoustics.model.drive import MAX_PHASE_BITS, check_phase_bits, quantise_phase
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import focus_phases

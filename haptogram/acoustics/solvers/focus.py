@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import (
+from haptogram.acoustics.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,

@@ -13,20 +13,14 @@ from typing import Final, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics._validation import (
-    ComplexArray,
-    FloatArray,
-    as_points,
-    as_vector,
-    check_count,
-    check_range,
-)
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_points, as_vector
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.model.drive import as_drive, saturated
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import check_target, superpose
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number, check_whole
 
 Method: TypeAlias = Literal["naive", "ibp", "gs", "wgs", "gspat", "gradient"]
 METHODS: Final[tuple[Method, ...]] = get_args(Method)
@@ -83,7 +77,7 @@ def solve(
         raise ConfigurationError(f"method is {method!r}, must be one of {', '.join(METHODS)}")
     if not 1 <= len(points) <= MAX_FOCI:
         raise ConfigurationError(f"{len(points)} foci, must be 1 to {MAX_FOCI}")
-    check_count("rounds", rounds, 1, MAX_ROUNDS)
+    check_whole("rounds", rounds, 1, MAX_ROUNDS)
     for point in points:
         check_target(model, point)
     wanted = np.ones(len(points)) if amplitudes is None else amplitudes
@@ -259,7 +253,7 @@ def _propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
 
 def _check_levels(levels: FloatArray) -> None:
     for level in (levels.min(), levels.max()):
-        check_range("an amplitude", level, *_LEVELS)
+        check_number("an amplitude", level, *_LEVELS)
 
 
 def _reachable(matrix: ComplexArray, wanted: FloatArray) -> float:
@@ -322,7 +316,7 @@ def quality(
     """
     points = as_points("points_m", points_m)
     wanted = as_vector("amplitudes", amplitudes, len(points))
-    check_count("number of foci", len(points), 1, MAX_FOCI)
+    check_whole("number of foci", len(points), 1, MAX_FOCI)
     _check_levels(wanted)
     drive, matrix = as_drive(weights, model.array.count), _propagators(model, points)
     level = np.abs(matrix @ drive)

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, check_target, focus_phases
-from haptogram.acoustics._climb import STEPS, climb
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.reference import level_in_front
+from haptogram.acoustics.local_maximum import STEPS, climb
 from haptogram.acoustics.model.csv_rows import read_rows
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.run_record import sample_object
@@ -24,7 +25,6 @@ from haptogram.settings.verify_config import VerifyConfig
 from ..shell.places import metres
 from ..system import system_model
 
-FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
 _PATH_RADIUS_M: Final = 0.020

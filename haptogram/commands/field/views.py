@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from haptogram.acoustics import (
     NoFocus,
@@ -19,6 +19,7 @@ from haptogram.acoustics import (
     force_on_disc_n,
     level_db_spl,
 )
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.engine import choose_engine, why_not_compiled
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.lobes import largest_secondary_lobe
@@ -33,6 +34,7 @@ from haptogram.report.figures import (
     sample_mean,
     sample_plane,
 )
+from haptogram.settings.arguments import Progress
 
 from ..shell.places import text_mm
 from .scene import Scene
@@ -40,8 +42,6 @@ from .scene import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Progress: TypeAlias = Callable[[int, int], None]
-FloatArray: TypeAlias = NDArray[np.float64]
 
 _NO_FOCUS: Final = 0.25  # of the target's distance: a maximum that far off is not its focus
 

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from haptogram.acoustics import FieldEngine, Resonator, check_target, focus_phases, force_on_disc_n
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.objects.modulation import FocusFrames
-from haptogram.objects.signals import FloatArray, FocusSignal, signal_at
+from haptogram.objects.signals import FocusSignal, signal_at
 from haptogram.settings.verify_config import VerifyConfig
 
 from ..shell.places import text_mm

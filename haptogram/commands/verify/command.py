@@ -29,7 +29,8 @@ from .options import add_options
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
-    from haptogram.evidence.run_record import Measured, Progress
+    from haptogram.evidence.run_record import Measured
+    from haptogram.settings.arguments import Progress
     from haptogram.settings.board import BoardConfig
     from haptogram.settings.faults.plan import FaultPlan
     from haptogram.settings.parser import Parser

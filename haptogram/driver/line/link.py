@@ -29,8 +29,6 @@ _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked
 _UNASKED: Final = (EventReceived, FrameDropped)
 _Outcome: TypeAlias = ReplyReceived | RequestRefused | RequestTimedOut
 Handler: TypeAlias = Callable[[EventReceived | ReplyReceived | FrameDropped], None]
-#: Called with what is done and the total.
-Progress: TypeAlias = Callable[[int, int], None]
 _M = TypeVar("_M", bound=Message)
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 RADIUS_M: Final = 0.050
 CENTRE_HEIGHT_M: Final = 0.100

@@ -11,19 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Medium, PointSource, Transducer, TransducerArray
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.model.directivities import RectangularPiston
 from haptogram.acoustics.model.transducer import Directivity
 from haptogram.published.paper.equations import Constants
 from haptogram.published.paper.hemisphere import RESOLUTIONS_M, hemisphere, hemisphere_by_height
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 CONFIGURATIONS: Final = ((128, 1), (64, 2), (32, 4), (16, 8))
 

@@ -20,10 +20,10 @@ from haptogram.acoustics import (
     quantise_phase,
     superpose,
 )
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.spot import FocalSpot, measure_spot
 
-FloatArray: TypeAlias = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float, float]
 
 

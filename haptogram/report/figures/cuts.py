@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from haptogram.acoustics import FieldEngine
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures.planes import pressure_or_nan
 from haptogram.report.figures.quantities import shown_as
@@ -23,7 +24,6 @@ from haptogram.report.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FloatArray: TypeAlias = NDArray[np.float64]
 
 _NAMES: Final = "xyz"
 _LINES: Final = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-"))

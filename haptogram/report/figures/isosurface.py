@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from haptogram.acoustics import FieldEngine
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures.planes import pressure_or_nan
 from haptogram.report.figures.quantities import shown_as
@@ -18,7 +19,6 @@ from haptogram.report.figures.style import BLUE, ORANGE, VERMILION, new_figure, 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FloatArray: TypeAlias = NDArray[np.float64]
 
 MAX_VOXELS: Final = 2_000_000
 LEVELS_DB: Final = (-3.0, -6.0, -12.0)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from haptogram.acoustics import FieldEngine
 from haptogram.report.figures.planes import Plane, PlaneField
@@ -22,7 +22,6 @@ from haptogram.report.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FloatArray: TypeAlias = NDArray[np.float64]
 
 # A picture of a plane, without its bar and its labels; the legend needs the least width.
 _WIDEST_IN: Final = 5.0

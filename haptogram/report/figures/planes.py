@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine, in_front
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.reference import check_points, has_field, is_clear
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import Progress
 
-FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
-Progress: TypeAlias = Callable[[int, int], None]
 
 ORIENTATIONS: Final = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 MAX_POINTS: Final = 4_000_000

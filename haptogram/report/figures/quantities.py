@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import FieldEngine, radiation_pressure_pa
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 QUANTITIES: Final = ("pressure", "phase", "force")
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics import AcousticModel, fit_focus, focus_phases
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.levels.shift import direction_covariance
+from haptogram.acoustics.model.own_axes import axes_about
 from haptogram.acoustics.solvers.focus import phase_response
 from haptogram.errors import ConfigurationError
 
@@ -145,7 +146,7 @@ class TargetField:
     def directions(self) -> list[Direction]:
         """Return the plane across the beam and the line along it, if this array tells them."""
         found = []
-        for axes in (_across(self.axis), self.axis[None, :]):
+        for axes in (axes_about(self.axis)[:2], self.axis[None, :]):
             direction = self.direction(axes)
             if np.linalg.eigvalsh(direction.metric)[0] > _TURNED_RATIO * self.model.wavenumber**2:
                 found.append(direction)
@@ -276,11 +277,3 @@ def place_uncertainty(
         positions=scatter * model.wavenumber * known.position_mm / _MM,
         phases=scatter * known.phase_rad,
     )
-
-
-def _across(axis: Floats) -> Floats:
-    """Return two orthonormal vectors across *axis*, (2, 3)."""
-    start = np.eye(3)[np.abs(axis).argmin()]
-    first = start - (start @ axis) * axis
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(axis, first)])

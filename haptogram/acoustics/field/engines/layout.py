@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics._validation import FloatArray
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.lattice import Lattice, find_lattice
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import GRAZING

@@ -8,12 +8,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics._memory import chunks
-from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.layout import Layout, SingleArray
 from haptogram.acoustics.field.engines.single_precision import CALL_POINTS, Reach, SingleEngine
 from haptogram.acoustics.field.reference import fronts
+from haptogram.acoustics.memory import chunks
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 

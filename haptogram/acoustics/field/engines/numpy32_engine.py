@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from haptogram.acoustics._memory import chunks
-from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.engines.layout import SingleArray, single
 from haptogram.acoustics.field.engines.single_precision import Reach, SingleEngine
 from haptogram.acoustics.field.reference import in_front
+from haptogram.acoustics.memory import chunks
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import GRAZING
 

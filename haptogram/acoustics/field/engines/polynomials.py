@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics._validation import FloatArray
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import CircularPiston, PointSource
 

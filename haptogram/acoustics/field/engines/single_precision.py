@@ -15,8 +15,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics._memory import check_memory, chunks
-from haptogram.acoustics._validation import BoolArray, ComplexArray, FloatArray, as_points
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray, as_points
 from haptogram.acoustics.field.engines.layout import SingleArray, single
 from haptogram.acoustics.field.engines.polynomials import gain_polynomial
 from haptogram.acoustics.field.reference import (
@@ -25,6 +24,7 @@ from haptogram.acoustics.field.reference import (
     check_points,
     propagators,
 )
+from haptogram.acoustics.memory import check_memory, chunks
 from haptogram.acoustics.model.drive import as_drives
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError

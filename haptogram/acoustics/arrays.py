@@ -1,15 +1,14 @@
-"""Checks that several modules of this package need: every refusal names the value and the limit."""
+"""Arrays of numbers that a caller gives: their types, and checks that name value and limit."""
 
 from __future__ import annotations
 
-import math
-import operator
-from typing import Any, Final, TypeAlias, TypeVar
+from typing import Final, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number
 
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
@@ -21,43 +20,9 @@ MAX_COMPUTED: Final = 1e15  # no memory holds as many, and a float still counts 
 MAX_POINT_M: Final = 1e6  # of any coordinate: nothing overflows, in single precision neither
 
 
-def check_range(name: str, value: float, low: float, high: float) -> float:
-    """Return *value* as a float, or raise if it is not a number within [low, high]."""
-    number = _as_number(name, value)
-    if not low <= number <= high:  # also catches NaN
-        raise ConfigurationError(f"{name} is {number:g}, must be {low:g} to {high:g}")
-    return number
-
-
-def check_positive(name: str, value: float) -> float:
-    """Return *value* as a float, or raise if it is not a finite number above zero."""
-    number = _as_number(name, value)
-    if not (math.isfinite(number) and number > 0.0):
-        raise ConfigurationError(f"{name} is {number:g}, must be finite and above 0")
-    return number
-
-
 def check_computed(name: str, number: float) -> float:
     """Return a *number* of things that was computed, or raise if it overflowed: to be rounded."""
-    return check_range(name, number, 0.0, MAX_COMPUTED)
-
-
-def check_count(name: str, value: int, low: int, high: int) -> int:
-    """Return *value* as an int, or raise if it is not a whole number within [low, high]."""
-    try:
-        count = operator.index(value)
-    except TypeError as error:
-        raise ConfigurationError(f"{name} is {value!r}, must be a whole number") from error
-    if not low <= count <= high:
-        raise ConfigurationError(f"{name} is {count}, must be {low} to {high}")
-    return count
-
-
-def _as_number(name: str, value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"{name} is {value!r}, must be a number") from error
+    return check_number(name, number, 0.0, MAX_COMPUTED)
 
 
 def as_vector(name: str, values: ArrayLike, length: int) -> FloatArray:

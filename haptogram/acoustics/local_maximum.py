@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics._validation import FloatArray
+from haptogram.acoustics.arrays import FloatArray
 
 _HALVINGS: Final = 7
 
