@@ -48,6 +48,7 @@ PLANTS = [
     ("host-without-simulator", {"haptogram/driver/driver.py": "import sim_device"}),
     ("acoustics-pure", {"haptogram/acoustics/model/geometry.py": "import socket"}),
     ("acoustics-pure", {"haptogram/acoustics/model/medium.py": "import haptogram_protocol"}),
+    ("acoustics-pure", {"haptogram/acoustics/memory.py": "import haptogram.machine.waiter"}),
     (
         "acoustics-layers",
         {"haptogram/acoustics/levels/force.py": "import haptogram.acoustics.reconstruct.cells"},
