@@ -30,7 +30,7 @@ _TRAFFIC: dict[str, str] = {
 
 
 def soak_text(campaign: Campaign) -> str:
-    """Return totals, every kind of fault with what was found of it, counters and verdict."""
+    """Return totals, the faults of every kind and how they were found, counters and verdict."""
     return "\n".join(
         [
             *_head(campaign),
@@ -64,7 +64,7 @@ def _totals(tally: Tally) -> list[str]:
 
 
 def _faults(tally: Tally) -> list[str]:
-    """Return one line for each kind of fault: what was injected, and what was found of it."""
+    """Return a table of the kinds of faults: how many were injected, detected and harmless."""
     rows = []
     for kind, count in sorted(tally.injected.items()):
         found = ", ".join(
@@ -81,7 +81,7 @@ def _counters(tally: Tally) -> list[str]:
     for (kind, name), count in tally.outcomes.items():
         if kind.startswith("down."):
             by_name.setdefault(name, Counter())[kind.removeprefix("down.")] += count
-    lines = ["counters of the board, and what explains them:"]
+    lines = ["counters of the board, and the faults that explain them:"]
     for name, total in sorted(tally.totals.items()):
         counter = name.removeprefix("counter ")
         if counter != name and total:

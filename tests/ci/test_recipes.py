@@ -161,7 +161,7 @@ def test_a_recipe_installs_from_a_place_that_its_user_fills_in(name):
     assert all(part in variables["HAPTOGRAM"] for part in PLACEHOLDERS)
     for steps in scripts.values():
         (install,) = (line for line in "\n".join(steps).splitlines() if "pip install" in line)
-        assert install.endswith('pip install "haptogram @ $HAPTOGRAM"')
+        assert install.endswith('pip install "haptogram[report] @ $HAPTOGRAM"')
 
 
 @pytest.mark.parametrize("name", RECIPES)

@@ -275,7 +275,7 @@ def test_in_a_url_the_plan_is_blamed_too(
     url = "haptogram://?clock=virtual&fault=line.half_open"
     status, said, _ = _run(tmp_path, capsys, ["verify", *_JOB, "--port", url])
     assert status == 3
-    assert "faults on purpose: line.half_open; the board did not tell how often" in said
+    assert "faults on purpose: line.half_open; the board did not report how often" in said
 
 
 @pytest.mark.parametrize("fault", ["line.drop p=0", "line.half_open from=9s", ""])

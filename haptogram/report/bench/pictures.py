@@ -23,12 +23,12 @@ _SHOWN: Final = (
 )
 
 
-# Above the axes: what a loop does can lie anywhere within them.
+# Above the axes: the values can lie anywhere within them.
 _LEGEND: Final[Any] = {"loc": "outside upper center", "ncols": 2}
 
 
 def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
-    """Draw how often each stage took how long; both axes logarithmic, so that the tail is seen."""
+    """Draw a histogram of the duration of each stage, both axes logarithmic to show the tail."""
     with new_figure(8.0, 4.8) as figure:
         axes = figure.add_subplot()
         for name, label, colour in _SHOWN:

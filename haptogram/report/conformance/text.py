@@ -1,4 +1,4 @@
-"""What is printed at the end of a run."""
+"""One run of the conformance suite as text for a terminal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 from haptogram.conformance.verdict import Behaviour, Result, SuiteResult
 
-_TOLD = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
+_IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
 _NAMED: Final = 3  # cases that are named where they have a reason in common
 _LINES: Final = 60  # of a transcript; the rest is in the JSON file
 
@@ -28,8 +28,8 @@ def _lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
     common = _common_reasons(suite)
     for result in suite.results:
         if not verbose and (result.behaviour, result.detail) in common:
-            continue  # told once, in the summary
-        if verbose or result.behaviour in _TOLD or result.is_failure:
+            continue  # named once, in the summary
+        if verbose or result.behaviour in _IN_FULL or result.is_failure:
             yield from _result(result)
         elif result.is_unexpected_pass:
             yield f"{result.case}  {result.behaviour}: {result.expected} was expected"
@@ -52,7 +52,7 @@ def _result(result: Result) -> Iterator[str]:
 
 
 def _common_reasons(suite: SuiteResult) -> set[tuple[Behaviour, str]]:
-    """Return what many cases were inconclusive for, such as that a board was never found."""
+    """Return the reasons for which more than a few cases were inconclusive, such as no board."""
     reasons = Counter(
         (result.behaviour, result.detail)
         for result in suite.results
@@ -62,7 +62,7 @@ def _common_reasons(suite: SuiteResult) -> set[tuple[Behaviour, str]]:
 
 
 def _by_reason(suite: SuiteResult, behaviour: Behaviour) -> Iterator[tuple[str, str]]:
-    """Yield which cases, and why."""
+    """Yield the cases with *behaviour*, those with the same reason together, and the reason."""
     reasons: dict[str, list[str]] = {}
     for result in suite.results:
         if result.behaviour is behaviour:
@@ -82,7 +82,7 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
     yield f"port         {suite.settings.get('port')} ({time}, seed {suite.settings.get('seed')})"
     counts = [f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b)]
     yield f"cases        {len(suite.results)}: {', '.join(counts)}"
-    # Why, as well: a number alone would look like a gap.
+    # With the reasons: a number alone would look like a gap.
     for which, reason in _by_reason(suite, Behaviour.NOT_OBSERVED):
         yield f"not observed {which}: {reason}"
     common = {reason for _, reason in _common_reasons(suite)}

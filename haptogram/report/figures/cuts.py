@@ -48,9 +48,9 @@ def draw_cuts(
     half_width_m : float
         How far the cuts reach to both sides; along z they stay 20 mm off the array's centre.
     quantity : str
-        As of :func:`draw_plane`.
+        The same as of :func:`draw_plane`.
     place : str
-        What *target_m* is.
+        Name of *target_m* in the picture.
 
     Raises
     ------

@@ -50,9 +50,9 @@ def draw_plane(
     targets_m : (T, 3) array_like
         Targets to mark: those within 2.5 mm of the plane, none if they are more than 200.
     title : str
-        What it is a picture of; where the plane lies is said after it.
+        Title of the picture; the place of the plane is added to it.
     peak_m : (3,) array_like, optional
-        What to mark as the peak; by default the place of the largest value of the plane.
+        Place to mark as the peak; by default that of the largest value of the plane.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def draw_plane(
     colours: str = PHASE_MAP if quantity == "phase" else MAGNITUDE_MAP
     limits = (-math.pi, math.pi) if quantity == "phase" else (0.0, None)
     with new_figure(*_size(field.plane)) as figure:
-        figure.set_layout_engine("compressed")  # the aspect is fixed: no gaps beside it
+        figure.set_layout_engine("compressed")  # no gaps beside a picture of fixed aspect
         axes = figure.add_subplot()
         axes.grid(visible=False)
         across, up = field.plane.coordinates_m()

@@ -1,4 +1,4 @@
-"""A plane of the field: where it lies, and what is on it."""
+"""A plane in the field, and the pressure on it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ComplexArray: TypeAlias = NDArray[np.complex128]
 ORIENTATIONS: Final = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 MAX_POINTS: Final = 4_000_000
 _POINTS_PER_CALL: Final = 4096
-_CLEARANCE_M: Final = 2e-3  # closer to an element the far-field model says nothing
+_CLEARANCE_M: Final = 2e-3  # the far-field model does not hold closer to an element
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ class PlaneField:
     Attributes
     ----------
     plane : Plane
-        Where.
+        The plane.
     values : (V, H) numpy.ndarray
         Complex peak pressure of one drive, or real RMS pressure of a sequence, in pascals; NaN
         within 2 mm of an element, and behind all of them if they are baffled.
@@ -124,7 +124,7 @@ class PlaneField:
 def sample_plane(
     engine: FieldEngine, weights: ArrayLike, plane: Plane, progress: Progress | None = None
 ) -> PlaneField:
-    """Return the complex pressure of one drive on a plane; *progress* is told (done, of)."""
+    """Return the complex pressure of one drive on a plane; *progress* gets (done, total)."""
     return PlaneField(
         plane,
         _sample(engine, plane, lambda points: engine.pressure(weights, points), progress),

@@ -1,4 +1,4 @@
-"""What a picture shows of a field."""
+"""The quantities of a field that a picture can show: pressure, phase, radiation pressure."""
 
 from __future__ import annotations
 

@@ -35,8 +35,8 @@ def draw_spectrum(
     highest_hz : float
         Where the spectrum is cut; skin feels up to about 1 kHz.
     modulation_hz, rate_hz : float, optional
-        What was asked for, to be marked: the tone, and half the frame rate, above which everything
-        comes from the steps between frames.
+        Frequencies to mark: that of the modulation, and half the frame rate, above which every
+        line comes from the steps between frames.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def draw_spectrum(
         left.set_xlabel("time (ms)")
         left.set_ylabel("radiation pressure, total reflection (Pa)")
         left.set_xlim(0.0, float(time_s[-1]) * 1e3)
-        # What is nothing beside the largest line would hide the others under a row of dots.
+        # Lines that are negligible beside the largest would hide the others under a row of dots.
         shown = (frequency_hz <= highest_hz) & (amplitude_pa > 1e-2 * amplitude_pa.max())
         lines, levels = frequency_hz[shown], amplitude_pa[shown]
         right.vlines(lines, 0.0, levels, color=VERMILION, linewidth=2.0)

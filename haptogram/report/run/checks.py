@@ -1,4 +1,4 @@
-"""The questions that a run answers, one for each way in which it can fail."""
+"""The checks of a run, one for each way in which a run can fail."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ _Item = TypeVar("_Item")
 
 
 class Outcome(enum.StrEnum):
-    """What came of a question."""
+    """Outcome of a check."""
 
     PASSED = "passed"
     FAILED = "failed"
     INCONCLUSIVE = "inconclusive"
-    NOT_JUDGED = "not judged"  # nothing was seen that could have answered it
-    NOTED = "noted"  # found, but it decides nothing
+    NOT_JUDGED = "not judged"  # no frame was seen that could have answered it
+    NOTED = "noted"  # found, but decides nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One question and its answer.
+    """One check and its outcome.
 
     Attributes
     ----------
     name : str
         Name of the fault, as in the counts of the run.
     statement : str
-        What is true if it passed.
+        The sentence that is true if the check passed.
     outcome : Outcome
-        Whether it is.
+        Whether the sentence is true.
     message : str
-        The answer in one line.
+        The finding in one line.
     details : tuple of str
-        The frames that it concerns, at most `NAMED_FRAMES` of them.
+        The frames that the finding concerns, at most `NAMED_FRAMES` of them.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class _Fault:
-    """A fault of a frame: how it shows, and in how many frames it could have."""
+    """A fault of a frame, how it shows, and which frames could have shown it."""
 
     name: str
     statement: str
@@ -97,10 +97,10 @@ _FAULTS: Final = (
 
 
 def checks(run: RunVerdict, cut_short: str | None = None) -> list[Check]:
-    """Return every question with its answer, in a fixed order.
+    """Return every check with its outcome, in a fixed order.
 
-    One has failed if and only if the verdict is fail; if none has, one is inconclusive if and only
-    if the verdict is.
+    A check has failed if and only if the verdict is fail.  If none has failed, a check is
+    inconclusive if and only if the verdict is.
     """
     return [
         *(_of_fault(run, fault) for fault in _FAULTS),
@@ -126,7 +126,7 @@ def _of_fault(run: RunVerdict, fault: _Fault) -> Check:
 
 
 def _unexpected(run: RunVerdict) -> Check:
-    statement = "nothing is latched that nobody intended"
+    statement = "no frame is latched that was not intended"
     keys = run.unexpected
     if keys:
         details = _listed(keys, _key)
@@ -176,7 +176,7 @@ def _share_verified(run: RunVerdict) -> Check:
 def _complete(run: RunVerdict, cut_short: str | None) -> Check:
     statement = "the run comes to its end"
     if cut_short is None:
-        return Check("complete", statement, Outcome.PASSED, "it did")
+        return Check("complete", statement, Outcome.PASSED, "it came to its end")
     message = f"{cut_short}{cut_text(run.counts)}"
     return Check("complete", statement, Outcome.INCONCLUSIVE, message)
 

@@ -20,7 +20,7 @@ _LOWEST_MM: Final = 10.0  # above the array: nearer, single elements outshine th
 _ABOVE_FOCUS_MM: Final = 50.0
 _CLOSE_SIDE_MM: Final = 30.0
 _CLOSE_STEP_MM: Final = 0.5
-_CLEARANCE_M: Final = 2e-3  # nearer to an element the model of the field does not hold
+_CLEARANCE_M: Final = 2e-3  # the model of the field does not hold nearer to an element
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +30,7 @@ class FieldMap:
     Attributes
     ----------
     axes : tuple of int
-        Which coordinates (0 x, 1 y, 2 z) run across and up.
+        Coordinates (0 x, 1 y, 2 z) that run across and up.
     across_mm, up_mm : (A,), (U,) numpy.ndarray
         Coordinates of the grid.
     pressure_kpa : (U, A) numpy.ndarray
@@ -51,16 +51,16 @@ class FieldMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldPicture:
-    """One focus in both planes.
+    """The field around one focus, in two planes.
 
     Attributes
     ----------
     frame : FrameVerdict
-        Whose focus.
+        The frame whose focus is shown.
     latched : bool
-        Whether the field is that of a drive that was given, else of the target's ideal one.
+        Whether the field is that of the latched drive; if not, of the ideal drive of the target.
     phase_bits : int
-        Of the phases of that drive.
+        Number of bits of each phase of that drive.
     level, upright : FieldMap
         The plane z = target, and the vertical one through the target along the array's longer side.
     close_level, close_upright : FieldMap
@@ -94,7 +94,7 @@ def picture_field(
     drives: Mapping[int, Drive] | None,
     phase_bits: int,
 ) -> FieldPicture | None:
-    """Return the field of one frame of *run*: of a wrong one if its drive is known.
+    """Return the field of one frame of *run*, of a wrong frame if its drive is known.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def picture_field(
 def _choose(run: RunVerdict, drives: Mapping[int, Drive]) -> FrameVerdict | None:
     candidates = worst(run, len(run.frames)) or run.frames
     shown = [frame for frame in candidates if frame.number in drives] or [
-        # An ideal drive would belie a frame that was wrong.
+        # The ideal drive would show a wrong frame as a right one.
         *(frame for frame in candidates if all(frame.criteria.values()) and not frame.faults),
         *candidates,
     ]

@@ -24,7 +24,7 @@ _AXES: Final = "xyz"
 
 
 def nothing(axes: Any, text: str) -> None:
-    """Say why a panel is empty."""
+    """Write into an empty panel why it is empty."""
     axes.set_axis_off()
     place = axes.text2D if hasattr(axes, "text2D") else axes.text
     place(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
@@ -82,7 +82,7 @@ def _measured(figure: Figure, axes: Any, seen: list[tuple[Floats, float]], size:
 
 
 def _troubled(axes: Any, frames: list[FrameVerdict]) -> None:
-    """Mark what did not come out right, each kind by a sign of its own."""
+    """Mark the frames that are wrong or lost, each kind with a sign of its own."""
     signs = {
         FrameStatus.OFF_TARGET: "x",
         FrameStatus.WRONG_DRIVE: "*",
@@ -98,7 +98,7 @@ def _troubled(axes: Any, frames: list[FrameVerdict]) -> None:
 
 
 def _equal_scales(axes: Any, points: Floats) -> None:
-    """One millimetre is as long on every axis; none is so short that its labels collide."""
+    """Draw a millimetre equally long on every axis; no axis is so short that labels collide."""
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.maximum(high - low, 0.25 * float((high - low).max()) + 1.0) * 1.06
     middle = (low + high) / 2.0

@@ -1,4 +1,4 @@
-"""What the page says in words: the verdict, what it rests on, and what it does not show."""
+"""The sentences of the page: the verdict, its evidence and its limits."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _LIMITS: Final = (
 
 
 def summary(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what the run came to, sentence by sentence."""
+    """Yield the outcome of the run, sentence by sentence."""
     frames = result["frames"]
     yield (
         f"{count(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
@@ -69,8 +69,8 @@ def summary(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"The largest distance from a target was {lateral:.3f} mm across{along}."
     if result["smallest_miss_mm"] is not None:
         yield (
-            f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: so much could "
-            f"come of the rounding of the phases{_and_tolerance(result)}."
+            f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: a smaller one "
+            f"could come from the rounding of the phases{_and_tolerance(result)}."
         )
     if (delay := host_delay(result)) is not None:
         yield f"{delay[0].upper()}{delay[1:]}."
@@ -84,16 +84,16 @@ def _and_tolerance(result: Mapping[str, Any]) -> str:
 
 
 def evidence(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what the verdict rests on."""
+    """Yield the kinds of evidence of the verdict, each explained."""
     found = result["evidence"]
     kinds = [found] if isinstance(found, str) else found
     if not kinds:
-        yield "None: nobody saw what the board latched."
+        yield "None: no latch of the board was observed."
     yield from (EVIDENCE[Evidence(kind)] for kind in kinds)
 
 
 def limits(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what the result does not show, what belongs to this run first."""
+    """Yield what the result cannot show: the limits of this run first."""
     frames = result["frames"]
     due = frames["sent"] - frames["cancelled"]
     unseen = due - frames["verified"]

@@ -1,4 +1,4 @@
-"""The result of a run as JSON: what was found, and all that is needed to find it again."""
+"""The result of a run as JSON: the findings, and everything that is needed to repeat the run."""
 
 from __future__ import annotations
 
@@ -38,32 +38,31 @@ def result_dict(
     Parameters
     ----------
     run : RunVerdict
-        What was found.
+        The judged run.
     configuration : mapping
-        What was asked for.
+        The settings of the run.
     seed : int
         Seed of everything random.
     board : mapping
-        What the board said of itself.
+        The board's description of itself.
     warnings : list of str
-        What was odd.
+        Warnings of the run.
     cut_short : str or None
-        Why the run did not come to its end.
+        Why the run did not come to its end; None: the run came to its end.
     host : mapping or None
-        How the host's side went; None leaves it out.
+        Delays and stalls of the host; None leaves the host out.
     environment : mapping or None
-        :func:`environment`; None leaves it out: in virtual time the result must not know where it
-        was made.
-
+        :func:`environment`; None leaves it out, as in virtual time, where the result must not
+        depend on the machine.
     faults : mapping or None
         Faults on purpose: ``plan``, ``seed``, and how often each ``fired``; None leaves it out.
     troubles : mapping or None
-        What ``board`` and ``host`` counted of frames that were damaged, lost or out of time.
+        Counters of ``board`` and ``host`` for frames that were damaged, lost or out of time.
 
     Raises
     ------
     ValueError
-        If a run that was cut short passed: ``verify_run`` was not told.
+        If a run that was cut short passed, because ``verify_run`` was not given the cut.
     """
     if cut_short is not None and run.verdict is Verdict.PASS:
         raise ValueError(f"a run that was cut short ({cut_short}) cannot pass")
@@ -82,7 +81,7 @@ def result_dict(
 
 
 def environment() -> dict[str, str | int | None]:
-    """Return the versions and the machine; no host name, no user, no date."""
+    """Return versions of Python and packages, and the machine, without its name, user or date."""
     return {
         "python": platform.python_version(),
         **{name: _version(name) for name in _PACKAGES},
@@ -138,7 +137,7 @@ def _plain(value: Any) -> Any:
 
 
 def write_frames(path: Path, run: RunVerdict) -> None:
-    """Write a line for each frame: what became of it, and what that rests on.
+    """Write a line for each frame: its verdict, and the evidence for the verdict.
 
     Raises
     ------

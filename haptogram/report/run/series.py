@@ -1,4 +1,4 @@
-"""What pictures and tables show, as numbers: errors, their bounds, the frames to look at."""
+"""The numbers behind pictures and tables: errors, their bounds, and the frames to look at."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def count(number: int, noun: str) -> str:
 
 
 def describe(frame: FrameVerdict) -> str:
-    """Return which frame it is, when, what is wrong with it and what that did, in one line."""
+    """Return number and time of a frame, its faults and their consequence, in one line."""
     return "; ".join([f"frame {frame.number} {_when(frame)}: {frame.status}", *_findings(frame)])
 
 
@@ -71,7 +71,7 @@ def where(frame: FrameVerdict) -> str:
 
 
 def faults_and_troubles(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what went wrong on purpose, by the host's own delay, and on the line."""
+    """Yield the planned faults that fired, the host's own delay, and the damage on the line."""
     if "faults" in result:
         yield f"faults on purpose: {_fired(result['faults'])}"
     if (delay := host_delay(result)) is not None:
@@ -85,7 +85,7 @@ def faults_and_troubles(result: Mapping[str, Any]) -> Iterator[str]:
 
 
 def host_delay(result: Mapping[str, Any]) -> str | None:
-    """Return how long the host was held up, if frames were not sent for it; None: none was."""
+    """Return how long the host was held up, or None if every frame was sent."""
     host = result.get("host")
     if not host or not host["skipped"]:
         return None
@@ -98,6 +98,6 @@ def host_delay(result: Mapping[str, Any]) -> str | None:
 
 def _fired(faults: Mapping[str, Any]) -> str:
     if faults["fired"] is None:
-        return f"{', '.join(faults['plan'])}; the board did not tell how often they fired"
+        return f"{', '.join(faults['plan'])}; the board did not report how often each fired"
     times = (f"{name} {count(number, 'time')}" for name, number in faults["fired"].items())
     return f"{', '.join(times)}; seed {faults['seed']}"

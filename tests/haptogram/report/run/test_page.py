@@ -145,7 +145,7 @@ def test_what_was_not_seen_is_said(tmp_path: Path, model: AcousticModel) -> None
     run = make_run(model, targets(3), dict.fromkeys(range(3), lose))
     page = " | ".join(written(tmp_path, run, model).texts)
     assert "Inconclusive: too little was seen for a verdict" in page
-    assert "None: nobody saw what the board latched." in page
+    assert "None: no latch of the board was observed." in page
     assert "3 frames of 3 could not be verified at all." in page
     assert "No frame could be judged." in page
 
