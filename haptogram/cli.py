@@ -20,6 +20,7 @@ from .commands.shell.exit_status import EXIT_STATUS, INTERRUPTED, USAGE
 from .commands.shell.interrupts import heard_interrupts, leave_at_once
 from .commands.shell.standard_streams import patient_streams
 from .errors import HaptogramError
+from .machine.terminal import error_line
 from .settings.parser import Parser, UsageError
 
 if TYPE_CHECKING:
@@ -77,9 +78,9 @@ def _run(words: Sequence[str]) -> int:
         with _terminated_like_interrupted(), heard_interrupts():
             return int(arguments.run(arguments))
     except UsageError as error:
-        print(f"{error.program}: {error}", file=sys.stderr)
+        print(error_line(error.program, str(error), sys.stderr), file=sys.stderr)
     except HaptogramError as error:
-        print(f"{parser.prog}: {parser.named(str(error))}", file=sys.stderr)
+        print(error_line(parser.prog, parser.named(str(error)), sys.stderr), file=sys.stderr)
     except KeyboardInterrupt:  # before there was anything to keep
         print(f"{parser.prog}: interrupted", file=sys.stderr)
         return INTERRUPTED

@@ -9,9 +9,10 @@ import logging
 import secrets
 import sys
 from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.machine.terminal import error_line
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
 from haptogram.settings.command_line import add_options, given
 from haptogram.settings.faults.kinds import described
@@ -19,13 +20,12 @@ from haptogram.settings.line import LineSettings
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import Parser
 
-from .backdoor.worker import ReconstructionWorker
-from .board.settings import BoardSettings
-from .line.port import Port, PtyPort, SerialPort, TcpPort
-from .log import CountLog, NoticeLog
-from .mutants import parts_of
-from .simulation import Recorder, Simulation
-from .wallclock import Heartbeat
+if TYPE_CHECKING:
+    from .backdoor.worker import ReconstructionWorker
+    from .board.settings import BoardSettings
+    from .line.port import Port
+    from .simulation import Recorder
+    from .wallclock import Heartbeat
 
 PROGRAM: Final = "python -m sim_device"
 _LOG: Final = logging.getLogger(__name__)
@@ -49,7 +49,12 @@ With --baud a byte takes 10 bits, in both directions; the other options give the
 imperfections of a real one.  The bytes that it loses by them are counted in the log at the end
 and in the last record of the back door.
 
-It ends on SIGINT or SIGTERM: muted, every record written, the link removed.
+The board ends on SIGINT or SIGTERM: muted, every record written, the link removed.
+
+exit status:
+  0  ended by SIGINT, SIGTERM or, with --until-eof, the end of standard input
+  1  the port was lost
+  2  usage or environment error
 """
 
 
@@ -76,8 +81,9 @@ def set_up(parser: Parser) -> None:
     parser.add_argument(
         "--until-eof", action="store_true", help="end with standard input: with who started it"
     )
-    parser.add_argument("--quiet", action="store_true", help="log warnings only")
-    parser.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
+    log = parser.add_mutually_exclusive_group()
+    log.add_argument("--quiet", action="store_true", help="log warnings only")
+    log.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
 
 
 def _epilog(program: str) -> str:
@@ -110,7 +116,7 @@ def main(words: Sequence[str], program: str = PROGRAM) -> int:
         _start_log(options)
         _run(options)
     except HaptogramError as error:
-        sys.stderr.write(f"{program}: {parser.named(str(error))}\n")
+        sys.stderr.write(error_line(program, parser.named(str(error)), sys.stderr) + "\n")
         return 2 if isinstance(error, ConfigurationError) else 1
     return 0
 
@@ -124,6 +130,13 @@ def _start_log(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
+    # Here, and not above: --help and a refusal need no numpy.
+    from .board.settings import BoardSettings
+    from .log import CountLog, NoticeLog
+    from .mutants import parts_of
+    from .simulation import Simulation
+    from .wallclock import Heartbeat
+
     config = _config(options)
     settings, parts = BoardSettings.of(config), parts_of(config.mutant)
     plan = config.plan
@@ -164,6 +177,8 @@ def _serve(heartbeat: Heartbeat, port: Port) -> None:
 
 
 def _config(options: argparse.Namespace) -> BoardConfig:
+    if options.no_reconstruct and options.backdoor is None:
+        raise ConfigurationError("--no-reconstruct acts only with --backdoor; leave it out")
     values = given(options, BOARD_OPTIONS)
     line = [BOARD_OPTIONS[name].word for name in options_of(LineSettings) if name in values]
     if options.serial is not None:
@@ -175,6 +190,8 @@ def _config(options: argparse.Namespace) -> BoardConfig:
 
 
 def _open_port(options: argparse.Namespace, config: BoardConfig) -> Port:
+    from .line.port import PtyPort, SerialPort, TcpPort
+
     if options.link is not None:
         return PtyPort(options.link)
     if options.serial is not None:
@@ -190,4 +207,6 @@ def _start_worker(
 ) -> ReconstructionWorker | None:
     if options.backdoor is None:
         return None
+    from .backdoor.worker import ReconstructionWorker
+
     return ReconstructionWorker(settings, options.backdoor, reconstruct=not options.no_reconstruct)

@@ -21,8 +21,9 @@ examples:
   haptogram bench --spin-us 150 --realtime --html timing.html
   haptogram bench --port /dev/ttyUSB0 --json new.json --compare old.json
 
-Nothing is judged: wall-clock figures depend on the machine. The exit status is 0 if it was
-measured, 2 if it could not be.
+exit status:
+  0  measured; nothing is judged, since wall-clock figures depend on the machine
+  2  usage or environment error
 """
 
 

@@ -21,6 +21,11 @@ examples:
   haptogram budget --baud 3000000 --rate-hz 1000 --phase-bits 8
       256 phases of 8 bit a thousand times a second over 3 Mbaud
   haptogram budget --baud 921600 --transducers 64
+
+exit status:
+  0  the rate fits the line and the host
+  1  it does not
+  2  usage or environment error
 """
 
 
@@ -40,7 +45,7 @@ def set_up(parser: Parser) -> None:
         type=whole_number(1, 1_000_000_000, "Bd"),
         default=3_000_000,
         metavar="N",
-        help="[%(default)s]",
+        help="speed of the line [3000000]",
     )
     parser.add_argument(
         "--rate-hz",

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
+from haptogram.machine.terminal import paint_verdicts
 from haptogram.settings.parser import number, whole_number
 
 from .shell.exit_status import FAIL, INTERRUPTED, PASS
@@ -21,8 +22,7 @@ from .shell.output_files import FILE_HELP, Outputs
 if TYPE_CHECKING:
     from haptogram.campaigns.soak import Campaign, MakeBoard
     from haptogram.campaigns.soak.campaign import Progress
-    from haptogram.errors import ConfigurationError
-from haptogram.settings.parser import Parser
+    from haptogram.settings.parser import Parser
 
 _EPILOG: Final = """\
 examples:
@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     except Interrupted:
         interrupted = True
     # Before the file: a full disk must not cost the account.
-    print(soak_text(campaign), file=outputs.text)
+    print(paint_verdicts(soak_text(campaign), outputs.text), file=outputs.text)
     if interrupted:
         print(_how_to_resume(arguments, campaign), file=sys.stderr)
     if arguments.json is not None:

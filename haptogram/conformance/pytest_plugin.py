@@ -105,5 +105,5 @@ def _virtual_board(folders: pytest.TempPathFactory) -> str:
     import sys
 
     link = folders.mktemp("haptogram") / "board"
-    words = [sys.executable, "-m", "sim_device", "--link", str(link), "--no-reconstruct"]
+    words = [sys.executable, "-m", "sim_device", "--link", str(link)]
     return shlex.join(words)

@@ -33,7 +33,7 @@ DEVICE = "/dev/ttyACM0"
 START_BOARD = """\
 python=.venv/bin/python; [ -x $python ] || python=python3
 rm -f board
-$python -m sim_device --array 4x4 --no-reconstruct --link board > board.log 2>&1 < /dev/null &
+$python -m sim_device --array 4x4 --link board > board.log 2>&1 < /dev/null &
 echo $! > board.pid
 until [ -e board ]; do sleep 0.02; done
 """

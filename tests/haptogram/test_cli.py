@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from haptogram.cli import main
+from haptogram.cli import COMMANDS, command_parser, main
 
 
 @pytest.mark.parametrize(
@@ -102,3 +102,34 @@ def test_a_mesh_in_another_unit_is_recognised(
 def test_a_soak_begins_no_day_unasked(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+HEAVY = {"numpy", "scipy", "serial", "haptogram_protocol", "matplotlib", "tqdm"}
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+def test_help_imports_no_heavy_part(name: str) -> None:
+    code = "import sys\nfrom haptogram.cli import main\ntry: main(sys.argv[1:])\n"
+    code += f"except SystemExit: pass\nprint(sorted({HEAVY!r} & set(sys.modules)))"
+    words = [*name.split(), "--help"]
+    ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert ended.stdout.splitlines()[-1] == "[]"
+
+
+def test_the_list_of_commands_imports_the_options_of_none() -> None:
+    code = "import sys\nfrom haptogram.cli import main\ntry: main(['--help'])\n"
+    code += "except SystemExit: pass\nprint(sorted(m for m in sys.modules if 'settings' in m))"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    loaded = ended.stdout.splitlines()[-1]
+    assert loaded == "['haptogram.settings', 'haptogram.settings.parser']"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_help_has_a_sentence_examples_and_the_exit_status(name: str) -> None:
+    parser = command_parser(name)
+    assert parser.description
+    assert parser.epilog
+    assert f"haptogram {name} " in parser.epilog
+    assert "exit status:\n" in parser.epilog
+    for action in parser.option_actions.values():
+        assert action.help, action.option_strings

@@ -57,7 +57,7 @@ def test_an_unknown_parameter_is_one_clear_line():
 def test_a_board_over_tcp():
     command = [sys.executable, "-m", "sim_device", "--tcp", "127.0.0.1:0", "--array", "4x4"]
     process = subprocess.Popen(
-        [*command, "--no-reconstruct"],
+        command,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -10,6 +10,8 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, TypeAlias
 
+from haptogram.machine.terminal import paint_verdicts
+
 from ..acting_options import refuse_idle_options
 from ..shell.output_files import Outputs, announce
 from .options import EXAMPLES, PULSE, add_options, check, is_virtual
@@ -35,8 +37,12 @@ def set_up(parser: Parser, virtual: Virtual) -> None:
         "of it."
     )
     parser.epilog = (
-        f"{EXAMPLES}\nverdicts:\n{meaning_table()}\n\nThe exit status is 1 if any case "
-        "says so, else 3 if any does, else 0."
+        f"{EXAMPLES}\nverdicts:\n{meaning_table()}\n\nexit status:\n"
+        "  0    no case says 1 or 3\n"
+        "  1    a case says so\n"
+        "  2    usage or environment error\n"
+        "  3    no case says 1, one says 3\n"
+        "  130  interrupted (Ctrl-C)\n"
     )
     parser.rename(link_baud="baud")
     parser.set_defaults(run=functools.partial(run, virtual=virtual))
@@ -61,7 +67,7 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     suite = _run_cases(arguments, cases, virtual)
     from haptogram.report.conformance.text import suite_text
 
-    text = suite_text(suite, verbose=arguments.verbose)
+    text = paint_verdicts(suite_text(suite, verbose=arguments.verbose), outputs.text)
     print(text, file=outputs.text, flush=True)  # before the files: a full disk must not cost it
     _write(arguments, suite)
     return suite.exit_status

@@ -20,6 +20,7 @@ from haptogram.errors import (
     VersionMismatchError,
     WrongProtocolError,
 )
+from haptogram.machine.terminal import error_line, paint_verdicts
 from haptogram.settings.verify_config import OUTPUTS, VerifyConfig, load_config
 
 from ..acting_options import refuse_idle_options
@@ -104,7 +105,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         ):
             found = measure(config, board, progress, settling, faulty=bool(planned.faults))
     except _BrokenByPlanError as error:
-        print(f"haptogram verify: {error}", file=sys.stderr)
+        print(error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return INCONCLUSIVE
     with _bar("verifying", quiet=quiet) as progress:
         verdict = verify_run(
@@ -131,7 +132,8 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         host=None if config.virtual_time else _host_dict(found),
         environment=None if config.virtual_time else report.environment(),
     )
-    print(verdict, file=outputs.text)  # before the files: a full disk must not cost the result
+    # Before the files: a full disk must not cost the result.
+    print(paint_verdicts(str(verdict), outputs.text), file=outputs.text)
     for line in report.faults_and_troubles(result):
         print(f"  {line}", file=outputs.text)
     for warning in found.warnings:
@@ -282,6 +284,6 @@ def _write(
             write(path)
             announce(path)
         except ConfigurationError as error:
-            print(f"haptogram verify: {error}", file=sys.stderr)
+            print(error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
             written = False
     return written

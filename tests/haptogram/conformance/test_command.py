@@ -135,7 +135,7 @@ def test_devices_side_by_side(tmp_path):
 @pytest.mark.pty
 def test_a_spawned_board_is_restarted_for_the_clauses_about_a_reset(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{ROOT / 'protocol'}")
-    command = f"{sys.executable} -m sim_device --array 4x4 --no-reconstruct --link {tmp_path}/board"
+    command = f"{sys.executable} -m sim_device --array 4x4 --link {tmp_path}/board"
     chosen = ["--clause", "HG-2.7/3", "--clause", "HG-6.1/1", "--clause", "HG-2.3", "--quiet"]
     run = ["conform", "--spawn", command, "--boot-timeout", "60", "--timeout", "5", *chosen]
     assert main(run) == 0

@@ -1,0 +1,39 @@
+"""Colour on a terminal: verdicts and errors, nowhere in pipes or files unless it is asked for."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Final, TextIO
+
+_RED: Final = "31"
+_COLOURS: Final = {"PASS": "32", "FAIL": _RED, "INCONCLUSIVE": "33"}
+_VERDICT: Final = re.compile(rf"^((?:verdict +)?)({'|'.join(_COLOURS)})\b", re.MULTILINE)
+
+
+def has_colour(stream: TextIO) -> bool:
+    """Return True if *stream* takes colours.
+
+    NO_COLOR and FORCE_COLOR decide, in this order; else a terminal does, unless it is dumb.
+    """
+    if os.environ.get("NO_COLOR"):
+        return False
+    if os.environ.get("FORCE_COLOR"):
+        return True
+    return os.environ.get("TERM") != "dumb" and stream.isatty()
+
+
+def error_line(program: str, message: str, stream: TextIO) -> str:
+    """Return the line of an error on *stream*, the name of the program in red."""
+    return f"{_painted(f'{program}:', _RED) if has_colour(stream) else f'{program}:'} {message}"
+
+
+def paint_verdicts(text: str, stream: TextIO) -> str:
+    """Return *text* with the verdicts at the beginnings of its lines in their colours."""
+    if not has_colour(stream):
+        return text
+    return _VERDICT.sub(lambda match: match[1] + _painted(match[2], _COLOURS[match[2]]), text)
+
+
+def _painted(text: str, colour: str) -> str:
+    return f"\x1b[1;{colour}m{text}\x1b[0m"

@@ -1,0 +1,68 @@
+"""Colour: on a terminal, as NO_COLOR and FORCE_COLOR say, never in pipes or files by itself."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from haptogram.cli import main
+from haptogram.machine.terminal import error_line, has_colour, paint_verdicts
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("stream", "environment", "expected"),
+    [
+        (Terminal(), {}, True),
+        (io.StringIO(), {}, False),
+        (Terminal(), {"NO_COLOR": "1"}, False),
+        (Terminal(), {"NO_COLOR": ""}, True),
+        (Terminal(), {"TERM": "dumb"}, False),
+        (io.StringIO(), {"FORCE_COLOR": "1"}, True),
+        (io.StringIO(), {"FORCE_COLOR": "1", "NO_COLOR": "1"}, False),
+    ],
+)
+def test_who_decides(
+    stream: io.StringIO,
+    environment: dict[str, str],
+    expected: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ("NO_COLOR", "FORCE_COLOR", "TERM"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    assert has_colour(stream) is expected
+
+
+def test_verdicts_at_the_beginning_of_a_line_have_their_colour(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    text = "PASS: all\nverdict      FAIL\nno PASS here\nPASSED"
+    assert paint_verdicts(text, Terminal()) == (
+        "\x1b[1;32mPASS\x1b[0m: all\nverdict      \x1b[1;31mFAIL\x1b[0m\nno PASS here\nPASSED"
+    )
+    assert paint_verdicts(text, io.StringIO()) == text
+    assert error_line("prog", "why", Terminal()) == "\x1b[1;31mprog:\x1b[0m why"
+
+
+def test_a_command_in_a_pipe_prints_no_escape(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["verify", "--object", "point", "--array", "6x6", "--virtual-time", "--quiet"]
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    assert main(words) == 0
+    assert "\x1b" not in capsys.readouterr().out
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert main(words) == 0
+    assert capsys.readouterr().out.startswith("\x1b[1;32mPASS\x1b[0m: ")
+    assert main([*words, "--depth", "0.5"]) == 2
+    assert capsys.readouterr().err.startswith("\x1b[1;31mhaptogram verify:\x1b[0m --depth acts")
