@@ -128,7 +128,7 @@ class ByteRules:
     commands : mapping
         Operation of every byte that is no code.
     starts : bool
-        Codes belong behind :class:`Begin`; others are taken as well, and counted.
+        Whether codes belong behind :class:`Begin`; others are taken as well, and counted.
     wraps : bool
         Whether a code too many goes to channel 0 again; otherwise it is not taken.
     amplitude_limit : int
@@ -161,7 +161,7 @@ class _Cursor:
     def __init__(self, boards: int) -> None:
         if boards < 1:
             raise LocalProtocolError(f"{boards} boards; a wire has at least one")
-        self.listening = tuple(range(boards))  # dialects.md: boards power up enabled
+        self.listening = tuple(range(boards))  # s_boardEnable is '1' at power-up
         self.written = [0] * boards
         self.kind: _CodesOf = SetPhases
         self.started = False
@@ -203,9 +203,10 @@ class FpgaBoard:
     ----------
     counters : Counter
         ``codes_out_of_range`` (taken as the board masks them), ``codes_outside_frame`` (before a
-        start), ``codes_beyond_array``, ``codes_unheard`` (no board listened), ``frames_cut_short``
-        (by another start), ``frames_short`` (swapped before the last channel),
-        ``frames_without_commit`` (whole, but another start came and no swap).
+        start), ``codes_beyond_array``, ``codes_unheard`` (no board listened), ``frames_short``
+        (swapped before the last channel), ``frames_cut_short`` (by another start) and
+        ``frames_without_commit`` (whole, but another start came and no swap). Without
+        :attr:`ByteRules.starts`, selecting a board starts its frame.
     """
 
     def __init__(self, rules: ByteRules, boards: int = 1) -> None:
@@ -239,19 +240,26 @@ class FpgaBoard:
         raise no_bytes_for(message, self._rules.wire)
 
     def _command(self, operation: Operation, found: list[Operation]) -> None:
-        if isinstance(operation, Swap):
-            self._count_short(range(len(self._cursor.written)), "frames_short", None)
-        elif isinstance(operation, Begin):
-            self._count_short(self._cursor.listening, "frames_cut_short", "frames_without_commit")
+        self._count_frame(operation)
         self._cursor.command(operation)
         found.append(operation)
 
-    def _count_short(self, boards: range | tuple[int, ...], short: str, whole: str | None) -> None:
-        counts = [self._cursor.written[board] for board in boards]
+    def _count_frame(self, operation: Operation) -> None:
+        """Count the frame that *operation* ends, if channels or the commit are missing."""
+        written = self._cursor.written
+        if isinstance(operation, Swap):
+            counts = written
+        elif isinstance(operation, Begin | BeginAmplitudes):
+            counts = [written[board] for board in self._cursor.listening]
+        elif isinstance(operation, Select) and not self._rules.starts:
+            counts = written[operation.board : operation.board + 1]
+        else:
+            return
+        swaps = isinstance(operation, Swap)
         if any(0 < count < self._rules.channels for count in counts):
-            self.counters[short] += 1
-        elif whole is not None and any(counts):
-            self.counters[whole] += 1
+            self.counters["frames_short" if swaps else "frames_cut_short"] += 1
+        elif any(counts) and not swaps and not isinstance(operation, BeginAmplitudes):
+            self.counters["frames_without_commit"] += 1
 
     def _take(self, codes: bytes, found: list[Operation]) -> None:
         """Put *codes* behind the run, which ends with every last channel."""

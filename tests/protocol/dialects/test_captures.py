@@ -85,7 +85,7 @@ def test_ultraino_fpga_128_drives_72_of_the_client_s_channels() -> None:
 
 
 def test_amplitudes_fall_through_as_phases_on_the_published_board() -> None:
-    """dialects.md, trap 8: after the commit none of 256 codes is right."""
+    """The client's amplitudes leave none of 256 codes right."""
     name = "ultraino/simplefpga_ss_amp50_0_120_0"
     operations = decoded(name, fb="falls-through")
     codes, expected = latched(operations, 256), EXPECTED[name]["codes"]

@@ -113,6 +113,32 @@ ROWS: list[tuple[str, dict[str, Any], bytes, list[Any], dict[str, int]]] = [
         [Select(2), phases(RAMP, 0, (2,)), Select(0), phases(OFF), Swap()],
         {},
     ),
+    # torn frames of a chain, and frames of amplitudes
+    (
+        "ultraino-fpga-chained",
+        {"boards": 2},
+        b"\xc0" + RAMP + b"\xc1\x01\xc0" + OFF + b"\xc1\x02\xfd",
+        [
+            *(Select(0), phases(RAMP), Select(1), phases(b"\x01", 0, (1,))),
+            *(Select(0), phases(OFF), Select(1), phases(b"\x02", 1, (1,)), Swap()),
+        ],
+        {
+            "frames_without_commit": 1,
+            "codes_beyond_array": 256,
+            "frames_cut_short": 1,
+            "frames_short": 1,
+        },
+    ),
+    (
+        "ultraino-fpga",
+        {"fb": "amplitude"},
+        b"\xfe\x01\xfb\x10\x11\xfe",
+        [
+            *(Begin(), phases(b"\x01"), BeginAmplitudes()),
+            *(SetAmplitudes((0,), 0, b"\x10\x11"), Begin()),
+        ],
+        {"frames_cut_short": 2, "codes_out_of_range": 1},
+    ),
     (
         "ultraino-fpga-128",
         {},
@@ -140,7 +166,6 @@ def test_bytes_are_these_operations_and_counts(
 
 
 def test_one_lost_byte_shifts_the_channels_behind_it_until_the_swap() -> None:
-    """No length, no checksum: arrays.md, 1.2 (4)."""
     board = DIALECTS["sonicsurface"].board()
     line = b"\xfe" + RAMP[:100] + RAMP[101:] + b"\xfd" + b"\xfe" + RAMP + b"\xfd"
     _, torn, _, _, whole, _ = board.receive_data(line)
@@ -151,7 +176,7 @@ def test_one_lost_byte_shifts_the_channels_behind_it_until_the_swap() -> None:
 
 def test_the_tactile_table_turns_117_emitters_round() -> None:
     assert len(TACTILE_CORRECTION) == 256
-    assert sum(12 <= steps <= 20 for steps in TACTILE_CORRECTION) == 117  # dialects.md, trap 4
+    assert sum(12 <= steps <= 20 for steps in TACTILE_CORRECTION) == 117
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,13 @@ def test_noise_text_and_silence_look_like_nothing() -> None:
     assert looks_like(Path(__file__).read_bytes()) == ()
     assert looks_like(b"") == looks_like(bytes(LOOKED_AT_BYTES)) == ()
     assert looks_like(b"\xff" * LOOKED_AT_BYTES) == ()
-    assert looks_like(bytes(LOOKED_AT_BYTES) + b"PRI * HTTP/2.0\r\n") == ()
+
+
+def test_only_the_first_bytes_count() -> None:
+    line = b"".join(map(DIALECTS["sonicsurface"].host().send, frame(CODES)))
+    for gap, found in ((0, True), (LOOKED_AT_BYTES - len(line), True), (LOOKED_AT_BYTES, False)):
+        assert bool(looks_like(bytes(gap) + line)) is found
+    assert looks_like(b"\x00PRI * HTTP/2.0\r\n") == ()
 
 
 def test_only_the_dialects_in_question_are_named() -> None:
