@@ -1,6 +1,6 @@
-"""Write what every fault of the virtual board does to the focus: a run of each, in virtual time.
+"""Write the table of the effect of every fault on the focus: a run of each, in virtual time.
 
-Plan, seed and job are fixed and there is no wall clock, so the same program writes the same table.
+Plan, seed and job are fixed and no wall clock is read, so the same program writes the same table.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ COLUMNS: Final = (
 
 
 def plans() -> list[str]:
-    """Return the healthy board, then every fault that there is, at its strength."""
+    """Return the plan of the healthy board, then of every fault at its strength."""
     return [HEALTHY, *(f"{name} {_strength(name)}".strip() for name in FAULT_KINDS)]
 
 
@@ -111,7 +111,7 @@ def _strength(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What came of one fault."""
+    """The row of one fault."""
 
     cells: tuple[str, ...]
     smallest_miss_mm: float | None = None
@@ -122,7 +122,7 @@ class Row:
 
 
 def row(fault: str) -> Row:
-    """Run the job with *fault*, and return its line."""
+    """Run the job with *fault*; return its row."""
     config = VerifyConfig(
         object="circle",
         radius_mm=30.0,
@@ -150,7 +150,7 @@ def row(fault: str) -> Row:
 
 
 def _fired(found: Measured) -> str:
-    """Return how often the fault did something."""
+    """Return the number of times that the fault acted."""
     return _NOTHING if found.fault_counts is None else str(sum(found.fault_counts.values()))
 
 
@@ -174,7 +174,7 @@ def _figures(run: RunVerdict) -> tuple[str, ...]:
 
 
 def _cause(run: RunVerdict, found: Measured) -> str:
-    """Return what the run itself names."""
+    """Return the causes that the run itself names."""
     named = Counter(fault for frame in run.frames for fault in _faults(frame))
     causes = [f"{fault} ({times} x)" for fault, times in named.most_common(1)]
     causes += [] if found.cut is None else [found.cut.reason]
@@ -186,7 +186,7 @@ def _cause(run: RunVerdict, found: Measured) -> str:
 
 
 def _faults(frame: FrameVerdict) -> list[str]:
-    """Return the faults of *frame* by name, without what differs from one frame to the next."""
+    """Return the faults of *frame* by name, without figures that differ between frames."""
     bare = (fault.removesuffix(": the latched drive is right") for fault in frame.faults)
     return [re.sub(r", by up to [^,]*", "", fault) for fault in bare]
 

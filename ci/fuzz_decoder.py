@@ -53,7 +53,7 @@ def main(arguments: list[str]) -> int:
 
 
 def check(data: bytes) -> None:
-    """Hold what must hold of *data*; the first byte chooses how it is meant."""
+    """Check decoder, board and host with *data*; the first byte chooses its form."""
     if not data:
         return
     wire = _as_frames(data[1:]) if data[0] % 2 else data[1:]
@@ -65,7 +65,7 @@ def check(data: bytes) -> None:
 
 
 def _as_frames(data: bytes) -> bytes:
-    """Return *data* as bodies of frames, cut at every ``FF``: what guesses no CRC goes on here."""
+    """Return *data* as frames with valid CRCs, cut at every ``FF``: a fuzzer guesses no CRC."""
     from haptogram_protocol.framing import MAX_BODY_BYTES, encode_frame
 
     return b"".join(encode_frame(body[:MAX_BODY_BYTES]) for body in data.split(b"\xff"))

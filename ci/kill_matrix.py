@@ -1,7 +1,7 @@
 """Write the kill matrix: every mutant of the virtual board against the conformance suite.
 
-Against the cases of the clause that it breaks (seconds), or with ``--full`` against every case
-(ten minutes and more), which also shows what else the same fault breaks, and which clauses no
+Each mutant meets the cases of the clause that it breaks (seconds), or with ``--full`` every case
+(ten minutes and more), which also shows the other clauses that it breaks, and the clauses that no
 mutant breaks.
 """
 
@@ -65,19 +65,19 @@ def failed_cases(name: str, *, full: bool) -> list[Case]:
 
 
 def is_failed(behaviour: Behaviour) -> bool:
-    """Tell whether the board did what it must not."""
+    """Return whether the board broke the clause."""
     return behaviour is Behaviour.FAILED
 
 
 def verdict(mutant: Mutant, failed: Sequence[Case]) -> str:
-    """Return whether a mutant fails its own clause."""
+    """Return ``killed`` for a mutant that fails its own clause, else the reason."""
     if any(case.clause == mutant.clause for case in failed):
         return "killed"
     return "not on the line" if mutant.evidence is Evidence.EXTERNAL else "MISSED"
 
 
 def missed(found: Found) -> list[str]:
-    """Return the mutants that the line should have shown, and did not."""
+    """Return the mutants that the line shows and the cases of their clause missed."""
     return [name for name, failed in found.items() if verdict(MUTANTS[name], failed) == "MISSED"]
 
 
@@ -141,7 +141,7 @@ def _bare(name: str) -> str:
 
 
 def _listed(failed: Sequence[Case], cases: Sequence[Case]) -> str:
-    """Return the failed cases, or those that are left where most failed."""
+    """Return the failed cases, or the passed ones if most failed."""
     names = [case.id for case in failed]
     if 2 * len(names) <= len(cases):
         return ", ".join(map(_bare, names)) or "-"

@@ -6,7 +6,7 @@ the same name in another commit, so a benchmark that begins to measure other wor
 
 import re
 
-#: Rows of the tests of commits that gave rows no names yet (the last one is f17889f7).
+#: Rows of the tests of commits whose benchmarks have no such mark, as f17889f7.
 EARLIER = {
     "test_acquisition_against_a_wide_search": "fit of a focus without a hint",
     "test_arbitrary_points_against_numpy[{count}]": "field at {count} points",
