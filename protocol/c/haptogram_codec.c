@@ -6,7 +6,7 @@
 
 uint32_t hg_crc32(uint32_t crc, const uint8_t *data, size_t length)
 {
-    /* By halves of a byte: 64 bytes of table suit the smallest board. */
+    /* Half a byte at a time: a table of 64 bytes suits the smallest board. */
     static const uint32_t table[16] = {
         0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u,
         0x4DB26158u, 0x5005713Cu, 0xEDB88320u, 0xF00F9344u, 0xD6D6A3E8u, 0xCB61B38Cu,
@@ -37,7 +37,7 @@ static void open_block(struct hg_builder *builder)
 {
     builder->code_at = builder->length;
     builder->run = 1;
-    put(builder, 0); /* until its length is known */
+    put(builder, 0); /* replaced when the length of the block is known */
 }
 
 static void close_block(struct hg_builder *builder)
@@ -47,7 +47,7 @@ static void close_block(struct hg_builder *builder)
     builder->run = 0;
 }
 
-/* A full block stays closed until another byte comes: at the end of the data it says no more. */
+/* After a full block a code byte follows only if another byte comes. */
 static void stuff(struct hg_builder *builder, const uint8_t *data, size_t length)
 {
     size_t i;
@@ -104,7 +104,7 @@ int hg_cobs_decode(uint8_t *data, size_t length, size_t *decoded)
         if (zero_due)
             data[to++] = 0;
         zero_due = code != FULL_BLOCK;
-        for (from++; code > 1; code--) /* never overtakes: a code byte went before */
+        for (from++; code > 1; code--) /* `to` stays behind `from`: a code byte was skipped */
             data[to++] = data[from++];
     }
     *decoded = to;
@@ -293,7 +293,7 @@ size_t hg_packed_size(size_t count, unsigned bits)
 int hg_unpack_phases(uint8_t *codes, size_t count, const uint8_t *packed, size_t length,
                      unsigned bits)
 {
-    uint32_t window = 0; /* bits that were read and not yet given out */
+    uint32_t window = 0; /* bits that were read and not yet returned */
     unsigned held = 0;
     size_t next = 0;
     size_t i;

@@ -1,7 +1,7 @@
 /* A portable codec of the Haptogram wire protocol: COBS, CRC-32, parser, frame builder.  C99.
 
-   No allocation and nothing of the C library but memcpy and memset.  The parser keeps at most
-   HG_MAX_ENCODED_BYTES, whatever comes; the builder writes where it is told and never further. */
+   The codec allocates nothing and calls only memcpy and memset.  The parser keeps at most
+   HG_MAX_ENCODED_BYTES of any input; the builder never writes beyond its buffer. */
 
 #ifndef HAPTOGRAM_CODEC_H
 #define HAPTOGRAM_CODEC_H
@@ -15,22 +15,22 @@
 extern "C" {
 #endif
 
-/* Every check returns this, or the counter (enum hg_counter) of what is wrong. */
+/* Every check returns this, or the counter (enum hg_counter) of the fault. */
 #define HG_OK (-1)
 
-/* Bytes that COBS makes of `length` bytes, at most, and those of a frame around such a body. */
+/* Most bytes of `length` bytes in COBS, and of the frame around such a body. */
 #define HG_COBS_BOUND(length) ((length) + (length) / 254u + 1u)
 #define HG_FRAME_BOUND(body) (HG_COBS_BOUND((body) + HG_CRC_BYTES) + 2u)
 
 /* --- Bytes (SPEC.md chapter 2) ---------------------------------------------------------------- */
 
-/* CRC-32/ISO-HDLC of `data`, continuing `crc`, the value of what came before (0: nothing). */
+/* CRC-32/ISO-HDLC of `data`, continuing `crc` of the bytes before (0: none). */
 uint32_t hg_crc32(uint32_t crc, const uint8_t *data, size_t length);
 
 /* Stuff `from` into `to`, which has room for HG_COBS_BOUND(length) bytes; return their number. */
 size_t hg_cobs_encode(uint8_t *to, const uint8_t *from, size_t length);
 
-/* Undo it where it lies and set `*decoded`; HG_COUNTER_COBS if a code points past the end. */
+/* Decode in place and set `*decoded`; HG_COUNTER_COBS if a code points past the end. */
 int hg_cobs_decode(uint8_t *data, size_t length, size_t *decoded);
 
 /* --- Frames out ------------------------------------------------------------------------------- */
@@ -49,10 +49,10 @@ struct hg_builder {
 void hg_build_begin(struct hg_builder *builder, uint8_t *to, size_t capacity);
 void hg_build_add(struct hg_builder *builder, const uint8_t *data, size_t length);
 
-/* Close the frame; return its bytes, both delimiters among them, or 0 if there was no room. */
+/* End the frame; return its length with both delimiters, or 0 if the buffer was too small. */
 size_t hg_build_end(struct hg_builder *builder);
 
-/* All at once, for a payload that lies together. */
+/* Build a whole frame of a header and one payload. */
 size_t hg_build_frame(uint8_t *to, size_t capacity, const struct hg_header *header,
                       const uint8_t *payload, size_t length);
 
@@ -77,7 +77,7 @@ struct hg_frame {
 struct hg_parser {
     uint8_t buffer[HG_MAX_ENCODED_BYTES];
     size_t length;
-    int discarding; /* too long: wait for the next delimiter */
+    int discarding; /* 1: the run is too long; wait for the next delimiter */
 };
 
 void hg_parser_reset(struct hg_parser *parser);

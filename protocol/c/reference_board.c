@@ -1,4 +1,4 @@
-/* A board in C99 on a pseudo-terminal: the protocol is whole, the transducers are not there.
+/* A board in C99 on a pseudo-terminal: the whole protocol, no transducers.
 
    reference_board [--link PATH] [--grid NXxNY] [--pitch-um N] [--boot-id N]
 
@@ -42,12 +42,12 @@ static void die(const char *what)
     exit(USAGE);
 }
 
-static void usage(const char *what)
+static void usage(const char *option, const char *value, const char *demand)
 {
     fprintf(stderr,
-            "reference_board: %s\n"
+            "reference_board: %s%s%s: %s\n"
             "usage: reference_board [--link PATH] [--grid NXxNY] [--pitch-um N] [--boot-id N]\n",
-            what);
+            option, value != NULL ? " " : "", value != NULL ? value : "", demand);
     exit(USAGE);
 }
 
@@ -58,35 +58,39 @@ struct options {
     const char *link;
 };
 
-static uint32_t number(const char *text, uint32_t low, uint32_t high, char **end)
+/* Return 1 if the text begins with a whole number within the limits. */
+static int number(const char *text, uint32_t low, uint32_t high, uint32_t *value, char **end)
 {
-    unsigned long value = strtoul(text, end, 10);
+    unsigned long read;
 
-    if (*end == text || *text < '0' || *text > '9' || value < low || value > high)
-        usage("a number is missing or out of range");
-    return (uint32_t)value;
+    errno = 0;
+    read = strtoul(text, end, 10);
+    *value = (uint32_t)read;
+    return *text >= '0' && *text <= '9' && errno == 0 && read >= low && read <= high;
 }
 
-static uint32_t whole_number(const char *text, uint32_t low, uint32_t high)
+static uint32_t whole_number(const char *option, const char *text, uint32_t low, uint32_t high,
+                             const char *demand)
 {
+    uint32_t value;
     char *end;
-    uint32_t value = number(text, low, high, &end);
 
-    if (*end != '\0')
-        usage("something stands behind a number");
+    if (!number(text, low, high, &value, &end) || *end != '\0')
+        usage(option, text, demand);
     return value;
 }
 
 static void take_grid(struct array *array, const char *text)
 {
+    uint32_t nx = 0, ny = 0;
     char *end;
 
-    array->nx = (uint16_t)number(text, 1, HG_MAX_TRANSDUCERS, &end);
-    if (*end != 'x')
-        usage("--grid takes NXxNY, as in 16x16");
-    array->ny = (uint16_t)whole_number(end + 1, 1, HG_MAX_TRANSDUCERS);
-    if ((uint32_t)array->nx * array->ny > HG_MAX_TRANSDUCERS)
-        usage("a board has at most 1024 transducers");
+    if (!number(text, 1, HG_MAX_TRANSDUCERS, &nx, &end) || *end != 'x'
+        || !number(end + 1, 1, HG_MAX_TRANSDUCERS, &ny, &end) || *end != '\0'
+        || nx * ny > HG_MAX_TRANSDUCERS)
+        usage("--grid", text, "takes NXxNY, as in 16x16, at most 1024 transducers");
+    array->nx = (uint16_t)nx;
+    array->ny = (uint16_t)ny;
 }
 
 static struct options take_options(int count, char **values)
@@ -99,17 +103,19 @@ static struct options take_options(int count, char **values)
         const char *value = i + 1 < count ? values[i + 1] : NULL;
 
         if (value == NULL)
-            usage("every option takes a value");
+            usage(values[i], NULL, "the option takes a value");
         else if (strcmp(values[i], "--link") == 0)
             options.link = value;
         else if (strcmp(values[i], "--grid") == 0)
             take_grid(&options.array, value);
         else if (strcmp(values[i], "--pitch-um") == 0)
-            options.array.pitch_um = whole_number(value, 1, 1000000);
+            options.array.pitch_um = whole_number(
+                values[i], value, 1, 1000000, "takes a whole number of micrometres, 1 to 1000000");
         else if (strcmp(values[i], "--boot-id") == 0)
-            options.array.boot_id = whole_number(value, 0, 0xFFFFFFFFu);
+            options.array.boot_id = whole_number(
+                values[i], value, 0, 0xFFFFFFFFu, "takes a whole number, 0 to 4294967295");
         else
-            usage("unknown option");
+            usage(values[i], value, "unknown option");
     }
     return options;
 }
@@ -118,7 +124,7 @@ static struct options take_options(int count, char **values)
 
 struct line {
     int master;
-    int slave; /* kept open, so that the line outlives each host that opens it */
+    int slave; /* kept open, so that the line outlives its hosts */
     char name[256];
 };
 
@@ -158,7 +164,7 @@ static void open_line(struct line *line)
         die("pseudo-terminal");
 }
 
-/* A link that an earlier board left behind is replaced; anything else stays. */
+/* Replace a link that an earlier board left behind, and nothing else. */
 static void make_link(const char *path, const char *target)
 {
     char old[8];

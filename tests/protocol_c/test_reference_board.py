@@ -300,20 +300,26 @@ def test_a_link_left_behind_is_replaced_and_a_file_is_not(programs, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "complaint"),
     [
-        ["--grid"],
-        ["--grid", "0x4"],
-        ["--grid", "64x64"],
-        ["--grid", "16"],
-        ["--grid", "2x2x2"],
-        ["--pitch-um", "ten"],
-        ["--boot-id", "-1"],
-        ["--help", "me"],
+        (["--grid"], "--grid: the option takes a value"),
+        (["--grid", "0x4"], "--grid 0x4: takes NXxNY, as in 16x16, at most 1024 transducers"),
+        (["--grid", "64x64"], "--grid 64x64: takes NXxNY"),
+        (["--grid", "16"], "--grid 16: takes NXxNY"),
+        (["--grid", "2x2x2"], "--grid 2x2x2: takes NXxNY"),
+        (
+            ["--pitch-um", "ten"],
+            "--pitch-um ten: takes a whole number of micrometres, 1 to 1000000",
+        ),
+        (["--pitch-um", "0"], "--pitch-um 0: takes a whole number"),
+        (["--boot-id", "-1"], "--boot-id -1: takes a whole number, 0 to 4294967295"),
+        (["--boot-id", "9" * 30], "takes a whole number, 0 to 4294967295"),
+        (["--help", "me"], "--help me: unknown option"),
     ],
 )
-def test_a_wrong_argument_is_told_in_one_line(programs, arguments):
+def test_a_wrong_argument_is_named_with_its_limits(programs, arguments, complaint):
     command = [programs / "reference_board", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("reference_board: ")
+    assert complaint in done.stderr.splitlines()[0]

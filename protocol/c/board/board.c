@@ -80,7 +80,7 @@ void board_receive(struct board *board, const uint8_t *data, size_t length, int6
             link_count(board, frame.reason);
         else if (what == HG_PARSED_FRAME)
             judge_frame(board, &frame, t_us);
-        board_advance(board, board->now_us); /* what the frame brought may be due this moment */
+        board_advance(board, board->now_us); /* the frame may have made an event due now */
     }
 }
 
@@ -102,8 +102,8 @@ int64_t board_next_event(const struct board *board)
     return earlier(t_us, board->next_status_us);
 }
 
-/* At one moment latches come before timers, and STATUS tells of both. */
-static void happen(struct board *board, int64_t t_us)
+/* At one moment latches precede timers, and both precede the STATUS that reports them. */
+static void handle_next(struct board *board, int64_t t_us)
 {
     if (latch_us(board) <= t_us)
         stream_latch(board);
@@ -122,7 +122,7 @@ void board_advance(struct board *board, int64_t t_us)
     while ((next_us = board_next_event(board)) <= t_us) {
         if (next_us > board->now_us)
             board->now_us = next_us;
-        happen(board, next_us);
+        handle_next(board, next_us);
     }
     if (t_us > board->now_us)
         board->now_us = t_us;
@@ -143,6 +143,6 @@ void board_raise_hardware_fault(struct board *board)
 
     output_enter(board, FAULT_FOUND, HG_REASON_FAULT);
     if (board->state != before)
-        output_tell(board);
+        output_send_state(board);
     shutdown_output(board);
 }

@@ -28,7 +28,7 @@ static void open_session(struct board *board, const struct request *request, uin
 {
     struct hg_hello_reply reply;
     struct hg_playback_ended ended;
-    int played = playback_cut(board, &ended);
+    int played = playback_clear(board, &ended);
 
     output_enter(board, NEW_SESSION, HG_REASON_NEW_SESSION);
     shutdown_output(board);
@@ -44,7 +44,7 @@ static void open_session(struct board *board, const struct request *request, uin
     hg_hello_reply_write(board->link.greeting, &reply);
     link_greet(board, request);
     if (played)
-        playback_tell(board, &ended); /* to the new host, behind its reply */
+        playback_send_ended(board, &ended); /* to the new host, behind its reply */
 }
 
 static void judge_hello(struct board *board, const struct request *request)
@@ -53,10 +53,11 @@ static void judge_hello(struct board *board, const struct request *request)
 
     hg_hello_read(&hello, request->payload);
     if (hello.major != HG_VERSION_MAJOR) {
-        link_refuse_unseen(board, request, HG_COUNTER_UNSUPPORTED, HG_ERROR_VERSION, HG_VERSION_MAJOR);
+        link_refuse_unseen(board, request, HG_COUNTER_UNSUPPORTED, HG_ERROR_VERSION,
+                           HG_VERSION_MAJOR);
     } else if (hello.nonce == 0) {
         link_refuse_unseen(board, request, HG_COUNTER_BAD_VALUE, HG_ERROR_BAD_VALUE,
-                      HG_OFFSET_HELLO_NONCE);
+                           HG_OFFSET_HELLO_NONCE);
     } else if (hello.nonce == board->link.session) {
         link_count(board, HG_COUNTER_REPEATED);
         link_greet(board, request);
@@ -86,7 +87,7 @@ static void carry_out(struct board *board, const struct request *request)
     request_carry_out(board, request);
 }
 
-/* Whether the number was used before; if so the request is answered here. */
+/* Return 1 if the number was used before; the request is answered here then. */
 static int is_repetition(struct board *board, const struct request *request)
 {
     struct link *link = &board->link;
@@ -114,7 +115,7 @@ static void judge_payload(struct board *board, const struct request *request)
     hg_message_layout(type, &fixed, &unit);
     if (reason == HG_COUNTER_BAD_LENGTH)
         link_refuse_unseen(board, request, reason, HG_ERROR_BAD_LENGTH,
-                      unit != 0 ? 0 : (uint32_t)fixed);
+                           unit != 0 ? 0 : (uint32_t)fixed);
     else if (reason == HG_COUNTER_BAD_VALUE)
         link_refuse_unseen(board, request, reason, HG_ERROR_BAD_VALUE, (uint32_t)offset);
     else if (type == HG_TYPE_HELLO)
@@ -130,19 +131,19 @@ static void judge_request(struct board *board, const struct request *request)
     size_t fixed, unit;
 
     if (type == HG_TYPE_MUTE)
-        carry_out(board, request); /* HG-6.4: nothing refuses it */
+        carry_out(board, request); /* HG-6.4: MUTE is never refused */
     else if (!hg_message_layout(type, &fixed, &unit))
         link_refuse_unseen(board, request, HG_COUNTER_UNSUPPORTED, HG_ERROR_UNSUPPORTED, type);
     else if (type != HG_TYPE_HELLO && !request->in_session)
         link_refuse_unseen(board, request, HG_COUNTER_STALE_SESSION, HG_ERROR_STALE_SESSION,
-                      board->link.session);
+                           board->link.session);
     else if (flags != 0)
         link_refuse_unseen(board, request, HG_COUNTER_UNSUPPORTED, HG_ERROR_UNSUPPORTED, flags);
     else
         judge_payload(board, request);
 }
 
-/* Set the unwrapped number; 0 if it is not newer than the last one (HG-5.5). */
+/* Set the unwrapped number; return 0 if the number is not newer than the last one (HG-5.5). */
 static int take_index(struct board *board, uint16_t seq, uint32_t *index)
 {
     struct link *link = &board->link;
@@ -193,7 +194,7 @@ void judge_frame(struct board *board, const struct hg_frame *frame, int64_t t_us
     request.in_session = session != 0 && frame->header.session == session;
     request.t_rx_us = t_us;
     if (request.in_session)
-        output_renew_lease(board); /* HG-6.7: whatever else becomes of the frame */
+        output_renew_lease(board); /* HG-6.7: even if the frame is refused */
     if (frame->header.type < 0x40) {
         judge_stream(board, frame, request.in_session);
     } else if (frame->header.type < 0x80) {

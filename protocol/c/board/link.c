@@ -44,7 +44,7 @@ static size_t error(const struct board *board, uint8_t *wire, const struct reque
     return response(board, wire, HG_TYPE_ERROR, request, session, payload, sizeof payload);
 }
 
-/* HG-4.10: doing these again does no harm, so they are neither compared nor remembered. */
+/* HG-4.10: a repetition does no harm, so these are neither compared nor remembered. */
 int link_is_idempotent(uint8_t type)
 {
     return type == HG_TYPE_MUTE || type == HG_TYPE_UPLOAD_CHUNK;
@@ -82,7 +82,7 @@ void link_refuse(struct board *board, const struct request *request, uint8_t cod
     answer(board, request, wire, error(board, wire, request, code, detail));
 }
 
-/* Refused before the board has seen it: counted, and not remembered (HG-4.9/4). */
+/* Refuse a request that failed a check: it is counted, and not remembered (HG-4.9/4). */
 void link_refuse_unseen(struct board *board, const struct request *request, int reason,
                         uint8_t code, uint32_t detail)
 {
@@ -110,7 +110,7 @@ int link_event(struct board *board, uint8_t type, const uint8_t *payload, size_t
     length = hg_build_frame(wire, BOARD_FRAME, &header, payload, length);
     if (!queue_wire(board, wire, length, limits[urgency]))
         return 0;
-    board->link.event_seq++; /* HG-9.5: one that was not sent leaves no gap */
+    board->link.event_seq++; /* HG-9.5: an event that was not sent leaves no gap */
     return 1;
 }
 

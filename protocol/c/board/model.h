@@ -57,9 +57,9 @@ struct entry {
     struct drive drive;
 };
 
-/* Full output until `deadline_us`, silence `ramp_us` later; nothing else says that a ramp is on. */
-struct fuse {
-    int burning;
+/* A timer that mutes: full output until `deadline_us`, then a ramp of `ramp_us` to silence. */
+struct timer {
+    int running;
     uint8_t reason;
     int64_t deadline_us, ramp_us;
 };
@@ -103,8 +103,8 @@ struct link {
     uint32_t stream_expected; /* unwrapped */
     uint16_t control_newest;
     uint16_t event_seq;
-    uint8_t greeting[HG_SIZE_HELLO_REPLY]; /* for the same HELLO once more */
-    int answered; /* whether the three below hold the remembered reply */
+    uint8_t greeting[HG_SIZE_HELLO_REPLY]; /* reply to a repeated HELLO */
+    int answered; /* 1: the three members below hold the remembered reply */
     uint16_t answered_seq;
     uint32_t answered_crc;
     uint8_t answer[BOARD_FRAME];
@@ -126,8 +126,8 @@ struct board {
     uint8_t correction[HG_MAX_TRANSDUCERS];
 
     uint8_t state, reason;
-    int sounding; /* something was latched since the output was last off */
-    struct fuse lease, hold;
+    int sounding; /* 1: a drive was latched since the output was last off */
+    struct timer lease, hold;
 
     struct entry queue[BOARD_QUEUE];
     size_t queue_first, queued;
@@ -135,7 +135,7 @@ struct board {
 
     struct drive latched; /* registers */
     struct latch latest;
-    int has_latched; /* in this session */
+    int has_latched; /* 1: a drive was latched in this session */
     uint32_t latches;
     uint32_t last_index;
     int64_t last_boundary_us;
@@ -151,7 +151,7 @@ struct board {
     uint8_t scratch[HG_MAX_BODY_BYTES]; /* payload of a long reply */
 };
 
-/* A request, judged as far as the link can. */
+/* A request on its way through the checks of the link. */
 struct request {
     struct hg_header header;
     const uint8_t *payload;

@@ -7,7 +7,7 @@
 
 #define REFUSED 0xFFu
 
-/* HG-6.2, without the inputs that change nothing where they are allowed. */
+/* HG-6.2, without the inputs that never change the state. */
 static const uint8_t transitions[OUTPUT_INPUTS][4] = {
     /*               DISARMED           ARMED              MUTED           FAULT */
     [NEW_SESSION] = {HG_STATE_DISARMED, HG_STATE_DISARMED, HG_STATE_MUTED, HG_STATE_FAULT},
@@ -18,7 +18,7 @@ static const uint8_t transitions[OUTPUT_INPUTS][4] = {
     [FAULT_FOUND] = {HG_STATE_FAULT, HG_STATE_FAULT, HG_STATE_FAULT, HG_STATE_FAULT},
 };
 
-/* Follow the table; 0 if it refuses. */
+/* Follow the table; return 0 if the table refuses the input. */
 int output_enter(struct board *board, enum output_input input, uint8_t reason)
 {
     uint8_t state = transitions[input][board->state];
@@ -29,12 +29,12 @@ int output_enter(struct board *board, enum output_input input, uint8_t reason)
         board->state = state;
         board->reason = reason;
     } else if (input == MUTE) {
-        board->reason = reason; /* somebody asked for it now: no host may take it for a pause */
+        board->reason = reason; /* MUTE was asked for, even where a timer had muted before */
     }
     return 1;
 }
 
-void output_tell(struct board *board)
+void output_send_state(struct board *board)
 {
     uint8_t payload[HG_SIZE_STATE_CHANGED];
     struct hg_state_changed changed;
@@ -47,12 +47,13 @@ void output_tell(struct board *board)
 
 /* --- Timers (HG-12) --------------------------------------------------------------------------- */
 
-static void light(struct board *board, struct fuse *fuse, int64_t deadline_us, uint8_t reason)
+static void start_timer(struct board *board, struct timer *timer, int64_t deadline_us,
+                        uint8_t reason)
 {
-    fuse->burning = 1;
-    fuse->deadline_us = deadline_us;
-    fuse->ramp_us = (int64_t)board->config.ramp_ms * 1000;
-    fuse->reason = reason;
+    timer->running = 1;
+    timer->deadline_us = deadline_us;
+    timer->ramp_us = (int64_t)board->config.ramp_ms * 1000;
+    timer->reason = reason;
 }
 
 void output_renew_lease(struct board *board)
@@ -61,26 +62,26 @@ void output_renew_lease(struct board *board)
     int64_t alone_ms = plays ? board->playback.unattended_ms : board->config.host_timeout_ms;
 
     if (board->state == HG_STATE_ARMED)
-        light(board, &board->lease, board->now_us + alone_ms * 1000,
-              plays ? HG_REASON_UNATTENDED : HG_REASON_HOST_SILENT);
+        start_timer(board, &board->lease, board->now_us + alone_ms * 1000,
+                    plays ? HG_REASON_UNATTENDED : HG_REASON_HOST_SILENT);
 }
 
-/* A hold that has not run out gets its new length; a ramp that has begun goes on (HG-7.1/3). */
+/* A hold that still runs gets its new length; a ramp that has begun goes on (HG-7.1/3). */
 void output_reconfigure(struct board *board)
 {
     int64_t deadline_us = board->last_boundary_us + (int64_t)board->config.hold_ms * 1000;
 
     if (board->state != HG_STATE_ARMED)
         return;
-    if (board->hold.burning && board->hold.deadline_us > board->now_us)
-        light(board, &board->hold, deadline_us > board->now_us ? deadline_us : board->now_us,
-              HG_REASON_HOLD_EXPIRED);
+    if (board->hold.running && board->hold.deadline_us > board->now_us)
+        start_timer(board, &board->hold, deadline_us > board->now_us ? deadline_us : board->now_us,
+                    HG_REASON_HOLD_EXPIRED);
     output_renew_lease(board);
 }
 
-static int64_t end_us(const struct fuse *fuse)
+static int64_t end_us(const struct timer *timer)
 {
-    return fuse->burning ? fuse->deadline_us + fuse->ramp_us : BOARD_NEVER;
+    return timer->running ? timer->deadline_us + timer->ramp_us : BOARD_NEVER;
 }
 
 int64_t output_end_us(const struct board *board)
@@ -102,7 +103,7 @@ uint8_t output_end_reason(const struct board *board)
 
 /* --- Latch (HG-5.8) --------------------------------------------------------------------------- */
 
-/* The first free carrier boundary at or after a time, and not before now. */
+/* Return the first free carrier boundary at or after a time, and not before now. */
 int64_t output_boundary_us(const struct board *board, int64_t t_us)
 {
     int64_t free_us = board->last_boundary_us + BOARD_CARRIER_US;
@@ -120,8 +121,8 @@ void output_latch(struct board *board, const struct hg_latch_key *key, const str
     board->latched = *drive;
     board->sounding = board->has_latched = 1;
     board->last_boundary_us = board->now_us;
-    light(board, &board->hold, board->now_us + (int64_t)board->config.hold_ms * 1000,
-          HG_REASON_HOLD_EXPIRED);
+    start_timer(board, &board->hold, board->now_us + (int64_t)board->config.hold_ms * 1000,
+                HG_REASON_HOLD_EXPIRED);
     latch->key = *key;
     latch->number = board->latches++;
     latch->t_us = board->now_us;
@@ -133,15 +134,15 @@ void output_latch(struct board *board, const struct hg_latch_key *key, const str
 
 /* --- What leaves the transducers (HG-7.9, HG-6.11) -------------------------------------------- */
 
-static uint8_t faded(const struct board *board, const struct fuse *fuse, uint8_t amplitude)
+static uint8_t ramped(const struct board *board, const struct timer *timer, uint8_t amplitude)
 {
-    int64_t left_us = end_us(fuse) - board->now_us;
+    int64_t left_us = end_us(timer) - board->now_us;
 
-    if (!fuse->burning || board->now_us < fuse->deadline_us)
+    if (!timer->running || board->now_us < timer->deadline_us)
         return amplitude;
     if (left_us <= 0)
         return 0;
-    return (uint8_t)((2 * amplitude * left_us + fuse->ramp_us) / (2 * fuse->ramp_us));
+    return (uint8_t)((2 * amplitude * left_us + timer->ramp_us) / (2 * timer->ramp_us));
 }
 
 void output_radiated(const struct board *board, struct drive *drive)
@@ -157,8 +158,8 @@ void output_radiated(const struct board *board, struct drive *drive)
 
         if (amplitude > board->config.amplitude_ceiling)
             amplitude = board->config.amplitude_ceiling;
-        by_lease = faded(board, &board->lease, amplitude);
-        by_hold = faded(board, &board->hold, amplitude);
+        by_lease = ramped(board, &board->lease, amplitude);
+        by_hold = ramped(board, &board->hold, amplitude);
         drive->phase[n] = (uint8_t)(board->latched.phase[n] + board->correction[n]);
         drive->amplitude[n] = by_lease < by_hold ? by_lease : by_hold;
     }

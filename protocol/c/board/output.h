@@ -8,7 +8,7 @@
 enum output_input { NEW_SESSION, ARM, MUTE, DISARM, RAMP_ENDED, FAULT_FOUND, OUTPUT_INPUTS };
 
 int output_enter(struct board *board, enum output_input input, uint8_t reason); /* 0: refused */
-void output_tell(struct board *board); /* STATE_CHANGED */
+void output_send_state(struct board *board); /* STATE_CHANGED */
 void output_renew_lease(struct board *board);
 void output_reconfigure(struct board *board);
 int64_t output_end_us(const struct board *board); /* by whichever timer ends first */

@@ -19,7 +19,7 @@ static uint32_t bad_value(const struct board *board, const struct hg_play *play,
     if (play->unattended_ms == 0 || play->unattended_ms > BOARD_UNATTENDED_MS)
         return HG_OFFSET_PLAY_UNATTENDED_MS;
     *is_bad = ahead_us < 0 || ahead_us > BOARD_HORIZON_US;
-    return 0; /* of the start, which is in the header */
+    return 0; /* offset of the start time, which is in the header */
 }
 
 static uint32_t stored_sequences(const struct board *board)
@@ -69,8 +69,8 @@ void playback_play(struct board *board, const struct request *request)
     link_reply(board, request, &board->state, HG_SIZE_PLAY_REPLY);
 }
 
-/* End it without a word; 0 if nothing played. */
-int playback_cut(struct board *board, struct hg_playback_ended *ended)
+/* End the playback without an event; return 0 if nothing played. */
+int playback_clear(struct board *board, struct hg_playback_ended *ended)
 {
     struct playback *playback = &board->playback;
 
@@ -83,7 +83,7 @@ int playback_cut(struct board *board, struct hg_playback_ended *ended)
     return 1;
 }
 
-void playback_tell(struct board *board, const struct hg_playback_ended *ended)
+void playback_send_ended(struct board *board, const struct hg_playback_ended *ended)
 {
     uint8_t payload[HG_SIZE_PLAYBACK_ENDED];
 
@@ -95,11 +95,11 @@ void playback_end(struct board *board)
 {
     struct hg_playback_ended ended;
 
-    if (playback_cut(board, &ended))
-        playback_tell(board, &ended);
+    if (playback_clear(board, &ended))
+        playback_send_ended(board, &ended);
 }
 
-/* From here on the host timeout counts again. */
+/* After the playback the host timeout counts again. */
 void playback_stop(struct board *board)
 {
     if (board->playback.sequence == NULL)

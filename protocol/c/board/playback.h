@@ -8,8 +8,8 @@
 void playback_play(struct board *board, const struct request *request);
 void playback_stop(struct board *board);
 void playback_end(struct board *board); /* and PLAYBACK_ENDED, if something played */
-int playback_cut(struct board *board, struct hg_playback_ended *ended);
-void playback_tell(struct board *board, const struct hg_playback_ended *ended);
+int playback_clear(struct board *board, struct hg_playback_ended *ended);
+void playback_send_ended(struct board *board, const struct hg_playback_ended *ended);
 void playback_latch(struct board *board);
 int64_t playback_due_us(const struct board *board); /* BOARD_NEVER: nothing plays */
 

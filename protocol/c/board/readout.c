@@ -71,7 +71,7 @@ static int32_t clipped(int64_t value)
     return value < INT32_MIN ? INT32_MIN : (int32_t)value;
 }
 
-/* Rounded down, below zero too. */
+/* Round down, negative numbers too. */
 static int64_t mean(const struct margins *margins)
 {
     int64_t count = margins->count;
@@ -93,7 +93,7 @@ void readout_status(struct board *board, uint8_t *payload)
     status.state = board->state;
     status.reason = board->reason;
     status.queued = (uint16_t)board->queued;
-    status.free_bytes = BOARD_RX_WINDOW; /* bytes are taken as they come */
+    status.free_bytes = BOARD_RX_WINDOW; /* received bytes never wait */
     status.last_seq = board->last_index;
     status.last_latch_us = board->has_latched ? (uint32_t)board->latest.t_us : 0;
     status.margins = (uint16_t)least(margins->count, 0xFFFF);
@@ -124,7 +124,7 @@ void readout_send_status(struct board *board)
 
 /* --- Geometry and drive ----------------------------------------------------------------------- */
 
-/* Set how many of the transducers asked for a reply shows; 0 if there is no such transducer. */
+/* Set the number of transducers in the reply; refuse and return 0 if `first` does not exist. */
 static int span(struct board *board, const struct request *request, uint16_t first, uint16_t asked,
                 size_t fits, size_t *count)
 {
@@ -164,7 +164,8 @@ void readout_drive(struct board *board, const struct request *request)
     size_t count;
 
     hg_read_drive_read(&asked, request->payload);
-    if (!span(board, request, asked.first, asked.count, BOARD_TAIL(HG_SIZE_DRIVE_REPLY) / 2, &count))
+    if (!span(board, request, asked.first, asked.count, BOARD_TAIL(HG_SIZE_DRIVE_REPLY) / 2,
+              &count))
         return;
     if (asked.kind == HG_DRIVE_RADIATED)
         output_radiated(board, &drive);

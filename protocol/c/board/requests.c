@@ -32,9 +32,9 @@ static void mute(struct board *board, const struct request *request)
     uint8_t before = board->state;
 
     output_enter(board, MUTE, HG_REASON_MUTE);
-    reply_state(board, request); /* before the events below: HG-4.11/5 */
+    reply_state(board, request); /* HG-4.11/5: the reply precedes the events */
     if (!request->in_session && board->state != before)
-        output_tell(board); /* HG-6.8/2: the open session learns what another one did */
+        output_send_state(board); /* HG-6.8/2: MUTE of another session */
     shutdown_output(board);
 }
 
@@ -83,7 +83,7 @@ static int within(uint32_t value, uint32_t low, uint32_t high)
     return value >= low && value <= high;
 }
 
-/* Whether every value is within its bounds; if not, `*offset` is the first that is not. */
+/* Return 1 if every value is within its bounds; else `*offset` is that of the first wrong one. */
 static int config_fits(const struct hg_config *config, uint32_t *offset)
 {
     *offset = HG_OFFSET_CONFIG_HOLD_MS;
@@ -121,7 +121,7 @@ static void set_config(struct board *board, const struct request *request)
     board->config = message.config;
     board->traced = 0;
     readout_schedule_status(board);
-    reply_config(board, request); /* before what the new timers lead to: HG-4.11/5 */
+    reply_config(board, request); /* HG-4.11/5: the reply precedes the events */
     output_reconfigure(board);
 }
 
@@ -137,7 +137,7 @@ static void stop(struct board *board, const struct request *request)
 
 typedef void (*handler)(struct board *, const struct request *);
 
-/* By type; HELLO never comes here. */
+/* By type; judge.c handles HELLO. */
 static const handler handlers[0x40] = {
     [HG_TYPE_ARM - 0x40] = arm,
     [HG_TYPE_MUTE - 0x40] = mute,

@@ -10,7 +10,7 @@ void shutdown_output(struct board *board)
 {
     stream_flush(board);
     playback_end(board);
-    board->lease.burning = board->hold.burning = 0;
+    board->lease.running = board->hold.running = 0;
     board->sounding = 0;
 }
 
@@ -18,6 +18,6 @@ void shutdown_by_timer(struct board *board)
 {
     board->counters[HG_COUNTER_TIMEOUTS]++;
     output_enter(board, RAMP_ENDED, output_end_reason(board));
-    output_tell(board);
+    output_send_state(board);
     shutdown_output(board);
 }

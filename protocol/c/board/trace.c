@@ -104,7 +104,8 @@ void trace_read(struct board *board, const struct request *request)
 
         if (latch->number < asked.first
             || latch->number >= (uint64_t)asked.first + asked.count
-            || length + HG_SIZE_TRACE_RECORD > HG_SIZE_TRACE_REPLY + BOARD_TAIL(HG_SIZE_TRACE_REPLY))
+            || length + HG_SIZE_TRACE_RECORD
+                   > HG_SIZE_TRACE_REPLY + BOARD_TAIL(HG_SIZE_TRACE_REPLY))
             continue;
         write_record(board->scratch + length, latch);
         length += HG_SIZE_TRACE_RECORD;

@@ -14,7 +14,7 @@ void upload_abandon(struct board *board)
     memset(&board->upload, 0, sizeof board->upload);
 }
 
-/* The sequence with this id; 0 finds a free place, if there is one. */
+/* Return the sequence with this id, or NULL; the id 0 gives a free place. */
 struct sequence *upload_find(struct board *board, uint16_t id)
 {
     size_t i;
@@ -57,7 +57,7 @@ static int points_fit(const struct hg_upload_begin *begin)
     return begin->points_per_frame >= 1 && begin->points_per_frame <= BOARD_MAX_POINTS;
 }
 
-/* Bytes that a new sequence of this id may have, next to the others. */
+/* Return the bytes that a new sequence of this id may have. */
 static uint32_t room(struct board *board, uint16_t target)
 {
     const struct sequence *old = target == 0 ? NULL : upload_find(board, target);
@@ -68,7 +68,7 @@ static uint32_t room(struct board *board, uint16_t target)
     return BOARD_STORED_BYTES - others;
 }
 
-/* 0, or why the upload is refused. */
+/* Return 0, or the code of the refusal. */
 static uint8_t refusal(struct board *board, const struct hg_upload_begin *begin, uint32_t *detail)
 {
     uint32_t bytes = frame_bytes(board, begin);
@@ -133,8 +133,8 @@ static uint32_t received(const struct upload *upload)
     return upload->ranges[0].stop;
 }
 
-/* Add a range, melting it with those that it touches. */
-static void note(struct upload *upload, struct range fresh)
+/* Add a range; join it with the ranges that it touches. */
+static void add_range(struct upload *upload, struct range fresh)
 {
     struct range kept[BOARD_RANGES + 2];
     size_t count = 0;
@@ -182,7 +182,7 @@ void upload_chunk(struct board *board, const struct request *request)
         fresh.start = offset;
         fresh.stop = offset + length;
         if (length > 0)
-            note(upload, fresh);
+            add_range(upload, fresh);
         hg_put_u32(payload, received(upload));
         link_reply(board, request, payload, sizeof payload);
     }
@@ -201,7 +201,7 @@ static void put_in_force(struct board *board)
     }
     sequence = upload_find(board, upload->begin.target);
     if (sequence == NULL)
-        sequence = upload_find(board, 0); /* UPLOAD_BEGIN made sure of it */
+        sequence = upload_find(board, 0); /* UPLOAD_BEGIN found a free place */
     free(sequence->data);
     sequence->id = upload->begin.target;
     sequence->kind = upload->begin.kind;
@@ -209,7 +209,7 @@ static void put_in_force(struct board *board)
     sequence->frame_bytes = upload->frame_bytes;
     sequence->frames = upload->begin.size / upload->frame_bytes;
     sequence->data = upload->data;
-    upload->data = NULL; /* not ours any more */
+    upload->data = NULL; /* the sequence owns the memory now */
 }
 
 void upload_commit(struct board *board, const struct request *request)

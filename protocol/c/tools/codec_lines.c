@@ -1,4 +1,4 @@
-/* What the codec makes of bytes, for a comparison with other decoders.
+/* The codec as a filter, for a comparison with other decoders.
 
    codec_lines CHUNK < LINES   each line: hex of bytes on the line, fed CHUNK at a time (0: all)
    codec_lines encode < LINES  each line: hex of a body; prints the frame

@@ -1,8 +1,8 @@
 /* Fuzz the codec and the board: fuzz [INPUTS [SEED]], by its own seeded mutator.
 
    Built with -DHG_LIBFUZZER it is a libFuzzer target instead: clang -fsanitize=fuzzer,address.
-   Whatever comes, three things hold: the parser finds the same in one piece as byte by byte, what
-   it took for a frame is a frame when it is built again, and the board counts every frame once. */
+   For any bytes three things hold: the parser finds the same frames in one piece as byte by byte, a
+   frame that is built again is the same frame, and the board counts every frame once. */
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,7 +15,7 @@ enum { LONGEST = 12000 };
 #define DEMAND(condition)                                                                          \
     do {                                                                                           \
         if (!(condition)) {                                                                        \
-            fprintf(stderr, "fuzz: not so: %s\n", #condition);                                     \
+            fprintf(stderr, "fuzz: does not hold: %s\n", #condition);                              \
             abort();                                                                               \
         }                                                                                          \
     } while (0)
@@ -38,7 +38,7 @@ static void check_again(const struct hg_frame *frame)
     DEMAND(memcmp(again.body, frame->body, frame->body_length) == 0);
 }
 
-/* A number that stands for everything that was found. */
+/* Return a checksum of all that the parser found. */
 static uint32_t digest(const uint8_t *data, size_t length, size_t chunk)
 {
     static struct hg_parser parser;
@@ -67,7 +67,7 @@ static uint32_t digest(const uint8_t *data, size_t length, size_t chunk)
     return crc;
 }
 
-/* HG-3.9/2; a stream frame that was taken waits, was latched or was flushed. */
+/* HG-3.9/2: a stream frame that was taken waits, was latched or was flushed. */
 static uint32_t explained(const struct board *board)
 {
     static const uint8_t terms[] = {
@@ -101,7 +101,7 @@ static void check_board(const uint8_t *data, size_t length)
         t_us += data[at] * 64;
         board_receive(&board, data + at, part, t_us);
         DEMAND(board.queued <= BOARD_QUEUE && board.output_length <= BOARD_OUTPUT);
-        if (upload_stored(&board) == 0) /* what was played was no frame */
+        if (upload_stored(&board) == 0) /* latches of a playback are no frames */
             DEMAND(explained(&board) == board.counters[HG_COUNTER_FRAMES]);
         DEMAND(board.state == HG_STATE_ARMED || !board.sounding);
         if (data[at] & 1)
@@ -158,7 +158,7 @@ static void fill(uint8_t *to, size_t length)
         to[i] = (uint8_t)(next(3) != 0 ? edges[next(sizeof edges)] : next(256));
 }
 
-/* A frame that gets far: right length, the session of the others, numbers going up. */
+/* A frame that passes most checks: right length, one session, rising numbers. */
 static size_t add_frame(uint8_t *to, size_t room, uint16_t *seq, uint16_t *index)
 {
     uint8_t payload[300];
@@ -194,7 +194,7 @@ static size_t add_hello(uint8_t *to, size_t room)
     return hg_build_frame(to, room, &header, payload, sizeof payload);
 }
 
-/* The payload comes from the caller, the rest is as it should be. */
+/* Send a frame with a valid header around the payload. */
 static size_t add_request(uint8_t *to, size_t room, uint16_t *seq, uint8_t type, uint8_t flags,
                           const uint8_t *payload, size_t length)
 {
@@ -208,7 +208,7 @@ static size_t add_request(uint8_t *to, size_t room, uint16_t *seq, uint8_t type,
     return hg_build_frame(to, room, &header, payload, length);
 }
 
-/* An upload that is played: so much does not happen by chance. */
+/* An upload that is played: chance alone does not find such a sequence. */
 static size_t add_playback(uint8_t *to, size_t room, uint16_t *seq)
 {
     uint8_t chunk[HG_SIZE_UPLOAD_CHUNK + 48] = {0};
