@@ -1,4 +1,4 @@
-"""Ultraino's Arduino boards: MEGA64 with the static and the animation firmware, Nano16 and Nano8.
+"""Ultraino's Arduino boards: MEGA64 with the usual and the animation firmware, Nano16 and Nano8.
 
 A byte of a pattern holds four bits of it in its high nibble; its low nibble counts the boards of
 the chain down to 1, and the board that finds 1 keeps it. All else goes on to the next board; what
@@ -18,6 +18,8 @@ A pattern of MEGA64 is 10 slots of 10 port bytes, 200 bytes on the wire; with th
 ``DriverBoards/ArduinoMega64/firmware/DriverMEGA/DriverMEGA.ino`` 3ad4bdf,
 ``DriverMEGAAnim/DriverMEGAAnim.ino`` and ``DriverBoards/DriverNano16/DriverNano16.ino`` 6411b27;
 clients: ``protocols/ArduinoMEGA64.java`` and others, 3d5a02a.
+``DriverMEGAStatic.ino`` takes the same bytes, but has room for 8 patterns and 8 durations only; it
+has no dialect here.
 
 Not known: what MEGA64 and Nano16 do behind the end of their memory (32 patterns, 32 durations, one
 pattern), where the firmware writes on without a check (nothing is taken here); the firmware of
