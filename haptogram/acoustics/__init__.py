@@ -31,7 +31,7 @@ from haptogram.acoustics.field.reference import (
     pressure,
     propagators,
 )
-from haptogram.acoustics.levels.radiation import (
+from haptogram.acoustics.levels.force import (
     force_on_disc_n,
     level_db_spl,
     radiation_pressure_pa,
@@ -229,7 +229,7 @@ _LATER: Final = {
 
 
 def __getattr__(name: str) -> object:
-    """Import what is first asked for now."""
+    """Import a public name when it is first asked for."""
     if name not in _LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)

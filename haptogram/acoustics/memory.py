@@ -1,4 +1,4 @@
-"""Refusing work that would not fit, before it starts, and dividing what does."""
+"""Memory of a computation: a refusal of too large ones, and parts for the others."""
 
 from __future__ import annotations
 

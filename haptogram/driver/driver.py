@@ -291,7 +291,7 @@ class Driver:
     # --- output --------------------------------------------------------------------------------
 
     def focus(self, target_m: ArrayLike | Focus, *, mode: Mode = "phases") -> Intended:
-        """Focus on one point, as soon as the frame is complete, and return what was sent."""
+        """Focus on one point, as soon as the frame is complete, and return its record."""
         focus = target_m if isinstance(target_m, Focus) else Focus.at(target_m)
         (frame,) = self._builder().build([(focus,)], mode)
         return self._output.focus(frame)
@@ -312,7 +312,7 @@ class Driver:
     def frames(
         self, targets: Targets, *, mode: Mode = "phases", solver: Method = "naive"
     ) -> list[Frame]:
-        """Return what :meth:`stream` and :meth:`play` would send for *targets*, ready ahead.
+        """Return the frames that :meth:`stream` and :meth:`play` would send for *targets*.
 
         Many foci take a solver longer than a board waits for its host: whoever makes the frames
         first, and arms then, does not let the lease run out.  Equal targets share one frame.
@@ -341,14 +341,14 @@ class Driver:
         Parameters
         ----------
         targets : (T, 3) array_like, sequence of Focus, or sequence of sequences of Focus
-            Positions in metres, or foci; or what :meth:`frames` made of them.
+            Positions in metres, or foci; or the frames that :meth:`frames` made of them.
         loops : int
             How often, 1 or more; 10 million frames in all at most.
         lead_us : int, optional
             How long before its time a frame is sent: a stall of the host that is shorter reaches
             nobody.  By default 100 ms, or what three quarters of the board's queue hold.
         trim : bool
-            Shorten the lead to what the arrival margins that the board reports show to be enough.
+            Shorten the lead as far as the arrival margins that the board reports permit.
         miss_share : float
             Share of the frames that may then be late, 0 to 1.
         spin_us : int

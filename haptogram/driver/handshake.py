@@ -11,7 +11,7 @@ from haptogram_protocol.messages import ErrorCode, HelloReply
 
 
 def open_session(link: Link) -> HelloReply:
-    """Say HELLO and return what the board is.
+    """Say HELLO and return the board's answer.
 
     Raises
     ------

@@ -19,7 +19,7 @@ def read_array(link: Link, identity: HelloReply) -> TransducerArray:
     Raises
     ------
     WrongProtocolError
-        If what was read has not the hash that HELLO named.
+        If the geometry that was read has not the hash that HELLO named.
     """
     if identity.grid_nx and identity.grid_ny:
         pitch_m = identity.pitch_um / 1e6
@@ -79,7 +79,7 @@ def model_of(
 
 
 def check_model(model: AcousticModel, identity: HelloReply) -> list[str]:
-    """Return what differs between the model given and the board, although they can work together.
+    """Return the differences of model and board with which both can still work together.
 
     Raises
     ------

@@ -70,7 +70,7 @@ class Timing:
     unattended_ms: int
 
     def check(self, identity: HelloReply) -> None:
-        """Refuse, before the first byte, what the board does not play."""
+        """Refuse times that the board does not play, before the first byte is sent."""
         check_whole("loops", self.loops, 1, MOST_PLAYED)
         check_whole("lead_us", self.lead_us, 1, identity.max_horizon_us)
         least_ms = _LEAST_UNATTENDED_MS  # two pings of the host
@@ -104,7 +104,7 @@ class PlayReport:
 
 @dataclass(slots=True)
 class _Score:
-    """A playback under way: what is due when, and how much of it is noted as intended."""
+    """A playback under way: the time of each frame, and the number recorded as intended."""
 
     frames: list[Frame]
     timing: Timing
@@ -143,7 +143,7 @@ class Player:
     identity : HelloReply
         The board's limits, carrier and session.
     events : Kept of EventReceived
-        What the board reports while the link is served: among it the end of playback.
+        Events of the board while the link is served, with the end of playback among them.
     """
 
     def __init__(
@@ -206,7 +206,7 @@ class Player:
         return end
 
     def _ended(self) -> PlaybackEnded | None:
-        """Return what the board said of the end, among its events since the start."""
+        """Return the board's report of the end, among its events since the start."""
         news = (event.message for event in self._events.since(self._news))
         return next((m for m in news if isinstance(m, PlaybackEnded)), None)
 

@@ -65,9 +65,9 @@ class StreamReport:
     lead_moves : int
         How often the trim changed that.
     ticks : TickLog
-        What happened when at each tick.
+        Times of the events of each tick.
     not_permitted : tuple of str
-        What a real-time loop asked for and did not get.
+        Services for a real-time loop that the system refused.
     clock_uncertainty_us : float
         Stated error of the device clock at the end.
     t0_us : int
@@ -235,7 +235,7 @@ class Streamer:
         )
 
     def _start_us(self, schedule: Schedule, count: int) -> int:
-        """Return when the first frame is due: late enough to encode what is encoded before it."""
+        """Return when the first frame is due: after the time to encode the first 256 frames."""
         begin_ns = self._link.now_ns() + preparation_ns(count)
         begin_us = self._pinger.clock.to_device_us(begin_ns)
         return next_boundary_us(begin_us + schedule.lead_us, self._identity.carrier_hz)
@@ -287,7 +287,7 @@ class _Run:
         self._lead_changed = True  # until the first report that began with this stream
 
     def wait(self, due_us: int) -> None:
-        """Wait until it is time to send what is due at *due_us*."""
+        """Wait until it is time to send the frame that is due at *due_us*."""
         self._pinger.keep()
         self._read_status()
         while (now_ns := self._link.now_ns()) + _WATCH_NS < self._at_ns(due_us):
@@ -307,7 +307,7 @@ class _Run:
         return clock.to_host_ns(due_us - self.lead_us)
 
     def send(self, wire: bytes, due_us: int) -> bool:
-        """Send what is due at *due_us*, unless it can no longer be in time; tell which."""
+        """Send the frame due at *due_us*; return False if the frame can no longer be in time."""
         link = self._link
         ready_ns = room_ns = link.now_ns()
         in_time = can_arrive(

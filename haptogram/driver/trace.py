@@ -1,4 +1,4 @@
-"""What the board says that it latched: trace events, trace ring and read-back.
+"""The latches that a board reports: trace events, trace ring and read-back.
 
 All of it is the firmware's own word, and marked so (:attr:`Evidence.SELF_REPORTED`).
 """
@@ -33,7 +33,7 @@ _RING_READ = 0xFFFF  # latches asked for at a time; the board sends as many as f
 
 
 class TraceReader:
-    """Turns what the board reports into observations.
+    """Turns the reports of the board into observations.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ class SequenceData:
     Attributes
     ----------
     kind : UploadKind
-        What each frame is.
+        Kind of the frames.
     points_per_frame : int
         Focal points in every frame; 0 for phases.
     data : bytes
@@ -80,7 +80,7 @@ class SequenceData:
         return cls(UploadKind.POINTS, counts.pop(), data, len(frames))
 
     def check(self, identity: HelloReply) -> None:
-        """Refuse, before the first byte, what the board cannot hold."""
+        """Refuse a sequence that the board cannot hold, before the first byte is sent."""
         check_upload(identity, self.kind, len(self.data))
         if self.frames > identity.max_sequence_frames:
             raise ConfigurationError(
@@ -95,7 +95,7 @@ def check_upload(identity: HelloReply, kind: UploadKind, size: int) -> None:
     Raises
     ------
     ConfigurationError
-        Naming what was asked and the limit.
+        Naming the value and the limit.
     """
     if not identity.features & _NEEDS[kind]:
         raise ConfigurationError(f"the board takes no uploads of {kind.name.lower()}")
@@ -139,7 +139,7 @@ def upload_correction(link: Link, identity: HelloReply, codes: bytes) -> None:
 
 
 def _send_chunks(link: Link, data: bytes, size: int, progress: Progress | None) -> None:
-    """Send every chunk; the link sends again what was lost."""
+    """Send every chunk; the link repeats lost ones."""
     waiting: list[int] = []
     offsets = iter(range(0, len(data), size))
     offset = next(offsets, None)
@@ -157,7 +157,7 @@ def _send_chunks(link: Link, data: bytes, size: int, progress: Progress | None) 
 
 
 def _may_send(link: Link, size: int) -> bool:
-    """Tell whether window and line have room; a MUTE must not wait behind many chunks."""
+    """Return True if window and line have room; a MUTE must not wait behind many chunks."""
     unsent = link.line.unsent_bytes(link.now_ns())
     return link.connection.chunks_free > 0 and unsent <= size
 

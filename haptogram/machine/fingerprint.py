@@ -1,4 +1,4 @@
-"""What a measurement was made on: a figure without its machine says nothing."""
+"""The machine of a measurement: without it a figure says nothing."""
 
 from __future__ import annotations
 

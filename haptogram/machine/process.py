@@ -1,4 +1,4 @@
-"""What a real-time loop asks of its process and of the kernel, and how it is put back."""
+"""Settings of process and kernel for a real-time loop, and how they are restored."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def real_time(*, strict: bool = False) -> Iterator[list[str]]:
     Yields
     ------
     list of str
-        What was asked for and not permitted, a line each; the loop runs all the same.
+        Settings that the system refused, a line each; the loop runs all the same.
     """
     with contextlib.ExitStack() as stack:
         refused: list[str] = []

@@ -15,7 +15,7 @@ _NAP_S: Final = 1e-4
 
 
 class Waiter:
-    """Waits again and again, mostly for the same descriptors: what it prepared, it keeps."""
+    """Waits again and again, mostly for the same descriptors, and keeps its selector."""
 
     def __init__(self) -> None:
         self._events: dict[int, int] = {}

@@ -57,7 +57,7 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
 
 
 def _check_file(path: Path) -> None:
-    """Refuse what is no file that can be opened and holds bytes."""
+    """Refuse a path that is no readable file with content."""
     if path.is_dir():
         raise ConfigurationError(f"{path}: this is a folder; name a mesh file")
     try:

@@ -1,4 +1,4 @@
-"""What frames make at a point: the radiation pressure in time, and its spectrum."""
+"""The radiation pressure of frames at a point in time, and its spectrum."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ class FocusSignal:
 
     @property
     def vibration_rms_pa(self) -> float:
-        """RMS of what varies."""
+        """RMS of the varying part."""
         return float(self.pressure_pa.std())
 
     def lines(self, least_share: float, highest_hz: float = math.inf) -> list[tuple[float, float]]:
-        """Return (frequency in Hz, amplitude in Pa) of what varies, in order of frequency.
+        """Return (frequency in Hz, amplitude in Pa) of the varying part, in order of frequency.
 
         Parameters
         ----------
@@ -82,12 +82,12 @@ def signal_at(
     resonator: Resonator | None = None,
     samples_per_frame: int = 16,
 ) -> FocusSignal:
-    """Return what repeated frames make at a point, in time and in frequency.
+    """Return the radiation pressure of repeated frames at a point, in time and in frequency.
 
     Parameters
     ----------
     engine : FieldEngine
-        What computes the field.
+        Engine that computes the field.
     point_m : (3,) array_like
         Where: on the skin, say.
     resonator : Resonator, optional

@@ -1,4 +1,4 @@
-"""A record of what happened, in bounded memory: the newest entries, and how many there were."""
+"""A record in bounded memory: the newest entries, and the number of all entries."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ class Kept(Sequence[_T]):
     Parameters
     ----------
     most : int or None
-        How many are kept; None: all.
+        Number of entries to keep; None: all.
     sink : callable, optional
         Called with every entry as it comes.
 
     Attributes
     ----------
     total : int
-        How many there have been.
+        Number of all entries so far.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Kept(Sequence[_T]):
             self.append(entry)
 
     def since(self, number: int) -> Iterator[_T]:
-        """Yield what came after the first *number* entries and is still kept."""
+        """Yield the kept entries that came after the first *number* entries."""
         return islice(self._entries, max(0, number - self.dropped), None)
 
     def clear(self) -> None:

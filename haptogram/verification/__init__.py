@@ -1,4 +1,4 @@
-"""The only place that knows targets: joins what was intended with what was latched.
+"""The only place that knows targets: joins intended frames with observed latches.
 
 Every verdict is one of physics (criteria S1 to S5, see :mod:`.criteria`), says what evidence it
 rests on, and names the smallest miss that it could have shown.  What cannot be seen is not

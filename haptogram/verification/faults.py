@@ -26,7 +26,7 @@ _FEW: Final = 0.25  # share of the elements that can be wrong one by one
 
 
 def name_faults(model: AcousticModel, intended: Intended, latched: Drive) -> tuple[str, ...]:
-    """Return what distinguishes *latched* from the drive that was intended; empty: nothing.
+    """Return the names of the faults of *latched* against the intended drive; empty: none.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def _silences(model: AcousticModel, silent: NDArray[np.bool_]) -> Iterator[str]:
 
 
 def _by_line(model: AcousticModel, wrong: NDArray[np.bool_], what: str) -> Iterator[str]:
-    """Name whole columns (one ix) and rows (one iy) of the grid first, then what is left."""
+    """Name whole columns (one ix) and rows (one iy) of the grid first, then single elements."""
     left = wrong.copy()
     if model.array.grid_shape is not None:
         grid = left.reshape(model.array.grid_shape)  # a view: lines are taken out of `left`
@@ -148,7 +148,7 @@ def _equal(found: Codes, candidate: Codes | None) -> bool:
 
 
 def _same(found: Codes, candidate: Codes, allowance: int) -> bool:
-    """Tell whether two sets of phases agree within *allowance*, up to a phase that all share."""
+    """Return True if two sets of phases agree within *allowance*, up to a common phase."""
     difference = _signed(found - candidate)
     relative = _signed(difference - difference[0])
     return bool(np.ptp(relative) <= 2 * allowance)
@@ -168,7 +168,7 @@ def _rounded_down(model: AcousticModel, intended: Intended) -> Codes | None:
 def _candidates(
     model: AcousticModel, intended: Intended, wanted: Codes
 ) -> Iterator[tuple[str, Codes]]:
-    """Yield what typical mistakes would have made of the drive, the simplest first."""
+    """Yield the drives that typical mistakes would have made, the simplest first."""
     yield "opposite sign of all phases", -wanted
     yield from _orders(model, wanted)
     if intended.phase_bits < 8:
@@ -216,7 +216,7 @@ def _serpentine(grid: Codes) -> Codes:
 
 
 def _packings(wanted: Codes, bits: int) -> Iterator[tuple[str, Codes]]:
-    """Yield what comes out if the packed bits are read with the highest bit first."""
+    """Yield the drive whose packed bits are read with the highest bit first."""
     codes = wanted >> (8 - bits)
     stream = (codes[:, None] >> np.arange(bits)) & 1  # lowest bit first, as on the wire
     padded = np.zeros(-(-stream.size // 8) * 8, dtype=np.int64)

@@ -33,7 +33,7 @@ def verify_run(
     uncertainty: Uncertainty | None = None,
     progress: Progress | None = None,
 ) -> RunVerdict:
-    """Join what was intended with what was latched, by key, and judge every frame.
+    """Join intended frames with observed latches, by key, and judge every frame.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def verify_run(
         Device times at which the output fell silent, on the clock of *intended*: what was latched
         before is no longer radiated then.
     tolerance : Tolerance, optional
-        Which misses pass on top of what rounding of the phases makes; by default none.
+        Which misses pass on top of those of rounding of the phases; by default none.
     uncertainty : Uncertainty, optional
         How well *model* is known, which the result tells in mm; by default exactly.
     progress : callable, optional

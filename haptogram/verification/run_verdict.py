@@ -23,7 +23,7 @@ _NAMED_FRAMES: Final = 8  # the JSON names all
 
 @dataclass(frozen=True, slots=True)
 class RunVerdict:
-    """What is known of a run; it is true if the run passed, and only then.
+    """The verdict on a run; it is true if the run passed, and only then.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class RunVerdict:
     frames : list of FrameVerdict
         One for every intended frame, in order.
     unexpected : list of FrameKey
-        What was latched although nobody intended it.
+        Latches that the host did not intend.
     min_verified : float
         Share of frames that had to be verified.
     counts : dict of str to int
@@ -186,7 +186,7 @@ def _summary(run: RunVerdict) -> Iterator[str]:
 
 
 def cut_text(counts: Mapping[str, int]) -> str:
-    """Return what became of the frames that a run did not come to; nothing if there are none."""
+    """Return the fate of the frames that a run did not reach; an empty text if there are none."""
     parts = {"cancelled": "cancelled by its MUTE", "not_sent": "not sent"}
     said = (f", {counts[name]} {text}" for name, text in parts.items() if counts[name])
     return "".join(said)
@@ -214,7 +214,7 @@ def _error_line(result: dict[str, Any]) -> str:
 
 
 def _known_lines(run: RunVerdict) -> Iterator[str]:
-    """Yield what is tolerated, and how well the place of a focus is known."""
+    """Yield the tolerance, and the uncertainty of the place of a focus."""
     if not run.tolerance.is_strict:
         yield f"  tolerance {tolerance_text(run.tolerance)}, on top of what rounding makes"
     place = run.place_uncertainty
@@ -269,7 +269,7 @@ def _what_is_wrong(frame: FrameVerdict) -> tuple[str, ...]:
 
 
 def _group_line(what: tuple[str, ...], frames: list[FrameVerdict]) -> str:
-    """Return what frames have in common, and the worst that it did."""
+    """Return the common fault of frames, and its worst consequence."""
     numbers = ", ".join(str(frame.number) for frame in frames[:_NAMED_FRAMES])
     more = ", ..." if len(frames) > _NAMED_FRAMES else ""
     worst = "; ".join(measures(max(frames, key=_damage)))
@@ -309,7 +309,7 @@ def _least(values: np.ndarray) -> float | None:
 
 
 def _frame_dict(frame: FrameVerdict) -> dict[str, Any]:
-    """Return what is known of one frame, without what is not."""
+    """Return the known fields of one frame."""
     fields = dataclasses.asdict(frame) | {"status": str(frame.status)}
     fields["evidence"] = None if frame.evidence is None else str(frame.evidence)
     fields["lateness_us"] = frame.lateness_us

@@ -23,7 +23,7 @@ def status_of(
     verdicts : mapping of str to bool
         S1 to S5, those that were judged.
     faults : tuple of str
-        What the codes prove to be wrong.
+        Faults that the codes prove.
     focused : bool
         Whether the drive has a single focus.
     tolerance : Tolerance, optional
@@ -38,14 +38,14 @@ def status_of(
 
 
 def is_right(status: FrameStatus) -> bool:
-    """Tell whether nothing wrong was found."""
+    """Return True if no fault was found."""
     return status in (FrameStatus.ON_TARGET, FrameStatus.NOT_VERIFIED)
 
 
 def warning_of(
     verdicts: Mapping[str, bool], error_rad: float | None, limit_rad: float
 ) -> Iterator[str]:
-    """Yield what S1 warns of in a frame that the tolerance lets pass."""
+    """Yield the warnings of S1 for a frame that the tolerance lets pass."""
     if error_rad is not None and not verdicts.get("S1", True):
         yield (
             f"S1 warns: phases are off by {error_rad:.4f} rad (limit {limit_rad:.4f} rad), within "

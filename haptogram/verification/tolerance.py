@@ -1,4 +1,4 @@
-"""What a user tolerates, and how well air and elements are known.
+"""The tolerance of a user, and the uncertainty of air and elements.
 
 Both are settings of a verification: a :class:`Tolerance` decides which miss passes, an
 :class:`Uncertainty` is told beside every result and decides nothing.
@@ -34,7 +34,7 @@ def _check_air(temperature_c: float, humidity_percent: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """Which misses pass, on top of what rounding of the phases makes.  The default: none.
+    """Which misses pass, on top of those of rounding of the phases.  The default: none.
 
     Attributes
     ----------
@@ -117,12 +117,12 @@ class Uncertainty:
         return speed_uncertainty(medium, self.temperature_c, self.humidity_percent)
 
 
-#: What is assumed of a real board until the user says better.
+#: Uncertainty of a real board until the user states a better one.
 REAL_BOARD: Final = Uncertainty(GUESS_C, GUESS_HUMIDITY_PERCENT, GUESS_POSITION_MM, GUESS_PHASE_RAD)
 
 
 def tolerance_text(tolerance: Tolerance) -> str:
-    """Return what a tolerance tolerates."""
+    """Return a tolerance in words."""
     parts = [
         f"{tolerance.miss_mm:g} mm" if tolerance.miss_mm else "",
         f"air of ±{tolerance.temperature_c:g} °C" if tolerance.temperature_c else "",
@@ -132,7 +132,7 @@ def tolerance_text(tolerance: Tolerance) -> str:
 
 
 def tolerance_of(config: VerifyConfig) -> Tolerance:
-    """Return what the settings tolerate."""
+    """Return the tolerance of the settings."""
     return Tolerance(config.tolerance_mm, config.tolerance_c, config.tolerance_humidity)
 
 

@@ -1,4 +1,4 @@
-"""What a verification says: of one frame, and of a run."""
+"""The result of a verification: of one frame, and of a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Observed: TypeAlias = tuple[float | None, float | None, float | None]
 
 
 class FrameStatus(enum.StrEnum):
-    """What became of one intended frame."""
+    """The status of one intended frame."""
 
     ON_TARGET = "on target"
     OFF_TARGET = "off target"  # a focus, but elsewhere
@@ -41,7 +41,7 @@ NOTHING_WRONG: frozenset[FrameStatus] = frozenset({FrameStatus.ON_TARGET, FrameS
 
 
 class Verdict(enum.StrEnum):
-    """What a run came to, with the exit status that says so."""
+    """The verdict of a run, with its exit status."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -77,7 +77,7 @@ class Cut:
     not_sent: int = 0
 
     def cancelled(self, t_apply_us: int | None) -> bool:
-        """Tell whether a frame with this time, which nobody saw latched, was never to be."""
+        """Return True if a frame with this time, which nobody saw latched, was never to be."""
         if t_apply_us is None or self.muted_us is None:
             return False
         return t_apply_us > self.muted_us
@@ -85,7 +85,7 @@ class Cut:
 
 @dataclass(frozen=True, slots=True)
 class Consequence:
-    """What it did in space that a frame was not latched, or not in time.
+    """The effect in space of a frame that was not latched, or not in time.
 
     Attributes
     ----------
@@ -102,14 +102,14 @@ class Consequence:
 
 @dataclass(frozen=True, slots=True)
 class FrameVerdict:
-    """What is known of one intended frame.
+    """The verdict on one intended frame.
 
     Attributes
     ----------
     number, key
         Which frame.
     status : FrameStatus
-        What became of it.
+        Status of the frame.
     evidence : Evidence or None
         Who saw it; None if nobody did.
     target_m : tuple
@@ -145,7 +145,7 @@ class FrameVerdict:
     criteria : dict of str to bool
         S1 to S5, those that were judged.
     faults : tuple of str
-        What is wrong with the drive, by name.
+        Faults of the drive, by name.
     note : str
         Why it was not verified, or with what allowance it was.
     t_apply_us, t_latch_us : int or None
@@ -191,7 +191,7 @@ class FrameVerdict:
     consequence: Consequence | None = None
 
     def __str__(self) -> str:
-        """Return in a line what became of the frame, and what that rests on."""
+        """Return the status of the frame and its evidence, in a line."""
         return _frame_text(self)
 
     @property
@@ -201,7 +201,7 @@ class FrameVerdict:
 
     @property
     def target_pressure_rms_pa(self) -> float | None:
-        """Pressure at the target, of what was radiated."""
+        """Pressure of the radiated drive at the target."""
         if self.coherence is None or self.intended_pressure_rms_pa is None:
             return None
         return self.coherence * self.intended_pressure_rms_pa
@@ -225,7 +225,7 @@ class FrameVerdict:
 
 
 def consequence_text(effect: Consequence) -> str:
-    """Return what it did in space that a frame was not latched in time."""
+    """Return the effect in space of a frame that was not latched in time, in words."""
     wanted = f"instead of {effect.intended_pressure_rms_pa:.0f} Pa"
     if effect.focus_error_mm is None:
         return f"silence {wanted}"
@@ -234,7 +234,7 @@ def consequence_text(effect: Consequence) -> str:
 
 
 def pressure_text(frame: FrameVerdict) -> str | None:
-    """Return what a wrong drive makes of the pressure at the target; None: nobody knows."""
+    """Return the change of the pressure at the target by a wrong drive; None: unknown."""
     if frame.status not in WRONG or frame.target_pressure_rms_pa is None:
         return None
     wanted = f"instead of {frame.intended_pressure_rms_pa:.0f} Pa"
@@ -242,7 +242,7 @@ def pressure_text(frame: FrameVerdict) -> str | None:
 
 
 def frame_line(frame: FrameVerdict) -> str:
-    """Return what is wrong with one frame, and by how much, in a line."""
+    """Return the faults of one frame, with their size, in a line."""
     parts = [f"frame {frame.number}: {frame.status}"]
     if (frame.late or frame.early) and frame.lateness_us is not None:
         parts.append(f"{abs(frame.lateness_us)} us {'late' if frame.late else 'early'}")
@@ -255,7 +255,7 @@ def frame_line(frame: FrameVerdict) -> str:
 
 
 def _frame_text(frame: FrameVerdict) -> str:
-    """Return what became of one frame, what that rests on, and which miss would have shown."""
+    """Return the status of one frame, its evidence, and the smallest miss that would show."""
     parts = [frame_line(frame)]
     if frame.status not in WRONG and (place := _place(frame)) is not None:
         parts.append(place)
@@ -283,7 +283,7 @@ def _place(frame: FrameVerdict) -> str | None:
 
 
 def measures(frame: FrameVerdict) -> Iterator[str]:
-    """Yield the millimetres and pascals of what went wrong."""
+    """Yield the millimetres and pascals of the faults."""
     if frame.status in WRONG and (place := _place(frame)) is not None:
         yield place
     if (pressure := pressure_text(frame)) is not None:

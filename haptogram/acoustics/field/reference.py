@@ -44,7 +44,7 @@ class FieldEngine(Protocol):
         ...
 
     def pressure(self, weights: ArrayLike, points_m: ArrayLike) -> ComplexArray:
-        """Return what :func:`pressure` returns for the model of this engine."""
+        """Return the result of :func:`pressure` for the model of this engine."""
         ...
 
 
@@ -66,7 +66,7 @@ class NumpyEngine:
         return self._model
 
     def pressure(self, weights: ArrayLike, points_m: ArrayLike) -> ComplexArray:
-        """Return what :func:`pressure` returns for the model of this engine."""
+        """Return the result of :func:`pressure` for the model of this engine."""
         return pressure(self._model, weights, points_m)
 
 

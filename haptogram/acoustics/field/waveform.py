@@ -1,4 +1,4 @@
-"""From a phasor to what a microphone would see: the sound as it oscillates, and its RMS value."""
+"""From a phasor to the sound at a microphone: its oscillation, and its RMS value."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def instantaneous_pressure(
     Raises
     ------
     ConfigurationError
-        What is no number or not finite, a frequency that is not above 0, or a result of more than
-        half of the memory.
+        A value that is no number or not finite, a frequency that is not above 0, or a result of
+        more than half of the memory.
 
     Examples
     --------

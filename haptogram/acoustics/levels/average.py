@@ -1,4 +1,4 @@
-"""The field averaged over a sequence of drives: what a hand feels over one pass of a shape.
+"""The field averaged over a sequence of drives, as a hand feels one pass of a shape.
 
 Skin and hearing follow a squared pressure averaged over milliseconds to seconds, so frames add up
 as mean squares, not as phasors.
@@ -38,7 +38,7 @@ def mean_square_pressure(
     Parameters
     ----------
     engine : FieldEngine
-        What computes the field.
+        Engine that computes the field.
     weights : (F, N) array_like of complex
         The drives, each held for *frame_s*.
     points_m : (M, 3) array_like

@@ -34,7 +34,7 @@ from haptogram.acoustics.levels.exposure import (
     a_weighting_db,
     half_sphere,
 )
-from haptogram.acoustics.levels.radiation import level_db_spl
+from haptogram.acoustics.levels.force import level_db_spl
 from haptogram.acoustics.memory import check_memory
 from haptogram.acoustics.model.drive import as_sequence
 from haptogram.settings.arguments import check_positive, check_whole

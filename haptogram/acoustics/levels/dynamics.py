@@ -1,4 +1,4 @@
-"""What a transducer does in time: from duty to amplitude, and how fast the amplitude follows.
+"""A transducer in time: from duty to amplitude, and how fast the amplitude follows.
 
 A piezoelectric transducer is a narrow resonator.  Near its resonance the complex envelope of what
 it radiates follows the commanded one as a first-order lag,
@@ -101,7 +101,7 @@ class Resonator:
         return math.pi * check_positive("frequency_hz", frequency_hz) * self.time_constant_s
 
     def decay(self, duration_s: float) -> float:
-        """Return what is left after a time of the difference between envelope and command."""
+        """Return the share of the difference of envelope and command that is left after a time."""
         check_number("duration_s", duration_s, 0.0, math.inf)
         if self.time_constant_s == 0.0:
             return 1.0 if duration_s == 0.0 else 0.0

@@ -29,7 +29,7 @@ from haptogram.acoustics.arrays import (
 from haptogram.acoustics.field.reference import FieldEngine, has_field
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
-from haptogram.acoustics.levels.radiation import level_db_spl
+from haptogram.acoustics.levels.force import level_db_spl
 from haptogram.acoustics.local_maximum import STEPS, climb
 from haptogram.acoustics.memory import check_memory
 from haptogram.acoustics.model.drive import as_sequence
@@ -220,7 +220,7 @@ def switching_level_db_a(
     frame_s: float,
     resonator: Resonator,
 ) -> float:
-    """Return the A-weighted level, at one place, of what the switching of drives puts below 20 kHz.
+    """Return the A-weighted level, at one place, of the sound below 20 kHz of switching drives.
 
     The pressure is Re p(t) e^{-j w t}; a step of the envelope p has a spectrum that falls off only
     as 1 / f^2 behind the transducers' lag, and its far tail, 20 to 40 kHz off the carrier, is

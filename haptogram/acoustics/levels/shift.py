@@ -151,7 +151,7 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
     Parameters
     ----------
     engine : FieldEngine
-        What computes the field; float64, as second differences of single precision are noise.
+        Engine of the field, in float64: second differences of single precision are noise.
     weights : (N,) array_like of complex
         One drive.
     start_m : (3,) array_like
@@ -201,7 +201,7 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
 
 
 def _is_clear(model: AcousticModel, position: FloatArray) -> bool:
-    """Tell whether a whole stencil around *position* is in front of the array, and off it."""
+    """Return True if a whole stencil around *position* is in front of the array, and off it."""
     margin_m = MIN_DISTANCE_M + model.wavelength_m / 25.0
     around = position + margin_m * _stencil()
     return bool(is_clear(model, position[None], margin_m)[0] and in_front(model, around).all())

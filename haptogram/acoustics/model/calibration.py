@@ -1,4 +1,4 @@
-"""What the elements of one real array are: how loud, how late, and where."""
+"""The elements of one real array as they were measured: gain, phase and place."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ class Calibration:
     Attributes
     ----------
     gain : (N,) numpy.ndarray
-        What each element radiates over what the model's transducer does, 0 (dead) to 10; read-only.
+        Amplitude of each element over that of the model's transducer, 0 (dead) to 10; read-only.
     phase_rad : (N,) numpy.ndarray
-        How much later than commanded it does so, in radians of the carrier, -2 pi to 2 pi;
+        Lag of each element behind its command, in radians of the carrier, -2 pi to 2 pi;
         read-only.
     positions_m : (N, 3) numpy.ndarray
         Its centre, in metres, in the coordinates of the array; read-only.
     name : str
-        What errors call it: the file that it is from.
+        Name in errors: the file of the calibration.
     lines : tuple of int
         The line of each element in that file; empty without one.
     response : (N,) numpy.ndarray of complex128
@@ -105,7 +105,7 @@ class Calibration:
 
     @classmethod
     def of(cls, source: Calibration | str | Path) -> Calibration:
-        """Return *source*, or what the file of that name says.
+        """Return *source*, or the calibration in the file of that name.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What the elements are told to do: a phase code and an amplitude code each.
+"""The drive of an array: a phase code and an amplitude code for each element.
 
 A phase code c **delays** its element by c / 2^b of a carrier period. With the time factor
 e^{-j w t} the weight is w = A e^{j phi}, phi = 2 pi c / 2^b: positive phi is a lag.
@@ -132,7 +132,7 @@ class Drive:
 
 
 def saturated(weights: ArrayLike) -> ComplexArray:
-    """Return *weights* with their phases, and magnitudes above 1 cut to 1: what a drive can be.
+    """Return *weights* with their phases, and magnitudes above 1 cut to 1, as in a drive.
 
     Examples
     --------

@@ -28,11 +28,11 @@ class AcousticModel:
     array : TransducerArray
         Where the elements are.
     medium : Medium
-        What they radiate into.
+        Fluid into which the elements radiate.
     transducer : Transducer
-        What each of them is.
+        The element, as a source.
     calibration : Calibration or None
-        By what gains and phases they differ, see :meth:`calibrated`; None: they are equal.
+        Gains and phases of the elements, see :meth:`calibrated`; None: all are equal.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class AcousticModel:
         )
 
     def calibrated(self, calibration: Calibration) -> Self:
-        """Return the model whose elements are where and what *calibration* says.
+        """Return the model whose elements have the places and responses of *calibration*.
 
         A calibration that the model already has is replaced.
 
@@ -92,7 +92,7 @@ class AcousticModel:
 
     @property
     def response(self) -> ComplexArray | None:
-        """(N,) factors between the weights and what the elements radiate; None: all are 1."""
+        """(N,) factors from the weights to the radiated amplitudes; None: all are 1."""
         return None if self.calibration is None else self.calibration.response
 
     def radiated(self, weights: ComplexArray) -> ComplexArray:

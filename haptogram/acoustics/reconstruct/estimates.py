@@ -1,4 +1,4 @@
-"""What a drive was found to be: one focus, no focus, or something else."""
+"""Results of a reconstruction: one focus, no focus, or something else."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class SingleFocus:
     position_m, std_m, bound_m, observable : tuple
         Per axis of the world, as in :class:`PhaseFit`.
     residual_rms_rad : float
-        What the focus leaves unexplained of the phases.
+        RMS phase residual of the fit, in radians.
     coherence : float
         |sum w_n g_n| / sum |w_n g_n| at the focus.
     pressure_rms_pa, level_db_spl : float
@@ -48,7 +48,7 @@ class SingleFocus:
     acquired: Literal["warm", "global"]
 
     def as_dict(self) -> dict[str, object]:
-        """Return the fields for JSON; what is infinite becomes None."""
+        """Return the fields for JSON; infinite values become None."""
         return _json_fields("single_focus", self)
 
 

@@ -25,7 +25,7 @@ from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.engine import choose_engine
 from haptogram.acoustics.field.reference import FieldEngine, in_front, propagators
-from haptogram.acoustics.levels.radiation import ReflectingDisc, level_db_spl
+from haptogram.acoustics.levels.force import ReflectingDisc, level_db_spl
 from haptogram.acoustics.model.drive import (
     MAX_PHASE_BITS,
     Drive,
@@ -64,7 +64,7 @@ _REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a pl
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Radiated:
-    """A complex drive, and what the fit needs of it."""
+    """A complex drive, and the inputs of its fit."""
 
     weights: ComplexArray
     phases_rad: FloatArray
@@ -92,7 +92,7 @@ class Reconstructor:
     phase_bits : int
         Resolution of the phases of complex weights; a `Drive` of fewer bits counts by its own.
     engine : FieldEngine, optional
-        What computes the field on the disc; the fastest that serves the model if not given.
+        Engine that computes the field on the disc; by default the fastest for the model.
 
     Examples
     --------
@@ -118,7 +118,7 @@ class Reconstructor:
         self._last_focus: FloatArray | None = None
 
     def warm_up(self) -> None:
-        """Do now what the first drive would wait for: search volumes, machine code."""
+        """Prepare search volumes and machine code, for which the first drive would wait."""
         tracker = self._tracker
         if tracker is None:
             self._acquisition_for(np.ones(self._model.array.count, dtype=np.bool_))
@@ -139,7 +139,7 @@ class Reconstructor:
         phase_bits: int | None = None,
         slack_rad: float = 0.0,
     ) -> Reconstruction:
-        """Return what *drive* radiates; *ramping* says that its amplitude is still changing.
+        """Return the focus of *drive*; *ramping* says that its amplitude is still changing.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ class Reconstructor:
         return self._reconstruct(drive.weights(), bits, ramping=ramping, slack_rad=slack_rad)
 
     def reconstruct_weights(self, weights: ArrayLike, *, ramping: bool = False) -> Reconstruction:
-        """Return what (N,) complex *weights* radiate: a drive after correction, ceiling, faults.
+        """Return the focus of (N,) complex *weights*: a drive after correction, ceiling, faults.
 
         Raises
         ------
@@ -257,7 +257,7 @@ class Reconstructor:
         return self._not_single(tried, starts, radiated)
 
     def _all_or_most(self, partial: PhaseFit, radiated: _Radiated) -> Reconstruction:
-        """Return what the focus of most elements says, once all have been asked again from it."""
+        """Return the focus of most elements, after a fit of all elements from there."""
         whole = self._fit(radiated, partial.position_m, radiated.active)
         if self._explains(whole, radiated):
             return self._single(whole, radiated, "global")

@@ -44,7 +44,7 @@ class Fix(NamedTuple):  # a dataclass would take as long to make as a Gauss-Newt
     phase_rad : float
         Common phase of the arrivals there.
     residual_rms_rad : float
-        RMS of what the focus leaves unexplained.
+        RMS phase residual of the fit, in radians.
     steps : int
         Gauss-Newton steps taken.
     converged : bool
@@ -215,7 +215,7 @@ class FocusTracker:
         )
 
     def explains(self, fix: Fix, limit_rad: float | None = None) -> bool:
-        """Tell whether *fix* is a focus: in front, within reach, and its residual small enough.
+        """Return True if *fix* is a focus: in front, within reach, and its residual small enough.
 
         Parameters
         ----------

@@ -123,7 +123,7 @@ def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
 
 
 def _names_along(model: AcousticModel) -> list[str]:
-    """Return what the limits along x, y and z are of; with the axes, if the array is turned."""
+    """Return names of the limits along x, y and z; with the axes, if the array is turned."""
     names = ["offset |x|", "offset |y|", "height z"]
     if model.array.is_upright:
         return names

@@ -130,7 +130,7 @@ def weights_for_foci(
 def _iterative_backpropagation(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Send the wanted pressures back; what an element cannot do is cut off."""
+    """Send the wanted pressures back, cut to the limits of the elements."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     scale = _reachable(matrix, wanted)
     for _ in range(rounds):

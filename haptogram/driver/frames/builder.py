@@ -56,7 +56,7 @@ class FrameBuilder:
     model : AcousticModel
         Array and air that the host assumes.
     identity : HelloReply
-        What the board can do.
+        The board's answer to HELLO, with its features and limits.
     phase_bits : int
         Bits per phase on the wire, in the mode ``phases``.
 
@@ -104,7 +104,7 @@ class FrameBuilder:
         Parameters
         ----------
         solver : str
-            What makes the drive where a frame has several foci.
+            Method that makes the drive of a frame with several foci.
 
         Raises
         ------

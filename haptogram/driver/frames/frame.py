@@ -28,17 +28,17 @@ class Frame:
     Attributes
     ----------
     foci : tuple of Focus
-        What it is for; as the wire rounds them where the board computes the drive.
+        Focal points of the frame; as the wire rounds them where the board computes the drive.
     drive : Drive
-        What is expected in the registers.
+        Drive that is expected in the registers.
     message : Phases, Drives or Points
-        What is sent.
+        Message that is sent.
     geometry_hash : int
         Digest of the array that it was made for.
     solver : str
-        What made the drive.
+        Method that made the drive.
     sound_speed_mm_s : int or None
-        What a board that computes the drive must assume; None: the host computed it.
+        Speed of sound that a board must assume to compute the drive; None: the host did.
     """
 
     foci: tuple[Focus, ...]
@@ -50,7 +50,7 @@ class Frame:
 
     @property
     def mode(self) -> Mode:
-        """What it holds: ``phases``, ``drives`` or ``points``."""
+        """Kind of its message: ``phases``, ``drives`` or ``points``."""
         return MODE_OF[type(self.message)]
 
     @property
@@ -85,7 +85,7 @@ class Frame:
 
 
 def are_frames(targets: object) -> TypeGuard[Sequence[Frame]]:
-    """Tell whether *targets* are frames already.
+    """Return True if *targets* are frames already.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a serial line can carry: bytes of a frame, the time they take, the rate that is left."""
+"""Capacity of a serial line: bytes of a frame, the time they take, the highest frame rate."""
 
 from __future__ import annotations
 

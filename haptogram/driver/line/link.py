@@ -76,7 +76,7 @@ class Link:
 
     @property
     def url(self) -> str:
-        """What the port was opened by."""
+        """URL by which the port was opened."""
         return self._transport.url
 
     @property
@@ -97,7 +97,7 @@ class Link:
             self.turn(deadline_ns)
 
     def turn(self, deadline_ns: int) -> None:
-        """Send what is due, wait for bytes until *deadline_ns* at the latest, and act on them.
+        """Send frames that are due, wait for bytes until *deadline_ns*, and act on the bytes.
 
         Raises
         ------
@@ -123,7 +123,7 @@ class Link:
         return deadline_ns
 
     def _push(self) -> None:
-        """Offer the port what waits: the rest of a frame first, then requests."""
+        """Offer the port the bytes that wait: the rest of a frame first, then requests."""
         data = self._unwritten + self.connection.data_to_send()
         if data:
             self._offer(data, self.now_ns())
@@ -228,7 +228,7 @@ class Link:
         return seq
 
     def answered(self, seq: int) -> bool:
-        """Tell whether an awaited request has its answer."""
+        """Return True if an awaited request has its answer."""
         return self._awaited.get(seq) is not None
 
     def wait_for(self, seq: int, reply: type[_M], deadline_ns: int) -> _M:

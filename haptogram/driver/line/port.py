@@ -40,7 +40,7 @@ class Transport(Protocol):
 
     @property
     def url(self) -> str:
-        """What the port was opened by."""
+        """URL by which the port was opened."""
         ...
 
     def now_ns(self) -> int:
@@ -48,7 +48,7 @@ class Transport(Protocol):
         ...
 
     def read_available(self, deadline_ns: int) -> bytes:
-        """Return what has come in as soon as there is anything, ``b""`` at the deadline.
+        """Return received bytes as soon as there are any, ``b""`` at the deadline.
 
         Raises
         ------
@@ -108,7 +108,7 @@ class FdTransport:
         return time.monotonic_ns()
 
     def read_available(self, deadline_ns: int) -> bytes:
-        """Return what has come in; see :class:`Transport`."""
+        """Return received bytes; see :class:`Transport`."""
         wait_s = max(0, deadline_ns - time.monotonic_ns()) / 1e9
         try:
             if not self._waiter.wait([self._fd], timeout_s=wait_s):
@@ -121,7 +121,7 @@ class FdTransport:
         return data
 
     def write_some(self, data: bytes) -> int:
-        """Hand over what the port takes; see :class:`Transport`."""
+        """Hand over as many bytes as the port takes; see :class:`Transport`."""
         try:
             return os.write(self._fd, data)
         except BlockingIOError:
@@ -161,7 +161,7 @@ class PyserialTransport:
         return int(self._now_ns())
 
     def read_available(self, deadline_ns: int) -> bytes:
-        """Return what has come in; see :class:`Transport`."""
+        """Return received bytes; see :class:`Transport`."""
         with _loss(self.url):
             data = self._read(self._port.in_waiting)
             while not data and (wait_ns := deadline_ns - self.now_ns()) > 0:
@@ -173,7 +173,7 @@ class PyserialTransport:
         return bytes(self._port.read(size)) if size else b""
 
     def write_some(self, data: bytes) -> int:
-        """Hand over what the port takes; see :class:`Transport`."""
+        """Hand over as many bytes as the port takes; see :class:`Transport`."""
         with _loss(self.url):
             try:
                 # Some handlers return nothing, and mean that they took everything.
@@ -248,7 +248,7 @@ def _opening_error(url: str, error: OSError) -> LinkError:
 
 
 def _chain(error: BaseException | None) -> Iterator[BaseException]:
-    """Yield *error* and what it was raised from: some handlers hide the cause in the context."""
+    """Yield *error* and its causes: some handlers hide the cause in the context."""
     while error is not None:
         yield error
         error = error.__context__ if error.__cause__ is None else error.__cause__
@@ -260,7 +260,7 @@ def _one_line(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def _loss(url: str) -> Iterator[None]:
-    """Turn what the system says of a port that is gone into :class:`LinkLostError`."""
+    """Raise the system's errors for a port that is gone as :class:`LinkLostError`."""
     try:
         yield
     except LinkError:

@@ -161,7 +161,7 @@ class ClockEstimate:
         self._best = min(self._samples, key=lambda s: self._margin_at(s, sample.host_ns))
 
     def _contradicts(self, sample: Sample) -> bool:
-        """Tell whether two clocks within their declared limits cannot have given *sample*."""
+        """Return True if two clocks within their declared limits cannot have given *sample*."""
         best = self._best
         if best is None:
             return False

@@ -1,4 +1,4 @@
-"""Pings over a link: what keeps the estimate of the device clock true."""
+"""Pings over a link, which keep the estimate of the device clock true."""
 
 from __future__ import annotations
 

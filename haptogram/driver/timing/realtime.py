@@ -26,7 +26,7 @@ def next_deadline_ns(*, deadline_ns: int, now_ns: int, period_ns: int) -> int:
 
 
 def can_arrive(*, now_ns: int, line_free_ns: int, transmission_ns: int, due_ns: int) -> bool:
-    """Tell whether a frame that would be sent now is complete at the board before it is due.
+    """Return True if a frame that would be sent now is complete at the board before it is due.
 
     The rule of the stream for missed ticks: a frame that can still make it is sent at once, behind
     what the line is busy with; one that cannot is skipped, so that it delays no other::
@@ -118,7 +118,7 @@ STAMPS: Final = ("deadline", "idle", "wake", "ready", "room", "done", "line_free
 
 
 class TickLog:
-    """What happened when at every tick, in memory that was there before the first.
+    """Times of the events of every tick, in memory that is allocated before the first.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""When each frame of a stream is due, and what of that line, board and timers cannot carry.
+"""When each frame of a stream is due, and the limits that line, board and timers set.
 
 Frame i is due at t0 + floor(i * period): from the exact period, never accumulated.
 """
@@ -57,12 +57,12 @@ class Schedule:
         return number * self.period_us.numerator // self.period_us.denominator
 
     def check(self, frames: list[Frame], identity: HelloReply, baudrate: int) -> None:
-        """Refuse, before the first byte, what line and board cannot carry.
+        """Refuse a schedule that line or board cannot carry, before the first byte is sent.
 
         Raises
         ------
         ConfigurationError
-            Naming what was asked and the limit.
+            Naming the value and the limit.
         """
         size = frame_bytes(max(frame.payload_bytes for frame in frames))
         check_rate(size, baudrate=baudrate, rate_hz=self.rate_hz)

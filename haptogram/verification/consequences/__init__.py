@@ -1,1 +1,1 @@
-"""Consequences of late and lost frames: how long which focus was held, and what was felt."""
+"""Consequences of late and lost frames: which focus was held, how long, how it was felt."""

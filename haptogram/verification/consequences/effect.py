@@ -1,4 +1,4 @@
-"""What it did in space that frames were lost, late or wrong: how long, how far, how much pressure.
+"""The effect in space of lost, late and wrong frames: time, distance and pressure.
 
 Over the device time of a run: frame i is what should be radiated from its time to that of the next,
 or to the end of its stream.
@@ -38,7 +38,7 @@ class _Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What faults did to the focus, over a whole run.
+    """The effect of faults on the focus, over a whole run.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Effect:
 
     @classmethod
     def of(cls, frames: Sequence[FrameVerdict], silences: Sequence[int] = ()) -> Effect | None:
-        """Return the effect of what is wrong with *frames*; None: nothing, in those with a time.
+        """Return the effect of the faults of *frames*; None: no frame with a time has one.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ def _ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
 
 
 def _is_another(frame: FrameVerdict) -> bool:
-    """Tell whether another drive was latched of which only the CRC was seen: nothing is judged."""
+    """Return True if only the CRC of another drive was seen, so that nothing is judged."""
     return frame.status is FrameStatus.CORRUPT and not frame.criteria
 
 

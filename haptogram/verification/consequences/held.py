@@ -1,4 +1,4 @@
-"""What a board goes on radiating while the due frame is lost or late, and what that does."""
+"""The drive that a board holds while the due frame is lost or late, and its consequence."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MM: Final = 1e3
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What the board goes on radiating until the next latch.
+    """The drive that the board holds until the next latch.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Held:
 
     @classmethod
     def after(cls, intended: Intended, observation: Observation, verdict: FrameVerdict) -> Held:
-        """Return what is held once the frame of *verdict* has been latched."""
+        """Return the hold that begins when the frame of *verdict* is latched."""
         unseen = (None, None, None)
         x, y, z = (
             wanted if bound is None or found is None else found
@@ -82,7 +82,7 @@ def dues(
 
 
 def still_held(held: Held | None, due: Due, quiet_us: Sequence[int]) -> Held | None:
-    """Return what is left of *held* when a frame is due; None: silence."""
+    """Return the hold that is left of *held* when a frame is due; None: silence."""
     if held is None or _fell_silent(quiet_us, held.t_latch_us, due.earliest_us):
         return None
     if _fell_silent(quiet_us, due.earliest_us, due.latest_us):
@@ -91,12 +91,12 @@ def still_held(held: Held | None, due: Due, quiet_us: Sequence[int]) -> Held | N
 
 
 def _fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
-    """Tell whether the output fell silent after the one time, and not after the other."""
+    """Return True if the output fell silent after the one time, and not after the other."""
     return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
 
 
 def consequence(model: AcousticModel, intended: Intended, held: Held | None) -> Consequence | None:
-    """Return what it did that *intended* was not latched while *held* still was.
+    """Return the consequence of holding *held* while *intended* was due.
 
     None as *held*: nothing had been latched yet.  None in return: nobody knows the drive.
     """

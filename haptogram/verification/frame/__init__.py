@@ -1,1 +1,1 @@
-"""The verdict on one frame: its drive and its focus against what was intended."""
+"""The verdict on one frame: its drive and its focus against the intended ones."""

@@ -71,7 +71,7 @@ def phase_error_rad(target: TargetField, latched: Drive, active: Bools) -> float
 
 
 def suits_target(target: TargetField, error_rad: float) -> bool:
-    """Tell whether phases that are off by *error_rad* (S1) suit the target, tolerance included."""
+    """Return True if phase errors of *error_rad* (S1) suit the target, tolerance included."""
     return error_rad <= target.phase_limit_rad + target.tolerated_peak_rad
 
 
@@ -81,12 +81,12 @@ def focus_offset_m(target: TargetField, focus: SingleFocus | NotSingle) -> Float
 
 
 def on_target(target: TargetField, offset_m: Floats) -> bool:
-    """S2: tell whether every coordinate that can be observed is within its bound."""
+    """S2: return True if every coordinate that can be observed is within its bound."""
     return within(offset_m, target.bound_m + target.tolerated_m, target.tolerance.miss_mm)
 
 
 def within(offset_m: Floats, limit_m: Floats, tolerance_mm: float) -> bool:
-    """Tell whether what is left of an offset beyond its limits is no longer than a tolerance."""
+    """Return True if what is left of an offset beyond its limits is no longer than a tolerance."""
     beyond = np.maximum(np.abs(offset_m) - limit_m, 0.0)
     return float(np.linalg.norm(beyond)) <= tolerance_mm / _MM
 
@@ -149,6 +149,6 @@ def peak_errors(target: TargetField, latched: Complexes) -> list[PeakError]:
 
 
 def amplitudes_ok(intended: Intended, latched: Drive) -> bool:
-    """S5: tell whether no amplitude is off by more than half a step."""
+    """S5: return True if no amplitude is off by more than half a step."""
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
     return int(np.abs(difference).max()) <= allowed_codes(intended)

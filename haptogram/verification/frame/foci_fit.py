@@ -38,7 +38,7 @@ class FociFit(NamedTuple):
     bound_m : (F, 3) numpy.ndarray
         Largest error that a phase error of the given limit can make; infinite: not observable.
     residual_rad : float
-        RMS of what the foci leave unexplained; elements where the waves cancel count less.
+        RMS phase residual of the foci; elements where the waves cancel count less.
     """
 
     offsets_m: Floats

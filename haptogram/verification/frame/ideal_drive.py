@@ -1,4 +1,4 @@
-"""The drive that several foci ask for, and what rounding and tolerance may make of it."""
+"""The drive that several foci ask for, and its changes by rounding and tolerance."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ class IdealDrive:
         ]
 
     def in_place(self, offsets_m: Sequence[Floats | None]) -> bool:
-        """S2: tell whether every peak that has a place is within its limit of it."""
+        """S2: return True if every peak that has a place is within its limit of it."""
         return all(
             offset is not None and bool((np.abs(offset) <= peak.rounding_m).all())
             for peak, offset in zip(self.peaks, offsets_m, strict=True)
@@ -178,7 +178,7 @@ class IdealDrive:
         return max(0.0, float((excess / np.maximum(self.levels, _FAINT * loudest)).max()))
 
     def amplitudes_ok(self, latched: Drive, *, tolerant: bool) -> bool:
-        """S5: tell whether no amplitude is off from what the foci ask for by more than rounding."""
+        """S5: return True if no amplitude is off from the ideal one by more than rounding."""
         if not self.has_amplitudes:
             return True
         tolerated = self.tolerated_amplitudes if tolerant else 0.0

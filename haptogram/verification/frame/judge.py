@@ -1,4 +1,4 @@
-"""From one intended frame and what was seen of it to a verdict."""
+"""From one intended frame and its observation to a verdict."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Judge:
     carrier_us : int
         Carrier period: a frame latches on the first of its multiples at or after its time.
     tolerance : Tolerance
-        Which misses pass on top of what rounding makes; by default none.
+        Which misses pass on top of those of rounding; by default none.
     uncertainty : Uncertainty
         How well *model* is known; by default exactly.
     """
@@ -130,7 +130,7 @@ class Judge:
             yield dataclasses.replace(model, array=model.array.on_wire())
 
     def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
-        """Return what became of a frame that was latched."""
+        """Return the verdict on a frame that was latched."""
         seen = self._seen(intended, observation)
         found = self._judged(
             _without_identity(intended),
@@ -180,7 +180,7 @@ class Judge:
         return one.judge(seen, found, faults, self.uncertainty)
 
     def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
-        """Name what is wrong with the latched drive or, if it is right, with the output."""
+        """Name the faults of the latched drive or, if it is right, of the output."""
         faults = name_faults(self._model, intended, latched)
         if faults or output is latched:
             return faults
@@ -234,7 +234,7 @@ class Judge:
 
 
 def _is_undecided(found: NotSingle, target: TargetField) -> bool:
-    """Tell whether somebody else's search found too little, or judged by finer phases.
+    """Return True if somebody else's search found too little, or judged by finer phases.
 
     The board knows neither the tolerance nor, of what was uploaded, the resolution of the phases.
     """
@@ -274,7 +274,7 @@ def _crc_fault(intended: Intended, observation: Observation) -> str:
 
 
 def _crc_differs(intended: Intended, observation: Observation) -> bool:
-    """Tell whether the CRC alone proves that another drive was latched."""
+    """Return True if the CRC alone proves that another drive was latched."""
     return (
         observation.drive is None
         and observation.drive_crc is not None

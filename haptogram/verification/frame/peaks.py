@@ -234,7 +234,7 @@ def _arrivals(model: AcousticModel, points: Floats) -> Complexes | None:
 
 
 def _is_peaked(curvature: Floats) -> bool:
-    """Tell whether a Hessian (D, D) is that of a peak, in every direction."""
+    """Return True if a Hessian (D, D) is that of a peak, in every direction."""
     values = np.linalg.eigvalsh(curvature)
     return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)
 

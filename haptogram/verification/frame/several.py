@@ -80,11 +80,11 @@ def judge_several(
     Parameters
     ----------
     seen : FrameVerdict
-        What is known of the latch.
+        Verdict of the frame so far.
     latched : Drive
-        What is radiated.
+        Radiated drive.
     faults : tuple of str
-        What the codes prove to be wrong.
+        Faults that the codes prove.
     ideals : sequence of IdealDrive
         What the foci ask for, as the host may have known the array: the nearest one counts.
     tolerance : Tolerance
@@ -224,7 +224,7 @@ def _limits_m(ideal: IdealDrive, fit: FociFit) -> list[Floats] | None:
 def _peaks_follow(
     ideal: IdealDrive, latched: Drive, limits_m: Sequence[Floats], tolerance: Tolerance
 ) -> bool:
-    """Tell whether the pressure peaks are no further off than the fitted foci may be."""
+    """Return True if the pressure peaks are no further off than the fitted foci may be."""
     offsets_m = ideal.offsets_m(latched.weights())
     return all(
         offset_m is not None and _length(offset_m) <= _length(limit_m) + tolerance.miss_mm / _MM
@@ -233,7 +233,7 @@ def _peaks_follow(
 
 
 def _are_sharp(ideal: IdealDrive, limits_m: Sequence[Floats]) -> bool:
-    """Tell whether each focus has a place to within its own lobe: else the fit is no proof."""
+    """Return True if each focus has a place to within its own lobe: else the fit is no proof."""
     return all(
         target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
         for target, limit_m in zip(ideal.placed, limits_m, strict=True)

@@ -84,9 +84,9 @@ class SingleFrame:
     intended : Intended
         The frame.
     latched : Drive
-        What is radiated.
+        Radiated drive.
     target : TargetField
-        What its focus asks of the field.
+        Demands of its focus on the field.
     """
 
     intended: Intended
@@ -105,11 +105,11 @@ class SingleFrame:
         Parameters
         ----------
         seen : FrameVerdict
-            What is known of the latch.
+            Verdict of the frame so far.
         found : Reconstruction
             What is radiated, by somebody who does not know the target.
         faults : tuple of str
-            What the codes prove to be wrong.
+            Faults that the codes prove.
         known : Uncertainty
             How well array and air are known.
         """
@@ -203,7 +203,7 @@ class SingleFrame:
         return criteria.on_target(self.target, criteria.focus_offset_m(self.target, found))
 
     def _is_ambiguous(self, measures: dict[str, Any], found: Reconstruction) -> bool:
-        """Tell whether phases that suit the target were found to suit another point or none.
+        """Return True if phases that suit the target were found to suit another point or none.
 
         Few elements with few bits can fit two points, or a search that is not told the target none;
         S2 then says nothing about the drive.
@@ -227,7 +227,7 @@ class SingleFrame:
         return (f"{names} radiated otherwise than latched",)
 
     def _is_of_this_drive(self, found: SingleFocus | NotSingle) -> bool:
-        """Tell whether what somebody found can be said of the latched phases.
+        """Return True if what somebody found can be said of the latched phases.
 
         It cannot if the elements that were found to be off are not off in these phases.
         """

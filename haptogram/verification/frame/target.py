@@ -1,4 +1,4 @@
-"""What a target asks of the field: computed once per target, used for every frame that has it."""
+"""The demands of a target on the field: computed once, used for every frame of the target."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ class TargetField:
         return _WIDTH_RAD / steepness if steepness > 0.0 else math.inf
 
     def check_tolerance(self) -> None:
-        """Raise if what is tolerated is more than half of the focus.
+        """Raise if the tolerance is more than half of the focus.
 
         Raises
         ------

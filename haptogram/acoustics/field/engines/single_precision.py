@@ -1,4 +1,4 @@
-"""What the engines of single precision share: checks, chunks, and the way to the reference.
+"""The common part of the engines of single precision: checks, chunks, and the reference.
 
 They serve circular pistons and point sources. A point that single precision would not serve to 2e-5
 of the sum of magnitudes (too near to an element, or far away) goes the reference way; the caller
@@ -37,7 +37,7 @@ _MAX_LOSS: Final = 0.15  # nepers over the half-width of the range of distances 
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """What an engine serves to 2e-5.
+    """The limits within which an engine is exact to 2e-5.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Reach:
 
 
 class SingleEngine(ABC):
-    """What both engines share: checks, chunks, and the way to the reference."""
+    """Common part of both engines: checks, chunks, and the way to the reference."""
 
     REACH: ClassVar[Reach]
 
@@ -103,7 +103,7 @@ class SingleEngine(ABC):
         return self._model
 
     def pressure(self, weights: ArrayLike, points_m: ArrayLike) -> ComplexArray:
-        """Return what :func:`haptogram.acoustics.pressure` returns, to 2e-5 of the magnitudes.
+        """Return the result of :func:`haptogram.acoustics.pressure`, to 2e-5 of the magnitudes.
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class SingleEngine(ABC):
         return result
 
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
-        """Return the pressure of what is radiated at points that are all served.
+        """Return the pressure of radiated drives at points that are all served.
 
         *careful*: so few elements are active that their rounding errors do not average out.
         """

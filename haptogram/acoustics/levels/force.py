@@ -88,7 +88,7 @@ def force_on_disc_n(
     Parameters
     ----------
     source : AcousticModel or FieldEngine
-        What computes the field.
+        Engine that computes the field.
     weights : (N,) array_like of complex
         Element weights.
     centre_m : (3,) array_like
@@ -119,7 +119,7 @@ class ReflectingDisc:
     Parameters
     ----------
     engine : FieldEngine
-        What computes the field.
+        Engine that computes the field.
     radius_m : float
         Radius of the disc; at most 100 mm, which keeps the number of nodes bounded.
     normal : (3,) array_like, optional

@@ -20,7 +20,7 @@ from haptogram.acoustics import (
     radiation_pressure_pa,
     superpose,
 )
-from haptogram.acoustics.levels.radiation import disc_nodes
+from haptogram.acoustics.levels.force import disc_nodes
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import seeds, targets
 
