@@ -169,14 +169,14 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 def _write(arguments: argparse.Namespace, suite: SuiteResult) -> None:
     from haptogram.conformance.run.baseline import write_baseline
-    from haptogram.report.conformance.junit import write_junit
-    from haptogram.report.conformance.page import write_page
+    from haptogram.report.conformance.junit import write_conformance_junit
+    from haptogram.report.conformance.page import write_conformance_page
     from haptogram.report.conformance.result import write_json
 
     for path, write in (
         (arguments.json, write_json),
-        (arguments.junit, write_junit),
-        (arguments.html, write_page),
+        (arguments.junit, write_conformance_junit),
+        (arguments.html, write_conformance_page),
         (arguments.write_baseline, write_baseline),
     ):
         if path is not None:

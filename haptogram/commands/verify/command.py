@@ -270,10 +270,10 @@ def _write(
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
         (config.frames, lambda path: report.write_frames(path, verdict)),
         (config.json, lambda path: report.write_json(path, result)),
-        (config.junit, lambda path: report.write_junit(path, verdict, result)),
+        (config.junit, lambda path: report.write_run_junit(path, verdict, result)),
         (
             config.html,
-            lambda path: report.write_html(path, verdict, result, found.model, drives=drives),
+            lambda path: report.write_run_page(path, verdict, result, found.model, drives=drives),
         ),
     )
     written = True

@@ -16,7 +16,7 @@ MISS_HEAD: Final = ("later than", "measured", "frames", "causes", "control loop 
 _PLACES: Final = {"at_port": "at the port", "at_board": "complete at the board"}
 
 
-def asked(result: Result) -> str:
+def conditions(result: Result) -> str:
     """Return rate, duration, line and board of the run."""
     asked = result["configuration"]
     extras = [f"spin {asked['spin_us']} µs"] if asked["spin_us"] else []

@@ -16,7 +16,7 @@ def bench_text(result: content.Result) -> str:
     """
     numbers = range(1, len(content.STAGE_HEAD) - 1)
     sections = (
-        [content.asked(result), f"  {content.frames(result)}"],
+        [content.conditions(result), f"  {content.frames(result)}"],
         [
             *table(content.STAGE_HEAD, content.stages(result), numbers=numbers),
             *paragraph(content.clocks(result), hang=0),

@@ -6,11 +6,10 @@ from pathlib import Path
 
 from haptogram.conformance.verdict import MEANINGS, Result, SuiteResult
 
-from ..junit import JUnit, JUnitCase, JUnitSuite
-from ..junit import write_junit as write_suite
+from ..junit import JUnit, JUnitCase, JUnitSuite, write_junit
 
 
-def write_junit(path: Path, suite: SuiteResult) -> None:
+def write_conformance_junit(path: Path, suite: SuiteResult) -> None:
     """Write a run as JUnit XML.
 
     Raises
@@ -21,7 +20,7 @@ def write_junit(path: Path, suite: SuiteResult) -> None:
     known = {**suite.device, **suite.settings, "cut_short": suite.cut_short}
     properties = {name: str(value) for name, value in known.items()}
     cases = tuple(map(_case, suite.results))
-    write_suite(path, JUnitSuite("haptogram.conformance", cases, properties))
+    write_junit(path, JUnitSuite("haptogram.conformance", cases, properties))
 
 
 def _case(result: Result) -> JUnitCase:

@@ -23,7 +23,7 @@ _TONES: Final = {
 _ATTENTION: Final = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE)
 
 
-def write_page(path: Path, suite: SuiteResult) -> None:
+def write_conformance_page(path: Path, suite: SuiteResult) -> None:
     """Write one run as a page: every case with its requirement, verdict and bytes.
 
     Raises

@@ -3,8 +3,8 @@
 Each file is written as a whole or not at all.
 """
 
-from .junit import write_junit
-from .page import write_html
+from .junit import write_run_junit
+from .page import write_run_page
 from .result import environment, result_dict, write_frames, write_json
 from .wording import faults_and_troubles
 
@@ -13,7 +13,7 @@ __all__ = [
     "faults_and_troubles",
     "result_dict",
     "write_frames",
-    "write_html",
     "write_json",
-    "write_junit",
+    "write_run_junit",
+    "write_run_page",
 ]

@@ -15,8 +15,7 @@ from typing import Any, Final
 
 from haptogram.verification import RunVerdict
 
-from ..junit import JUnit, JUnitCase, JUnitSuite
-from ..junit import write_junit as write_suite
+from ..junit import JUnit, JUnitCase, JUnitSuite, write_junit
 from .checks import Check, Outcome, checks
 
 _OUTCOMES: Final = {
@@ -28,7 +27,7 @@ _OUTCOMES: Final = {
 }
 
 
-def write_junit(path: Path, run: RunVerdict, result: Mapping[str, Any]) -> None:
+def write_run_junit(path: Path, run: RunVerdict, result: Mapping[str, Any]) -> None:
     """Write the result as JUnit XML.
 
     Parameters
@@ -45,7 +44,7 @@ def write_junit(path: Path, run: RunVerdict, result: Mapping[str, Any]) -> None:
     """
     cases = tuple(_case(check) for check in checks(run, result["cut_short"]))
     properties = dict(_flat("", _known(result)))
-    write_suite(path, JUnitSuite("haptogram.verify", cases, properties, str(run)))
+    write_junit(path, JUnitSuite("haptogram.verify", cases, properties, str(run)))
 
 
 def _case(check: Check) -> JUnitCase:

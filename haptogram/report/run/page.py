@@ -35,7 +35,7 @@ _CHECK_TONES: Final = {
 }
 
 
-def write_html(
+def write_run_page(
     path: Path,
     run: RunVerdict,
     result: Mapping[str, Any],
@@ -165,7 +165,7 @@ def _missing_frames(run: RunVerdict) -> dict[str, Any]:
 
 
 def _place(frame: FrameVerdict) -> str:
-    return ", ".join(f"{1e3 * value:.1f}" for value in frame.target_m)
+    return ", ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in frame.target_m)
 
 
 def _circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, str]]]:

@@ -11,8 +11,8 @@ from haptogram.conformance.outcome import fail
 from haptogram.conformance.run.runner import Options, Runner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError, DeviceError
-from haptogram.report.conformance.junit import write_junit
-from haptogram.report.conformance.page import write_page
+from haptogram.report.conformance.junit import write_conformance_junit
+from haptogram.report.conformance.page import write_conformance_page
 from haptogram.report.conformance.result import read_json, write_json
 from haptogram.report.conformance.text import suite_text
 
@@ -57,7 +57,9 @@ def test_it_is_no_verdict_on_the_board_and_keeps_its_traceback(tmp_path, error):
     assert result.recovers
 
     files = [tmp_path / name for name in ("a.json", "a.xml", "a.html")]
-    for path, write in zip(files, (write_json, write_junit, write_page), strict=True):
+    for path, write in zip(
+        files, (write_json, write_conformance_junit, write_conformance_page), strict=True
+    ):
         write(path, suite)
     assert json.loads(files[0].read_text())["results"][0]["traceback"] == result.traceback
     assert read_json(files[0]).results == suite.results

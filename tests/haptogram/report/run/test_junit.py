@@ -29,7 +29,7 @@ OUTCOMES = {"failure", "error", "skipped", "system-out"}
 
 def written(path: Path, run: RunVerdict, **changes: object) -> ElementTree.Element:
     """Write the run, read it back and check that it has the usual shape."""
-    report.write_junit(path / "junit.xml", run, make_result(run, **changes))
+    report.write_run_junit(path / "junit.xml", run, make_result(run, **changes))
     root = ElementTree.parse(path / "junit.xml").getroot()
     assert root.tag == "testsuites"
     (suite,) = root
@@ -138,7 +138,7 @@ def test_characters_that_xml_cannot_hold_are_replaced(tmp_path: Path, good_run: 
 
 def test_the_same_run_gives_the_same_bytes(tmp_path: Path, good_run: RunVerdict) -> None:
     for name in ("first", "second"):
-        report.write_junit(tmp_path / name, good_run, make_result(good_run))
+        report.write_run_junit(tmp_path / name, good_run, make_result(good_run))
     assert (tmp_path / "first").read_bytes() == (tmp_path / "second").read_bytes()
 
 

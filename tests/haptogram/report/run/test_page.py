@@ -48,7 +48,7 @@ class Outline(HTMLParser):
 
 
 def written(path: Path, run: RunVerdict, model: AcousticModel, **changes: Any) -> Outline:
-    report.write_html(path / "report.html", run, make_result(run, **changes), model)
+    report.write_run_page(path / "report.html", run, make_result(run, **changes), model)
     outline = Outline()
     outline.feed((path / "report.html").read_text(encoding="utf-8"))
     outline.close()
@@ -97,7 +97,7 @@ def test_without_the_extra_no_page_is_begun(
     monkeypatch.setitem(sys.modules, package, None)
     advice = rf"^HTML pages need {package}: pip install 'haptogram\[report\]'$"
     with pytest.raises(ConfigurationError, match=advice):
-        report.write_html(tmp_path / "a.html", good_run, make_result(good_run), model)
+        report.write_run_page(tmp_path / "a.html", good_run, make_result(good_run), model)
     assert not (tmp_path / "a.html").exists()
 
 
@@ -162,4 +162,6 @@ def test_a_page_that_cannot_be_written_is_named(
 ) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ConfigurationError, match=r"file/report\.html"):
-        report.write_html(tmp_path / "file" / "report.html", good_run, make_result(good_run), model)
+        report.write_run_page(
+            tmp_path / "file" / "report.html", good_run, make_result(good_run), model
+        )
