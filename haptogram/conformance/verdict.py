@@ -39,7 +39,7 @@ class Meaning(NamedTuple):
 MEANINGS: Final[dict[Behaviour, Meaning]] = {
     Behaviour.OK: Meaning("as the clause demands", None, PASS),
     Behaviour.NON_STRICT: Meaning("a SHOULD that is not met (--strict: FAILED)", None, PASS),
-    Behaviour.INFORMATIONAL: Meaning("allowed either way; told for information", None, PASS),
+    Behaviour.INFORMATIONAL: Meaning("allowed either way; reported for information", None, PASS),
     Behaviour.UNIMPLEMENTED: Meaning(
         "needs a capability that the board does not advertise", "skipped", PASS
     ),
@@ -94,7 +94,7 @@ class Result:
         Number of the clause.
     requirement : str
         Text of the clause, one line.
-    what : str
+    summary : str
         Experiment and expected result, one line.
     behaviour : Behaviour
         First verdict.
@@ -117,7 +117,7 @@ class Result:
     case: str
     clause: str
     requirement: str
-    what: str
+    summary: str
     behaviour: Behaviour
     evidence: Evidence
     detail: str = ""

@@ -171,8 +171,8 @@ def _run(command: str, timeout_s: float) -> None:
     except subprocess.TimeoutExpired as error:
         raise ConfigurationError(f"--reset-cmd took more than {timeout_s:g} s") from error
     if done.returncode:
-        said = " ".join(done.stdout.decode(errors="replace").split())[-200:]
-        raise ConfigurationError(f"--reset-cmd ended with status {done.returncode}: {said}")
+        printed = " ".join(done.stdout.decode(errors="replace").split())[-200:]
+        raise ConfigurationError(f"--reset-cmd ended with status {done.returncode}: {printed}")
 
 
 def open_when_there(open_port: Callable[[], Transport], timeout_s: float) -> Transport:

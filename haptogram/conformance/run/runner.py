@@ -146,7 +146,7 @@ class Runner:
             case=case.id,
             clause=case.clause,
             requirement=self._clauses[case.clause].text,
-            what=case.summary,
+            summary=case.summary,
             behaviour=behaviour,
             evidence=case.evidence,
             detail=detail,
@@ -268,9 +268,9 @@ def _broke_off(error: Exception) -> _Outcome:
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(place.filename).name}:{place.lineno}, in {place.name}"
     text = " ".join(f"{type(error).__name__}: {error}".split())
-    told = "".join(traceback.format_exception(error))
+    trace = "".join(traceback.format_exception(error))
     detail = f"error in the case itself, no verdict on the board: {text} ({where})"
-    return _Outcome(Behaviour.INCONCLUSIVE, detail, traceback=told)
+    return _Outcome(Behaviour.INCONCLUSIVE, detail, traceback=trace)
 
 
 def _is_shown(behaviour: Behaviour) -> bool:

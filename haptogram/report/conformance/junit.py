@@ -31,7 +31,7 @@ def _case(result: Result) -> JUnitCase:
         message += f" (baseline: {result.expected})"
     return JUnitCase(
         group=result.clause.partition(".")[0],
-        name=f"{result.case} {result.what}",
+        name=f"{result.case} {result.summary}",
         outcome=_outcome(result),
         message=message,
         kind=result.behaviour.value,

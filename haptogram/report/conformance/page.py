@@ -61,7 +61,7 @@ def write_comparison(path: Path, suites: Sequence[SuiteResult]) -> None:
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
     columns = [{result.case: result for result in suite.results} for suite in suites]
-    cases = {result.case: result.what for suite in suites for result in suite.results}
+    cases = {result.case: result.summary for suite in suites for result in suite.results}
     names = [_name(suite) for suite in suites]
     html.write_page(
         path,

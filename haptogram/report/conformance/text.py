@@ -40,7 +40,7 @@ def _result(result: Result) -> Iterator[str]:
     known = f" (expected: {result.expected})" if result.expected and result.is_failure else ""
     yield f"{result.case}  {result.behaviour} [{result.evidence.upper()}]{known}"
     yield f"    requirement  {result.requirement}"
-    yield f"    case         {result.what}"
+    yield f"    case         {result.summary}"
     if result.detail:
         yield f"    found        {result.detail}"
     if result.recovery is not None and not result.recovery.clean:

@@ -52,7 +52,7 @@ _USES: Final[dict[Feature, Callable[[BoardClient], object]]] = {
     Feature.TRACE_DRIVE: lambda b: _tells(b, TraceMode.DRIVE, TraceDrive, "TRACE_DRIVE"),
     Feature.TRACE_RING: lambda b: b.link.call(ReadTrace(0, 1), TraceReply),
 }
-# What needs one of these capabilities: a request that is whole but for the capability.
+# Requests that are right in everything but the capability that they need.
 _REQUESTS: Final[tuple[tuple[Feature, Callable[[BoardClient], Message]], ...]] = (
     (Feature.CONFIG, lambda b: SetConfig(b.config)),
     (Feature.READ_LATCHED, lambda _: ReadDrive(DriveKind.LATCHED, 0, 1)),

@@ -39,7 +39,7 @@ def has_crc32(board: BoardClient) -> None:
 
 
 def _greetings(board: BoardClient, since: int) -> list[Received]:
-    """Return what may be an answer to HELLO, its checksum apart: no echo, no text."""
+    """Return the pieces that begin like an answer to HELLO, with any checksum."""
     return [piece for piece in board.wire.received[since:] if _is_greeting(piece)]
 
 

@@ -55,4 +55,4 @@ def discards_a_run_too_long(board: BoardClient) -> None:
             board.link.send(b"\x00", run, b"\x00", ping)
             board.link.answer_to(Ping.TYPE, seq, since, board.wire.line_us(len(run)))
             extra = board.link.responses(since)[:-1]
-            check(not extra, f"what a run of {len(run)} bytes holds was answered")
+            check(not extra, f"a frame inside a run of {len(run)} bytes was answered")

@@ -51,7 +51,9 @@ def drops_what_is_no_cobs(board: BoardClient) -> None:
     )
     broken = [b"\x05\x01\x02", b"\xff" + b"\x07" * 40, good[:-1], good + b"\x02", b"\x02"]
     with board.counting(cobs=len(broken)):
-        board.link.unanswered("what is no COBS", *(b"\x00" + piece + b"\x00" for piece in broken))
+        board.link.unanswered(
+            "a frame that is not COBS", *(b"\x00" + piece + b"\x00" for piece in broken)
+        )
 
 
 @case("HG-2.2/3", "a frame that ends with a full piece and a code byte 01 is read")

@@ -77,7 +77,7 @@ def does_not_leak(board: BoardClient) -> None:
 
 
 def _junk(board: BoardClient) -> bytes:
-    """Return what a receiver has to drop, one of every kind: short, no COBS, wrong CRC, endless."""
+    """Return junk of every kind: a short frame, no COBS, a wrong CRC, a run without an end."""
     body = board.link.body(Ping.TYPE, board.random.randbytes(8), seq=0)
     wrong = malformed_frames.framed(
         malformed_frames.with_wrong_crc(body, 1 << board.random.randrange(32))

@@ -35,7 +35,7 @@ from ...outcome import check
 _PROMPT_US: Final = 10_000
 _TRIES: Final = 8
 _CLOCK_US: Final = 10
-_EVENTS_US: Final = 10_000  # until what a request leads to has been told
+_EVENTS_US: Final = 10_000  # until the events that a request leads to have come
 
 
 host_ignores = about_host("HG-4.11/4")
@@ -112,14 +112,14 @@ def answers_before_it_reports(board: BoardClient) -> None:
 def answers_before_playback_ends(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
     hello = board.hello_message(board.new_nonce())
-    told: tuple[tuple[Message, int, tuple[type[Message], ...]], ...] = (
+    orders: tuple[tuple[Message, int, tuple[type[Message], ...]], ...] = (
         (Stop(), board.link.session, (StopReply, PlaybackEnded)),
         (Mute(), board.link.session, (MuteReply, PlaybackEnded)),
         (Mute(), 0, (MuteReply, StateChanged, PlaybackEnded)),
         (Disarm(), board.link.session, (DisarmReply, PlaybackEnded)),
         (hello, 0, (HelloReply, PlaybackEnded)),
     )
-    for message, session, order in told:
+    for message, session, order in orders:
         board.arm()
         play_now(board, 1, loops=0)
         _in_order(board, message, order, session=session)
@@ -129,7 +129,7 @@ def answers_before_playback_ends(board: BoardClient) -> None:
 def _in_order(
     board: BoardClient, message: Message, due: tuple[type[Message], ...], *, session: int
 ) -> None:
-    """Send a request; of what it is due to lead to, what comes has to come in that order."""
+    """Send a request; FAILED unless its reply and events come in the order *due*."""
     since = board.link.mark()
     board.link.ask(message, session=session)
     board.wire.idle(_EVENTS_US + board.wire.limits.slack_us)

@@ -49,11 +49,11 @@ def mutes_always(board: BoardClient) -> None:
             if state is OutputState.ARMED:
                 latch_now(board, board.flat_phases())
             answer = board.link.ask_raw(Mute.TYPE, b"\x01\x02\x03", **header)
-            said = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
+            replied = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
             found = board.status()
             check(
-                said is found.state is OutputState.MUTED,
-                f"MUTE while {state.name}: {said.name}, then {found.state.name}",
+                replied is found.state is OutputState.MUTED,
+                f"MUTE while {state.name}: {replied.name}, then {found.state.name}",
             )
             with board.counting(dropped_state=1, latched=0):
                 latch_now(board, board.flat_phases())
@@ -123,8 +123,11 @@ def disarm_flushes(board: BoardClient) -> None:
 @case("HG-6.5/2", "DISARM while MUTED: DISARM_REPLY and STATUS say MUTED")
 def disarm_leaves_muted(board: BoardClient) -> None:
     board.link.ask(Mute())
-    said, found = board.link.call(Disarm(), DisarmReply).state, board.status().state
-    check(said is found is OutputState.MUTED, f"{said.name}, then {found.name}")
+    replied, found = board.link.call(Disarm(), DisarmReply).state, board.status().state
+    check(
+        replied is found is OutputState.MUTED,
+        f"DISARM_REPLY says {replied.name}, STATUS {found.name}",
+    )
 
 
 @case(

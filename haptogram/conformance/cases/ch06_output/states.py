@@ -88,8 +88,8 @@ def _do(board: BoardClient, event: OutputInput) -> None:
     state = getattr(reply, "state", None)
     if state is None:
         fail(f"{event.name} is not answered by its reply")
-    told = board.status().state
-    check(state is told, f"the reply to {event.name} says {state.name}, STATUS {told.name}")
+    found = board.status().state
+    check(state is found, f"the reply to {event.name} says {state.name}, STATUS {found.name}")
 
 
 @case("HG-6.2/1", "PLAY while DISARMED and MUTED is refused", variant="play")

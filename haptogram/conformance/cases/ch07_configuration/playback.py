@@ -115,8 +115,8 @@ def plays_in_time(board: BoardClient) -> None:
     wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
     check(len(got) == len(due), f"{len(got)} frames are traced, {len(due)} were due")
     check(not wrong, f"(sequence, loop, index, time): seen and due are {wrong[:1]}")
-    told = (event.sequence, event.loops, event.frames)
-    check(told == (1, loops, 3 * loops), f"PLAYBACK_ENDED says {told}")
+    reported = (event.sequence, event.loops, event.frames)
+    check(reported == (1, loops, 3 * loops), f"PLAYBACK_ENDED says {reported}")
 
 
 @case(

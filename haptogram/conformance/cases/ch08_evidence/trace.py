@@ -34,7 +34,7 @@ def _events(board: BoardClient, since: int) -> int:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def reports_as_told(board: BoardClient) -> None:
+def reports_by_its_mode(board: BoardClient) -> None:
     modes = {
         TraceMode.OFF: (Feature(0), 0),
         TraceMode.CRC: (Feature.TRACE, 6),
@@ -144,8 +144,8 @@ def traces_every_third(board: BoardClient) -> None:
         board.link.barrier()
         found = board.link.events(TraceDrive, since)
         got = [event.key.index - first for _, event in found]
-        check(got == [0, 3, 6, 9], f"of latches 0 to 9 these are told: {got}")
-        check(_events(board, since) == 4, "latches are told in another way as well")
+        check(got == [0, 3, 6, 9], f"of latches 0 to 9 these are traced: {got}")
+        check(_events(board, since) == 4, "a trace of another kind reports latches as well")
         for number, (_, event) in zip(got, found, strict=True):
             same = event.data == full_drive(drives[number])
             check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")

@@ -94,4 +94,4 @@ def uses_the_right_codes(board: BoardClient) -> None:
         for piece in board.wire.received
         if isinstance(piece.message, Error) and piece.message.code == ErrorCode.BUSY
     ]
-    check(not busy, "BUSY for what does not pass by itself")
+    check(not busy, "a refusal that does not pass by itself is BUSY")
