@@ -1,8 +1,8 @@
 """Every message of the protocol: one frozen dataclass each.  SPEC.md chapters 3 to 10.
 
-``serialize`` gives the payload, ``deserialize`` takes it; the ten header bytes are a record of
-their own.  A wrong length or a value outside its range is a :class:`RemoteProtocolError` and
-nothing else.
+``serialize`` returns the payload, ``deserialize`` reads it; the ten header bytes are a record of
+their own. A wrong length, or a value outside its range, raises :class:`RemoteProtocolError` and no
+other error. The rules about when a message may be sent live in :mod:`..connection`.
 """
 
 from __future__ import annotations
@@ -145,23 +145,49 @@ MESSAGES: Final[dict[int, type[Message]]] = {int(kind.TYPE): kind for kind in _K
 
 
 def parse_body(body: bytes) -> tuple[Header, Message]:
-    """Return header and message of a frame body whose CRC was right.
+    """Return header and message of a frame whose CRC was right.
+
+    Parameters
+    ----------
+    body : bytes
+        Header and payload, as a :class:`~haptogram_protocol.framing.FrameDecoder` returns them.
 
     Raises
     ------
     RemoteProtocolError
-        ``unknown_type``, ``bad_length`` or ``bad_value``.
+        With the reason ``unknown_type``, ``bad_length`` or ``bad_value``.
     """
     size = Header.LAYOUT.size
     header = Header.unpack(body[:size])
     message = MESSAGES.get(header.type)
     if message is None:
-        raise RemoteProtocolError(f"message type {header.type:#04x}", reason="unknown_type")
+        raise RemoteProtocolError(
+            f"message type {header.type:#04x} is unknown", reason="unknown_type"
+        )
     return header, message.deserialize(body[size:])
 
 
 def build_body(message: Message, *, flags: int, seq: int, time_us: int, session: int) -> bytes:
-    """Return header and payload of a frame, ready for :func:`framing.encode_frame`."""
+    """Return header and payload of a frame, for :func:`~haptogram_protocol.framing.encode_frame`.
+
+    Parameters
+    ----------
+    message : Message
+        Payload.
+    flags : int
+        Sum of :class:`Flag` bits.
+    seq : int
+        Sequence number; taken modulo 2^16.
+    time_us : int
+        Device time in microseconds; taken modulo 2^32.
+    session : int
+        Nonce of the session, 0 to 65535.
+
+    Raises
+    ------
+    LocalProtocolError
+        If a value does not fit its field.
+    """
     header = Header(
         type=message.TYPE,
         flags=flags,

@@ -1,4 +1,4 @@
-"""What every message has: ten bytes in front, type, flags, errors.  SPEC.md chapters 3 and 10."""
+"""Common parts of all messages: header, types, flags, errors.  SPEC.md chapters 3 and 10."""
 
 from __future__ import annotations
 
@@ -112,18 +112,36 @@ class Header(Record):
 
 
 class Message(Record):
-    """Base of every payload.  ``TYPE`` is its type byte."""
+    """Base of every payload.
+
+    Attributes
+    ----------
+    TYPE : MessageType
+        Type byte of the message.
+    """
 
     __slots__ = ()
     TYPE: ClassVar[MessageType]
 
     def serialize(self) -> bytes:
-        """Return the payload; :class:`LocalProtocolError` if a value does not fit."""
+        """Return the payload.
+
+        Raises
+        ------
+        LocalProtocolError
+            If a value does not fit its field.
+        """
         return self.pack()
 
     @classmethod
     def deserialize(cls, payload: bytes) -> Self:
-        """Return the message; :class:`RemoteProtocolError` (``bad_length``, ``bad_value``)."""
+        """Return the message whose payload is *payload*.
+
+        Raises
+        ------
+        RemoteProtocolError
+            With the reason ``bad_length``, or ``bad_value`` and the offset of the field.
+        """
         return cls.unpack(payload)
 
 

@@ -19,7 +19,7 @@ class PhaseFormat(DocumentedEnum):
 
 
 def packed_size(transducers: int, bits: int) -> int:
-    """Return the bytes that *transducers* phases of *bits* take."""
+    """Return the number of bytes of *transducers* phases of *bits* bits each.  HG-5.2."""
     return (transducers * bits + 7) // 8
 
 
@@ -30,6 +30,13 @@ def pack_phases(codes: bytes, bits: int) -> bytes:
     ----------
     codes : (N,) bytes
         One code per transducer, each below ``2**bits``.
+    bits : int
+        Bits per phase: 8, 6 or 5.
+
+    Returns
+    -------
+    (packed_size(N, bits),) bytes
+        Packed codes; spare bits are 0.
 
     Raises
     ------
@@ -39,7 +46,7 @@ def pack_phases(codes: bytes, bits: int) -> bytes:
     if bits == 8:
         return codes
     if codes and max(codes) >> bits:
-        raise LocalProtocolError(f"phase code {max(codes)}; {bits} bits hold {2**bits - 1}")
+        raise LocalProtocolError(f"phase code {max(codes)}; {bits} bits hold at most {2**bits - 1}")
     # A number in base 2^bits, the first transducer its last digit: Python's integers pack it.
     digits = "".join(f"{code:0{bits}b}" for code in reversed(codes))
     return int(digits or "0", 2).to_bytes(packed_size(len(codes), bits), "little")
@@ -47,6 +54,20 @@ def pack_phases(codes: bytes, bits: int) -> bytes:
 
 def unpack_phases(packed: bytes, bits: int, transducers: int) -> bytes:
     """Return one phase code per transducer.  HG-5.2.
+
+    Parameters
+    ----------
+    packed : bytes
+        Packed codes.
+    bits : int
+        Bits per phase: 8, 6 or 5.
+    transducers : int
+        Number of codes, N.
+
+    Returns
+    -------
+    (N,) bytes
+        One code per transducer.
 
     Raises
     ------
