@@ -123,7 +123,7 @@ class Row:
 
 def row(fault: str) -> Row:
     """Run the job with *fault*; return its row."""
-    config = VerifyConfig(
+    config = VerifyConfig.of(
         object="circle",
         radius_mm=30.0,
         repeat=10,

@@ -152,11 +152,11 @@ def _prepare_simulator(config: VerifyConfig) -> FaultPlan:
     """
     from .settings.board_url import SCHEME, read_url
 
-    if config.port is not None and config.port.startswith(SCHEME):
+    if config.link.port is not None and config.link.port.startswith(SCHEME):
         import sim_device
 
         sim_device.register_url_handler()
-        return read_url(config.port).board.plan
+        return read_url(config.link.port).board.plan
     return config.virtual_board().plan
 
 

@@ -61,7 +61,7 @@ def _always(names: str) -> dict[str, Acting | None]:
 
 
 def _is_shape(settings: Any) -> bool:
-    from haptogram.settings.verify_config import SHAPES
+    from haptogram.settings.shape import SHAPES
 
     return settings.object is None or settings.object in SHAPES
 

@@ -6,7 +6,8 @@ import argparse
 from typing import TYPE_CHECKING
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.verify_config import VerifyConfig, load_config, option_name
+from haptogram.settings.array import ArrayConfig
+from haptogram.settings.verify_config import from_options, option_name
 
 from .shell.setting_types import setting_type
 
@@ -18,7 +19,6 @@ _OWN = ("pitch_mm", "temperature_c")
 
 def add_system(group: argparse._ArgumentGroup) -> None:
     """Add the options to *group*."""
-    default = VerifyConfig()
     system = group.add_mutually_exclusive_group()
     system.add_argument(
         "--preset", metavar="NAME", help="a known system; 'haptogram presets' lists them"
@@ -30,13 +30,13 @@ def add_system(group: argparse._ArgumentGroup) -> None:
         "--pitch-mm",
         type=setting_type("pitch_mm"),
         metavar="MM",
-        help=f"pitch of the grid [{default.pitch_mm:g}]",
+        help=f"pitch of the grid [{ArrayConfig.pitch_mm:g}]",
     )
     group.add_argument(
         "--temperature-c",
         type=setting_type("temperature_c"),
         metavar="C",
-        help=f"air temperature [{default.temperature_c:g}]",
+        help=f"air temperature [{ArrayConfig.temperature_c:g}]",
     )
 
 
@@ -53,7 +53,7 @@ def system_model(arguments: argparse.Namespace) -> AcousticModel:
 
     if not arguments.preset:
         given = {name: getattr(arguments, name) for name in ("array", *_OWN)}
-        return host_model(load_config(None, given))
+        return host_model(from_options(ArrayConfig, given))
     for name in _OWN:
         if getattr(arguments, name) is not None:
             raise ConfigurationError(

@@ -21,7 +21,9 @@ from haptogram.objects import shapes as tactile
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.records.frame import STREAM, Focus, Intended, Observation
 from haptogram.settings.arguments import Progress
-from haptogram.settings.verify_config import UNITS_M, VerifyConfig
+from haptogram.settings.array import ArrayConfig
+from haptogram.settings.shape import UNITS_M, ModulationConfig, ShapeConfig
+from haptogram.settings.verify_config import PaceConfig, VerifyConfig
 from haptogram.verification import Cut, check_tolerance, tolerance_of
 from haptogram_protocol.messages import Counters, HelloReply, StateChanged
 
@@ -86,7 +88,7 @@ class Measured:
     troubles: dict[str, dict[str, int]] = field(default_factory=dict)
 
 
-def host_model(config: VerifyConfig, array: TransducerArray | None = None) -> AcousticModel:
+def host_model(config: ArrayConfig, array: TransducerArray | None = None) -> AcousticModel:
     """Return the array and the air that the host assumes; by default the virtual board's array."""
     if array is None:
         array = TransducerArray.parse(config.virtual_array, pitch_m=config.pitch_mm / 1e3)
@@ -95,7 +97,9 @@ def host_model(config: VerifyConfig, array: TransducerArray | None = None) -> Ac
     return AcousticModel(array, air, transducer)
 
 
-def frames_to_show(config: VerifyConfig) -> FocusFrames:
+def frames_to_show(
+    shape: ShapeConfig, pace: PaceConfig, modulated: ModulationConfig
+) -> FocusFrames:
     """Return the frames of one pass: the object's points, modulated and held as the settings say.
 
     Raises
@@ -103,20 +107,20 @@ def frames_to_show(config: VerifyConfig) -> FocusFrames:
     ConfigurationError
         As :func:`sample_object` and :meth:`haptogram.objects.modulation.Modulation.frames`.
     """
-    x, y, z = (coordinate / 1e3 for coordinate in config.shift_mm)
+    x, y, z = (coordinate / 1e3 for coordinate in modulated.shift_mm)
     modulation = Modulation(
-        config.modulation,
-        config.modulation_hz,
-        config.depth,
+        modulated.modulation,
+        modulated.modulation_hz,
+        modulated.depth,
         (x, y, z),
-        None if config.dwell_ms is None else config.dwell_ms / 1e3,
+        None if modulated.dwell_ms is None else modulated.dwell_ms / 1e3,
     )
-    frames = modulation.frames(sample_object(config), config.rate_hz)
-    _check_kept(config, frames.count, "frames")
+    frames = modulation.frames(sample_object(shape, pace.repeat), pace.rate_hz)
+    _check_kept(pace.repeat, frames.count, "frames")
     return frames
 
 
-def sample_object(config: VerifyConfig) -> NDArray[np.float64]:
+def sample_object(config: ShapeConfig, repeat: int = 1) -> NDArray[np.float64]:
     """Return the (T, 3) points to display, in metres, in the order of one pass.
 
     Raises
@@ -126,19 +130,19 @@ def sample_object(config: VerifyConfig) -> NDArray[np.float64]:
         one run can keep.
     """
     points = _shape(config).sample(config.resolution_mm / 1e3)
-    _check_kept(config, len(points), "points")
+    _check_kept(repeat, len(points), "points")
     return points
 
 
-def _check_kept(config: VerifyConfig, count: int, of_what: str) -> None:
-    if count * config.repeat > MOST_FRAMES:
+def _check_kept(repeat: int, count: int, of_what: str) -> None:
+    if count * repeat > MOST_FRAMES:
         raise ConfigurationError(
-            f"{config.repeat} times {count} {of_what} are {count * config.repeat} frames; "
+            f"{repeat} times {count} {of_what} are {count * repeat} frames; "
             f"a run keeps them all, and can have {MOST_FRAMES}"
         )
 
 
-def _shape(config: VerifyConfig) -> tactile.TactileObject:
+def _shape(config: ShapeConfig) -> tactile.TactileObject:
     radius_m = config.radius_mm / 1e3
     x, y, z = (coordinate / 1e3 for coordinate in config.center_mm)
     center_m = (x, y, z)
@@ -159,7 +163,7 @@ def _shape(config: VerifyConfig) -> tactile.TactileObject:
     return mesh
 
 
-def _check_size(mesh: tactile.MeshSurface, config: VerifyConfig) -> None:
+def _check_size(mesh: tactile.MeshSurface, config: ShapeConfig) -> None:
     """Refuse a mesh whose file is most likely in another unit."""
     size_m = float(np.ptp(mesh.mesh.bounds, axis=0).max())
     size = size_m / UNITS_M[config.unit]
@@ -194,28 +198,29 @@ def measure(
     faulty : bool
         Whether faults are planned: then a refusal of the board ends the run as a broken link does.
     """
-    shown = frames_to_show(config)
-    model = host_model(config)
-    own_array = config.port is not None and config.array is None
-    elements = None if config.calibration is None else Calibration.from_file(config.calibration)
+    shown = frames_to_show(config.shape, config.pace, config.modulation)
+    model = host_model(config.array)
+    own_array = config.link.port is not None and config.array.array is None
+    file = config.elements.calibration
+    elements = None if file is None else Calibration.from_file(file)
     driver = Driver(
         board.port,
-        baudrate=config.baud,
-        seed=config.seed if config.virtual_time else None,
-        phase_bits=config.phase_bits,
+        baudrate=config.link.baud,
+        seed=config.limits.seed if config.link.virtual_time else None,
+        phase_bits=config.drive.phase_bits,
         model=None if own_array else model,
         medium=model.medium,
-        calibration=elements if config.compensate else None,
+        calibration=elements if config.elements.compensate else None,
         keep=MOST_FRAMES,
     )
     known = board.model or driver.model
     found = Measured(board.label, known, driver.identity, warnings=driver.warnings)
     found.intended = driver.intended
-    total = shown.count * config.repeat
+    total = shown.count * config.pace.repeat
     try:
         if elements is not None:
             _calibrate(found, elements, driver)
-        check_tolerance(found.model, shown.points_m, tolerance_of(config))
+        check_tolerance(found.model, shown.points_m, tolerance_of(config.tolerance))
         with _cut_short(found, driver, board, total, faulty=faulty):
             before = driver.status().counters
             board.prepare(driver)
@@ -302,10 +307,10 @@ def _troubles(
 
 def _frames(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
     foci = [
-        Focus.at(point, amplitude / config.foci)
+        Focus.at(point, amplitude / config.drive.foci)
         for point, amplitude in zip(shown.points_m, shown.amplitudes, strict=True)
     ]
-    targets = foci if config.foci == 1 else _at_once(foci, config.foci)
+    targets = foci if config.drive.foci == 1 else _at_once(foci, config.drive.foci)
     solver = cast("Method", config.solver_of_host)
     return driver.frames(targets, mode=cast("Mode", config.frame_kind), solver=solver)
 
@@ -313,19 +318,19 @@ def _frames(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Fr
 def _display(
     config: VerifyConfig, driver: Driver, frames: list[Frame], progress: Progress | None
 ) -> StreamReport | PlayReport:
-    lead_us = None if config.lead_ms is None else round(config.lead_ms * 1e3)
-    if config.mode == "sequence":
+    lead_us = None if config.pace.lead_ms is None else round(config.pace.lead_ms * 1e3)
+    if config.drive.mode == "sequence":
         return driver.play(
             frames,
-            config.rate_hz,
-            loops=config.repeat,
+            config.pace.rate_hz,
+            loops=config.pace.repeat,
             lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
             progress=progress,
         )
     return driver.stream(
         frames,
-        config.rate_hz,
-        loops=config.repeat,
+        config.pace.rate_hz,
+        loops=config.pace.repeat,
         lead_us=lead_us,
         progress=progress,
     )

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from haptogram.acoustics import Medium
 from haptogram.acoustics.model.medium import speed_uncertainty
 from haptogram.settings.arguments import check_number
-from haptogram.settings.verify_config import (
+from haptogram.settings.tolerance import (
     GUESS_C,
     GUESS_HUMIDITY_PERCENT,
     GUESS_PHASE_RAD,
@@ -23,7 +23,8 @@ from haptogram.settings.verify_config import (
     MOST_OFF_HUMIDITY_PERCENT,
     MOST_OFF_PHASE_RAD,
     MOST_OFF_POSITION_MM,
-    VerifyConfig,
+    ToleranceConfig,
+    UncertaintyConfig,
 )
 
 
@@ -131,18 +132,18 @@ def tolerance_text(tolerance: Tolerance) -> str:
     return ", ".join(filter(None, parts)) or "none"
 
 
-def tolerance_of(config: VerifyConfig) -> Tolerance:
+def tolerance_of(config: ToleranceConfig) -> Tolerance:
     """Return the tolerance of the settings."""
     return Tolerance(config.tolerance_mm, config.tolerance_c, config.tolerance_humidity)
 
 
-def uncertainty_of(config: VerifyConfig) -> Uncertainty:
-    """Return how well the settings know air and elements.
+def uncertainty_of(config: UncertaintyConfig, *, at_port: bool) -> Uncertainty:
+    """Return the uncertainty of air and elements that the settings state.
 
-    What was not said is 0 for the virtual board that is started here, whose air and elements are
-    those of the settings, and a guess (`REAL_BOARD`) for the board at a port.
+    An uncertainty that is not given is 0 for the virtual board that is started here, whose air and
+    elements are those of the settings, and a guess (`REAL_BOARD`) for a board *at_port*.
     """
-    guess = Uncertainty() if config.port is None else REAL_BOARD
+    guess = REAL_BOARD if at_port else Uncertainty()
     said = {
         "temperature_c": config.uncertainty_c,
         "humidity_percent": config.uncertainty_humidity,

@@ -162,7 +162,7 @@ def test_the_file_may_be_named_in_the_settings(tmp_path: Path) -> None:
 @pytest.mark.parametrize("compensate", [False, True])
 def test_a_board_at_a_port_is_judged_by_the_calibration(tmp_path: Path, compensate: bool) -> None:
     path = file_of(tmp_path, unequal(ARRAYS["16x16"]))
-    config = VerifyConfig(
+    config = VerifyConfig.of(
         object="circle", radius_mm=20, resolution_mm=4, port="virtual://", calibration=path,
         compensate=compensate,
     )  # fmt: skip
@@ -181,7 +181,7 @@ def test_a_calibration_of_another_array_leaves_the_port_closed(tmp_path: Path) -
     for compensate in (False, True):
         board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
         board.port = port = BoardPort()
-        config = VerifyConfig(port="virtual://", calibration=path, compensate=compensate)
+        config = VerifyConfig.of(port="virtual://", calibration=path, compensate=compensate)
         with pytest.raises(ConfigurationError, match="element 64 is missing; the array has the"):
             measure(config, board, None)
         assert port.closed

@@ -131,7 +131,7 @@ def _wait_for_latches(folder: Path, count: int) -> None:
 
 @pytest.mark.pty
 def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
-    config = VerifyConfig(object="circle", radius_mm=20, resolution_mm=2, rate_hz=200, repeat=20)
+    config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, rate_hz=200, repeat=20)
     with VirtualBoard(baudrate=None) as board:
 
         def kill_at_half(done: int, total: int) -> None:
@@ -158,7 +158,7 @@ def test_a_board_at_a_port_is_judged_by_its_own_word(tmp_path: Path, mode: str) 
 
 def test_a_board_without_trace_is_read_back_and_the_rest_is_not_verified() -> None:
     traces = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
-    config = VerifyConfig(object="circle", radius_mm=20, resolution_mm=2, seed=3)
+    config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, seed=3)
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=ALL_FEATURES & ~traces)
     found = measure(config, board, None)
@@ -173,7 +173,7 @@ def test_a_board_without_trace_is_read_back_and_the_rest_is_not_verified() -> No
 
 
 def test_a_board_that_can_show_nothing_is_refused() -> None:
-    config = VerifyConfig(object="point")
+    config = VerifyConfig.of(object="point")
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=Feature.AMPLITUDE)
     with pytest.raises(ConfigurationError, match="neither trace nor read-back"):

@@ -9,13 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.settings.parser import number, whole_number
-from haptogram.settings.verify_config import (
-    MESH_SUFFIXES,
-    MODULATIONS,
-    SHAPES,
-    UNITS_M,
-    VerifyConfig,
-)
+from haptogram.settings.shape import MESH_SUFFIXES, MODULATIONS, SHAPES, UNITS_M, ShapeConfig
+from haptogram.settings.verify_config import DriveConfig, PaceConfig
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import PASS
@@ -70,7 +65,6 @@ def set_up(parser: Parser) -> None:
 
 
 def _add_source(parser: Parser) -> None:
-    default = VerifyConfig()
     group = parser.add_argument_group("what sounds")
     source = group.add_mutually_exclusive_group()
     source.add_argument(
@@ -95,9 +89,14 @@ def _add_source(parser: Parser) -> None:
         help="unit of the lengths in a mesh file [mm]",
     )
     for name, unit, text, value in (
-        ("resolution_mm", "MM", "spacing of the points of an object", default.resolution_mm),
-        ("radius_mm", "MM", "radius of an object; half the length of a line", default.radius_mm),
-        ("rate_hz", "HZ", "points or frames per second", default.rate_hz),
+        ("resolution_mm", "MM", "spacing of the points of an object", ShapeConfig.resolution_mm),
+        (
+            "radius_mm",
+            "MM",
+            "radius of an object; half the length of a line",
+            ShapeConfig.radius_mm,
+        ),
+        ("rate_hz", "HZ", "points or frames per second", PaceConfig.rate_hz),
     ):
         group.add_argument(
             f"--{name.replace('_', '-')}",
@@ -110,15 +109,15 @@ def _add_source(parser: Parser) -> None:
         "--center-mm",
         type=place_mm,
         metavar="X,Y,Z",
-        default=default.center_mm,
+        default=ShapeConfig.center_mm,
         help="centre of an object [0,0,100]",
     )
     group.add_argument(
         "--phase-bits",
         type=whole_number(1, 8, "bits"),
         metavar="BITS",
-        default=default.phase_bits,
-        help=f"resolution of the phases, 1 to 8 [{default.phase_bits}]",
+        default=DriveConfig.phase_bits,
+        help=f"resolution of the phases, 1 to 8 [{DriveConfig.phase_bits}]",
     )
     group.add_argument(
         "--modulation",

@@ -20,7 +20,7 @@ from haptogram.evidence.run_record import sample_object
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.objects.shapes import Circle
 from haptogram.published.presets import find_preset
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.shape import ShapeConfig
 
 from ..shell.places import metres
 from ..system import system_model
@@ -65,7 +65,7 @@ class Scene:
             look = _peak_of(model, drive.weights())
             return cls(model, drive.weights()[None], np.empty((0, 3)), look, frame_s)
         if arguments.object:
-            targets = sample_object(_object_config(arguments))
+            targets = sample_object(_shape_config(arguments))
             look = metres(arguments.center_mm)
         else:
             look = _focus(arguments)
@@ -133,14 +133,13 @@ def _focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
     return metres(arguments.focus_mm or (0.0, 0.0, 150.0))
 
 
-def _object_config(arguments: argparse.Namespace) -> VerifyConfig:
-    return VerifyConfig(
+def _shape_config(arguments: argparse.Namespace) -> ShapeConfig:
+    return ShapeConfig(
         object=arguments.object,
         unit=arguments.unit,
         resolution_mm=arguments.resolution_mm,
         radius_mm=arguments.radius_mm,
         center_mm=arguments.center_mm,
-        rate_hz=arguments.rate_hz,
     )
 
 

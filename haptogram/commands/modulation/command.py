@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from haptogram.settings.option import options_of
 from haptogram.settings.parser import number
-from haptogram.settings.verify_config import (
-    MESH_SUFFIXES,
-    SHAPES,
-    UNITS_M,
-    VerifyConfig,
-    load_config,
-)
+from haptogram.settings.shape import MESH_SUFFIXES, SHAPES, UNITS_M, ShapeConfig
+from haptogram.settings.verify_config import PaceConfig, VerifyConfig, load_config
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import PASS
@@ -74,7 +69,6 @@ def set_up(parser: Parser) -> None:
 
 
 def _add_object(parser: Parser) -> None:
-    default = VerifyConfig()
     shape = parser.add_argument_group("what is modulated")
     shape.add_argument(
         "--object",
@@ -89,8 +83,8 @@ def _add_object(parser: Parser) -> None:
     )
     for name, metavar, text, value in (
         ("radius_mm", "MM", "radius of the object; half the length of a line", _RADIUS_MM),
-        ("resolution_mm", "MM", "spacing of its points", default.resolution_mm),
-        ("rate_hz", "HZ", "frames per second", default.rate_hz),
+        ("resolution_mm", "MM", "spacing of its points", ShapeConfig.resolution_mm),
+        ("rate_hz", "HZ", "frames per second", PaceConfig.rate_hz),
     ):
         shape.add_argument(
             f"--{name.replace('_', '-')}",
@@ -148,9 +142,16 @@ def run(arguments: argparse.Namespace) -> int:
     outputs = Outputs(arguments, "picture", "csv", "json")
     config = _config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
-    frames = frames_to_show(config)
+    frames = frames_to_show(config.shape, config.pace, config.modulation)
     place = None if arguments.at_mm is None else metres(arguments.at_mm)
-    felt = Felt.of(NumpyEngine(system_model(arguments)), config, frames, lag, place)
+    felt = Felt.of(
+        NumpyEngine(system_model(arguments)),
+        config.shape.object,
+        config.modulation,
+        frames,
+        lag,
+        place,
+    )
     for line in describe(felt, arguments.bandwidth_hz):
         print(line, file=outputs.text)
     if arguments.picture is not None:
@@ -172,7 +173,7 @@ def _config(arguments: argparse.Namespace) -> VerifyConfig:
         "center_mm": _CENTER_MM,
         "mode": "points",
     }
-    names = {field.name for field in dataclasses.fields(VerifyConfig)}
+    names = options_of(VerifyConfig)
     given = {
         name: value
         for name, value in vars(arguments).items()

@@ -15,7 +15,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.objects.modulation import FocusFrames
 from haptogram.objects.signals import FocusSignal, signal_at
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.shape import ModulationConfig
 
 from ..shell.places import text_mm
 
@@ -36,8 +36,10 @@ class Felt:
 
     Attributes
     ----------
-    config : VerifyConfig
-        What was asked for.
+    object : str
+        Shape or mesh file.
+    modulation : ModulationConfig
+        Modulation that was asked for.
     frames : FocusFrames
         One pass.
     frequency_hz : float or None
@@ -53,7 +55,8 @@ class Felt:
         Width of that focus at -6 dB, where it is narrowest.
     """
 
-    config: VerifyConfig
+    object: str
+    modulation: ModulationConfig
     frames: FocusFrames
     frequency_hz: float | None
     place_m: tuple[float, float, float]
@@ -65,7 +68,8 @@ class Felt:
     def of(
         cls,
         engine: FieldEngine,
-        config: VerifyConfig,
+        object: str,
+        modulation: ModulationConfig,
         frames: FocusFrames,
         lag: Resonator,
         place_m: tuple[float, float, float] | None,
@@ -84,9 +88,10 @@ class Felt:
         steady = np.exp(1j * focus_phases(engine.model, (x, y, z)))
         spot = measure_spot(engine, steady, (x, y, z))
         return cls(
-            config,
+            object,
+            modulation,
             frames,
-            _frequency_in(frames, config),
+            _frequency_in(frames, modulation),
             place,
             signal_at(engine, frames, place, lag),
             force_on_disc_n(engine, steady, (x, y, z)),
@@ -94,7 +99,7 @@ class Felt:
         )
 
 
-def _frequency_in(frames: FocusFrames, config: VerifyConfig) -> float | None:
+def _frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None:
     """Return the frequency that the frames really have: whole periods in the pass."""
     if config.modulation is None:
         return None
@@ -124,15 +129,15 @@ def describe(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
 
 
 def _describe_frames(felt: Felt) -> Iterator[str]:
-    frames, config = felt.frames, felt.config
+    frames, config = felt.frames, felt.modulation
     held = "" if config.dwell_ms is None else f", each point held {config.dwell_ms:g} ms"
     if felt.frequency_hz is None:
-        yield f"points of a {config.object}{held or ', each held one frame'}"
+        yield f"points of a {felt.object}{held or ', each held one frame'}"
     else:
         depth = f", depth {config.depth:.0%} of the force" if config.modulation == "am" else ""
         yield (
             f"{str(config.modulation).upper()} at {felt.frequency_hz:.6g} Hz{depth}; "
-            f"{config.object}{held}"
+            f"{felt.object}{held}"
         )
     periods = "" if felt.frequency_hz is None else _periods(felt.frequency_hz, frames)
     yield (
@@ -189,7 +194,7 @@ def _name_of(frequency_hz: float, felt: Felt) -> str:
 
 def warnings(felt: Felt) -> Iterator[str]:
     """Yield what a person who designs the sensation should know."""
-    frames, config = felt.frames, felt.config
+    frames, config = felt.frames, felt.modulation
     if felt.frequency_hz is not None and felt.frequency_hz != config.modulation_hz:
         yield (
             f"{config.modulation_hz:g} Hz became {felt.frequency_hz:.9g} Hz, so that the frames "
@@ -219,13 +224,13 @@ def draw(felt: Felt) -> Figure:
     signal, frames = felt.signal, felt.frames
     time_s, pressure_pa = _first_periods(felt)
     tone = "dwell" if felt.frequency_hz is None else f"{felt.frequency_hz:.6g} Hz"
-    kind = "" if felt.config.modulation is None else f"{felt.config.modulation.upper()} at "
+    kind = "" if felt.modulation.modulation is None else f"{felt.modulation.modulation.upper()} at "
     return draw_spectrum(
         time_s,
         pressure_pa,
         signal.frequency_hz,
         signal.amplitude_pa,
-        title=f"{kind}{tone}, {felt.config.object}, {frames.rate_hz:g} frames/s, felt at "
+        title=f"{kind}{tone}, {felt.object}, {frames.rate_hz:g} frames/s, felt at "
         f"({text_mm(felt.place_m, 2)}) mm",
         highest_hz=max(FELT_UP_TO_HZ, 6.0 * (felt.frequency_hz or 0.0)),
         modulation_hz=felt.frequency_hz,
@@ -259,9 +264,9 @@ def as_dict(felt: Felt, bandwidth_hz: float) -> dict[str, Any]:
     """Return plain values, for JSON."""
     signal, frames = felt.signal, felt.frames
     return {
-        "modulation": felt.config.modulation,
+        "modulation": felt.modulation.modulation,
         "frequency_hz": felt.frequency_hz,
-        "depth": felt.config.depth if felt.config.modulation == "am" else None,
+        "depth": felt.modulation.depth if felt.modulation.modulation == "am" else None,
         "frames": frames.count,
         "rate_hz": frames.rate_hz,
         "bandwidth_hz": bandwidth_hz,

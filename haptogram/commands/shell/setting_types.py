@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from haptogram.settings.option import options_of
 from haptogram.settings.parser import number, whole_number
 from haptogram.settings.verify_config import VerifyConfig
 
@@ -22,6 +23,8 @@ _UNITS: Final = {
 
 def setting_type(name: str) -> Callable[[str], float]:
     """Return the type of the option that is the setting *name* of :class:`VerifyConfig`."""
-    low, high = VerifyConfig.__dataclass_fields__[name].metadata["limits"]
+    row = options_of(VerifyConfig)[name]
     unit = _UNITS.get(name.rpartition("_")[2], "")
-    return (whole_number if isinstance(low, int) else number)(low, high, unit)
+    if row.kind is int:
+        return whole_number(int(row.low), int(row.high), unit)
+    return number(row.low, row.high, unit)

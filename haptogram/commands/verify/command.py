@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import functools
 import sys
 from collections.abc import Callable, Iterator
@@ -21,7 +20,8 @@ from haptogram.errors import (
     WrongProtocolError,
 )
 from haptogram.machine.terminal import error_line, paint_verdicts
-from haptogram.settings.verify_config import OUTPUTS, VerifyConfig, load_config
+from haptogram.settings.option import options_of
+from haptogram.settings.verify_config import OutputConfig, VerifyConfig, load_config
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
@@ -87,12 +87,14 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     from haptogram.report.html import check_page
     from haptogram.verification import tolerance_of, uncertainty_of, verify_run
 
-    names = {field.name for field in dataclasses.fields(VerifyConfig)}
+    names = options_of(VerifyConfig)
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_config(arguments.config, given)
-    refuse_idle_options("verify", arguments, config)
-    outputs = Outputs(config, *OUTPUTS)
-    if config.html is not None:
+    refuse_idle_options(
+        "verify", arguments, argparse.Namespace(**config.values(), frame_kind=config.frame_kind)
+    )
+    outputs = Outputs(config.outputs, *options_of(OutputConfig))
+    if config.outputs.html is not None:
         check_page()
     planned = prepare(config)
     quiet = arguments.quiet
@@ -116,21 +118,21 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
             cut=found.cut,
             unseen=found.unseen,
             silences=found.silences,
-            tolerance=tolerance_of(config),
-            uncertainty=uncertainty_of(config),
+            tolerance=tolerance_of(config.tolerance),
+            uncertainty=uncertainty_of(config.uncertainty, at_port=config.link.port is not None),
             progress=progress,
         )
     result = report.result_dict(
         verdict,
         configuration=config.job(),
-        seed=config.seed,
+        seed=config.limits.seed,
         board=_board_dict(found),
         warnings=found.warnings,
         cut_short=None if found.cut is None else found.cut.reason,
-        faults=_faults_dict(planned, found.fault_counts) if config.port is None else None,
+        faults=_faults_dict(planned, found.fault_counts) if config.link.port is None else None,
         troubles=found.troubles,
-        host=None if config.virtual_time else _host_dict(found),
-        environment=None if config.virtual_time else report.environment(),
+        host=None if config.link.virtual_time else _host_dict(found),
+        environment=None if config.link.virtual_time else report.environment(),
     )
     # Before the files: a full disk must not cost the result.
     print(paint_verdicts(str(verdict), outputs.text), file=outputs.text)
@@ -150,14 +152,14 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
     from haptogram.evidence.boards import PortBoard, ProcessBoard
     from haptogram.evidence.virtual_board import VirtualBoard
 
-    if config.port is not None:
+    if config.link.port is not None:
         yield PortBoard(
-            config.port,
-            baudrate=config.baud,
-            rate_hz=config.rate_hz,
+            config.link.port,
+            baudrate=config.link.baud,
+            rate_hz=config.pace.rate_hz,
             board_computes=config.frame_kind == "points",
         )
-    elif config.virtual_time:
+    elif config.link.virtual_time:
         with in_process(config.virtual_board()) as board:
             yield board
     else:
@@ -268,11 +270,11 @@ def _write(
     seen = {key: drive for key, drive in outputs if drive is not None}
     drives = {i.number: seen[i.key] for i in found.intended if i.key in seen}
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
-        (config.frames, lambda path: report.write_frames(path, verdict)),
-        (config.json, lambda path: report.write_json(path, result)),
-        (config.junit, lambda path: report.write_run_junit(path, verdict, result)),
+        (config.outputs.frames, lambda path: report.write_frames(path, verdict)),
+        (config.outputs.json, lambda path: report.write_json(path, result)),
+        (config.outputs.junit, lambda path: report.write_run_junit(path, verdict, result)),
         (
-            config.html,
+            config.outputs.html,
             lambda path: report.write_run_page(path, verdict, result, found.model, drives=drives),
         ),
     )

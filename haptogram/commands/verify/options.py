@@ -5,20 +5,25 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from haptogram.settings.array import ArrayConfig
+from haptogram.settings.board import DEFAULT_ARRAY
 from haptogram.settings.parser import whole_number
-from haptogram.settings.verify_config import (
+from haptogram.settings.shape import MESH_SUFFIXES, MODULATIONS, SHAPES, UNITS_M, ShapeConfig
+from haptogram.settings.tolerance import (
     GUESS_C,
     GUESS_HUMIDITY_PERCENT,
     GUESS_PHASE_RAD,
     GUESS_POSITION_MM,
-    MESH_SUFFIXES,
+    ToleranceConfig,
+)
+from haptogram.settings.verify_config import (
     MODES,
-    MODULATIONS,
     PHASE_BITS,
-    SHAPES,
     SOLVERS,
-    UNITS_M,
-    VerifyConfig,
+    DriveConfig,
+    LimitConfig,
+    LinkConfig,
+    PaceConfig,
 )
 
 from ..modulation.options import add_modulation
@@ -29,13 +34,12 @@ from ..shell.setting_types import setting_type
 
 def add_options(verify: argparse.ArgumentParser) -> None:
     """Add every option; one that is not given is None, so that a file can set it."""
-    default = VerifyConfig()
-
     shape = verify.add_argument_group("what is displayed")
     shape.add_argument(
         "--object",
         metavar="SHAPE",
-        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}) [{default.object}]",
+        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}) "
+        f"[{ShapeConfig.object}]",
     )
     shape.add_argument(
         "--unit",
@@ -46,13 +50,13 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         "--resolution-mm",
         type=setting_type("resolution_mm"),
         metavar="MM",
-        help=f"spacing of the points [{default.resolution_mm:g}]",
+        help=f"spacing of the points [{ShapeConfig.resolution_mm:g}]",
     )
     shape.add_argument(
         "--radius-mm",
         type=setting_type("radius_mm"),
         metavar="MM",
-        help=f"radius of the shape; half the length of a line [{default.radius_mm:g}]",
+        help=f"radius of the shape; half the length of a line [{ShapeConfig.radius_mm:g}]",
     )
     shape.add_argument(
         "--center-mm",
@@ -64,13 +68,13 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         "--rate-hz",
         type=setting_type("rate_hz"),
         metavar="HZ",
-        help=f"points per second [{default.rate_hz:g}]",
+        help=f"points per second [{PaceConfig.rate_hz:g}]",
     )
     shape.add_argument(
         "--repeat",
         type=setting_type("repeat"),
         metavar="N",
-        help=f"how often the object is displayed [{default.repeat}]",
+        help=f"how often the object is displayed [{PaceConfig.repeat}]",
     )
     shape.add_argument(
         "--modulation",
@@ -83,7 +87,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         "--foci",
         type=setting_type("foci"),
         metavar="N",
-        help=f"foci in every frame, evenly apart along the object [{default.foci}]",
+        help=f"foci in every frame, evenly apart along the object [{DriveConfig.foci}]",
     )
     shape.add_argument(
         "--solver",
@@ -97,19 +101,19 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         "--array",
         metavar="NXxNY|FILE",
         help="grid, or a CSV file of positions in mm "
-        f"[virtual board: {default.virtual_array}; --port: what the board says]",
+        f"[virtual board: {DEFAULT_ARRAY}; --port: what the board says]",
     )
     array.add_argument(
         "--pitch-mm",
         type=setting_type("pitch_mm"),
         metavar="MM",
-        help=f"pitch of the grid [{default.pitch_mm:g}]",
+        help=f"pitch of the grid [{ArrayConfig.pitch_mm:g}]",
     )
     array.add_argument(
         "--temperature-c",
         type=setting_type("temperature_c"),
         metavar="C",
-        help=f"air temperature that the host assumes [{default.temperature_c:g}]",
+        help=f"air temperature that the host assumes [{ArrayConfig.temperature_c:g}]",
     )
     array.add_argument(
         "--board-temperature-c",
@@ -145,20 +149,20 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         "--baud",
         type=setting_type("baud"),
         metavar="BAUD",
-        help=f"speed of the line [{default.baud}]",
+        help=f"speed of the line [{LinkConfig.baud}]",
     )
     link.add_argument(
         "--mode",
         choices=MODES,
         help="phases: the host computes every drive; drives: with amplitudes; points: the board "
         "does; "
-        f"sequence: uploaded once, played on the board's clock [{default.mode}]",
+        f"sequence: uploaded once, played on the board's clock [{DriveConfig.mode}]",
     )
     link.add_argument(
         "--phase-bits",
         type=whole_number(5, 8, "bits"),
         choices=PHASE_BITS,
-        help=f"bits per phase on the wire [{default.phase_bits}]",
+        help=f"bits per phase on the wire [{DriveConfig.phase_bits}]",
     )
     link.add_argument(
         "--lead-ms",
@@ -192,7 +196,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
         "--seed",
         type=setting_type("seed"),
         metavar="N",
-        help=f"seed of everything random, faults among it [{default.seed}]",
+        help=f"seed of everything random, faults among it [{LimitConfig.seed}]",
     )
 
     result = verify.add_argument_group(
@@ -233,26 +237,25 @@ def _add_tolerance(verify: argparse.ArgumentParser) -> None:
         "A tolerance decides which miss passes, on top of what rounding of the phases makes; the "
         "default is none. An uncertainty decides nothing: the result tells what it makes in mm.",
     )
-    default = VerifyConfig()
     group.add_argument(
         "--tolerance-mm",
         type=setting_type("tolerance_mm"),
         metavar="MM",
         help="distance of a focus from its target that passes, if there is such a focus: at most "
-        f"half of its width [{default.tolerance_mm:g}]",
+        f"half of its width [{ToleranceConfig.tolerance_mm:g}]",
     )
     group.add_argument(
         "--tolerance-c",
         type=setting_type("tolerance_c"),
         metavar="C",
         help="difference between the air that the host assumes and that over the board "
-        f"[{default.tolerance_c:g}]",
+        f"[{ToleranceConfig.tolerance_c:g}]",
     )
     group.add_argument(
         "--tolerance-humidity",
         type=setting_type("tolerance_humidity"),
         metavar="PERCENT",
-        help=f"the same of the relative humidity [{default.tolerance_humidity:g}]",
+        help=f"the same of the relative humidity [{ToleranceConfig.tolerance_humidity:g}]",
     )
     real = "virtual board: 0; --port:"
     group.add_argument(

@@ -14,7 +14,7 @@ from haptogram_protocol.messages import Feature
 from sim_device.board.settings import ALL_FEATURES
 from virtual_ports import BAUD, BoardPort
 
-CONFIG = VerifyConfig(object="circle", radius_mm=20, resolution_mm=2, seed=3)  # 63 frames
+CONFIG = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, seed=3)  # 63 frames
 TRACES = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
 
 
@@ -60,7 +60,7 @@ def test_an_interrupt_cancels_what_is_on_its_way_and_loses_nothing() -> None:
         if 2 * done > total:
             raise KeyboardInterrupt
 
-    config = VerifyConfig(
+    config = VerifyConfig.of(
         object="circle", radius_mm=20, resolution_mm=2, repeat=8, virtual_time=True
     )
     with board_in_virtual_time(config.virtual_board()) as board:
@@ -80,7 +80,7 @@ def test_the_ring_is_read_after_an_interrupt() -> None:
             raise KeyboardInterrupt
 
     features = ALL_FEATURES ^ (Feature.TRACE | Feature.TRACE_DRIVE)
-    config = VerifyConfig(object="circle", radius_mm=20, resolution_mm=2, repeat=4)
+    config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, repeat=4)
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=features, trace_ring=1024)
     found = measure(config, board, interrupt)

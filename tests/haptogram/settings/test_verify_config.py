@@ -21,7 +21,7 @@ def _file(tmp_path: Path, text: str) -> Path:
 def test_command_line_wins_over_file_wins_over_default(tmp_path: Path) -> None:
     path = _file(tmp_path, "[verify]\nrate_hz = 500\nresolution_mm = 10\n")
     config = load_config(path, {"rate_hz": 250.0, "seed": None})
-    assert (config.rate_hz, config.resolution_mm, config.seed) == (250.0, 10.0, 0)
+    assert (config.pace.rate_hz, config.shape.resolution_mm, config.limits.seed) == (250.0, 10.0, 0)
 
 
 def test_file_converts_to_the_type_of_the_setting(tmp_path: Path) -> None:
@@ -31,27 +31,31 @@ def test_file_converts_to_the_type_of_the_setting(tmp_path: Path) -> None:
         "min_verified = 1\nboard_temperature_c = 25\n",
     )
     config = load_config(path, {})
-    assert config.center_mm == (1.0, 2.0, 120.0)
-    assert config.json == Path("a.json")
-    assert (config.virtual_time, config.phase_bits, config.min_verified) == (True, 6, 1.0)
-    assert config.board_temperature_c == 25.0
+    assert config.shape.center_mm == (1.0, 2.0, 120.0)
+    assert config.outputs.json == Path("a.json")
+    assert (
+        config.link.virtual_time,
+        config.drive.phase_bits,
+        config.limits.min_verified,
+    ) == (True, 6, 1.0)
+    assert config.elements.board_temperature_c == 25.0
 
 
 def test_the_solvers_are_those_that_there_are() -> None:
     assert SOLVERS == METHODS
     assert VerifyConfig().solver_of_host == "wgs"
-    assert VerifyConfig(mode="points").solver_of_host == "naive"
+    assert VerifyConfig.of(mode="points").solver_of_host == "naive"
 
 
 @pytest.mark.parametrize(
     ("values", "told"),
     [
-        ({"rate_hz": math.nan}, "--rate-hz is nan; it can be 1 to 40000"),
-        ({"rate_hz": 0.0}, "--rate-hz is 0; it can be 1 to 40000"),
-        ({"resolution_mm": -1.0}, "--resolution-mm is -1; it can be 0.1 to 100"),
+        ({"rate_hz": math.nan}, "--rate-hz is nan, must be 1 to 40000"),
+        ({"rate_hz": 0.0}, "--rate-hz is 0, must be 1 to 40000"),
+        ({"resolution_mm": -1.0}, "--resolution-mm is -1, must be 0.1 to 100"),
         ({"mode": "morse"}, "--mode is 'morse'; known are phases, drives, points"),
         ({"phase_bits": 7}, "--phase-bits is 7; known are 8, 6, 5"),
-        ({"foci": 33}, "--foci is 33; it can be 1 to 32"),
+        ({"foci": 33}, "--foci is 33, must be 1 to 32"),
         ({"solver": "best"}, "--solver is 'best'; known are naive, ibp"),
         ({"solver": "wgs", "mode": "points"}, "the board solves frames of points"),
         ({"modulation": "fm"}, "--modulation is 'fm'; known are am, lm, stm"),
@@ -60,8 +64,8 @@ def test_the_solvers_are_those_that_there_are() -> None:
             {"modulation": "lm", "modulation_hz": 501.0},
             "--modulation-hz is 501; at 1000 frames/s it can be 500 at most",
         ),
-        ({"depth": 1.5}, "--depth is 1.5; it can be 0 to 1"),
-        ({"dwell_ms": 0.0}, "--dwell-ms is 0; it can be 0.01 to 60000"),
+        ({"depth": 1.5}, "--depth is 1.5, must be 0 to 1"),
+        ({"dwell_ms": 0.0}, "--dwell-ms is 0, must be 0.01 to 60000"),
         ({"object": "teapot"}, "--object is 'teapot'; known are hemisphere"),
         ({"virtual_time": True, "port": "/dev/ttyUSB0"}, "has a clock of its own"),
         ({"fault": ["line.drop"], "port": "/dev/ttyUSB0"}, "--fault is for the virtual board"),
@@ -77,12 +81,12 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
     ("text", "told"),
     [
         ("[verify]\nspeed = 3\n", "'speed' is not a setting; known are object"),
-        ("[verify]\nrate_hz = 'fast'\n", "rate_hz is 'fast'; float is expected"),
-        ("[verify]\nrate_hz = 0\n", r"run\.toml: rate_hz is 0; it can be 1 to 40000"),
-        ("[verify]\nseed = -1\n", "seed is -1; it can be 0 to 4294967295"),
-        ("[verify]\nfault = 'line.drop'\n", "fault is 'line.drop'; a list of texts is expected"),
-        ("[verify]\nfault = [3]\n", r"fault is \[3\]; a list of texts is expected"),
-        ("[verify]\nrepeat = true\n", "repeat is True; int is expected"),
+        ("[verify]\nrate_hz = 'fast'\n", "rate_hz is 'fast', must be a number"),
+        ("[verify]\nrate_hz = 0\n", r"run\.toml: rate_hz is 0, must be 1 to 40000"),
+        ("[verify]\nseed = -1\n", "seed is -1, must be 0 to 4294967295"),
+        ("[verify]\nfault = 'line.drop'\n", "fault is 'line.drop', must be a list of texts"),
+        ("[verify]\nfault = [3]\n", r"fault is \[3\], must be a list of texts"),
+        ("[verify]\nrepeat = true\n", "repeat is True, must be a whole number"),
         ("[verify]\ncenter_mm = [1, 2]\n", r"center_mm is \[1, 2\]"),
         ("[other]\n", r"one table \[verify\] and nothing else"),
         ("not toml", "run.toml"),
@@ -95,7 +99,7 @@ def test_a_bad_file_is_named(tmp_path: Path, text: str, told: str) -> None:
 
 def test_faults_are_a_list_in_the_file_and_the_command_line_has_its_own(tmp_path: Path) -> None:
     path = _file(tmp_path, '[verify]\nfault = ["line.drop p=0.1", "clock.ppm"]\n')
-    assert load_config(path, {}).fault == ("line.drop p=0.1", "clock.ppm")
+    assert load_config(path, {}).faults.fault == ("line.drop p=0.1", "clock.ppm")
     assert load_config(path, {"fault": ["line.flip"]}).job()["fault"] == ["line.flip"]
 
 
@@ -106,16 +110,16 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 def test_least_verified_depends_on_the_clock() -> None:
     assert VerifyConfig().least_verified == 0.9
-    assert VerifyConfig(virtual_time=True).least_verified == 1.0
-    assert VerifyConfig(min_verified=0.25).least_verified == 0.25
+    assert VerifyConfig.of(virtual_time=True).least_verified == 1.0
+    assert VerifyConfig.of(min_verified=0.25).least_verified == 0.25
 
 
 def test_job_holds_what_decides_the_result_and_no_path() -> None:
-    job = VerifyConfig(json=Path("x.json")).job()
+    job = VerifyConfig.of(json=Path("x.json")).job()
     assert "json" not in job
     assert job["center_mm"] == [0.0, 0.0, 100.0]
 
 
 def test_the_air_over_a_virtual_board_is_none_of_a_board_at_a_port():
     with pytest.raises(SettingError, match="virtual board that is started here"):
-        VerifyConfig(port="/dev/ttyUSB0", board_temperature_c=21.0)
+        VerifyConfig.of(port="/dev/ttyUSB0", board_temperature_c=21.0)

@@ -252,13 +252,15 @@ def test_humidity_changes_the_speed_of_sound():
 
 
 def test_a_real_board_is_known_less_well_than_a_virtual_one():
-    assert uncertainty_of(VerifyConfig()) == Uncertainty()
-    real = VerifyConfig(port="/dev/ttyUSB0", uncertainty_c=0.5)
-    assert uncertainty_of(real) == dataclasses.replace(REAL_BOARD, temperature_c=0.5)
+    assert uncertainty_of(VerifyConfig().uncertainty, at_port=False) == Uncertainty()
+    real = VerifyConfig.of(port="/dev/ttyUSB0", uncertainty_c=0.5)
+    assert uncertainty_of(real.uncertainty, at_port=True) == dataclasses.replace(
+        REAL_BOARD, temperature_c=0.5
+    )
     assert all(dataclasses.astuple(REAL_BOARD))
-    assert tolerance_of(VerifyConfig(port="/dev/ttyUSB0")).is_strict
-    stated = VerifyConfig(tolerance_mm=0.5, tolerance_c=1.0, tolerance_humidity=10.0)
-    assert tolerance_of(stated) == Tolerance(0.5, 1.0, 10.0)
+    assert tolerance_of(VerifyConfig.of(port="/dev/ttyUSB0").tolerance).is_strict
+    stated = VerifyConfig.of(tolerance_mm=0.5, tolerance_c=1.0, tolerance_humidity=10.0)
+    assert tolerance_of(stated.tolerance) == Tolerance(0.5, 1.0, 10.0)
 
 
 def test_a_run_tells_its_tolerance_and_how_well_the_place_is_known():
