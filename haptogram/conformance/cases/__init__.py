@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 import pkgutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from types import ModuleType
 
 from ..case import Case
@@ -14,15 +14,9 @@ from ..clauses import load_clauses
 
 def case_modules() -> tuple[ModuleType, ...]:
     """Import and return every module of every chapter."""
-    chapters = [importlib.import_module(name) for name in _modules_in(__path__, __name__)]
-    names = [
-        name for chapter in chapters for name in _modules_in(chapter.__path__, chapter.__name__)
-    ]
+    found = pkgutil.walk_packages(__path__, f"{__name__}.")
+    names = [module.name for module in found if not module.ispkg]
     return tuple(importlib.import_module(name) for name in names)
-
-
-def _modules_in(folder: Iterable[str], package: str) -> list[str]:
-    return [module.name for module in pkgutil.iter_modules(folder, f"{package}.")]
 
 
 def cases_in(module: ModuleType) -> list[Case]:
