@@ -1,4 +1,5 @@
-"""The sub-commands of ``haptogram``: one module each, with ``add`` (arguments) and ``run``.
+"""The sub-commands of ``haptogram``: arguments -> a call -> text and files.
 
-Importing one costs nothing; what is heavy is imported when it runs.
+Each has ``set_up``, which describes it and adds its options, and ``run``.  Importing one costs
+nothing; heavy parts are imported when it runs.  No physics, wire or verdict lives here.
 """

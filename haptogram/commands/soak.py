@@ -43,7 +43,7 @@ def set_up(
     parser: Parser,
     board_maker: Callable[[str | None], MakeBoard],
 ) -> None:
-    """Add the command; *board_maker* knows boards, and those that are wrong in one way."""
+    """Describe the command and add its options; *board_maker* makes boards."""
     parser.description = (
         "Stream to the virtual board at 1 kHz, in virtual time, over a line that "
         "damages frames, with pauses, outages and new sessions; at the end every fault must be "

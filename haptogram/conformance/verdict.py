@@ -13,6 +13,7 @@ PASS: Final = 0
 FAIL: Final = 1
 USAGE: Final = 2
 INCONCLUSIVE_STATUS: Final = 3
+INTERRUPTED: Final = 130  # as every shell has it
 
 
 class Behaviour(enum.StrEnum):
@@ -162,17 +163,21 @@ class SuiteResult:
         Settings of the run: port, seed, strict, ...
     cut_short : str
         Why some cases were not run; empty if all were.
+    is_interrupted : bool
+        Whether Ctrl-C ended the run.
     """
 
     results: tuple[Result, ...]
     device: dict[str, object] = field(default_factory=dict)
     settings: dict[str, object] = field(default_factory=dict)
     cut_short: str = ""
+    is_interrupted: bool = False
 
     @property
     def exit_status(self) -> int:
-        """0, 1 or 3 by the table; 1 beats 3."""
-        return exit_status(self.results)
+        """0, 1 or 3 by the table; 1 beats 3, which is 130 if the run was interrupted."""
+        status = exit_status(self.results)
+        return INTERRUPTED if self.is_interrupted and status == INCONCLUSIVE_STATUS else status
 
     def count(self, behaviour: Behaviour) -> int:
         """Return the number of cases with this verdict."""

@@ -28,7 +28,7 @@ Virtual: TypeAlias = "Callable[[str | None, int, int], Access]"
 
 
 def set_up(parser: Parser, virtual: Virtual) -> None:
-    """Add the command; *virtual* makes a board inside this program."""
+    """Describe the command and add its options; *virtual* makes a board inside this program."""
     from haptogram.conformance.verdict import meaning_table
 
     parser.description = (
@@ -52,7 +52,7 @@ def set_up(parser: Parser, virtual: Virtual) -> None:
 def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     """Run the cases, write and print the result, and return the exit status."""
     from haptogram.conformance.cases import all_cases, select
-    from haptogram.errors import ConfigurationError
+    from haptogram.errors import ConfigurationError, LinkError
 
     refuse_idle_options("conform", arguments)
     if arguments.compare:
@@ -67,6 +67,8 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     suite = _run_cases(arguments, cases, virtual)
     from haptogram.report.conformance.text import suite_text
 
+    if not suite.device and suite.cut_short and not suite.is_interrupted:
+        raise LinkError(suite.cut_short)  # no board answered: nothing was judged
     text = paint_verdicts(suite_text(suite, verbose=arguments.verbose), outputs.text)
     print(text, file=outputs.text, flush=True)  # before the files: a full disk must not cost it
     _write(arguments, suite)

@@ -13,11 +13,11 @@ from haptogram.settings.shape import MESH_SUFFIXES, MODULATIONS, SHAPES, UNITS_M
 from haptogram.settings.verify_config import DriveConfig, PaceConfig
 
 from ..acting_options import refuse_idle_options
+from ..array_options import add_array_options
 from ..shell.exit_status import PASS
 from ..shell.output_files import FILE_HELP, Outputs, check_picture, write_picture
-from ..shell.places import Place, place_mm
+from ..shell.positions import Position, position_mm
 from ..shell.setting_types import setting_type
-from ..system import add_system
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 VIEWS: Final = ("plane", "cuts", "isosurface")
 PLANES: Final = ("xy", "xz", "yz")
 QUANTITIES: Final = ("pressure", "phase", "force")
-EAR_MM: Final[Place] = (0.0, -300.0, 400.0)  # someone who sits before an array that looks up
+EAR_MM: Final[Position] = (0.0, -300.0, 400.0)  # someone who sits before an array that looks up
 
 _EPILOG: Final = """\
 examples:
@@ -58,7 +58,7 @@ def set_up(parser: Parser) -> None:
     )
     parser.epilog = _EPILOG
     _add_source(parser)
-    add_system(parser.add_argument_group("array and air"))
+    add_array_options(parser.add_argument_group("array and air"))
     _add_picture(parser)
     parser.rename(output="picture")
     parser.set_defaults(run=run)
@@ -69,7 +69,7 @@ def _add_source(parser: Parser) -> None:
     source = group.add_mutually_exclusive_group()
     source.add_argument(
         "--focus-mm",
-        type=place_mm,
+        type=position_mm,
         metavar="X,Y,Z",
         help="one focus [0,0,150, or that of the preset]",
     )
@@ -107,7 +107,7 @@ def _add_source(parser: Parser) -> None:
         )
     group.add_argument(
         "--center-mm",
-        type=place_mm,
+        type=position_mm,
         metavar="X,Y,Z",
         default=ShapeConfig.center_mm,
         help="centre of an object [0,0,100]",
@@ -167,7 +167,7 @@ def _add_picture(parser: Parser) -> None:
     )
     group.add_argument(
         "--ear-mm",
-        type=place_mm,
+        type=position_mm,
         nargs="?",
         const=EAR_MM,
         metavar="X,Y,Z",

@@ -19,7 +19,7 @@ from haptogram.acoustics.levels.exposure import GUIDELINE, STATEMENT, worst_plac
 from haptogram.acoustics.solvers.focus import MIN_TARGET_DISTANCE_M
 from haptogram.errors import ConfigurationError
 
-from ..shell.places import metres, text_mm
+from ..shell.positions import metres, text_mm
 from .scene import ComplexArray, Scene, modulated
 
 _LISTENER_M: Final = 0.5

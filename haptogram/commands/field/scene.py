@@ -22,8 +22,8 @@ from haptogram.objects.shapes import Circle
 from haptogram.published.presets import find_preset
 from haptogram.settings.shape import ShapeConfig
 
-from ..shell.places import metres
-from ..system import system_model
+from ..array_options import array_model
+from ..shell.positions import metres
 
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
@@ -58,7 +58,7 @@ class Scene:
     @classmethod
     def from_arguments(cls, arguments: argparse.Namespace) -> Scene:
         """Return the scene that the command line asks for."""
-        model = system_model(arguments)
+        model = array_model(arguments)
         frame_s = _frame_s(arguments.rate_hz)
         if arguments.drive:
             drive = read_drive(arguments.drive, model.array.count, arguments.phase_bits)

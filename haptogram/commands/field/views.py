@@ -36,7 +36,7 @@ from haptogram.report.figures import (
 )
 from haptogram.settings.arguments import Progress
 
-from ..shell.places import text_mm
+from ..shell.positions import text_mm
 from .scene import Scene
 
 if TYPE_CHECKING:

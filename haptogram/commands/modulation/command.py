@@ -12,11 +12,11 @@ from haptogram.settings.shape import MESH_SUFFIXES, SHAPES, UNITS_M, ShapeConfig
 from haptogram.settings.verify_config import PaceConfig, VerifyConfig, load_config
 
 from ..acting_options import refuse_idle_options
+from ..array_options import add_array_options, array_model
 from ..shell.exit_status import PASS
 from ..shell.output_files import FILE_HELP, Outputs, check_picture, write_json, write_picture
-from ..shell.places import metres, place_mm
+from ..shell.positions import metres, position_mm
 from ..shell.setting_types import setting_type
-from ..system import add_system, system_model
 from .options import add_modulation
 
 if TYPE_CHECKING:
@@ -93,13 +93,16 @@ def _add_object(parser: Parser) -> None:
             help=f"{text} [{value:g}]",
         )
     shape.add_argument(
-        "--center-mm", type=place_mm, metavar="X,Y,Z", help="its centre above the array [0,0,150]"
+        "--center-mm",
+        type=position_mm,
+        metavar="X,Y,Z",
+        help="its centre above the array [0,0,150]",
     )
 
 
 def _add_skin(parser: Parser) -> None:
     skin = parser.add_argument_group("array, air and skin")
-    add_system(skin)
+    add_array_options(skin)
     skin.add_argument(
         "--bandwidth-hz",
         type=number(1.0, 1e6, "Hz"),
@@ -109,7 +112,7 @@ def _add_skin(parser: Parser) -> None:
         f"[{DEFAULT_BANDWIDTH_HZ:g}]",
     )
     skin.add_argument(
-        "--at-mm", type=place_mm, metavar="X,Y,Z", help="where it is felt [the first focus]"
+        "--at-mm", type=position_mm, metavar="X,Y,Z", help="where it is felt [the first focus]"
     )
 
 
@@ -145,7 +148,7 @@ def run(arguments: argparse.Namespace) -> int:
     frames = frames_to_show(config.shape, config.pace, config.modulation)
     place = None if arguments.at_mm is None else metres(arguments.at_mm)
     felt = Felt.of(
-        NumpyEngine(system_model(arguments)),
+        NumpyEngine(array_model(arguments)),
         config.shape.object,
         config.modulation,
         frames,

@@ -6,7 +6,7 @@ import argparse
 
 from haptogram.settings.shape import ModulationConfig
 
-from ..shell.places import place_mm
+from ..shell.positions import position_mm
 from ..shell.setting_types import setting_type
 
 
@@ -28,7 +28,7 @@ def add_modulation(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--shift-mm",
-        type=place_mm,
+        type=position_mm,
         metavar="X,Y,Z",
         help="of lm: how far and which way the focus swings to both sides "
         f"[{','.join(f'{value:g}' for value in ModulationConfig.shift_mm)}]",

@@ -17,7 +17,7 @@ from haptogram.objects.modulation import FocusFrames
 from haptogram.objects.signals import FocusSignal, signal_at
 from haptogram.settings.shape import ModulationConfig
 
-from ..shell.places import text_mm
+from ..shell.positions import text_mm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

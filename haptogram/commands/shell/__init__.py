@@ -1,1 +1,4 @@
-"""What all commands share: exit status, interrupts, output files, places, standard streams."""
+"""Shared by all commands: exit status, interrupts, output files, positions, standard streams.
+
+Nothing of a single command lives here.
+"""

@@ -69,7 +69,7 @@ def set_up(
     prepare: Prepare,
     in_process: InProcess,
 ) -> None:
-    """Add the command; *in_process* makes the virtual board that has no wall clock."""
+    """Describe the command and add its options; *in_process* makes boards."""
     parser.description = (
         "Display a tactile object point by point and verify, frame by frame, where the "
         "focus of what the board latched really is."

@@ -28,7 +28,7 @@ from haptogram.settings.verify_config import (
 
 from ..modulation.options import add_modulation
 from ..shell.output_files import FILE_HELP
-from ..shell.places import place_mm
+from ..shell.positions import position_mm
 from ..shell.setting_types import setting_type
 
 
@@ -60,7 +60,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     )
     shape.add_argument(
         "--center-mm",
-        type=place_mm,
+        type=position_mm,
         metavar="X,Y,Z",
         help="centre of the shape above the array [0,0,100]",
     )

@@ -102,7 +102,7 @@ class Runner:
     def run(self, cases: Sequence[Case]) -> SuiteResult:
         """Run *cases* in order and return their results; Ctrl-C keeps those so far."""
         results: list[Result] = []
-        cut_short = ""
+        cut_short, is_interrupted = "", False
         try:
             with self:
                 for number, case in enumerate(cases):
@@ -110,11 +110,12 @@ class Runner:
                     results.append(self.result(case))
         except KeyboardInterrupt:
             cut_short = f"interrupted after {len(results)} of {len(cases)} cases"
+            is_interrupted = True
         rest = cases[len(results) :]
         results += [_not_run(case, self._clauses[case.clause], cut_short) for case in rest]
         connection = self._connection
         why = cut_short or connection.lost
-        return SuiteResult(tuple(results), connection.device, self._settings(), why)
+        return SuiteResult(tuple(results), connection.device, self._settings(), why, is_interrupted)
 
     def _settings(self) -> dict[str, object]:
         options = self._options

@@ -100,5 +100,5 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
         yield f"case errors  {named}: not the board; tracebacks are in --json, --junit and --html"
     if suite.cut_short:
         yield f"cut short    {suite.cut_short}"
-    verdict = {0: "PASS", 1: "FAIL", 3: "INCONCLUSIVE"}[suite.exit_status]
+    verdict = {0: "PASS", 1: "FAIL"}.get(suite.exit_status, "INCONCLUSIVE")
     yield f"verdict      {verdict} (exit status {suite.exit_status})"

@@ -153,3 +153,36 @@ def test_without_a_way_to_reset_these_clauses_are_not_observed(capsys):
         assert main(["conform", "--port", board.url, *chosen]) == 0
     out = capsys.readouterr().out
     assert "1 OK, 1 NOT-OBSERVED" in out
+
+
+def test_an_interrupt_is_130_and_keeps_the_results(monkeypatch, capsys):
+    from haptogram.conformance.run.runner import Runner
+
+    judged = Runner.result
+
+    def result(self, case):
+        if case.id == "HG-4.1/1":
+            raise KeyboardInterrupt
+        return judged(self, case)
+
+    monkeypatch.setattr(Runner, "result", result)
+    assert main(["conform", *SMALL]) == 130
+    out = capsys.readouterr().out
+    assert "interrupted after" in out
+    assert "INCONCLUSIVE (exit status 130)" in out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["verify", "--quiet"],
+        ["conform", "--quiet", "--clause", "HG-2.3", "--timeout", "0.2"],
+        ["bench", "--seconds", "0.1"],
+    ],
+)
+def test_a_port_without_a_board_is_status_2_for_every_command(words, capsys):
+    assert main([*words, "--port", "loop://"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith(f"haptogram {words[0]}: ")
+    assert said.err.count("\n") == 1

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _OWN = ("pitch_mm", "temperature_c")
 
 
-def add_system(group: argparse._ArgumentGroup) -> None:
+def add_array_options(group: argparse._ArgumentGroup) -> None:
     """Add the options to *group*."""
     system = group.add_mutually_exclusive_group()
     system.add_argument(
@@ -40,7 +40,7 @@ def add_system(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def system_model(arguments: argparse.Namespace) -> AcousticModel:
+def array_model(arguments: argparse.Namespace) -> AcousticModel:
     """Return the model that the options ask for.
 
     Raises
