@@ -58,8 +58,7 @@ class Tree:
                 *selected,
             ],
             cwd=self.folder,
-            # A plugin that is installed would bring the packages of another tree with it.
-            env=os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+            env=_without_plugins(),
             check=False,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -69,6 +68,12 @@ class Tree:
     def _check(self, packages):
         if packages != self.folder:
             stop(f"bench: measured the packages in {packages}, not those in {self.folder}")
+
+
+def _without_plugins():
+    """An installed plugin would bring the packages of another tree; workers of xdist time nothing."""
+    kept = {name: value for name, value in os.environ.items() if "PYTEST_XDIST" not in name}
+    return kept | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
 
 
 def _joined(paths):
