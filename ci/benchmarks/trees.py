@@ -71,7 +71,7 @@ class Tree:
 
 
 def _without_plugins():
-    """An installed plugin would bring the packages of another tree; workers of xdist time nothing."""
+    """Plugins would bring the packages of another tree; a worker of xdist would time nothing."""
     kept = {name: value for name, value in os.environ.items() if "PYTEST_XDIST" not in name}
     return kept | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
 
