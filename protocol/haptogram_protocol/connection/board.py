@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final, cast
 
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import PURE_PYTHON, Cobs, FrameDecoder, encode_frame
+from ..framing import HEADER_BYTES, PURE_PYTHON, Cobs, FrameDecoder, encode_frame
 from ..messages import (
     EVENT_RANGE,
     FIRST_STREAM_SEQ,
@@ -147,10 +147,9 @@ class BoardConnection:
 
     def _judge(self, body: bytes, t_rx_us: int) -> BoardEvent:
         self.count("frames")
-        size = Header.LAYOUT.size
-        header = Header.unpack(body[:size])
+        header = Header.unpack(body[:HEADER_BYTES])
         in_session = self.session != 0 and header.session == self.session
-        frame = ReceivedFrame(header, body[size:], zlib.crc32(body), t_rx_us, in_session)
+        frame = ReceivedFrame(header, body[HEADER_BYTES:], zlib.crc32(body), t_rx_us, in_session)
         if header.type in STREAM_RANGE:
             return self._judge_stream(frame)
         if header.type in REQUEST_RANGE:
@@ -192,7 +191,8 @@ class BoardConnection:
         ahead = signed_difference(seq, self._stream_expected, 16)
         if ahead < 0:
             return None
-        self.count("gap", ahead)
+        if ahead:
+            self.count("gap", ahead)
         index = self._stream_expected + ahead
         self._stream_expected = index + 1
         return index
