@@ -199,7 +199,7 @@ class Board:
 
     def _stop_sources(self) -> None:
         """Flush the queue and end playback."""
-        self.counters.flushed += self._queue.flush()
+        self.output.counters.flushed += self._queue.flush()
         self._end_playback()
 
     # --- stream --------------------------------------------------------------------------------
@@ -208,12 +208,12 @@ class Board:
         """Queue a stream frame; return why not, if it was dropped (and counted)."""
         dropped = self._refuse(frame)
         if dropped is not None:
-            self.counters.drop(dropped)
+            self.output.counters.drop(dropped)
             return dropped
         if frame.t_apply_us is None:
-            self.counters.flushed += self._queue.flush()
+            self.output.counters.flushed += self._queue.flush()
         entry = self._entry(frame)
-        self.counters.flushed += self._queue.push(entry)
+        self.output.counters.flushed += self._queue.push(entry)
         if entry.t_latch_us <= self.output.now_us:  # its boundary is this very moment
             self.advance_to(self.output.now_us)
         return None
@@ -224,7 +224,7 @@ class Board:
         return len(self._queue)
 
     def _refuse(self, frame: StreamFrame) -> Drop | None:
-        if self.state is not OutputState.ARMED or self._playback is not None:
+        if self.output.state is not OutputState.ARMED or self._playback is not None:
             return Drop.STATE
         if frame.t_apply_us is None:
             return None
@@ -236,7 +236,7 @@ class Board:
             return Drop.FULL
         if margin_us > self.settings.max_horizon_us:
             return Drop.FUTURE
-        return Drop.LATE if -margin_us > self.config.late_window_us else None
+        return Drop.LATE if -margin_us > self.output.config.late_window_us else None
 
     def _entry(self, frame: StreamFrame) -> Entry:
         drive, bits = self._focuser.registers(frame.content)
@@ -254,7 +254,7 @@ class Board:
     def _latch_stream(self) -> None:
         entry = self._queue.pop()
         self.last_stream_index = entry.index
-        self.counters.late += entry.late
+        self.output.counters.late += entry.late
         key = LatchKey(sequence=0, loop=0, index=entry.index)
         self.output.latch(
             key,
@@ -280,7 +280,7 @@ class Board:
             BAD_VALUE with the offset of the first value out of its bounds.
         """
         check_config(config, self.settings)
-        if config.sound_speed_mm_s != self.config.sound_speed_mm_s:
+        if config.sound_speed_mm_s != self.output.config.sound_speed_mm_s:
             self._focuser = PointFocuser(self.settings, config.sound_speed_mm_s)
         self.output.configure(config)
         self.advance_to(self.output.now_us)  # a shorter hold may have run out already
@@ -310,12 +310,12 @@ class Board:
 
     def _refuse_without_upload(self) -> None:
         if not self._uploads.has_begun:
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), "no upload has begun")
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state), "no upload has begun")
 
     def _refuse_while_playing(self, sequence: int) -> None:
         if self._playback is not None and self._playback.sequence == sequence:
             text = f"sequence {sequence} is playing"
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), text)
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state), text)
 
     # --- playback ------------------------------------------------------------------------------
 
@@ -335,16 +335,16 @@ class Board:
         RefusalError
             BAD_STATE unless armed and idle, NOT_FOUND, or BAD_VALUE.
         """
-        if self.state is not OutputState.ARMED or self._playback is not None:
-            busy = "while a sequence plays" if self._playback else f"while {self.state.name}"
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), f"PLAY {busy}")
+        if self.output.state is not OutputState.ARMED or self._playback is not None:
+            busy = "while a sequence plays" if self._playback else f"while {self.output.state.name}"
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state), f"PLAY {busy}")
         frames = self._sequences.get(sequence)
         if frames is None:
             held = len(self._sequences)
             raise RefusalError(ErrorCode.NOT_FOUND, held, f"no sequence {sequence}")
         self._check_play(start_us, period_us, unattended_ms)
         start_us = self.output.now_us if start_us is None else start_us
-        self.counters.flushed += self._queue.flush()
+        self.output.counters.flushed += self._queue.flush()
         self._playback = Playback(sequence, frames, start_us, period_us, loops, unattended_ms)
         self.output.unattended_ms = unattended_ms
         self.output.renew_lease()

@@ -324,10 +324,10 @@ class BoardDialect:
 
     def collect(self) -> None:
         """Take from the board what it did since the last call, and tell the host."""
-        for latch in self.board.take_latches():
+        for latch in self.board.output.take_latches():
             self._latches.append(latch)
             self._trace(latch)
-        for notice in self.board.take_notices():
+        for notice in self.board.output.take_notices():
             self._notices.append(notice)
             if (event := _event(notice)) is not None:
                 self._link.send_event(event, now_us=notice.t_us)
@@ -341,7 +341,7 @@ class BoardDialect:
             self._trace_dropped += not sent
 
     def _trace_message(self, latch: Latch) -> Message | None:
-        config, key = self.board.config, latch.key
+        config, key = self.board.output.config, latch.key
         if config.trace_mode is TraceMode.DRIVE:
             self._traced += 1
             due = (self._traced - 1) % config.trace_divider == 0
