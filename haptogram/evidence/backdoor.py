@@ -18,7 +18,7 @@ import numpy as np
 
 from haptogram.acoustics import Drive, NoFocus, NotSingle, Reconstruction, SingleFocus
 from haptogram.errors import ConfigurationError
-from haptogram.records.frame import STREAM, Evidence, FrameKey, Intended, Observation
+from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
 from haptogram_protocol.messages import unwrap
 
 _KINDS: Final[Mapping[str, type[SingleFocus] | type[NoFocus] | type[NotSingle]]] = {
@@ -150,21 +150,6 @@ def why_incomplete(
 def is_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
     """Tell whether *record* is of the latch with this *key*."""
     return record["kind"] == "latch" and key == _key(record)
-
-
-def without_dropped(
-    intended: Sequence[Intended], observations: Iterable[Observation]
-) -> list[Observation]:
-    """Return *observations* without those that may be of frames before the first of *intended*."""
-    wanted = {frame.key for frame in intended}
-    streamed = [key.index for key in wanted if key.sequence == STREAM]
-    first = min(streamed, default=None)
-    return [
-        o
-        for o in observations
-        if o.key in wanted
-        or (first is not None and o.key.sequence == STREAM and o.key.index >= first)
-    ]
 
 
 def on_the_clock_of(

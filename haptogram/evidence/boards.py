@@ -67,7 +67,7 @@ class BoardUnderTest(Protocol):
 
     def observations(
         self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
-    ) -> list[Observation]:
+    ) -> Sequence[Observation]:
         """Return what it latched in the session of *driver*, which is closed by now.
 
         *progress* is called with what has come so far and what may come, if that takes time.  In a
@@ -311,8 +311,6 @@ class PortBoard:
             self.unseen = "frames from the board were damaged or lost on the line"
         if self._mode is TraceMode.RING and driver.intended.total > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
-        if driver.observations.dropped and self.unseen is None:
-            self.unseen = f"the driver keeps the last {len(driver.observations)} latches it is told"
 
     def outlast(self, driver: Driver) -> None:
         """Nothing to do: it cannot tell any more."""
@@ -327,8 +325,10 @@ class PortBoard:
         progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
         *,
         hurry: bool = False,  # noqa: ARG002  nor to leave out
-    ) -> list[Observation]:
+    ) -> Sequence[Observation]:
         """Return what the board said that it latched."""
+        if not self._read_back:
+            return driver.observations
         return [*driver.observations, *self._read_back]
 
     def silences(self, driver: Driver) -> list[int]:

@@ -20,6 +20,7 @@ from haptogram.evidence.boards import BoardUnderTest
 from haptogram.objects import shapes as tactile
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.records.frame import STREAM, Focus, Intended, Observation
+from haptogram.records.kept import only
 from haptogram.settings.arguments import Progress
 from haptogram.settings.array import ArrayConfig
 from haptogram.settings.shape import UNITS_M, ModulationConfig, ShapeConfig
@@ -77,7 +78,7 @@ class Measured:
     model: AcousticModel
     identity: HelloReply
     intended: Sequence[Intended] = ()
-    observations: list[Observation] = field(default_factory=list)
+    observations: Sequence[Observation] = ()
     report: StreamReport | PlayReport | None = None
     cut: Cut | None = None
     interrupted: bool = False
@@ -353,10 +354,10 @@ def _at_once(foci: list[Focus], count: int) -> list[list[Focus]]:
     ]
 
 
-def _until_the_cut(found: Measured) -> list[Observation]:
+def _until_the_cut(found: Measured) -> Sequence[Observation]:
     """Leave out what a sequence played on by itself between the cut and the MUTE."""
     wanted = {intended.key for intended in found.intended}
-    return [o for o in found.observations if o.key.sequence == STREAM or o.key in wanted]
+    return only(found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted)
 
 
 def _state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:

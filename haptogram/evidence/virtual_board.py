@@ -11,33 +11,22 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
 
-import haptogram
-import haptogram_protocol
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
-from haptogram.errors import ConfigurationError, LinkLostError
 from haptogram.evidence.backdoor import (
-    BackdoorFile,
     fault_counts,
-    is_latch_of,
     observations_of,
     on_the_clock_of,
     silences_on_the_clock_of,
-    why_incomplete,
-    without_dropped,
 )
+from haptogram.evidence.board_process import BoardProcess
+from haptogram.evidence.board_records import BoardRecords
 from haptogram.machine.working_folder import WorkingFolder
 from haptogram.records.frame import Intended, Observation
-from haptogram.records.kept import Kept
 from haptogram.settings.arguments import check_callable, check_kind, check_number, check_whole
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
 from haptogram.settings.command_line import written
@@ -47,14 +36,8 @@ from haptogram.settings.line import MAX_BAUD, LineSettings
 if TYPE_CHECKING:
     from haptogram.verification import RunVerdict, Tolerance, Uncertainty
 
-_READY: Final = "listening on "
-_START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy machine
-_STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
-_POLL_S: Final = 0.01
 _MOST_LATCHES: Final = 10**9
 _LONGEST_WAIT_S: Final = 1e7
-_QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
-_LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
 
 
 class VirtualBoard:
@@ -155,8 +138,6 @@ class VirtualBoard:
             self.model = self.model.calibrated(elements)
         self._folder = WorkingFolder("haptogram-board-")
         records = self._folder.path / "backdoor.jsonl"
-        self._backdoor = BackdoorFile(records)
-        self._log = self._folder.path / "log"
         self.url = str(self._folder.path / "board")
         if elements is not None:
             copy = self._folder.path / "calibration.csv"
@@ -167,68 +148,26 @@ class VirtualBoard:
             port.append("--no-reconstruct")
         # Without a seed the process takes a random one.
         values = {"seed": config.seed} | config.non_default()
-        self._process = self._start([*port, *written(values, BOARD_OPTIONS)])
+        arguments = [*port, *written(values, BOARD_OPTIONS)]
+        self._process = BoardProcess(arguments, self._folder.path / "log")
+        self._records = BoardRecords(records, is_running=self._process.is_running)
         try:
-            self._wait_until_ready()
+            self._process.wait_until_ready()
         except BaseException:
             self.close()
             raise
-
-    def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
-        # Into a file: a pipe that nobody empties would stop the board once it is full.
-        with self._log.open("wb") as log:
-            return subprocess.Popen(
-                [sys.executable, "-m", "sim_device", "--until-eof", *arguments],
-                stdin=subprocess.PIPE,  # never written to: it ends with us, whatever ends us
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env=_environment(),
-                start_new_session=True,  # Ctrl-C is for the host: the board must hear its MUTE
-            )
-
-    def _wait_until_ready(self) -> None:
-        end_s = time.monotonic() + _START_S
-        while _READY not in self.log():
-            if self._process.poll() is not None:
-                raise ConfigurationError(self.how_it_ended())
-            if time.monotonic() > end_s:
-                raise ConfigurationError(
-                    f"the virtual board was not ready within {_START_S:g} s: {self.log().strip()}"
-                )
-            time.sleep(_POLL_S)
-
-    def how_it_ended(self, patience_s: float = 0.0) -> str | None:
-        """Return in one line how the board's process ended; None: it runs after *patience_s*."""
-        try:
-            status = self._process.wait(patience_s)
-        except subprocess.TimeoutExpired:
-            return None
-        if status < 0:
-            return f"the virtual board was ended by {signal.Signals(-status).name}"
-        *_, said = ["it said nothing", *self.log().split("\n")[:-1]]
-        return f"the virtual board ended with status {status}: {said}"
-
-    def log(self) -> str:
-        """Return what the board has printed so far."""
-        return self._log.read_text(errors="replace") if self._log.exists() else ""
 
     # --- evidence ------------------------------------------------------------------------------
 
     def records(self) -> list[dict[str, Any]]:
         """Return everything that has come out of the back door; see docs/backdoor.md."""
-        self._backdoor.read()
-        return list(self._backdoor.records)
+        return list(self._records.read())
 
     def wait_for(self, latches: int, timeout_s: float = 60.0) -> bool:
         """Wait until the back door has shown so many latches; return whether it has."""
         check_whole("latches", latches, 0, _MOST_LATCHES)
         check_number("timeout_s", timeout_s, 0.0, _LONGEST_WAIT_S)
-        end_s = time.monotonic() + timeout_s
-        while sum(record["kind"] == "latch" for record in self.records()) < latches:
-            if time.monotonic() > end_s or self._closed_its_door:
-                return False
-            time.sleep(_POLL_S)
-        return True
+        return self._records.wait_for_latches(latches, timeout_s)
 
     def observations(self, session: int | None = None) -> list[Observation]:
         """Return what was latched, in one session or in all of them."""
@@ -239,8 +178,7 @@ class VirtualBoard:
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """How often each fault has fired; None before the board has ended, or without faults."""
-        self._backdoor.read()
-        return fault_counts(self._backdoor.records)
+        return fault_counts(self._records.read())
 
     def settle(self, intended: Sequence[Intended]) -> str | None:
         """Wait until the back door shows the last of *intended*, is closed, or falls silent.
@@ -256,16 +194,7 @@ class VirtualBoard:
         _check_intended(intended)
         if not intended:
             return None
-        last, looked_at = intended[-1].key, 0
-
-        def is_there() -> bool:
-            nonlocal looked_at
-            new = self._backdoor.records[looked_at:]
-            looked_at += len(new)
-            return any(is_latch_of(record, last) for record in new)
-
-        self._read_until(is_there)
-        return why_incomplete(self._backdoor.records, last.session, last)
+        return self._records.wait_for_latch(intended[-1].key)
 
     def finish(self, progress: Callable[[int], None] | None = None, *, hurry: bool = False) -> None:
         """End the board in order, if it runs, and read its back door to the end.
@@ -281,32 +210,10 @@ class VirtualBoard:
         check_callable("progress", progress)
         check_kind("hurry", hurry, bool, "True or False")
         if hurry:
-            self._hurry()
+            self._process.close_pipe()
         else:
-            self._process.terminate()  # nothing, if it has ended
-        self._read_until(lambda: False, progress)
-
-    def _hurry(self) -> None:
-        """End the board as our own end would: it tells every latch, but rebuilds no field."""
-        if self._process.stdin is not None:
-            self._process.stdin.close()
-
-    def _read_until(
-        self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
-    ) -> None:
-        """Read the back door until *enough*, or until no more is to be expected of it."""
-        quiet_since_s = time.monotonic()
-        while True:
-            if self._backdoor.read():
-                quiet_since_s = time.monotonic()
-                if progress is not None:
-                    progress(len(self._backdoor.records))
-            if enough() or self._closed_its_door:
-                return
-            patience_s = _QUIET_S if self._process.poll() is None else _LAST_WORDS_S
-            if time.monotonic() - quiet_since_s > patience_s:
-                return
-            time.sleep(_POLL_S)
+            self._process.terminate()
+        self._records.read_to_the_end(progress)
 
     def verify(
         self,
@@ -348,7 +255,7 @@ class VirtualBoard:
         if model is not None:
             check_kind("model", model, AcousticModel, "an AcousticModel, or None")
         # Late, because it is much: whoever only wants a board does not pay for it.
-        from haptogram.verification import Cut, Tolerance, Uncertainty, verify_run
+        from haptogram.verification import Tolerance, Uncertainty, verify_run
 
         if tolerance is not None:
             check_kind("tolerance", tolerance, Tolerance, "a Tolerance, or None")
@@ -357,50 +264,54 @@ class VirtualBoard:
         unseen = self.settle(intended)
         session = intended[0].key.session if intended else None
         observations = on_the_clock_of(intended, self.observations(session))
-        dropped = intended.dropped if isinstance(intended, Kept) else 0
-        run = verify_run(
+        return verify_run(
             intended,
-            without_dropped(intended, observations) if dropped else observations,
+            observations,
             model=self.model if model is None else model,
             min_verified=min_verified,
             tolerance=tolerance,
             uncertainty=uncertainty,
             unseen=unseen,
             silences=silences_on_the_clock_of(intended, self.records()),
-            cut=Cut(_not_kept(intended, dropped)) if dropped else None,
         )
-        return dataclasses.replace(run, counts=run.counts | {"not_kept": dropped})
+
+    # --- process -------------------------------------------------------------------------------
 
     @property
-    def _closed_its_door(self) -> bool:
-        """Whether the last record has come: that of the end."""
-        records = self._backdoor.records
-        return bool(records) and records[-1]["kind"] == "end"
+    def pid(self) -> int:
+        """Number of the board's process."""
+        return self._process.pid
 
-    # --- life ----------------------------------------------------------------------------------
+    def how_it_ended(self, patience_s: float = 0.0) -> str | None:
+        """Return in one line how the board's process ended; None: it runs after *patience_s*."""
+        return self._process.how_it_ended(patience_s)
+
+    def log(self) -> str:
+        """Return what the board has printed so far."""
+        return self._process.log()
 
     def kill(self) -> None:
         """End the board at once, as a power cut would."""
         self._process.kill()
-        self._process.wait(_STOP_S)
 
     def stop(self) -> int:
-        """End the board in order, so that its last records are written; return its status."""
-        self._process.terminate()
-        try:
-            return self._process.wait(_STOP_S)
-        except subprocess.TimeoutExpired as error:
-            self.kill()
-            raise LinkLostError(f"the virtual board did not end within {_STOP_S:g} s") from error
+        """End the board in order, so that its last records are written; return its status.
+
+        Raises
+        ------
+        LinkLostError
+            The board did not end in time, and was killed.
+        """
+        return self._process.stop()
 
     def close(self) -> None:
         """End the board and remove everything that it left behind."""
         try:
-            if self._process.poll() is None:
+            if self._process.is_running():
                 self.stop()
         finally:
-            self._hurry()  # closes the pipe; the board has ended
-            self._backdoor.read()
+            self._process.close_pipe()
+            self._records.read()
             self._folder.remove()
 
     def __enter__(self) -> Self:
@@ -413,7 +324,7 @@ class VirtualBoard:
         traceback: TracebackType | None,
     ) -> None:
         if kind is not None:
-            self._hurry()  # nobody will ask for fields
+            self._process.close_pipe()  # nobody will ask for fields
         self.close()
 
 
@@ -422,19 +333,3 @@ def _check_intended(intended: Sequence[Intended]) -> None:
     for number, entry in enumerate(intended):
         if not isinstance(entry, Intended):
             check_kind(f"intended[{number}]", entry, Intended, "an Intended, as of the driver")
-
-
-def _not_kept(intended: Sequence[Intended], dropped: int) -> str:
-    return (
-        f"{dropped} of {dropped + len(intended)} frames are not judged: the driver keeps the last "
-        f"{len(intended)}; give it a larger keep, or a sink"
-    )
-
-
-def _environment() -> dict[str, str]:
-    """Return an environment in which the child finds the packages that are running here."""
-    packages = (haptogram, haptogram_protocol)
-    places = {str(Path(str(package.__file__)).parent.parent): None for package in packages}
-    inherited = os.environ.get("PYTHONPATH", "")
-    paths = [*places, *inherited.split(os.pathsep)]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(path for path in paths if path)}

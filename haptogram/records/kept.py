@@ -95,3 +95,13 @@ class Kept(Sequence[_T]):
 
     def __repr__(self) -> str:
         return f"<{len(self)} of {self.total} entries>"
+
+
+def only(entries: Sequence[_T], wanted: Callable[[_T], bool]) -> Sequence[_T]:
+    """Return the *entries* that are *wanted*; those of a :class:`Kept` keep its dropped ones."""
+    if not isinstance(entries, Kept):
+        return [entry for entry in entries if wanted(entry)]
+    some: Kept[_T] = Kept(None)
+    some.extend(entry for entry in entries if wanted(entry))
+    some.total += entries.dropped
+    return some

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
-from typing import Final
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final, TypeVar
 
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
-from haptogram.records.frame import FrameKey, Intended, Observation
+from haptogram.records.frame import STREAM, FrameKey, Intended, Observation
+from haptogram.records.kept import Kept
 from haptogram.settings.arguments import Progress
 
 from .consequences.effect import Effect
@@ -18,6 +19,8 @@ from .frame.judge import Judge, lost
 from .run_verdict import RunVerdict
 from .tolerance import Tolerance, Uncertainty
 from .verdict import JUDGED, Cut, FrameStatus, FrameVerdict, Verdict
+
+_T = TypeVar("_T")
 
 
 def verify_run(
@@ -37,6 +40,11 @@ def verify_run(
 
     Parameters
     ----------
+    intended : sequence of Intended
+        One that had to drop entries, a :class:`~haptogram.records.kept.Kept`, can fail, but not
+        pass; ``counts["not_kept"]`` says how many frames are not judged.
+    observations : iterable of Observation
+        Where entries of it were dropped, a frame without an observation is not verified.
     model : AcousticModel
         Array and air that the drives were radiated in.
     min_verified : float
@@ -75,8 +83,11 @@ def verify_run(
     if not 0.0 <= min_verified <= 1.0:
         raise ConfigurationError(f"min_verified is {min_verified:g}, must be 0 to 1")
     _check_keys(intended)
+    if unseen is None and (kept := _kept(observations)).dropped:
+        unseen = f"the driver keeps the last {len(kept)} latches it is told"
+    not_kept = _kept(intended).dropped
     seen: dict[FrameKey, list[Observation]] = defaultdict(list)
-    for observation in observations:
+    for observation in _of_kept(intended, observations) if not_kept else observations:
         seen[observation.key].append(observation)
     for latches in seen.values():
         latches.sort(key=lambda latch: latch.t_latch_us)
@@ -102,8 +113,28 @@ def verify_run(
             held = Held(None, verdict.target_m, due.latest_us)  # who knows whether it was latched?
         if progress is not None:
             progress(number + 1, len(intended))
-    run = _conclude(frames, sorted(seen), min_verified, cut, quiet_us)
+    run = _conclude(frames, sorted(seen), min_verified, cut, quiet_us, not_kept)
     return dataclasses.replace(run, tolerance=judge.tolerance, uncertainty=judge.uncertainty)
+
+
+def _kept(entries: Iterable[_T]) -> Kept[_T]:
+    """Return *entries* if they are a record in bounded memory, else an empty one."""
+    return entries if isinstance(entries, Kept) else Kept()
+
+
+def _of_kept(
+    intended: Sequence[Intended], observations: Iterable[Observation]
+) -> Iterator[Observation]:
+    """Yield *observations* without those that may be of frames before the first of *intended*."""
+    wanted = {frame.key for frame in intended}
+    streamed = [key.index for key in wanted if key.sequence == STREAM]
+    first = min(streamed, default=None)
+    return (
+        o
+        for o in observations
+        if o.key in wanted
+        or (first is not None and o.key.sequence == STREAM and o.key.index >= first)
+    )
 
 
 def _missing(wanted: Intended, unseen: str | None, cut: Cut | None) -> FrameVerdict:
@@ -128,12 +159,19 @@ def _conclude(
     min_verified: float,
     cut: Cut | None,
     quiet_us: Sequence[int],
+    not_kept: int,
 ) -> RunVerdict:
-    counts = _counts(frames, unexpected) | {"not_sent": 0 if cut is None else cut.not_sent}
+    not_sent = 0 if cut is None else cut.not_sent
+    counts = _counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
     effect = Effect.of(frames, quiet_us)
     run = RunVerdict(Verdict.PASS, (), frames, unexpected, min_verified, counts, effect)
     wrong = [f"{counts[name]} {text}" for name, text in _FAILURES.items() if counts[name]]
     missing = [] if cut is None else [cut.reason]
+    if not_kept:
+        missing.append(
+            f"{not_kept} of {not_kept + len(frames)} frames are not judged: the driver keeps the "
+            f"last {len(frames)}; give it a larger keep, or a sink"
+        )
     if run.too_few:
         needed = f"{100.0 * min_verified:g} %"
         missing.append(f"{counts['verified']} of {run.due} frames were verified; {needed} must be")

@@ -39,7 +39,8 @@ class RunVerdict:
         Share of frames that had to be verified.
     counts : dict of str to int
         How many frames were sent, latched, verified, lost and so on.  ``cancelled`` are those that
-        were sent, but not due any more when the host ended the run; ``not_sent`` come on top.
+        were sent, but not due any more when the host ended the run; ``not_sent`` come on
+        top, and ``not_kept``, which the driver had dropped from its record.
     effect : Effect or None
         What lost, late and wrong frames did in space; None: there were none that have a time.
     tolerance : Tolerance

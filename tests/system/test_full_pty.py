@@ -106,7 +106,7 @@ def test_a_board_that_reads_only_while_it_can_write_does_not_stop_the_loop(ends,
 
 
 def process_of(board):
-    return board._process.pid  # noqa: SLF001  no user of a board stops its process
+    return board.pid
 
 
 def test_a_board_that_is_stopped_in_mid_stream_ends_it_with_an_error():

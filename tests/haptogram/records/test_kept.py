@@ -1,6 +1,7 @@
 """What a driver records stays bounded, and what it does not keep any more is visible."""
 
 import contextlib
+import dataclasses
 import gc
 
 import numpy as np
@@ -12,8 +13,9 @@ from haptogram.acoustics import AcousticModel
 from haptogram.driver.driver import Driver
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.records.frame import Intended, Observation
-from haptogram.records.kept import MOST_KEPT, Kept
+from haptogram.records.frame import FrameKey, Intended, Observation
+from haptogram.records.kept import MOST_KEPT, Kept, only
+from haptogram.verification import FrameStatus, verify_run
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.messages import LatchKey, TraceDrive, TraceMode
 from link_pair import wire
@@ -193,8 +195,29 @@ def test_a_board_at_a_port_says_that_its_word_was_not_kept():
         driver.arm()
         driver.stream(CIRCLE, 1000)
         board.finish(driver)
-    assert board.unseen == "the driver keeps the last 30 latches it is told"
-    assert len(board.observations(driver)) == 30
+    observations = board.observations(driver)
+    assert (board.unseen, len(observations)) == (None, 30)
+    asked = [
+        driver.intended[-1],
+        dataclasses.replace(driver.intended[-1], key=FrameKey(0, 0, 0, 1)),
+    ]
+    for seen in (observations, only(observations, lambda _: True)):
+        run = verify_run(asked, seen, model=driver.model, min_verified=0.0)
+        assert run.frames[1].status is FrameStatus.NOT_VERIFIED
+        assert run.frames[1].note == "the driver keeps the last 30 latches it is told"
+    run = verify_run(asked, list(observations), model=driver.model, min_verified=0.0)
+    assert run.frames[1].status is FrameStatus.LOST
+
+
+def test_a_run_whose_first_frames_were_dropped_is_judged_without_them():
+    with Driver(BoardPort(model=MODEL), keep=30, trace=TraceMode.DRIVE) as driver:
+        driver.arm()
+        driver.stream(CIRCLE, 1000)
+    assert driver.intended.dropped
+    run = verify_run(driver.intended, driver.observations, model=driver.model)
+    assert run.verdict.value == "inconclusive"
+    assert run.counts["not_kept"] == driver.intended.dropped
+    assert run.unexpected == []
 
 
 @pytest.mark.pty

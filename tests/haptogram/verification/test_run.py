@@ -103,6 +103,7 @@ def expected_counts(fates, unexpected):
         "lost": times["lost"],
         "cancelled": 0,
         "not_sent": 0,
+        "not_kept": 0,
         "late": times["late"] + times["flagged late"],
         "early": times["early"],
         "duplicated": times["twice"],

@@ -1,0 +1,97 @@
+"""The records of a board that runs: read as they come, and waited for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from haptogram.evidence.backdoor import BackdoorFile, is_latch_of, why_incomplete
+from haptogram.records.frame import FrameKey
+
+_POLL_S: Final = 0.01
+_QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
+_LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
+
+
+class BoardRecords:
+    """Reads the back door of a board, and waits for its records.
+
+    Parameters
+    ----------
+    path : Path
+        File that the board appends to.
+    is_running : callable
+        Returns whether the board runs.
+    """
+
+    def __init__(self, path: Path, *, is_running: Callable[[], bool]) -> None:
+        self._file = BackdoorFile(path)
+        self._is_running = is_running
+
+    def read(self) -> list[dict[str, Any]]:
+        """Return all records so far."""
+        self._file.read()
+        return self._file.records
+
+    def wait_for_latches(self, count: int, timeout_s: float) -> bool:
+        """Wait for *count* latches; return whether they came before the end and *timeout_s*."""
+        end_s = time.monotonic() + timeout_s
+        while sum(record["kind"] == "latch" for record in self.read()) < count:
+            if time.monotonic() > end_s or self._is_closed:
+                return False
+            time.sleep(_POLL_S)
+        return True
+
+    def wait_for_latch(self, key: FrameKey) -> str | None:
+        """Wait for the latch with this *key*, for the end, or until the board falls silent.
+
+        Returns
+        -------
+        str or None
+            Why latches of its session may be missing; None: none is.
+        """
+        looked_at = 0
+
+        def is_there() -> bool:
+            nonlocal looked_at
+            new = self._file.records[looked_at:]
+            looked_at += len(new)
+            return any(is_latch_of(record, key) for record in new)
+
+        self._read_until(is_there)
+        return why_incomplete(self._file.records, key.session, key)
+
+    def read_to_the_end(self, progress: Callable[[int], None] | None = None) -> None:
+        """Read until the end record, or until the board falls silent.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with the number of records so far.
+        """
+        self._read_until(lambda: False, progress)
+
+    def _read_until(
+        self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
+    ) -> None:
+        """Read until *enough*, or until no more records are to be expected."""
+        quiet_since_s = time.monotonic()
+        while True:
+            if self._file.read():
+                quiet_since_s = time.monotonic()
+                if progress is not None:
+                    progress(len(self._file.records))
+            if enough() or self._is_closed:
+                return
+            patience_s = _QUIET_S if self._is_running() else _LAST_WORDS_S
+            if time.monotonic() - quiet_since_s > patience_s:
+                return
+            time.sleep(_POLL_S)
+
+    @property
+    def _is_closed(self) -> bool:
+        """Whether the last record has come: that of the end."""
+        records = self._file.records
+        return bool(records) and records[-1]["kind"] == "end"
