@@ -34,8 +34,8 @@ class SoakBoard:
         Seed of everything random.
     baud : int
         Rate of the line that it reports.
-    clock_faults : sequence of str
-        Faults of its clock, as in docs/faults.md.
+    plan : FaultPlan
+        Faults of its clock.
     running_us : int
         Time that its clock has been running at power-up.
     mutant : str or None
@@ -47,13 +47,12 @@ class SoakBoard:
         *,
         seed: int,
         baud: int,
-        clock_faults: tuple[str, ...] = (),
+        plan: FaultPlan,
         running_us: int = 0,
         mutant: str | None = None,
     ) -> None:
         parts = parts_of(mutant)
         self._verdicts: list[Verdict] = []
-        plan = FaultPlan.parse(clock_faults, seed)
         self._clock = faulty_clock(plan, parts.clock(BOOT_US + running_us))
         settings = dataclasses.replace(
             board_settings(seed=seed, baud=baud), boot_us=self._clock.boot_us

@@ -1,6 +1,8 @@
-"""What can happen to a frame on its way: each kind makes pieces of its bytes.
+"""The faults of the soak's line: each makes pieces of the bytes of a frame.
 
-A kind is drawn for a whole frame, not for a byte, so that the account knows what was done to whom.
+The names are those of :mod:`haptogram.settings.faults`, and two more: ``lose`` takes a whole frame
+away, ``junk`` puts a run before it that is longer than a frame can be.  A fault is drawn for a
+whole frame, not for a byte, so that the account knows the fault of every frame.
 """
 
 from __future__ import annotations
@@ -10,13 +12,14 @@ import random
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
+from haptogram.settings.faults.kinds import FAULT_KINDS
 from haptogram_protocol.framing import MAX_ENCODED_BYTES
 
 #: Pieces of a frame, each with how long the line waits before it.
 Pieces: TypeAlias = list[tuple[int, bytes]]
 
 _MOST_FLIPS: Final = 3
-_BURST_BYTES: Final = 8
+_BURST_BYTES: Final = round(FAULT_KINDS["line.burst"]["bytes"].default)
 _MOST_INSERTED: Final = 4
 _JUNK_BYTES: Final = MAX_ENCODED_BYTES + 100
 _LEAST_DELAY_NS: Final = 100_000

@@ -14,7 +14,7 @@ from typing import Final
 from haptogram_protocol.framing import DELIMITER
 
 from .faults import FAULTS, KINDS
-from .tally import Hit, Tally
+from .tally import UNEXPLAINED, Hit, Tally
 
 DAMAGE: Final = frozenset({"cobs", "short", "crc", "oversize"})
 _NS_PER_S: Final = 1_000_000_000
@@ -43,6 +43,23 @@ class Damaged:
 
     def __init__(self, hit: Hit | None) -> None:
         self.hit = hit
+
+    def explain(self, verdict: int | str, who: str, tally: Tally) -> None:
+        """Take down the *verdict* on this run, by *who* was to find damage in it."""
+        if self.hit is None:
+            tally.violate(UNEXPLAINED, f"damage at {who} that nothing did: {verdict}")
+        elif verdict not in DAMAGE:
+            tally.violate(
+                "damaged frame taken", f"{who} took what {self.hit.kind} left for {verdict!r}"
+            )
+        else:
+            tally.find(self.hit, str(verdict))
+            tally.totals[f"{who}: {verdict}"] += 1
+
+
+def message_type(encoded: bytes) -> int:
+    """Return the message type of an undamaged frame: no type is 0, so that it stands there."""
+    return encoded[1]
 
 
 class Line:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import random
-from typing import Any, Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 from haptogram.driver.line.budget import frame_bytes, transmission_ns
 from haptogram.driver.timing.clock import ClockEstimate
-from haptogram.errors import HaptogramError
 from haptogram_protocol import NEED_DATA, HostConnection
 from haptogram_protocol.connection import (
-    EventReceived,
-    FrameDropped,
     HostEvent,
     ReplyReceived,
     RequestRefused,
@@ -19,10 +16,13 @@ from haptogram_protocol.connection import (
 )
 from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import fastest_cobs
-from haptogram_protocol.messages import EVENT_RANGE, FIRST_STREAM_SEQ, Message, Ping, Pong, Status
+from haptogram_protocol.messages import EVENT_RANGE, FIRST_STREAM_SEQ, Message, Ping, Pong
 
+from .board import Board, Hopeless
+from .board_account import BoardAccount
 from .drives import Show
-from .line import DAMAGE, Damaged, Line, Sent
+from .host_account import HostAccount
+from .line import Line, Sent, message_type
 from .oracle import Oracle
 from .tally import UNEXPLAINED, Hit, Tally
 
@@ -34,31 +34,6 @@ _MOST_VIOLATIONS: Final = 50  # of a segment: then there is no sense in going on
 _PONG_NS: Final = transmission_ns(frame_bytes(Pong.LAYOUT.size), BAUD)
 
 _M = TypeVar("_M", bound=Message)
-
-
-class Hopeless(HaptogramError):
-    """The board is so wrong that the account cannot go on."""
-
-
-class Board(Protocol):
-    """A board without its line; times are nanoseconds since power-up."""
-
-    transducers: int
-    carrier_us: int
-
-    @property
-    def session(self) -> int: ...  # noqa: D102  see sim_device.soak_board.SoakBoard
-    @property
-    def counters(self) -> dict[str, int]: ...  # noqa: D102
-    @property
-    def is_silent(self) -> bool: ...  # noqa: D102
-    def device_us(self, t_ns: int) -> int: ...  # noqa: D102
-    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None: ...  # noqa: D102
-    def advance_to(self, t_ns: int) -> None: ...  # noqa: D102
-    def take_output(self) -> bytes: ...  # noqa: D102
-    def take_verdicts(self) -> list[Any]: ...  # noqa: D102
-    def take_latches(self) -> list[Any]: ...  # noqa: D102
-    def take_timeouts(self) -> int: ...  # noqa: D102
 
 
 class Rig:
@@ -83,8 +58,6 @@ class Rig:
     oracle : Oracle
     clock : ClockEstimate
         What the host makes of the board's clock.
-    status : Status or None
-        The newest one.
     """
 
     def __init__(self, board: Board, share: float, source: random.Random, tally: Tally) -> None:
@@ -95,17 +68,17 @@ class Rig:
         self.show = Show(board.transducers)
         self.oracle = Oracle(self.show, board.carrier_us, tally)
         self.clock = ClockEstimate()
-        self.status: Status | None = None
         self.board = board
+        self._at_board = BoardAccount(board, self.down, self.oracle, tally)
+        self._at_host = HostAccount(self.up, tally)
         self.host: HostConnection
         self._source = source
         self._answers: dict[int, HostEvent] = {}
         self._deadline_ns = _NEVER_NS
         self._ping_due_ns = self._ping_left_ns = self._pings = 0
-        self._last_request = b""  # as the host sent it; and as the board took it
-        self._last_taken = b""
+        self._last_request = b""
         self._request_hits: list[Hit] = []
-        self._next_index = self._expected_index = FIRST_STREAM_SEQ
+        self._next_index = FIRST_STREAM_SEQ
 
     # --- sessions and requests -----------------------------------------------------------------
 
@@ -117,8 +90,10 @@ class Rig:
         self.host = HostConnection(
             nonce=nonce, description_hash=description_hash(), cobs=fastest_cobs()
         )
-        self.status, self._answers = None, {}
-        self._next_index = self._expected_index = FIRST_STREAM_SEQ  # HG-3.6/5
+        self._answers = {}
+        self._next_index = FIRST_STREAM_SEQ  # HG-3.6/5
+        self._at_board.begin_session()
+        self._at_host.begin_session()
         self.wait_for(self.host.send_hello(self.now_ns // 1000))
         self.tally.totals["sessions"] += 1
 
@@ -245,7 +220,7 @@ class Rig:
         self.board.receive(data, t_ns, self.up.free_ns)
         went_off = False
         for verdict in self.board.take_verdicts():
-            went_off |= self._judge_down(verdict, t_ns)
+            went_off |= self._at_board.judge(verdict, t_ns)
         self._take_from_board(t_ns)
         if went_off:
             self.oracle.flush(self.board.device_us(t_ns))
@@ -261,80 +236,10 @@ class Rig:
             if encoded:
                 self._send_up(b"\x00" + encoded + b"\x00", t_ns)
 
-    def _judge_down(self, verdict: int | str, t_ns: int) -> bool:
-        """Compare a verdict of the board with what came; tell whether it switches the output off.
-
-        A frame that came whole is taken; a copy of it is known; everything else is damage.
-        """
-        if not self.down.expected:
-            self.tally.violate(UNEXPLAINED, f"the board found {verdict!r} where nothing came")
-            return False
-        sent = self.down.expected.popleft()
-        if isinstance(sent, Damaged):
-            self._judge_damage(sent, verdict, "the board")
-            return False
-        self.tally.totals["board frames"] += 1
-        if sent.session == self.board.session:
-            self.oracle.heard(self.board.device_us(t_ns))
-        if sent.hit is not None:
-            sent.hit.delivered = True
-        if sent.kind == "stream":
-            self._judge_stream(sent, verdict, t_ns)
-            return False
-        return self._judge_request(sent, verdict)
-
-    def _judge_damage(self, damaged: Damaged, verdict: int | str, who: str) -> None:
-        if damaged.hit is None:
-            self.tally.violate(UNEXPLAINED, f"damage at {who} that nothing did: {verdict}")
-        elif verdict not in DAMAGE:
-            self.tally.violate(
-                "damaged frame taken", f"{who} took what {damaged.hit.kind} left for {verdict!r}"
-            )
-        else:
-            self.tally.find(damaged.hit, str(verdict))
-            self.tally.totals[f"{who}: {verdict}"] += 1
-
-    def _judge_stream(self, sent: Sent, verdict: int | str, t_ns: int) -> None:
-        if isinstance(verdict, int) and verdict < self._expected_index:
-            self.tally.violate("copy taken", f"frame {verdict} once more")
-        elif isinstance(verdict, int):
-            missing = verdict - self._expected_index
-            self._explain_gap(missing)
-            self._expected_index = verdict + 1
-            rx_us = self.board.device_us(t_ns)
-            self.oracle.came(sent.session, verdict, sent.about, rx_us, sent.cause)
-        elif verdict == "duplicate" and sent.hit is not None:
-            self.tally.find(sent.hit, verdict)
-            self.tally.totals["duplicate"] += 1
-        else:
-            self.tally.violate("undamaged frame dropped", f"a stream frame, as {verdict}")
-
-    def _explain_gap(self, missing: int) -> None:
-        self.tally.totals["gap"] += missing
-        if missing > len(self.down.lost):
-            lost = len(self.down.lost)
-            self.tally.violate(UNEXPLAINED, f"{missing} frames never came, {lost} were lost")
-            self.down.lost.clear()
-        for _ in range(min(missing, len(self.down.lost))):
-            self.tally.find(self.down.lost.popleft(), "gap")
-
-    def _judge_request(self, sent: Sent, verdict: int | str) -> bool:
-        copy = sent.encoded == self._last_taken
-        mute_or_hello = _type_of(sent.encoded) in _SILENCING
-        is_mute = _type_of(sent.encoded) == _MUTE
-        wanted = "repeated" if copy and not is_mute else "request"
-        self._last_taken = sent.encoded
-        if verdict != wanted:
-            self.tally.violate("undamaged frame dropped", f"{wanted}, as {verdict}")
-        self.tally.totals[str(verdict)] += 1
-        if copy and sent.hit is not None and sent.hit.kind.endswith("duplicate"):
-            self.tally.find(sent.hit, str(wanted))
-        return mute_or_hello and not copy
-
     # --- at the host ---------------------------------------------------------------------------
 
     def _send_up(self, wire: bytes, t_ns: int) -> None:
-        kind = "event" if _type_of(wire[1:]) in EVENT_RANGE else "reply"
+        kind = "event" if message_type(wire[1:-1]) in EVENT_RANGE else "reply"
         sent = Sent(kind, wire, self.board.session)
         # What belongs to the session before has no number that its loss could be told by.
         self.up.send(sent, wire, t_ns, spared=sent.session != self.host.session)
@@ -352,47 +257,10 @@ class Rig:
             assert not isinstance(event, type(NEED_DATA))
             if isinstance(event, RequestTimedOut):
                 self._answers[event.seq] = event
-            else:
-                self._judge_up(event)
-
-    def _judge_up(self, event: HostEvent) -> None:
-        verdict = event.reason if isinstance(event, FrameDropped) else type(event).__name__
-        if not self.up.expected:
-            self.tally.violate(UNEXPLAINED, f"the host found {verdict} where nothing came")
-            return
-        sent = self.up.expected.popleft()
-        if isinstance(sent, Damaged):
-            self._judge_damage(sent, verdict, "the host")
-            return
-        if sent.hit is not None:
-            sent.hit.delivered = True
-        if isinstance(event, EventReceived):
-            self._take_event(event)
-        elif isinstance(event, ReplyReceived | RequestRefused):
-            self._take_answer(event)
-        elif isinstance(event, FrameDropped):
-            self._explain_drop(sent, event.reason)
-
-    def _explain_drop(self, sent: Sent, reason: str) -> None:
-        """Explain a copy by its fault, or by the host having asked twice; see HG-3.7/3."""
-        self.tally.totals[f"the host: {reason}"] += 1
-        if reason == "duplicate" and sent.hit is not None:
-            self.tally.find(sent.hit, reason)
-        elif reason == "duplicate" and sent.kind == "reply":
-            self.tally.totals["answers of copies"] += 1
-        elif reason != "stale_session" or sent.session == self.host.session:
-            self.tally.violate("undamaged frame dropped", f"{sent.kind} at the host, as {reason}")
-
-    def _take_event(self, event: EventReceived) -> None:
-        for _ in range(event.gap):
-            if not self.up.lost:
-                self.tally.violate(UNEXPLAINED, "an event never came, and none was lost")
-                break
-            self.tally.find(self.up.lost.popleft(), "gap")
-        if isinstance(event.message, Status):
-            if self.status and event.message.free_bytes < self.status.free_bytes:
-                self.tally.violate("memory leak", "the board has fewer free bytes than before")
-            self.status = event.message
+            elif self._at_host.judge(event, self.host.session) and isinstance(
+                event, ReplyReceived | RequestRefused
+            ):
+                self._take_answer(event)
 
     def _take_answer(self, event: ReplyReceived | RequestRefused) -> None:
         if isinstance(event, ReplyReceived) and isinstance(event.message, Pong):
@@ -420,13 +288,3 @@ class Rig:
         """Close the account of every fault so far."""
         self.down.close()
         self.up.close()
-
-
-_HELLO: Final = 0x40
-_MUTE: Final = 0x42
-_SILENCING: Final = (_HELLO, _MUTE)
-
-
-def _type_of(encoded: bytes) -> int:
-    """Return the message type of an undamaged frame: no type is 0, so that it stands there."""
-    return encoded[1]

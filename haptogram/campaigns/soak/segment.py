@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable
 from typing import Final, Protocol
 
+from haptogram.settings.faults.plan import Fault, FaultPlan
 from haptogram_protocol.messages import (
     Arm,
     ArmReply,
@@ -23,7 +24,8 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from .rig import BAUD, Board, Hopeless, Rig
+from .board import Board, Hopeless
+from .rig import BAUD, Rig
 from .tally import Tally
 
 PERIOD_US: Final = 1000
@@ -35,6 +37,7 @@ _BURST_S: Final = (0.3, 6.0)
 _MOST_CALM_MS: Final = 3000
 _MARGIN_US: Final = 20_000  # by which the first latch after a pause may miss its plan
 _PPM: Final = 50  # that the board declares for its clock
+_STEP: Final = "clock.step"
 _STEP_US: Final = (5_000, 30_000)
 _LEAST_FOR_STEP_S: Final = 20.0
 _BLOCKS: Final = 5000  # of memory that may come and go
@@ -46,9 +49,7 @@ Progress = Callable[[float], None]
 class MakeBoard(Protocol):
     """Powers a board up; see ``sim_device.soak_board.SoakBoard``."""
 
-    def __call__(
-        self, *, seed: int, baud: int, clock_faults: tuple[str, ...], running_us: int
-    ) -> Board:
+    def __call__(self, *, seed: int, baud: int, plan: FaultPlan, running_us: int) -> Board:
         """Return it."""
         ...
 
@@ -76,15 +77,15 @@ def run_segment(
     """
     source = random.Random(f"{seed}/{number}")
     tally = Tally()
-    clock_faults = _clock_faults(seconds, source)
+    plan = FaultPlan(_clock_faults(seconds, source), seed + number)
     board = make_board(
         seed=seed + number,
         baud=BAUD,
-        clock_faults=clock_faults,
+        plan=plan,
         running_us=round(start_s * 1e6),
     )
     rig = Rig(board, fault_rate, source, tally)
-    segment = _Segment(rig, source, round(seconds * _S), stepped=len(clock_faults) > 1)
+    segment = _Segment(rig, source, round(seconds * _S), stepped=any(plan.named(_STEP)))
     try:
         segment.run(progress)
     except Hopeless as error:
@@ -93,13 +94,13 @@ def run_segment(
     return tally
 
 
-def _clock_faults(seconds: float, source: random.Random) -> tuple[str, ...]:
+def _clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ...]:
     """Return a drift within what the board declares, and a step in every other segment."""
-    drift = f"clock.ppm ppm={source.randint(-_PPM, _PPM)}"
+    drift = Fault("clock.ppm", {"ppm": float(source.randint(-_PPM, _PPM))})
     step_us, at_s = source.randint(*_STEP_US), seconds * source.uniform(0.3, 0.6)
     if seconds < _LEAST_FOR_STEP_S or source.random() < 0.5:
         return (drift,)
-    return drift, f"clock.step us={step_us} from={at_s:.6f}s"
+    return drift, Fault(_STEP, {"us": float(step_us)}, from_ns=round(round(at_s, 6) * _S))
 
 
 class _Segment:

@@ -16,6 +16,7 @@ from haptogram.campaigns.soak.memory import GROWTH_LIMIT_BYTES, Memory
 from haptogram.cli import board_without_a_line, main
 from haptogram.errors import ConfigurationError
 from haptogram.report.soak import soak_text
+from haptogram.settings.faults.kinds import FAULT_KINDS
 
 SHORT = Setup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_s=0.4)
 
@@ -37,6 +38,10 @@ def test_a_healthy_board_is_found_healthy(account: Tally) -> None:
     assert account.violations == {}
     assert account.totals["frames"] > 2000
     assert account.totals["latched"] > 1500
+
+
+def test_its_faults_have_the_names_of_the_fault_plan_but_for_two() -> None:
+    assert {f"line.{kind}" for kind in KINDS} - FAULT_KINDS.keys() == {"line.lose", "line.junk"}
 
 
 def test_every_fault_was_detected_or_harmless(account: Tally) -> None:
