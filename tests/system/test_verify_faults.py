@@ -273,7 +273,7 @@ def test_in_a_url_the_plan_is_blamed_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     url = "haptogram://?clock=virtual&fault=line.half_open"
-    status, said, _ = _run(tmp_path, capsys, ["verify", *_JOB, "--port", url])
+    status, said, _ = _run(tmp_path, capsys, ["verify", *_SMALL, "--quiet", "--port", url])
     assert status == 3
     assert "faults on purpose: line.half_open; the board did not report how often" in said
 
