@@ -17,6 +17,8 @@ import numpy as np
 from haptogram.machine.files import write_atomically
 from haptogram.verification import RunVerdict, Verdict
 
+#: Number of the format; docs/api.md has a table of the keys that each format renamed.
+FORMAT: Final = 2
 _PACKAGES: Final = ("haptogram", "numpy", "scipy", "pyserial")
 
 
@@ -66,7 +68,7 @@ def result_dict(
     """
     if cut_short is not None and run.verdict is Verdict.PASS:
         raise ValueError(f"a run that was cut short ({cut_short}) cannot pass")
-    result = run.as_dict() | {
+    result = {"format": FORMAT} | run.as_dict() | {
         "cut_short": cut_short,
         "warnings": warnings,
         "seed": seed,

@@ -29,6 +29,7 @@ def test_the_file_holds_what_the_result_says(tmp_path: Path, good_run: RunVerdic
     report.write_json(tmp_path / "result.json", result)
     read = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert read == result
+    assert next(iter(read.items())) == ("format", 2)
     assert read["verdict"] == "pass"
     assert read["frames"]["verified"] == read["frames"]["sent"] == 12
     assert read["seed"] == 7
