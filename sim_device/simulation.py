@@ -21,7 +21,7 @@ from .board.events import Latch, LineCounted, Notice
 from .board.settings import BoardSettings
 from .faults.clock import faulty_clock
 from .faults.injector import FaultInjector
-from .line.uart import Line, line_to_board, line_to_host
+from .line.uart import Line, uart_to_board, uart_to_host
 
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
@@ -82,7 +82,7 @@ class Simulation:
         self.board: Board = self.dialect.board
         self._recorders = recorders
         self._line = settings.line if paced else LineSettings()
-        self._down, self._up = line_to_board(self._line), line_to_host(self._line)
+        self._down, self._up = uart_to_board(self._line), uart_to_host(self._line)
         self._unread = bytearray()
         self._unread_lost = 0
         self._now_ns = 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.export.vectors.vector import fields_of
+from haptogram_protocol.export.vectors.vector import vector_fields_of
 from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import EVENT_RANGE, MessageType, parse_body
 
@@ -150,8 +150,8 @@ def _frame(found: bytes | RemoteProtocolError) -> Frame:
         raise found
     header, message = parse_body(found)
     own = OWN.get(message.TYPE.name, set())
-    fields = fields_of(message)
-    head = fields_of(header)
+    fields = vector_fields_of(message)
+    head = vector_fields_of(header)
     del head["type"]  # the name says it
     kept = {name: value for name, value in fields.items() if name not in own}
     return {"message": message.TYPE.name, "header": head, "fields": kept}

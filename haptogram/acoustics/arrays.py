@@ -27,7 +27,7 @@ def check_computed(name: str, number: float) -> float:
 
 def as_vector(name: str, values: ArrayLike, length: int) -> FloatArray:
     """Return *values* as a finite float64 vector of *length*, or raise."""
-    vector = as_floats(name, values)
+    vector = as_float_array(name, values)
     if vector.shape != (length,):
         raise ConfigurationError(f"{name} has shape {vector.shape}, must be ({length},)")
     return vector
@@ -49,7 +49,7 @@ def as_points(name: str, values: ArrayLike) -> FloatArray:
     return points
 
 
-def as_floats(name: str, values: ArrayLike) -> FloatArray:
+def as_float_array(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as finite float64 of any shape, or raise."""
     array = _as_array(name, values, np.float64)
     check_finite(name, array)

@@ -70,13 +70,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
     from haptogram.campaigns.bench.frame_budget import (
         frame_formats,
-        measure_budget,
+        measure_frame_budget,
         measure_wake_ns,
     )
 
     wake_ns = measure_wake_ns(arguments.rate_hz)
     budgets = [
-        measure_budget(name, message, baudrate=arguments.baud)
+        measure_frame_budget(name, message, baudrate=arguments.baud)
         for name, message in frame_formats(arguments.transducers).items()
     ]
     asked = next(b for b in budgets if b.name == f"phases, {arguments.phase_bits} bit")

@@ -16,7 +16,7 @@ from haptogram.driver.frames.frame import REGISTER_BITS, Frame, Mode
 from haptogram.driver.frames.targets import Targets, as_foci
 from haptogram.driver.identity import check_air, read_geometry
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port
-from haptogram.driver.output import Output
+from haptogram.driver.output import HostOutput
 from haptogram.driver.playback import MOST_PLAYED, PlayReport, Timing, playback_period_us
 from haptogram.driver.session import Session, Sink, choose_nonce
 from haptogram.driver.stream import Pacing, StreamReport
@@ -169,7 +169,7 @@ class Driver:
         except BaseException:
             link.close()
             raise
-        self._output = Output(self._session, self.intended)
+        self._output = HostOutput(self._session, self.intended)
 
     # --- life ----------------------------------------------------------------------------------
 

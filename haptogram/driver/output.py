@@ -22,7 +22,7 @@ from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import GetStatus, StatusReply
 
 
-class Output:
+class HostOutput:
     """Sends frames in one session, and arms the board again where a timer muted it.
 
     Parameters

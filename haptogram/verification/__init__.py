@@ -5,8 +5,8 @@ rests on, and names the smallest miss that it could have shown.  What cannot be 
 verified, and never passes.
 """
 
-from .consequences.effect import Effect
-from .faults import name_faults
+from .consequences.effect import RunConsequences
+from .faults import name_drive_faults
 from .frame.judge import Judge
 from .frame.target import check_tolerance
 from .run import verify_run
@@ -27,18 +27,18 @@ from .verdict import (
     FrameVerdict,
     Verdict,
     consequence_text,
-    pressure_text,
+    wrong_pressure_text,
 )
 
 __all__ = [
     "REAL_BOARD",
     "Consequence",
     "Cut",
-    "Effect",
     "FrameStatus",
     "FrameVerdict",
     "Judge",
     "PlaceUncertainty",
+    "RunConsequences",
     "RunVerdict",
     "Tolerance",
     "Uncertainty",
@@ -46,10 +46,10 @@ __all__ = [
     "check_tolerance",
     "consequence_text",
     "cut_text",
-    "name_faults",
-    "pressure_text",
+    "name_drive_faults",
     "tolerance_of",
     "tolerance_text",
     "uncertainty_of",
     "verify_run",
+    "wrong_pressure_text",
 ]

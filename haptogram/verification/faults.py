@@ -25,7 +25,7 @@ _NAMED_ELEMENTS: Final = 8  # more than these are counted, not listed
 _FEW: Final = 0.25  # share of the elements that can be wrong one by one
 
 
-def name_faults(model: AcousticModel, intended: Intended, latched: Drive) -> tuple[str, ...]:
+def name_drive_faults(model: AcousticModel, intended: Intended, latched: Drive) -> tuple[str, ...]:
     """Return the names of the faults of *latched* against the intended drive; empty: none.
 
     Parameters

@@ -13,8 +13,8 @@ from haptogram.records.frame import STREAM, FrameKey, Intended, Observation
 from haptogram.records.kept import Kept
 from haptogram.settings.arguments import Progress
 
-from .consequences.effect import Effect
-from .consequences.held import Held, consequence, dues, still_held
+from .consequences.effect import RunConsequences
+from .consequences.held import Held, consequence, due_frames, still_held
 from .frame.judge import Judge, lost
 from .run_verdict import RunVerdict
 from .tolerance import Tolerance, Uncertainty
@@ -100,7 +100,7 @@ def verify_run(
     frames: list[FrameVerdict] = []
     held: Held | None = None
     quiet_us = sorted(silences)
-    for number, (wanted, due) in enumerate(zip(intended, dues(intended, seen), strict=True)):
+    for number, (wanted, due) in enumerate(zip(intended, due_frames(intended, seen), strict=True)):
         latches = seen.pop(wanted.key, [])
         verdict = judge.judge(wanted, latches[0]) if latches else _missing(wanted, unseen, cut)
         if verdict.late or verdict.status is FrameStatus.LOST:
@@ -163,7 +163,7 @@ def _conclude(
 ) -> RunVerdict:
     not_sent = 0 if cut is None else cut.not_sent
     counts = _counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
-    effect = Effect.of(frames, quiet_us)
+    effect = RunConsequences.of(frames, quiet_us)
     run = RunVerdict(Verdict.PASS, (), frames, unexpected, min_verified, counts, effect)
     wrong = [f"{counts[name]} {text}" for name, text in _FAILURES.items() if counts[name]]
     missing = [] if cut is None else [cut.reason]

@@ -13,9 +13,9 @@ import numpy as np
 from haptogram.errors import VerificationError
 from haptogram.records.frame import FrameKey
 
-from .consequences.effect import Effect
+from .consequences.effect import RunConsequences
 from .tolerance import PlaceUncertainty, Tolerance, Uncertainty, tolerance_text
-from .verdict import NOTHING_WRONG, FrameStatus, FrameVerdict, Verdict, frame_line, measures
+from .verdict import NOTHING_WRONG, FrameStatus, FrameVerdict, Verdict, frame_verdict_line, measures
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 _NAMED_FRAMES: Final = 8  # the JSON names all
@@ -41,7 +41,7 @@ class RunVerdict:
         How many frames were sent, latched, verified, lost and so on.  ``cancelled`` are those that
         were sent, but not due any more when the host ended the run; ``not_sent`` come on
         top, and ``not_kept``, which the driver had dropped from its record.
-    effect : Effect or None
+    effect : RunConsequences or None
         What lost, late and wrong frames did in space; None: there were none that have a time.
     tolerance : Tolerance
         Which misses passed on top of what rounding makes.
@@ -65,7 +65,7 @@ class RunVerdict:
     unexpected: list[FrameKey]
     min_verified: float
     counts: dict[str, int] = field(default_factory=dict)
-    effect: Effect | None = None
+    effect: RunConsequences | None = None
     tolerance: Tolerance = field(default_factory=Tolerance)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
 
@@ -250,14 +250,14 @@ def _several_line(result: dict[str, Any]) -> str:
 def _named(odd: Sequence[FrameVerdict]) -> Iterator[str]:
     """Yield a line for each frame; if there are many, one for all with the same thing wrong."""
     if len(odd) <= _NAMED_FRAMES:
-        yield from map(frame_line, odd)
+        yield from map(frame_verdict_line, odd)
         return
     groups: dict[tuple[str, ...], list[FrameVerdict]] = defaultdict(list)
     for frame in odd:
         groups[_what_is_wrong(frame)].append(frame)
     ordered = sorted(groups.items(), key=lambda group: -len(group[1]))
     for what, frames in ordered[:_NAMED_FRAMES]:
-        yield _group_line(what, frames) if len(frames) > 1 else frame_line(frames[0])
+        yield _group_line(what, frames) if len(frames) > 1 else frame_verdict_line(frames[0])
     if left := sum(len(frames) for _, frames in ordered[_NAMED_FRAMES:]):
         yield f"... and {left} frames more, in the JSON file"
 

@@ -9,7 +9,7 @@ from .tolerance import Tolerance
 from .verdict import FrameStatus
 
 
-def status_of(
+def frame_status_of(
     verdicts: Mapping[str, bool],
     faults: tuple[str, ...],
     *,

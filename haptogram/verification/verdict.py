@@ -233,7 +233,7 @@ def consequence_text(effect: Consequence) -> str:
     return f"{away}: {effect.pressure_rms_pa:.0f} Pa {wanted}"
 
 
-def pressure_text(frame: FrameVerdict) -> str | None:
+def wrong_pressure_text(frame: FrameVerdict) -> str | None:
     """Return the change of the pressure at the target by a wrong drive; None: unknown."""
     if frame.status not in WRONG or frame.target_pressure_rms_pa is None:
         return None
@@ -241,7 +241,7 @@ def pressure_text(frame: FrameVerdict) -> str | None:
     return f"{frame.target_pressure_rms_pa:.0f} Pa at the target {wanted}"
 
 
-def frame_line(frame: FrameVerdict) -> str:
+def frame_verdict_line(frame: FrameVerdict) -> str:
     """Return the faults of one frame, with their size, in a line."""
     parts = [f"frame {frame.number}: {frame.status}"]
     if (frame.late or frame.early) and frame.lateness_us is not None:
@@ -256,7 +256,7 @@ def frame_line(frame: FrameVerdict) -> str:
 
 def _frame_text(frame: FrameVerdict) -> str:
     """Return the status of one frame, its evidence, and the smallest miss that would show."""
-    parts = [frame_line(frame)]
+    parts = [frame_verdict_line(frame)]
     if frame.status not in WRONG and (place := _place(frame)) is not None:
         parts.append(place)
     if frame.criteria and not frame.is_silence:
@@ -286,7 +286,7 @@ def measures(frame: FrameVerdict) -> Iterator[str]:
     """Yield the millimetres and pascals of the faults."""
     if frame.status in WRONG and (place := _place(frame)) is not None:
         yield place
-    if (pressure := pressure_text(frame)) is not None:
+    if (pressure := wrong_pressure_text(frame)) is not None:
         yield pressure
     if frame.consequence is not None:
         yield consequence_text(frame.consequence)

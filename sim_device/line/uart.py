@@ -3,8 +3,8 @@
 Times are whole nanoseconds on the clock of the simulation; a byte is there when its stop bit has
 ended. Without a baud rate the line takes no time, as a pseudo-terminal does.
 
-What receives may be more than a wire: :class:`PolledLine` ends in the FIFO of a board's UART,
-:class:`UsbLine` in a USB adapter with its latency timer.
+What receives may be more than a wire: :class:`PolledUart` ends in the FIFO of a board's UART,
+:class:`UsbUart` in a USB adapter with its latency timer.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class Line:
         return min(count, passed * count // (burst.sent * self._byte_ns))
 
 
-class PolledLine(Line):
+class PolledUart(Line):
     """A line to a UART whose firmware empties the receive FIFO every so often.
 
     What comes while the FIFO is full is lost and counted, as in any UART (``overrun``): bytes in
@@ -184,7 +184,7 @@ class PolledLine(Line):
         return -(-t_ns // self._poll_ns) * self._poll_ns
 
 
-class UsbLine(Line):
+class UsbUart(Line):
     """A line to a USB serial adapter: bytes reach the host in packets.
 
     A packet goes to the host when :data:`USB_PACKET_BYTES` are there, or with fewer when the
@@ -241,17 +241,17 @@ class UsbLine(Line):
         return self._sent_ns + periods * self._latency_ns
 
 
-def line_to_board(line: LineSettings) -> Line:
+def uart_to_board(line: LineSettings) -> Line:
     """Return the direction from host to board."""
     ppm = line.baud_error_ppm
     if line.rx_fifo is None:
         return Line(line.baud, receiver_ppm=ppm)
-    return PolledLine(line.baud, line.rx_fifo, line.poll_us * _NS_PER_US, receiver_ppm=ppm)
+    return PolledUart(line.baud, line.rx_fifo, line.poll_us * _NS_PER_US, receiver_ppm=ppm)
 
 
-def line_to_host(line: LineSettings) -> Line:
+def uart_to_host(line: LineSettings) -> Line:
     """Return the direction from board to host."""
     ppm = line.baud_error_ppm
     if line.latency_us is None:
         return Line(line.baud, sender_ppm=ppm)
-    return UsbLine(line.baud, line.latency_us * _NS_PER_US, sender_ppm=ppm)
+    return UsbUart(line.baud, line.latency_us * _NS_PER_US, sender_ppm=ppm)

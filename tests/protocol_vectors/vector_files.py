@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.export.vectors.vector import fields_of
+from haptogram_protocol.export.vectors.vector import vector_fields_of
 from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import EVENT_RANGE, MessageType, parse_body
 
@@ -37,9 +37,9 @@ def outcome(found):
     return {
         "frame": {
             "body": found.hex(),
-            "header": fields_of(header),
+            "header": vector_fields_of(header),
             "message": message.TYPE.name,
-            "fields": fields_of(message),
+            "fields": vector_fields_of(message),
         }
     }
 

@@ -202,7 +202,7 @@ def in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
 def has_field(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
     """Return which of (M, 3) points have a field, (M,): in front, and 1 mm off every element."""
     points = as_points("points_m", points_m)
-    result: BoolArray = in_front(model, points) & is_clear(model, points, MIN_DISTANCE_M)
+    result: BoolArray = in_front(model, points) & clear_of_elements(model, points, MIN_DISTANCE_M)
     return result
 
 
@@ -241,7 +241,7 @@ def check_points(model: AcousticModel, points: FloatArray) -> None:
             )
 
 
-def is_clear(model: AcousticModel, points_m: ArrayLike, distance_m: float) -> BoolArray:
+def clear_of_elements(model: AcousticModel, points_m: ArrayLike, distance_m: float) -> BoolArray:
     """Return which of (M, 3) points keep a distance from every element, (M,)."""
     points = as_points("points_m", points_m)
     clear = np.ones(len(points), dtype=np.bool_)

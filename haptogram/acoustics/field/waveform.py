@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import FloatArray, as_floats, as_phasors
+from haptogram.acoustics.arrays import FloatArray, as_float_array, as_phasors
 from haptogram.acoustics.memory import check_memory
 from haptogram.settings.arguments import check_positive
 
@@ -55,7 +55,7 @@ def instantaneous_pressure(
     [[100.0, -100.0]]
     """
     phasors = as_phasors("pressure_peak", pressure_peak)
-    times = np.atleast_1d(as_floats("times_s", times_s))
+    times = np.atleast_1d(as_float_array("times_s", times_s))
     check_memory("a waveform", (*phasors.shape, *times.shape), 32)
     turns = check_positive("frequency_hz", frequency_hz) * times
     result: FloatArray = (phasors[..., None] * np.exp(-2j * np.pi * (turns - np.rint(turns)))).real

@@ -18,7 +18,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_floats, as_place
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_float_array, as_place
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.model.drive import as_weights
 from haptogram.acoustics.model.model import AcousticModel
@@ -49,7 +49,7 @@ def duty_to_amplitude(duty: ArrayLike) -> FloatArray:
     >>> duty_to_amplitude([0.0, 0.25, 0.5]).round(3).tolist()
     [0.0, 0.707, 1.0]
     """
-    values = as_floats("duty", duty)
+    values = as_float_array("duty", duty)
     _check_within("duty", values, FULL_DUTY)
     amplitude: FloatArray = np.sin(np.pi * values)
     return amplitude
@@ -63,7 +63,7 @@ def amplitude_to_duty(amplitude: ArrayLike) -> FloatArray:
     >>> float(amplitude_to_duty(1.0))
     0.5
     """
-    values = as_floats("amplitude", amplitude)
+    values = as_float_array("amplitude", amplitude)
     _check_within("amplitude", values, 1.0)
     duty: FloatArray = np.arcsin(values) / np.pi
     return duty
@@ -191,7 +191,7 @@ def hop_response(
     [0.0, 0.8]
     """
     old, new = (as_place("target_m", target) for target in targets_m)
-    times = as_floats("times_s", times_s)
+    times = as_float_array("times_s", times_s)
     propagator = propagators(model, new[None])[0]
     before, after = (np.exp(1j * focus_phases(model, target)) for target in (old, new))
     delay = np.linalg.norm(new - model.array.positions_m, axis=1) / model.medium.sound_speed_m_s

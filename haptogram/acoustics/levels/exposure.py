@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics.arrays import (
     ComplexArray,
     FloatArray,
-    as_floats,
+    as_float_array,
     as_place,
     as_points,
     check_computed,
@@ -199,7 +199,7 @@ def a_weighting_db(frequency_hz: ArrayLike) -> FloatArray:
     >>> a_weighting_db([100.0, 1000.0]).round(1).tolist()
     [-19.1, 0.0]
     """
-    frequency = as_floats("frequency_hz", frequency_hz)
+    frequency = as_float_array("frequency_hz", frequency_hz)
     if frequency.size and not (frequency.min() >= 10.0 and frequency.max() <= AUDIBLE_LIMIT_HZ):
         raise ConfigurationError(
             f"frequency_hz runs from {frequency.min():g} to {frequency.max():g}, "

@@ -19,8 +19,8 @@ from haptogram.acoustics.field.reference import (
     MIN_DISTANCE_M,
     FieldEngine,
     check_points,
+    clear_of_elements,
     in_front,
-    is_clear,
     propagators,
 )
 from haptogram.acoustics.model.drive import as_drive
@@ -204,7 +204,9 @@ def _is_clear(model: AcousticModel, position: FloatArray) -> bool:
     """Return True if a whole stencil around *position* is in front of the array, and off it."""
     margin_m = MIN_DISTANCE_M + model.wavelength_m / 25.0
     around = position + margin_m * _stencil()
-    return bool(is_clear(model, position[None], margin_m)[0] and in_front(model, around).all())
+    return bool(
+        clear_of_elements(model, position[None], margin_m)[0] and in_front(model, around).all()
+    )
 
 
 def _ascent_step(

@@ -14,7 +14,7 @@ from typing import ClassVar, Final, NoReturn, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import FloatArray, as_floats, as_place, read_only
+from haptogram.acoustics.arrays import FloatArray, as_float_array, as_place, read_only
 from haptogram.acoustics.model.csv_rows import read_rows
 from haptogram.acoustics.model.transducer import GRAZING
 from haptogram.errors import ConfigurationError
@@ -164,8 +164,8 @@ class MeasuredDirectivity:
     gains: ArrayLike
 
     def __post_init__(self) -> None:
-        angles = as_floats("angles_deg", self.angles_deg).copy()
-        gains = as_floats("gains", self.gains).copy()
+        angles = as_float_array("angles_deg", self.angles_deg).copy()
+        gains = as_float_array("gains", self.gains).copy()
         _check_table(angles, gains)
         for name, array in (("angles_deg", angles), ("gains", gains)):
             read_only(array)

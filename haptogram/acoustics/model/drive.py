@@ -19,7 +19,7 @@ from haptogram.acoustics.arrays import (
     ComplexArray,
     FloatArray,
     as_complex,
-    as_floats,
+    as_float_array,
     check_magnitudes,
     read_only,
 )
@@ -152,7 +152,7 @@ def quantise_phase(phases_rad: ArrayLike, bits: int) -> NDArray[np.uint8]:
     [0, 64, 192]
     """
     check_phase_bits(bits)
-    phases = as_floats("phases_rad", phases_rad)
+    phases = as_float_array("phases_rad", phases_rad)
     if phases.size and np.abs(phases).max() > _MAX_PHASE_RAD:
         worst = float(np.abs(phases).max())
         raise ConfigurationError(f"a phase is {worst:g} rad, at most {_MAX_PHASE_RAD:g}")

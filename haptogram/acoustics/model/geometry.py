@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics.arrays import (
     MAX_TRANSDUCERS,
     FloatArray,
-    as_floats,
+    as_float_array,
     as_place,
     as_points,
     check_magnitudes,
@@ -273,7 +273,7 @@ class TransducerArray:
 
 def _as_rotation(rotation: ArrayLike) -> FloatArray:
     """Return *rotation* as a (3, 3) matrix, or raise unless it is a proper rotation."""
-    turn = as_floats("rotation", rotation)
+    turn = as_float_array("rotation", rotation)
     if turn.shape != (3, 3):
         raise ConfigurationError(f"rotation has shape {turn.shape}, must be (3, 3)")
     check_magnitudes("rotation", turn, 2.0)
@@ -368,6 +368,6 @@ def _read_row(where: str, cells: list[str], width: int) -> list[float]:
         raise ConfigurationError(f"{where}: {len(cells)} values, must be {width}")
     try:
         values = [float(cell) for cell in cells]
-        return [float(value) for value in as_floats("value", values)]
+        return [float(value) for value in as_float_array("value", values)]
     except ValueError as error:
         raise ConfigurationError(f"{where}: {error}") from error

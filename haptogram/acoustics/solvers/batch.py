@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics.arrays import FloatArray, as_floats, as_place, as_points
+from haptogram.acoustics.arrays import FloatArray, as_float_array, as_place, as_points
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.layout import Layout, single
 from haptogram.acoustics.memory import check_memory
@@ -76,7 +76,7 @@ class FocusCodes:
             Targets that are not finite; *out* of another shape; a result of more than half of the
             memory.
         """
-        values = as_floats("targets_m", targets_m)
+        values = as_float_array("targets_m", targets_m)
         if values.ndim == 1 and out is None:
             return self.focus(*as_place("targets_m", values).tolist())
         targets = values.reshape(1, -1) if values.ndim == 1 else values

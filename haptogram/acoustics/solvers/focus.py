@@ -18,7 +18,7 @@ from haptogram.acoustics.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
-    as_floats,
+    as_float_array,
     as_place,
     as_points,
     as_vector,
@@ -156,7 +156,7 @@ def focus_phases(model: AcousticModel, target_m: ArrayLike) -> FloatArray:
     >>> phases.shape, f"{abs(pressure(model, np.exp(1j * phases), [target])[0]):.0f} Pa"
     ((256,), '5393 Pa')
     """
-    targets = as_floats("target_m", target_m)
+    targets = as_float_array("target_m", target_m)
     points = as_points("target_m", np.atleast_2d(targets))
     offsets = points[:, None, :] - model.array.positions_m
     phases: FloatArray = -model.wavenumber * np.linalg.norm(offsets, axis=2)

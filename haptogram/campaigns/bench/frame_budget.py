@@ -93,7 +93,7 @@ def frame_formats(transducers: int) -> dict[str, Message]:
     return formats
 
 
-def measure_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget:
+def measure_frame_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget:
     """Measure the cost of a frame of *message*.
 
     Raises

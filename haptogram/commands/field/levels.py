@@ -19,7 +19,7 @@ from haptogram.acoustics.levels.exposure import GUIDELINE, STATEMENT, worst_plac
 from haptogram.acoustics.solvers.focus import MIN_TARGET_DISTANCE_M
 from haptogram.errors import ConfigurationError
 
-from ..shell.positions import metres, text_mm
+from ..shell.positions import metres, place_text
 from .scene import ComplexArray, Scene, modulated
 
 _LISTENER_M: Final = 0.5
@@ -31,7 +31,7 @@ def describe_levels(arguments: argparse.Namespace, scene: Scene) -> Iterator[str
     worst = worst_place(engine, scene.weights, _LISTENER_M, scene.frame_s)
     yield (
         f"loudest {_LISTENER_M:g} m from the centre: {worst.equivalent_db_spl:.1f} dB SPL at "
-        f"({text_mm(worst.position_m)}) mm"
+        f"({place_text(worst.position_m)}) mm"
     )
     yield from textwrap.wrap(STATEMENT, 98, initial_indent="  ", subsequent_indent="  ")
     if arguments.ear_mm is not None:
@@ -49,7 +49,7 @@ def _describe_ear(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
         )
     weights, what = _sequence(arguments, scene)
     exposure = exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
-    yield f"at an ear at ({text_mm(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre; {what}:"
+    yield f"at an ear at ({place_text(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre; {what}:"
     yield (
         f"  ultrasound: {exposure.maximum_db_spl:.1f} dB SPL at most, "
         f"{exposure.equivalent_db_spl:.1f} dB SPL on average (Leq)"

@@ -36,7 +36,7 @@ from haptogram.report.figures import (
 )
 from haptogram.settings.arguments import Progress
 
-from ..shell.positions import text_mm
+from ..shell.positions import place_text
 from .scene import Scene
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def _title(arguments: argparse.Namespace, scene: Scene) -> str:
     if scene.is_sequence:
         frames = f"mean over {len(scene.weights)} frames of {scene.frame_s * 1e3:g} ms"
         return f"{array}, {Path(arguments.object).name}: {frames}"
-    return f"{array}, focus at ({text_mm(scene.targets_m[0])}) mm"
+    return f"{array}, focus at ({place_text(scene.targets_m[0])}) mm"
 
 
 def describe(scene: Scene) -> Iterator[str]:
@@ -156,7 +156,7 @@ def _describe_drive(scene: Scene) -> str:
     found = Reconstructor(scene.model).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
         return f"no focus: {found.reason}"
-    place = text_mm(found.position_m)
+    place = place_text(found.position_m)
     what = "focus" if isinstance(found, SingleFocus) else "no single focus; best explained from"
     return f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
 
@@ -164,7 +164,7 @@ def _describe_drive(scene: Scene) -> str:
 def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
     target, weights = scene.targets_m[0], scene.weights[0]
     rms = float(np.abs(engine.pressure(weights, [target])[0])) / math.sqrt(2.0)
-    yield f"target ({text_mm(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
+    yield f"target ({place_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
     yield _describe_peak(engine, weights, target)
     spot = measure_spot(engine, weights, target)
     across = " x ".join(_size(width_m) for width_m in spot.width_6db_m)
@@ -178,7 +178,7 @@ def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
     if lobe is not None:
         yield (
             f"largest secondary lobe in the plane of that disc: {lobe.level_db:.1f} dB at "
-            f"({text_mm(lobe.position_m)}) mm"
+            f"({place_text(lobe.position_m)}) mm"
         )
 
 
@@ -196,7 +196,7 @@ def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) 
         why = f"expected about {expected_m * 1e3:.2f} mm, by diffraction"
     else:
         why = "by diffraction; too far for a prediction, as the aperture is small for this distance"
-    return f"maximum ({text_mm(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
+    return f"maximum ({place_text(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
 
 
 def _size(size_m: float) -> str:

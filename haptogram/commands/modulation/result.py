@@ -17,7 +17,7 @@ from haptogram.objects.modulation import FocusFrames
 from haptogram.objects.signals import FocusSignal, signal_at
 from haptogram.settings.shape import ModulationConfig
 
-from ..shell.positions import text_mm
+from ..shell.positions import place_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,7 +111,7 @@ def describe(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
     yield from _describe_frames(felt)
     signal = felt.signal
     yield (
-        f"felt at ({text_mm(felt.place_m, 2)}) mm, through transducers of {bandwidth_hz:g} Hz "
+        f"felt at ({place_text(felt.place_m, 2)}) mm, through transducers of {bandwidth_hz:g} Hz "
         "bandwidth (at -6 dB):"
     )
     low, high = signal.pressure_pa.min(), signal.pressure_pa.max()
@@ -231,7 +231,7 @@ def draw(felt: Felt) -> Figure:
         signal.frequency_hz,
         signal.amplitude_pa,
         title=f"{kind}{tone}, {felt.object}, {frames.rate_hz:g} frames/s, felt at "
-        f"({text_mm(felt.place_m, 2)}) mm",
+        f"({place_text(felt.place_m, 2)}) mm",
         highest_hz=max(FELT_UP_TO_HZ, 6.0 * (felt.frequency_hz or 0.0)),
         modulation_hz=felt.frequency_hz,
         rate_hz=frames.rate_hz,

@@ -106,10 +106,10 @@ def check_picture(path: Path | None) -> None:
     ConfigurationError
         Names the suffix and what is possible.
     """
-    from haptogram.report.figures import check_format
+    from haptogram.report.figures import check_picture_format
 
     if path is not None and path != STANDARD_OUTPUT:
-        check_format(path)
+        check_picture_format(path)
 
 
 def write_picture(path: Path, figure: Figure) -> None:

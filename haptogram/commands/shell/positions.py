@@ -26,7 +26,7 @@ def metres(position: Position) -> Position:
     return x / 1e3, y / 1e3, z / 1e3
 
 
-def text_mm(position_m: ArrayLike, decimals: int = 1) -> str:
+def place_text(position_m: ArrayLike, decimals: int = 1) -> str:
     """Return a position in metres as X, Y, Z in mm, without a minus zero."""
     import numpy as np  # not for --help
 

@@ -47,7 +47,7 @@ from haptogram_protocol.state import OutputState
 from ..outcome import CaseEndedError, check, fail, inconclusive, unimplemented
 from .board_clock import BoardClock
 from .request_client import RequestClient
-from .wire import Wire
+from .wire import RawFrameWire
 
 #: Counters that grow in normal operation.
 _HARMLESS: Final = frozenset({"frames", "requests", "latched", "late", "trace_dropped"})
@@ -59,7 +59,7 @@ class BoardClient:
 
     Parameters
     ----------
-    wire : Wire
+    wire : RawFrameWire
         Open port.
     random_source : random.Random
         Source of nonces and contents.
@@ -88,7 +88,12 @@ class BoardClient:
     last_config: Config | None = None
 
     def __init__(
-        self, wire: Wire, random_source: random.Random, description_hash: int, *, booted: bool
+        self,
+        wire: RawFrameWire,
+        random_source: random.Random,
+        description_hash: int,
+        *,
+        booted: bool,
     ) -> None:
         self.wire = wire
         self.random = random_source

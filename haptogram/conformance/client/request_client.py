@@ -20,7 +20,7 @@ from haptogram_protocol.messages import (
 
 from ..outcome import check, fail
 from .recording import summary, type_name
-from .wire import Received, Wire
+from .wire import RawFrameWire, Received
 
 _M = TypeVar("_M", bound=Message)
 _ECHO_BITS: Final = 64
@@ -31,7 +31,7 @@ class RequestClient:
 
     Parameters
     ----------
-    wire : Wire
+    wire : RawFrameWire
         Open port.
     random_source : random.Random
         Source of nonces and contents: the same seed gives the same bytes.
@@ -46,7 +46,7 @@ class RequestClient:
         Unwrapped number of the next stream frame.
     """
 
-    def __init__(self, wire: Wire, random_source: random.Random) -> None:
+    def __init__(self, wire: RawFrameWire, random_source: random.Random) -> None:
         self.wire = wire
         self.random = random_source
         self.session = 0

@@ -106,7 +106,7 @@ class Received:
             return b""
 
 
-class Wire:
+class RawFrameWire:
     """An open port, and every piece that came from it since the case began.
 
     Attributes

@@ -88,7 +88,7 @@ def names_of(
     import numpy as np
 
     from haptogram.acoustics import Drive
-    from haptogram.verification import name_faults
+    from haptogram.verification import name_drive_faults
 
     from .array_model import intended_drive, model_of_board
 
@@ -96,4 +96,4 @@ def names_of(
         np.frombuffer(shown.phases, np.uint8), np.frombuffer(shown.amplitudes, np.uint8)
     )
     model = model_of_board(board)
-    return name_faults(model, intended_drive(registers, amplitudes, bits), latched)
+    return name_drive_faults(model, intended_drive(registers, amplitudes, bits), latched)

@@ -19,7 +19,7 @@ from ..client.introduction import (
     is_version_error,
     learn_wraps,
 )
-from ..client.wire import WaitLimits, Wire
+from ..client.wire import RawFrameWire, WaitLimits
 from ..judge.recovery import farewell
 from ..outcome import CaseEndedError
 from .access import Access
@@ -27,7 +27,7 @@ from .access import Access
 _GREETINGS: Final = 3  # the text that a board prints while it starts may drown the first HELLO
 
 
-class BoardConnection:
+class SuiteConnection:
     """The board behind *access*, and why it is lost once it is.
 
     Parameters
@@ -136,7 +136,7 @@ class BoardConnection:
 
     def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
         self._transport = transport
-        wire = Wire(transport, self._limits, baudrate=self._access.baudrate)
+        wire = RawFrameWire(transport, self._limits, baudrate=self._access.baudrate)
         self._board = BoardClient(wire, self._random, self._hash, booted=booted)
         return self._board
 

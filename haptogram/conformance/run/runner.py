@@ -19,7 +19,7 @@ from ..judge.recovery import recover
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour, Recovery, Result, SuiteResult
 from .access import Access
-from .connection import BoardConnection
+from .connection import SuiteConnection
 
 #: Called before every case with its number from 0, the number of cases, and its id.
 CaseProgress: TypeAlias = Callable[[int, int, str], None]
@@ -77,7 +77,7 @@ class Runner:
     ) -> None:
         self._access, self._options = access, options
         self._progress: CaseProgress = progress or (lambda *_: None)
-        self._connection = BoardConnection(access, timeout_s=options.timeout_s, seed=options.seed)
+        self._connection = SuiteConnection(access, timeout_s=options.timeout_s, seed=options.seed)
         self._clauses = load_clauses()
 
     def __enter__(self) -> Self:

@@ -24,7 +24,7 @@ from haptogram.driver.frames.frame import (
     Mode,
     are_frames,
     check_asked,
-    check_frames,
+    check_frames_to_send,
 )
 from haptogram.driver.frames.targets import Targets, as_foci
 from haptogram.errors import ConfigurationError
@@ -89,7 +89,7 @@ class FrameBuilder:
         """
         if are_frames(targets):
             check_asked(targets, mode, solver)
-            check_frames(targets, self._model, self._identity, int(self._bits))
+            check_frames_to_send(targets, self._model, self._identity, int(self._bits))
             return list(targets)
         foci = as_foci(cast("Targets", targets))
         return self.build(

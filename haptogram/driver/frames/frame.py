@@ -119,7 +119,7 @@ def check_asked(frames: Sequence[Frame], mode: Mode | None, solver: Method | Non
             )
 
 
-def check_frames(
+def check_frames_to_send(
     frames: Sequence[Frame], model: AcousticModel, identity: HelloReply, phase_bits: int
 ) -> None:
     """Refuse frames that were made for another board, array or phase format.

@@ -11,13 +11,13 @@ from haptogram.report.figures.plane_picture import draw_plane
 from haptogram.report.figures.planes import Plane, PlaneField, sample_mean, sample_plane
 from haptogram.report.figures.quantities import QUANTITIES, shown_as
 from haptogram.report.figures.spectra import draw_spectrum
-from haptogram.report.figures.style import check_format, encode
+from haptogram.report.figures.style import check_picture_format, encode
 
 __all__ = [
     "QUANTITIES",
     "Plane",
     "PlaneField",
-    "check_format",
+    "check_picture_format",
     "draw_cuts",
     "draw_isosurfaces",
     "draw_plane",

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine, in_front
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.field.reference import check_points, has_field, is_clear
+from haptogram.acoustics.field.reference import check_points, clear_of_elements, has_field
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.errors import ConfigurationError
@@ -167,7 +167,7 @@ def _sample(
     front = in_front(engine.model, points)
     if not front.any():
         check_points(engine.model, points)  # says how far behind
-    clear = np.flatnonzero(front & is_clear(engine.model, points, _CLEARANCE_M))
+    clear = np.flatnonzero(front & clear_of_elements(engine.model, points, _CLEARANCE_M))
     if not len(clear):
         raise ConfigurationError("every point of the plane is within 2 mm of an element")
     parts = []

@@ -80,7 +80,7 @@ def new_figure(width_in: float = 6.0, height_in: float = 4.8) -> Iterator[Figure
         yield Figure(figsize=(width_in, height_in), layout="constrained")
 
 
-def check_format(path: Path) -> None:
+def check_picture_format(path: Path) -> None:
     """Raise, before the work begins, unless a picture can be written in the format of *path*.
 
     Raises

@@ -21,7 +21,7 @@ from . import pictures, prose
 from .checks import NAMED_FRAMES, Outcome, checks
 from .fieldmap import FieldPicture, picture_field
 from .series import relative_error, worst
-from .wording import NOTHING, figure, timeliness
+from .wording import NOTHING, figure, timeliness_text
 
 _WORST: Final = 10
 _BITS: Final = 8
@@ -156,7 +156,7 @@ def _missing_frames(run: RunVerdict) -> dict[str, Any]:
             frame.number,
             _place(frame),
             NOTHING if frame.t_apply_us is None else frame.t_apply_us,
-            timeliness(frame) if frame.late else str(frame.status),
+            timeliness_text(frame) if frame.late else str(frame.status),
             NOTHING if frame.consequence is None else consequence_text(frame.consequence),
         )
         for frame in odd[: 5 * NAMED_FRAMES]

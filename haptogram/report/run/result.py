@@ -68,14 +68,18 @@ def result_dict(
     """
     if cut_short is not None and run.verdict is Verdict.PASS:
         raise ValueError(f"a run that was cut short ({cut_short}) cannot pass")
-    result = {"format": FORMAT} | run.as_dict() | {
-        "cut_short": cut_short,
-        "warnings": warnings,
-        "seed": seed,
-        "board": board,
-        "troubles": troubles or {},
-        "configuration": configuration,
-    }
+    result = (
+        {"format": FORMAT}
+        | run.as_dict()
+        | {
+            "cut_short": cut_short,
+            "warnings": warnings,
+            "seed": seed,
+            "board": board,
+            "troubles": troubles or {},
+            "configuration": configuration,
+        }
+    )
     optional = {"faults": faults, "host": host, "environment": environment}
     result |= {name: value for name, value in optional.items() if value is not None}
     plain: dict[str, Any] = _plain(result)

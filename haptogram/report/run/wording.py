@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from haptogram.verification import FrameStatus, FrameVerdict, consequence_text, pressure_text
+from haptogram.verification import FrameStatus, FrameVerdict, consequence_text, wrong_pressure_text
 
 NOTHING = "–"
 
@@ -37,7 +37,7 @@ def _when(frame: FrameVerdict) -> str:
 
 def _findings(frame: FrameVerdict) -> Iterator[str]:
     if (frame.late or frame.early) and frame.lateness_us is not None:
-        yield f"latched {timeliness(frame)}"
+        yield f"latched {timeliness_text(frame)}"
     if frame.latches > 1:
         yield f"latched {frame.latches} times"
     yield from frame.faults
@@ -46,7 +46,7 @@ def _findings(frame: FrameVerdict) -> Iterator[str]:
         yield f"{', '.join(failed)} failed"
     if frame.status is not FrameStatus.ON_TARGET and frame.lateral_error_mm is not None:
         yield f"focus {where(frame)}"
-    if (pressure := pressure_text(frame)) is not None:
+    if (pressure := wrong_pressure_text(frame)) is not None:
         yield pressure
     if frame.consequence is not None:
         yield consequence_text(frame.consequence)
@@ -54,7 +54,7 @@ def _findings(frame: FrameVerdict) -> Iterator[str]:
         yield frame.note
 
 
-def timeliness(frame: FrameVerdict) -> str:
+def timeliness_text(frame: FrameVerdict) -> str:
     """Return how long before or after its time a frame was latched."""
     if frame.lateness_us is None:
         return NOTHING

@@ -72,8 +72,10 @@ def check_direction(name: str, direction: str) -> None:
     """Refuse a direction that the fault does not have."""
     if has_direction(name) and direction not in _DIRECTIONS:
         raise ConfigurationError(f"{name} direction={direction}, must be down, up or both")
-    if not has_direction(name) and direction != usual_direction(name):
-        raise ConfigurationError(f"{name} direction={direction}, must be {usual_direction(name)}")
+    if not has_direction(name) and direction != usual_fault_direction(name):
+        raise ConfigurationError(
+            f"{name} direction={direction}, must be {usual_fault_direction(name)}"
+        )
 
 
 def check_window(name: str, from_ns: int, until_ns: int) -> None:
@@ -85,7 +87,7 @@ def check_window(name: str, from_ns: int, until_ns: int) -> None:
         raise ConfigurationError(f"{name} {times}: until must be after {time_text(from_ns)}")
 
 
-def usual_direction(name: str) -> str:
+def usual_fault_direction(name: str) -> str:
     """Return on which bytes a fault acts if nothing else is said."""
     if name in REPORTS:
         return "up"

@@ -20,7 +20,7 @@ from .checks import (
     number_of,
     time_ns,
     time_text,
-    usual_direction,
+    usual_fault_direction,
 )
 from .kinds import FAULT_KINDS, number_text, words_of
 
@@ -103,7 +103,7 @@ class Fault:
         times = {key: time_ns(name, key, texts[key]) for key in ("from", "until") if key in texts}
         from_ns = times.get("from", 0)
         until_ns = times.get("until", _end_ns(name, values, from_ns))
-        direction = texts.get("direction", usual_direction(name))
+        direction = texts.get("direction", usual_fault_direction(name))
         return cls(name, values, from_ns, until_ns, direction, written)
 
     @property
@@ -114,7 +114,7 @@ class Fault:
             for key, value in self.values.items()
             if value != FAULT_KINDS[self.name][key].default
         }
-        if self.direction != usual_direction(self.name):
+        if self.direction != usual_fault_direction(self.name):
             given["direction"] = self.direction
         if self.from_ns:
             given["from"] = time_text(self.from_ns)

@@ -37,7 +37,7 @@ class _Stretch:
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class RunConsequences:
     """The effect of faults on the focus, over a whole run.
 
     Attributes
@@ -62,7 +62,9 @@ class Effect:
     intended_pa: float | None
 
     @classmethod
-    def of(cls, frames: Sequence[FrameVerdict], silences: Sequence[int] = ()) -> Effect | None:
+    def of(
+        cls, frames: Sequence[FrameVerdict], silences: Sequence[int] = ()
+    ) -> RunConsequences | None:
         """Return the effect of the faults of *frames*; None: no frame with a time has one.
 
         Parameters

@@ -64,7 +64,7 @@ class Due(NamedTuple):
     latest_us: float
 
 
-def dues(
+def due_frames(
     intended: Sequence[Intended], seen: Mapping[FrameKey, Sequence[Observation]]
 ) -> Iterator[Due]:
     """Yield when each frame was due: without a time, between those known of its neighbours."""

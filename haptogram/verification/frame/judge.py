@@ -24,7 +24,7 @@ from haptogram.driver.frames.builder import sound_speed_mm_s, weights_of_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey, Intended, Observation
 
-from ..faults import name_faults
+from ..faults import name_drive_faults
 from ..tolerance import Tolerance, Uncertainty
 from ..verdict import FrameStatus, FrameVerdict
 from . import criteria
@@ -181,10 +181,10 @@ class Judge:
 
     def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
         """Name the faults of the latched drive or, if it is right, of the output."""
-        faults = name_faults(self._model, intended, latched)
+        faults = name_drive_faults(self._model, intended, latched)
         if faults or output is latched:
             return faults
-        radiated = name_faults(self._model, intended, output)
+        radiated = name_drive_faults(self._model, intended, output)
         return tuple(f"{fault}, at the output: the latched drive is right" for fault in radiated)
 
     def _latched_drive(

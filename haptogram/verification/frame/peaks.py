@@ -39,7 +39,7 @@ _MARGIN: Final = 1.1  # for the second order of the response to rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Direction:
+class PeakDirection:
     """Where a peak is looked for: along a line, in a plane, or in space.
 
     Attributes
@@ -67,7 +67,7 @@ class ExpectedPeak:
 
     Attributes
     ----------
-    direction : Direction
+    direction : PeakDirection
         Where it was looked for.
     place_m : (3,) numpy.ndarray
         The peak.
@@ -77,7 +77,7 @@ class ExpectedPeak:
         Largest displacement that rounding of the phases can make.
     """
 
-    direction: Direction
+    direction: PeakDirection
     place_m: Floats
     response: Floats
     rounding_m: Floats
@@ -91,7 +91,7 @@ def expected_peak(
     model: AcousticModel,
     ideal: Complexes,
     target_m: Floats,
-    direction: Direction,
+    direction: PeakDirection,
     phase_limit_rad: float,
     reach_rad: float = NEXT_TO_TARGET_RAD,
 ) -> ExpectedPeak | None:
@@ -132,7 +132,7 @@ def _worst_displacement_m(
     model: AcousticModel,
     ideal: Complexes,
     place_m: Floats,
-    direction: Direction,
+    direction: PeakDirection,
     errors_rad: Floats,
 ) -> Floats:
     """Return (D,) the largest displacements of the peak by phase errors (K, N) and their negative.
@@ -147,7 +147,7 @@ def _worst_displacement_m(
 
 
 def find_peak(
-    model: AcousticModel, weights: Complexes, start_m: Floats, direction: Direction
+    model: AcousticModel, weights: Complexes, start_m: Floats, direction: PeakDirection
 ) -> Floats | None:
     """Return (D,) the offset of the pressure peak next to *start_m* along the axes of *direction*.
 
@@ -186,7 +186,7 @@ def find_peak(
 
 
 def peak_response(
-    model: AcousticModel, weights: Complexes, place_m: Floats, direction: Direction
+    model: AcousticModel, weights: Complexes, place_m: Floats, direction: PeakDirection
 ) -> Floats | None:
     """Return (D, N) how far each radian of phase of an element moves a peak, in m/rad.
 

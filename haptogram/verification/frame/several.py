@@ -24,7 +24,7 @@ import numpy as np
 from haptogram.acoustics import Drive
 from haptogram.records.frame import Intended
 
-from ..status import is_right, status_of, warning_of
+from ..status import frame_status_of, is_right, warning_of
 from ..tolerance import Tolerance, Uncertainty
 from ..verdict import FrameStatus, FrameVerdict, Vector
 from . import criteria
@@ -100,7 +100,7 @@ def judge_several(
     found = _strictly(ideal, intended, latched, active, error_rad)
     if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
         found = _tolerantly(ideal, intended, latched, active, tolerance)
-    status = status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
+    status = frame_status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
     unseen = [*found.unseen, *_not_made(levels, intended)]
     notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
     if status is FrameStatus.ON_TARGET and unseen:

@@ -22,7 +22,7 @@ from haptogram.acoustics.solvers.focus import wrap
 from haptogram.records.frame import Intended
 
 from ..faults import named_elements
-from ..status import is_right, status_of, warning_of
+from ..status import frame_status_of, is_right, warning_of
 from ..tolerance import Uncertainty
 from ..verdict import FrameStatus, FrameVerdict
 from . import criteria
@@ -68,7 +68,7 @@ def judge_silence(
         faults = ("sound was radiated where silence was intended",) if heard else ()
     return dataclasses.replace(
         seen,
-        status=status_of(verdicts, faults, focused=False),
+        status=frame_status_of(verdicts, faults, focused=False),
         criteria=verdicts,
         faults=faults,
         note="silence was intended",
@@ -141,7 +141,7 @@ class SingleFrame:
                 notes.append(_no_focus(found))
             elif not faults:
                 faults = (not_radiated(found),)
-        status = status_of(
+        status = frame_status_of(
             verdicts,
             faults,
             focused=isinstance(found, SingleFocus),

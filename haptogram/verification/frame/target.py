@@ -18,7 +18,7 @@ from haptogram.acoustics.solvers.focus import phase_response
 from haptogram.errors import ConfigurationError
 
 from ..tolerance import PlaceUncertainty, Tolerance, Uncertainty, tolerance_text
-from .peaks import LOST, Complexes, Direction, ExpectedPeak, Floats, expected_peak
+from .peaks import LOST, Complexes, ExpectedPeak, Floats, PeakDirection, expected_peak
 
 Bools = NDArray[np.bool_]
 
@@ -143,7 +143,7 @@ class TargetField:
             self.model, self.position_m, self.amplitudes * np.abs(self.arrivals)
         )
 
-    def directions(self) -> list[Direction]:
+    def directions(self) -> list[PeakDirection]:
         """Return the plane across the beam and the line along it, if this array tells them."""
         found = []
         for axes in (axes_about(self.axis)[:2], self.axis[None, :]):
@@ -152,10 +152,10 @@ class TargetField:
                 found.append(direction)
         return found
 
-    def direction(self, axes: Floats) -> Direction:
+    def direction(self, axes: Floats) -> PeakDirection:
         """Return the direction along *axes* (D, 3) with its metric."""
         metric = self.model.wavenumber**2 * (axes @ self.covariance @ axes.T)
-        return Direction(axes, metric)
+        return PeakDirection(axes, metric)
 
     @cached_property
     def peaks(self) -> list[ExpectedPeak]:

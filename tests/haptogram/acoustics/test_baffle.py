@@ -32,7 +32,7 @@ from haptogram.acoustics import (
     worst_place,
 )
 from haptogram.acoustics.field import reference as field_module
-from haptogram.acoustics.field.reference import is_clear
+from haptogram.acoustics.field.reference import clear_of_elements
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose, seeds
 
@@ -152,8 +152,8 @@ def test_points_near_an_element_are_found_among_many():
     rng = np.random.default_rng(1)
     points = rng.uniform(-0.04, 0.04, (40_000, 3))
     distance = np.array([np.linalg.norm(points - s, axis=1) for s in FLAT.array.positions_m])
-    assert (is_clear(FLAT, points, 2e-3) == (distance.min(axis=0) >= 2e-3)).all()
-    assert (is_clear(FLAT, points, 50e-3) == (distance.min(axis=0) >= 50e-3)).all()
+    assert (clear_of_elements(FLAT, points, 2e-3) == (distance.min(axis=0) >= 2e-3)).all()
+    assert (clear_of_elements(FLAT, points, 50e-3) == (distance.min(axis=0) >= 50e-3)).all()
 
 
 def test_matrices_and_planes_are_refused_too():

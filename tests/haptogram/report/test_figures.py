@@ -20,7 +20,7 @@ from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures import (
     Plane,
-    check_format,
+    check_picture_format,
     draw_cuts,
     draw_isosurfaces,
     draw_plane,
@@ -253,7 +253,7 @@ def test_a_spectrum_shows_its_lines():
         lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=1e-5),
         lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=0.0),
         lambda: isosurface(np.zeros((3, 3)), 0.0),
-        lambda: check_format(Path("field.gif")),
+        lambda: check_picture_format(Path("field.gif")),
     ],
 )
 def test_impossible_pictures_are_refused(make):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray, focus_phases
 from haptogram.acoustics.model.transducer import Transducer
-from haptogram.verification import FrameStatus, Judge, name_faults
+from haptogram.verification import FrameStatus, Judge, name_drive_faults
 from haptogram_protocol.messages import pack_phases
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
 
@@ -248,9 +248,9 @@ def test_an_array_without_a_grid_has_numbers_only():
     intended = intend(model, (0.013, -0.021, 0.11))
     found = intended.drive.phase_codes.astype(int)
     found[17] += 128
-    assert name_faults(model, intended, drive_of(found)) == ("element 17 inverted",)
+    assert name_drive_faults(model, intended, drive_of(found)) == ("element 17 inverted",)
     found = np.roll(intended.drive.phase_codes.astype(int), -3)
-    assert name_faults(model, intended, drive_of(found)) == ("elements rolled by -3",)
+    assert name_drive_faults(model, intended, drive_of(found)) == ("elements rolled by -3",)
 
 
 def test_many_wrong_elements_are_counted_rather_than_listed():
@@ -280,6 +280,6 @@ def test_dead_and_stuck_elements_of_an_array_without_a_grid():
     amplitudes = np.full(60, 255)
     amplitudes[[3, 4]] = 0
     found = Drive(intended.drive.phase_codes, amplitudes)
-    assert name_faults(model, intended, found) == ("elements 3, 4 dead",)
+    assert name_drive_faults(model, intended, found) == ("elements 3, 4 dead",)
     stuck = drive_of(np.full(60, 77))
-    assert name_faults(model, intended, stuck) == ("most phases are not those intended",)
+    assert name_drive_faults(model, intended, stuck) == ("most phases are not those intended",)

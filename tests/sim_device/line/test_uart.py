@@ -10,7 +10,7 @@ from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Ping
 from sim_device.board.settings import board_settings
 from sim_device.line.sampling import FRAMING_ERROR, is_understood, sample
-from sim_device.line.uart import Line, PolledLine, UsbLine, line_to_board, line_to_host
+from sim_device.line.uart import Line, PolledUart, UsbUart, uart_to_board, uart_to_host
 
 MS = 1_000_000
 BYTE_NS = 10_000  # at 1 Mbaud
@@ -60,7 +60,7 @@ def test_the_receiver_looks_in_the_middle_of_its_own_bits():
     assert sample(b"\x80", 0.88) == (b"\x00", 0)
 
 
-@pytest.mark.parametrize("way", [line_to_board, line_to_host])
+@pytest.mark.parametrize("way", [uart_to_board, uart_to_host])
 def test_a_uart_that_is_too_fast_is_damage_in_both_directions_and_counted(way):
     for ppm, damaged in ((50_000, False), (70_000, True)):
         line = way(LineSettings(baud=1_000_000, baud_error_ppm=ppm))
@@ -71,17 +71,17 @@ def test_a_uart_that_is_too_fast_is_damage_in_both_directions_and_counted(way):
 
 
 def test_the_rate_of_the_sender_paces_the_line():
-    fast = line_to_host(LineSettings(baud=1_000_000, baud_error_ppm=10_000))
+    fast = uart_to_host(LineSettings(baud=1_000_000, baud_error_ppm=10_000))
     fast.send(bytes(101), 0)
     assert fast.free_ns == 1_000_000
-    slow_receiver = line_to_board(LineSettings(baud=1_000_000, baud_error_ppm=-10_000))
+    slow_receiver = uart_to_board(LineSettings(baud=1_000_000, baud_error_ppm=-10_000))
     slow_receiver.send(bytes(100), 0)
     assert slow_receiver.free_ns == 1_000_000
 
 
 @given(st.binary(min_size=1, max_size=40), st.sampled_from(RATES_PPM))
 def test_what_is_misread_comes_while_it_is_sent_however_much_it_is(data, ppm):
-    line = line_to_host(LineSettings(baud=1_000_000, baud_error_ppm=ppm))
+    line = uart_to_host(LineSettings(baud=1_000_000, baud_error_ppm=ppm))
     line.send(data, 0)
     received = sample(data, 1 + ppm / 1e6)[0]
     found = deliveries(line, [])
@@ -92,7 +92,7 @@ def test_what_is_misread_comes_while_it_is_sent_however_much_it_is(data, ppm):
 
 
 def test_a_receiver_that_is_faster_reads_characters_that_were_not_sent():
-    line = line_to_board(LineSettings(baud=1_000_000, baud_error_ppm=190_000))
+    line = uart_to_board(LineSettings(baud=1_000_000, baud_error_ppm=190_000))
     line.send(bytes([0x55] * 20), 0)
     assert line.in_transit == 25
     assert len(line.receive(line.free_ns - 1)) == 24
@@ -100,7 +100,7 @@ def test_a_receiver_that_is_faster_reads_characters_that_were_not_sent():
 
 
 def test_what_is_sent_behind_misread_characters_comes_behind_them():
-    line = line_to_host(LineSettings(baud=1_000_000, baud_error_ppm=-160_000))
+    line = uart_to_host(LineSettings(baud=1_000_000, baud_error_ppm=-160_000))
     line.send(bytes([0x55] * 20), 0)
     first_ns = line.free_ns
     line.send(b"\x01", 0)
@@ -115,7 +115,7 @@ def test_what_is_sent_behind_misread_characters_comes_behind_them():
 @given(BURSTS, st.integers(1, 40), st.integers(1, 500))
 def test_a_fifo_loses_what_finds_it_full_counts_it_and_nothing_else(bursts, fifo, poll_us):
     poll_ns = poll_us * 1000
-    line = PolledLine(1_000_000, fifo, poll_ns, receiver_ppm=0)
+    line = PolledUart(1_000_000, fifo, poll_ns, receiver_ppm=0)
     found = deliveries(line, bursts)
     plain, windows = Line(1_000_000), {}
     t_ns = 0
@@ -132,7 +132,7 @@ def test_a_fifo_loses_what_finds_it_full_counts_it_and_nothing_else(bursts, fifo
 
 
 def test_a_fifo_that_is_emptied_in_time_loses_nothing():
-    line = PolledLine(1_000_000, 16, 160_000, receiver_ppm=0)
+    line = PolledUart(1_000_000, 16, 160_000, receiver_ppm=0)
     data = bytes(range(1, 250))
     assert b"".join(d for _, d in deliveries(line, [(0, data)])) == data
     assert line.overrun == 0
@@ -142,7 +142,7 @@ def test_a_fifo_that_is_emptied_in_time_loses_nothing():
 
 
 def test_a_packet_goes_when_it_is_full_and_the_rest_when_the_timer_runs_out():
-    line = UsbLine(1_000_000, 16 * MS)
+    line = UsbUart(1_000_000, 16 * MS)
     found = deliveries(line, [(0, bytes(100))])
     assert [(t_ns, len(data)) for t_ns, data in found] == [
         (62 * BYTE_NS, 62),
@@ -153,7 +153,7 @@ def test_a_packet_goes_when_it_is_full_and_the_rest_when_the_timer_runs_out():
 @settings(max_examples=40)
 @given(BURSTS, st.sampled_from([MS, 16 * MS]))
 def test_an_adapter_loses_nothing_and_holds_nothing_longer_than_its_timer(bursts, latency_ns):
-    usb, wire, t_ns = UsbLine(1_000_000, latency_ns), Line(1_000_000), 0
+    usb, wire, t_ns = UsbUart(1_000_000, latency_ns), Line(1_000_000), 0
     arrivals = []
     for wait_ns, data in bursts:
         t_ns += wait_ns
@@ -172,7 +172,7 @@ def test_an_adapter_loses_nothing_and_holds_nothing_longer_than_its_timer(bursts
 @settings(max_examples=40)
 @given(BURSTS, st.lists(st.integers(0, 60 * MS), max_size=8).map(sorted))
 def test_when_one_looks_does_not_matter(bursts, looks):
-    lines = [UsbLine(1_000_000, MS), UsbLine(1_000_000, MS)]
+    lines = [UsbUart(1_000_000, MS), UsbUart(1_000_000, MS)]
     expected = deliveries(lines[0], bursts)
     t_ns = 0
     for wait_ns, data in bursts:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from haptogram_protocol import messages as m
 
 from ..tables import description_hash
-from .vector import SESSION, body_of, fields_of, jsonable, wire
+from .vector import SESSION, body_of, jsonable, vector_fields_of, wire
 
 _BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9
 #: The array and the limits of the board that a dialogue is for.
@@ -77,7 +77,7 @@ class Script:
 
     def answer(self, message: m.Message, **header: Any) -> None:
         """Expect this message, with every field of it."""
-        self.answer_with(message.TYPE, fields_of(message), **header)
+        self.answer_with(message.TYPE, vector_fields_of(message), **header)
 
     def answer_with(self, kind: m.MessageType, fields: _Fields, **header: Any) -> None:
         """Expect a message of which only some fields are known."""
@@ -101,7 +101,7 @@ class Script:
         self.answer_with(m.MessageType.HELLO_REPLY, {"nonce": SESSION})
         config = m.Config(status_period_ms=0)
         self.request(m.SetConfig(config))
-        self.answer_with(m.MessageType.SET_CONFIG_REPLY, {"config": fields_of(config)})
+        self.answer_with(m.MessageType.SET_CONFIG_REPLY, {"config": vector_fields_of(config)})
 
     def finish(self) -> dict[str, Any]:
         """Return the dialogue as a vector."""

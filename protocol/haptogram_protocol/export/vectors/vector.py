@@ -16,7 +16,7 @@ Outcome = dict[str, Any]
 def jsonable(value: Any, code: str = "") -> Any:
     """Return *value* as JSON: bytes in hex, u64 in decimal digits, records as objects."""
     if isinstance(value, Record):
-        return fields_of(value)
+        return vector_fields_of(value)
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, tuple):
@@ -26,7 +26,7 @@ def jsonable(value: Any, code: str = "") -> Any:
     return str(value) if code == "Q" else int(value)
 
 
-def fields_of(record: Record) -> dict[str, Any]:
+def vector_fields_of(record: Record) -> dict[str, Any]:
     """Return every field of *record* by name, the tail too."""
     fields = {name: jsonable(getattr(record, name), f.code) for name, f in record.WIRE.items()}
     if record.TAIL:
@@ -41,9 +41,9 @@ def body_of(
     return m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
 
 
-def header_of(body: bytes) -> dict[str, int]:
+def vector_header_of(body: bytes) -> dict[str, int]:
     """Return the header of *body* by field."""
-    return fields_of(m.Header.unpack(body[:HEADER_BYTES]))
+    return vector_fields_of(m.Header.unpack(body[:HEADER_BYTES]))
 
 
 def frame(message: m.Message, body: bytes) -> Outcome:
@@ -51,9 +51,9 @@ def frame(message: m.Message, body: bytes) -> Outcome:
     return {
         "frame": {
             "body": body.hex(),
-            "header": header_of(body),
+            "header": vector_header_of(body),
             "message": message.TYPE.name,
-            "fields": fields_of(message),
+            "fields": vector_fields_of(message),
         }
     }
 
@@ -65,7 +65,7 @@ def dropped(reason: str) -> Outcome:
 
 def rejected(reason: str, body: bytes, offset: int = 0) -> Outcome:
     """Return the outcome of a frame without damage whose message is wrong at *offset*."""
-    return {"reject": reason, "header": header_of(body), "offset": offset}
+    return {"reject": reason, "header": vector_header_of(body), "offset": offset}
 
 
 def vector(

@@ -1,6 +1,10 @@
 import pytest
 
-from haptogram.campaigns.bench.frame_budget import frame_formats, measure_budget, measure_wake_ns
+from haptogram.campaigns.bench.frame_budget import (
+    frame_formats,
+    measure_frame_budget,
+    measure_wake_ns,
+)
 from haptogram.cli import main
 from haptogram.driver.line.budget import frame_bytes
 from haptogram_protocol import encode_frame
@@ -11,7 +15,7 @@ from haptogram_protocol.messages import build_body
 def test_every_format_is_budgeted_as_long_as_its_longest_frame(transducers):
     for name, message in frame_formats(transducers).items():
         body = build_body(message, flags=0, seq=1, time_us=1, session=1)
-        budget = measure_budget(name, message, baudrate=3_000_000)
+        budget = measure_frame_budget(name, message, baudrate=3_000_000)
         assert len(encode_frame(body)) <= budget.size == frame_bytes(len(body) - 10)
         assert min(budget.encode_ns, budget.write_ns, budget.decode_ns) > 0
         assert budget.wire_ns == -(-budget.size * 10**10 // 3_000_000)
@@ -20,7 +24,7 @@ def test_every_format_is_budgeted_as_long_as_its_longest_frame(transducers):
 
 def test_the_lead_is_the_sum_of_the_stages():
     message = frame_formats(256)["phases, 8 bit"]
-    budget = measure_budget("x", message, baudrate=921_600)
+    budget = measure_frame_budget("x", message, baudrate=921_600)
     stages = budget.encode_ns + budget.write_ns + budget.wire_ns + budget.decode_ns
     assert budget.latency_ns(50_000) == 50_000 + stages + 25_000
 

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from haptogram.records.frame import FrameKey
-from haptogram.verification import Consequence, Effect, FrameStatus, FrameVerdict
+from haptogram.verification import Consequence, FrameStatus, FrameVerdict, RunConsequences
 
 HELD = Consequence(5.0, 1000.0, 4000.0)
 SILENCE = Consequence(None, 0.0, 4000.0)
@@ -37,15 +37,15 @@ def lost(number: int, consequence: Consequence | None = HELD) -> FrameVerdict:
     return frame(number, status=FrameStatus.LOST, t_latch_us=None, consequence=consequence)
 
 
-def effect_of(*frames: FrameVerdict, silences: tuple[int, ...] = ()) -> Effect:
-    found = Effect.of(frames, silences)
+def effect_of(*frames: FrameVerdict, silences: tuple[int, ...] = ()) -> RunConsequences:
+    found = RunConsequences.of(frames, silences)
     assert found is not None
     return found
 
 
 def test_a_run_that_is_right_has_none() -> None:
-    assert Effect.of([]) is None
-    assert Effect.of([frame(0), frame(1)]) is None
+    assert RunConsequences.of([]) is None
+    assert RunConsequences.of([frame(0), frame(1)]) is None
 
 
 def test_lost_frames_count_until_the_next_latch() -> None:
@@ -94,7 +94,7 @@ def test_times_without_a_known_pressure_stay_out_of_its_average() -> None:
 
 
 def test_frames_without_a_time_are_left_out() -> None:
-    assert Effect.of([frame(0, t_apply_us=None, status=FrameStatus.OFF_TARGET)]) is None
+    assert RunConsequences.of([frame(0, t_apply_us=None, status=FrameStatus.OFF_TARGET)]) is None
 
 
 def test_another_drive_of_which_only_the_crc_was_seen_counts_without_a_pressure() -> None:
@@ -103,7 +103,7 @@ def test_another_drive_of_which_only_the_crc_was_seen_counts_without_a_pressure(
     assert (found.away_ms, found.silent_ms) == (1.0, 0.0)
     assert (found.farthest_mm, found.radiated_pa, found.intended_pa) == (None, None, None)
     seen = frame(1, status=FrameStatus.CORRUPT, criteria={"S1": True})  # its focus is in its place
-    assert Effect.of([frame(0), seen, frame(2)]) is None
+    assert RunConsequences.of([frame(0), seen, frame(2)]) is None
 
 
 FOUR = [frame(number) for number in range(4)]
@@ -119,7 +119,7 @@ def test_the_last_frame_of_a_stream_is_not_due_until_the_next_stream() -> None:
 def test_a_first_frame_without_a_period_is_due_until_silence() -> None:
     assert effect_of(lost(0), *NEXT_STREAM, silences=(205_000,)).away_ms == 205.0
     assert effect_of(lost(0), silences=(205_000,)).away_ms == 205.0
-    assert Effect.of([lost(0)]) is None  # nothing tells for how long
+    assert RunConsequences.of([lost(0)]) is None  # nothing tells for how long
 
 
 def test_neither_rounded_times_nor_a_board_that_mutes_itself_break_a_stream() -> None:

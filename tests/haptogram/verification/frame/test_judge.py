@@ -205,8 +205,10 @@ def test_late_and_early_are_measured_from_the_first_boundary_at_or_after_the_tim
 
 def test_what_repeats_is_judged_once_but_for_its_times(monkeypatch):
     judged = []
-    name_faults = judge_module.name_faults
-    monkeypatch.setattr(judge_module, "name_faults", lambda *a: judged.append(a) or name_faults(*a))
+    name_drive_faults = judge_module.name_drive_faults
+    monkeypatch.setattr(
+        judge_module, "name_drive_faults", lambda *a: judged.append(a) or name_drive_faults(*a)
+    )
     own = Judge(MODEL, carrier_us=25)
     first, again = (intend(MODEL, TARGET, number=number) for number in (0, 7))
     found = own.judge(first, seen(first))
