@@ -3,7 +3,7 @@ from __future__ import annotations
 import dataclasses
 
 from haptogram.records.frame import FrameKey
-from haptogram.report.run.wording import count, describe, figure, timeliness, where
+from haptogram.report.run.wording import count, describe, figure, timeliness_text, where
 from haptogram.verification import Consequence, FrameStatus, FrameVerdict, consequence_text
 
 LOST = FrameVerdict(3, FrameKey(1, 0, 0, 65539), FrameStatus.LOST, None, (0.0, 0.0, 0.1))
@@ -38,7 +38,7 @@ def test_a_frame_is_described_with_all_that_is_known_of_it() -> None:
 
 
 def test_what_is_not_known_is_a_dash() -> None:
-    assert figure(None) == timeliness(LOST) == where(LOST) == "–"
+    assert figure(None) == timeliness_text(LOST) == where(LOST) == "–"
     assert figure(1.5, 1, "mm") == "1.5 mm"
 
 
