@@ -248,7 +248,7 @@ MISFITS = [
         ("both", {"loops": loops}, text)
         for loops, text in [
             (2.5, "loops is 2.5, must be a whole number"),
-            (2.0, "loops is 2, must be a whole number"),
+            (2.0, "loops is 2.0, must be a whole number"),
             (True, "loops is True, must be a whole number"),
             ("2", "loops is '2', must be a whole number"),
             (None, "loops is None, must be a whole number"),
