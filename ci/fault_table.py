@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from haptogram.cli import board_in_virtual_time
 from haptogram.errors import HaptogramError
-from haptogram.evidence.run_record import Measured, measure
+from haptogram.evidence.run_record import RunRecord, measure
 from haptogram.settings.faults.kinds import FAULT_KINDS
 from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import FrameVerdict, RunVerdict, verify_run
@@ -149,7 +149,7 @@ def row(fault: str) -> Row:
     return Row(cells, run.as_dict()["smallest_miss_mm"])
 
 
-def _fired(found: Measured) -> str:
+def _fired(found: RunRecord) -> str:
     """Return the number of times that the fault acted."""
     return _NOTHING if found.fault_counts is None else str(sum(found.fault_counts.values()))
 
@@ -173,7 +173,7 @@ def _figures(run: RunVerdict) -> tuple[str, ...]:
     )
 
 
-def _cause(run: RunVerdict, found: Measured) -> str:
+def _cause(run: RunVerdict, found: RunRecord) -> str:
     """Return the causes that the run itself names."""
     named = Counter(fault for frame in run.frames for fault in _faults(frame))
     causes = [f"{fault} ({times} x)" for fault, times in named.most_common(1)]

@@ -150,7 +150,7 @@ class Heartbeat:
         if any(parent in ready and not os.read(parent, _CHUNK) for parent in self._parents):
             self.stop()
             if self._worker is not None:
-                self._worker.hurry()
+                self._worker.skip_fields()
 
     def _port_due_ns(self) -> int | None:
         due_ns = self._port.due_ns

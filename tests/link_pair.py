@@ -151,7 +151,7 @@ class Link:
         while (event := self.host.next_event()) is not NEED_DATA:
             self.events.append(event)
 
-    def settle(self) -> None:
+    def wait_idle(self) -> None:
         """Let time pass until the host waits for nothing."""
         self.exchange()
         for _ in range(100):
@@ -167,13 +167,13 @@ class Link:
     def open(self) -> None:
         """Greet, and forget the events of it."""
         self.host.send_hello(self.now_us)
-        self.settle()
+        self.wait_idle()
         self.events.clear()
 
     def request(self, message: Message) -> object:
         """Send a request, wait for what becomes of it and return the last event."""
         self.host.send_request(message, self.now_us)
-        self.settle()
+        self.wait_idle()
         return self.events[-1]
 
 

@@ -219,7 +219,7 @@ class Streamer:
                 ready.extend(islice(coming, 1))
                 if progress is not None and number % stride == 0:
                     progress(number, len(frames))
-            run.settle(due_us)
+            run.wait_for_queue(due_us)
         if progress is not None:
             progress(len(frames), len(frames))
         late = run.ticks.lateness_us() >= float(schedule.period_us)
@@ -332,7 +332,7 @@ class _Run:
         )
         return in_time
 
-    def settle(self, due_us: int) -> None:
+    def wait_for_queue(self, due_us: int) -> None:
         """Wait until the last frame is latched."""
         self._link.run_until(self._pinger.clock.to_host_ns(due_us) + _SETTLING_NS)
 

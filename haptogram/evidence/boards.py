@@ -57,8 +57,8 @@ class BoardUnderTest(Protocol):
         """Take down what can only be asked while the session lasts."""
         ...
 
-    def outlast(self, driver: Driver) -> None:
-        """Let what it was sent come to its time, after the link to it broke."""
+    def wait_for_queue(self, driver: Driver) -> None:
+        """Let the frames in its queue come to their time, after the link to it broke."""
         ...
 
     def give_up(self) -> bool:
@@ -66,12 +66,12 @@ class BoardUnderTest(Protocol):
         ...
 
     def observations(
-        self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
+        self, driver: Driver, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> Sequence[Observation]:
         """Return what it latched in the session of *driver*, which is closed by now.
 
-        *progress* is called with what has come so far and what may come, if that takes time.  In a
-        *hurry* what takes time is left out.
+        *progress* is called with the number of latches so far and the number that may come, if
+        that takes time.  With *skip_fields* the board rebuilds no field any more.
         """
         ...
 
@@ -112,7 +112,7 @@ class ProcessBoard:
     def finish(self, driver: Driver) -> None:
         """Nothing to do: the back door stays open."""
 
-    def outlast(self, driver: Driver) -> None:
+    def wait_for_queue(self, driver: Driver) -> None:
         """Wait, if the board is still there."""
         if self._board.how_it_ended() is None:
             time.sleep(max(0, _last_ns(driver, time.monotonic_ns()) - time.monotonic_ns()) / 1e9)
@@ -120,17 +120,17 @@ class ProcessBoard:
     def give_up(self) -> bool:
         """End the board, so that it tells what it counted."""
         ran = self._board.how_it_ended() is None
-        self._board.finish(hurry=True)
+        self._board.finish(skip_fields=True)
         return ran
 
     def observations(
-        self, driver: Driver, progress: Progress | None = None, *, hurry: bool = False
+        self, driver: Driver, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> list[Observation]:
         """End the board, and return everything that came out of its back door."""
         expected = driver.intended.total
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
-        self._board.finish(show, hurry=hurry)
+        self._board.finish(show, skip_fields=skip_fields)
         self.unseen = why_incomplete(self._board.records(), driver.session)
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
@@ -181,7 +181,7 @@ class InProcessBoard:
     def finish(self, driver: Driver) -> None:
         """Nothing to do: the back door stays open."""
 
-    def outlast(self, driver: Driver) -> None:
+    def wait_for_queue(self, driver: Driver) -> None:
         """Let virtual time pass."""
         self._wait_until_ns(_last_ns(driver, self.port.now_ns()))
 
@@ -195,7 +195,7 @@ class InProcessBoard:
         driver: Driver,
         progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
         *,
-        hurry: bool = False,  # noqa: ARG002  nor to leave out
+        skip_fields: bool = False,  # noqa: ARG002  nor to leave out
     ) -> list[Observation]:
         """Return what came out of the back door."""
         found = observations_of(self._records(), driver.session)
@@ -312,7 +312,7 @@ class PortBoard:
         if self._mode is TraceMode.RING and driver.intended.total > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
 
-    def outlast(self, driver: Driver) -> None:
+    def wait_for_queue(self, driver: Driver) -> None:
         """Nothing to do: it cannot tell any more."""
 
     def give_up(self) -> bool:
@@ -324,7 +324,7 @@ class PortBoard:
         driver: Driver,
         progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
         *,
-        hurry: bool = False,  # noqa: ARG002  nor to leave out
+        skip_fields: bool = False,  # noqa: ARG002  nor to leave out
     ) -> Sequence[Observation]:
         """Return what the board said that it latched."""
         if not self._read_back:

@@ -42,7 +42,7 @@ _OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
 
 
 @dataclass(slots=True)
-class Measured:
+class RunRecord:
     """What a run gave, whole or interrupted.
 
     Attributes
@@ -185,7 +185,7 @@ def measure(
     settling: Progress | None = None,
     *,
     faulty: bool = False,
-) -> Measured:
+) -> RunRecord:
     """Display the object on *board* and collect what it latched.
 
     An interrupt (Ctrl-C) or a link that breaks ends the run early, not in vain: what was measured
@@ -215,7 +215,7 @@ def measure(
         keep=MOST_FRAMES,
     )
     known = board.model or driver.model
-    found = Measured(board.label, known, driver.identity, warnings=driver.warnings)
+    found = RunRecord(board.label, known, driver.identity, warnings=driver.warnings)
     found.intended = driver.intended
     total = shown.count * config.pace.repeat
     try:
@@ -234,7 +234,7 @@ def measure(
     finally:
         _say_goodbye(driver, found)
     found.warnings += _state_changes(driver, found.report)
-    found.observations = board.observations(driver, settling, hurry=found.interrupted)
+    found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if found.cut is not None:
         found.observations = _until_the_cut(found)
     found.silences = board.silences(driver)
@@ -242,7 +242,7 @@ def measure(
     return found
 
 
-def _calibrate(found: Measured, elements: Calibration, driver: Driver) -> None:
+def _calibrate(found: RunRecord, elements: Calibration, driver: Driver) -> None:
     """Let the judge know the elements, and the reader that the host does not.
 
     Raises
@@ -259,7 +259,7 @@ def _calibrate(found: Measured, elements: Calibration, driver: Driver) -> None:
 
 
 @contextlib.contextmanager
-def _interrupted(found: Measured, driver: Driver, total: int) -> Iterator[None]:
+def _interrupted(found: RunRecord, driver: Driver, total: int) -> Iterator[None]:
     """Let an interrupt end what is done here, and nothing more; the board is mute at once."""
     try:
         yield
@@ -272,7 +272,7 @@ def _interrupted(found: Measured, driver: Driver, total: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _cut_short(
-    found: Measured, driver: Driver, board: BoardUnderTest, total: int, *, faulty: bool
+    found: RunRecord, driver: Driver, board: BoardUnderTest, total: int, *, faulty: bool
 ) -> Iterator[None]:
     """Let a broken link, or an interrupt at any time, end what is done here.
 
@@ -286,7 +286,7 @@ def _cut_short(
             raise
         if found.cut is None:
             found.cut = Cut(str(error), not_sent=total - driver.intended.total)
-        board.outlast(driver)
+        board.wait_for_queue(driver)
 
 
 def _troubles(
@@ -354,7 +354,7 @@ def _at_once(foci: list[Focus], count: int) -> list[list[Focus]]:
     ]
 
 
-def _until_the_cut(found: Measured) -> Sequence[Observation]:
+def _until_the_cut(found: RunRecord) -> Sequence[Observation]:
     """Leave out what a sequence played on by itself between the cut and the MUTE."""
     wanted = {intended.key for intended in found.intended}
     return only(found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted)
@@ -374,7 +374,7 @@ def _state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> 
     ]
 
 
-def _say_goodbye(driver: Driver, found: Measured) -> None:
+def _say_goodbye(driver: Driver, found: RunRecord) -> None:
     """Mute the board; if it does not answer, that is a warning and not the end of the results."""
     try:
         driver.close()

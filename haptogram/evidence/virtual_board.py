@@ -180,7 +180,7 @@ class VirtualBoard:
         """How often each fault has fired; None before the board has ended, or without faults."""
         return fault_counts(self._records.read())
 
-    def settle(self, intended: Sequence[Intended]) -> str | None:
+    def wait_idle(self, intended: Sequence[Intended]) -> str | None:
         """Wait until the back door shows the last of *intended*, is closed, or falls silent.
 
         The board latches first and rebuilds the field later: its records lag behind, and go on
@@ -196,7 +196,9 @@ class VirtualBoard:
             return None
         return self._records.wait_for_latch(intended[-1].key)
 
-    def finish(self, progress: Callable[[int], None] | None = None, *, hurry: bool = False) -> None:
+    def finish(
+        self, progress: Callable[[int], None] | None = None, *, skip_fields: bool = False
+    ) -> None:
         """End the board in order, if it runs, and read its back door to the end.
 
         Parameters
@@ -204,12 +206,12 @@ class VirtualBoard:
         progress : callable, optional
             Called with the number of records so far: the board may take a while to rebuild what it
             still owes.
-        hurry : bool
-            Whether the last records shall come at once, without their field.
+        skip_fields : bool
+            True: the last records come at once, without their fields.
         """
         check_callable("progress", progress)
-        check_kind("hurry", hurry, bool, "True or False")
-        if hurry:
+        check_kind("skip_fields", skip_fields, bool, "True or False")
+        if skip_fields:
             self._process.close_pipe()
         else:
             self._process.terminate()
@@ -261,7 +263,7 @@ class VirtualBoard:
             check_kind("tolerance", tolerance, Tolerance, "a Tolerance, or None")
         if uncertainty is not None:
             check_kind("uncertainty", uncertainty, Uncertainty, "an Uncertainty, or None")
-        unseen = self.settle(intended)
+        unseen = self.wait_idle(intended)
         session = intended[0].key.session if intended else None
         observations = on_the_clock_of(intended, self.observations(session))
         return verify_run(

@@ -225,7 +225,7 @@ class VerifyConfig(Settings):
             fault_plan=self.faults.fault_plan,
         )
 
-    def job(self) -> dict[str, Any]:
+    def result_options(self) -> dict[str, Any]:
         """Return the options that decide the result, for the report: JSON types, no output path."""
         outputs = options_of(OutputConfig)
         return {name: _for_json(v) for name, v in self.values().items() if name not in outputs}

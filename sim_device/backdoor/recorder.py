@@ -84,7 +84,7 @@ class InlineReconstruction:
         self._reconstructed += estimate is not None
         self._write(latch_record(latch, estimate))
 
-    def hurry(self) -> None:
+    def skip_fields(self) -> None:
         """Leave the field out from now on: there is no time left for it."""
         self._estimator = None
 

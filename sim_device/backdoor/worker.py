@@ -43,7 +43,7 @@ _LOG: Final = logging.getLogger(__name__)
 QUEUE_LATCHES: Final = 16_384  # records that may wait for the worker: 16 s at 1 kHz
 START_TIMEOUT_S: Final = 60.0
 DRAIN_TIMEOUT_S: Final = 120.0
-HURRY_AFTER_S: Final = 20.0  # from then on the last records come without their field
+SKIP_FIELDS_AFTER_S: Final = 20.0  # from then on the last records come without their field
 LINGER_S: Final = 5.0  # for readers of the back door to take the last records
 
 BATCH: Final = 64  # records that are handed over at a time, unless time is up before
@@ -54,7 +54,8 @@ _PIPE_BYTES: Final = 1 << 20
 _NICENESS: Final = 19
 _IDLE_S: Final = 0.05  # how long a client of the back door may wait for its first line
 _READY: Final = b"ready\n"
-_HURRY: Final = signal.SIGUSR1  # and not a record: it would wait behind all that is on its way
+# A signal, not a record: a record would wait behind all records that are on their way.
+_SKIP_FIELDS: Final = signal.SIGUSR1
 _THREADS: Final = (
     "OPENBLAS_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -174,17 +175,17 @@ class ReconstructionWorker:
         self._batch = min(BATCH, len(self._waiting))
         self._unsent = _packed([self._waiting.popleft() for _ in range(self._batch)])
 
-    def hurry(self) -> None:
+    def skip_fields(self) -> None:
         """From now on write every latch down without its field, those on their way included."""
-        self._process.send_signal(_HURRY)
+        self._process.send_signal(_SKIP_FIELDS)
 
     def close(self, timeout_s: float = DRAIN_TIMEOUT_S) -> None:
         """Let the worker write everything down and end; kill it if it takes too long."""
         deadline_s = time.monotonic() + timeout_s
         self._waiting.append(_End(self.dropped, self.notices_dropped))
-        self._drain(min(deadline_s, time.monotonic() + HURRY_AFTER_S))
+        self._drain(min(deadline_s, time.monotonic() + SKIP_FIELDS_AFTER_S))
         if self.pending and self._alive:
-            self.hurry()
+            self.skip_fields()
             self._drain(deadline_s)
         self._alive = False
         for pipe in (self._input, self._process.stdout):
@@ -310,7 +311,7 @@ def run_worker() -> None:
         signal.signal(number, signal.SIG_IGN)  # the board ends the worker, by closing its input
     with contextlib.suppress(OSError):  # the field can wait, the board and its host cannot
         os.nice(_NICENESS)
-    signal.signal(_HURRY, signal.SIG_IGN)  # until there is something to leave out
+    signal.signal(_SKIP_FIELDS, signal.SIG_IGN)  # until there is something to leave out
     items = _items(_READ_BYTES)
     job = next(item for item in items if item is not None)
     try:
@@ -324,7 +325,7 @@ def run_worker() -> None:
             job.settings, lambda record: sink.write(to_line(record)), reconstruct=job.reconstruct
         )
         recorder.warm_up()
-        signal.signal(_HURRY, lambda *_: recorder.hurry())
+        signal.signal(_SKIP_FIELDS, lambda *_: recorder.skip_fields())
         os.write(answer, _READY)
         answer = 2
         _record_all(items, recorder, sink)

@@ -20,7 +20,7 @@ import serial
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram.machine.posix import posix_module
 
-from .link_name import INSTEAD_OF_PTY, LinkName
+from .pty_link import INSTEAD_OF_PTY, PtyLink
 
 _LOG: Final = logging.getLogger(__name__)
 _CLOSED: Final = -1
@@ -197,7 +197,7 @@ class PtyPort(Port):
     """
 
     def __init__(self, link: str | Path) -> None:
-        self._link = LinkName(Path(link))
+        self._link = PtyLink(Path(link))
         super().__init__(_CLOSED, str(link))
         self._slave = _CLOSED
         try:

@@ -552,7 +552,7 @@ def test_closing_the_port_forgets_everything_that_waits() -> None:
 def test_a_mute_does_not_wait_for_a_backed_off_timer() -> None:
     link = Link(latency_us=700_000)  # slower than the first timeout, so nothing is measured
     link.host.send_hello(0)
-    link.settle()
+    link.wait_idle()
     link.to_board = lambda _: []
     for number in range(2):
         link.request(Ping(number))  # the timeout is now at its longest

@@ -54,7 +54,7 @@ def test_greeting_opens_the_link() -> None:
     link = Link()
     assert link.host.send_hello(0) == 0
     assert link.host.link_state is LinkState.GREETING
-    link.settle()
+    link.wait_idle()
     assert link.host.link_state is LinkState.OPEN
     assert link.host.identity == link.events[0].message
     assert link.host.warnings == []
@@ -67,7 +67,7 @@ def test_a_lost_greeting_is_sent_again_and_a_lost_reply_opens_one_session() -> N
     for loss in ({"to_board": losing(0)}, {"to_host": losing(0)}):
         link = Link(**loss)
         link.host.send_hello(0)
-        link.settle()
+        link.wait_idle()
         assert link.host.link_state is LinkState.OPEN
         assert link.bench.carried_out == [Hello(1, 0, NONCE, HASH)]
 
@@ -76,7 +76,7 @@ def test_the_same_nonce_again_has_no_side_effect_and_the_first_state(link: Link)
     assert link.request(Arm()).message == ArmReply(OutputState.ARMED)
     done = list(link.bench.carried_out)
     link.host.send_hello(link.now_us)
-    link.settle()
+    link.wait_idle()
     assert link.events[-1].message.state is OutputState.DISARMED  # HG-4.6/1
     assert link.bench.carried_out == done
     assert link.bench.state is OutputState.ARMED
@@ -116,14 +116,14 @@ def test_whatever_is_lost_or_repeated_each_request_is_done_at_most_once(
 
     link = Link(to_board=line(up), to_host=line(down))
     link.host.send_hello(0)
-    link.settle()
+    link.wait_idle()
     if link.host.link_state is not LinkState.OPEN:
         assert link.events == [RequestTimedOut(MessageType.HELLO, 0, 5)]
         return
     for number in range(4):
         link.events.clear()
         link.host.send_request(Ping(number), link.now_us)
-        link.settle()
+        link.wait_idle()
         ends = [e for e in link.events if isinstance(e, ReplyReceived | RequestTimedOut)]
         assert len(ends) == 1
         assert link.bench.carried_out.count(Ping(number)) <= 1
@@ -135,7 +135,7 @@ def test_whatever_is_lost_or_repeated_each_request_is_done_at_most_once(
 def test_a_silent_board_times_out_after_five_attempts() -> None:
     link = Link(to_board=lambda _: [])
     link.host.send_hello(0)
-    link.settle()
+    link.wait_idle()
     assert link.events == [RequestTimedOut(MessageType.HELLO, 0, 5)]
     assert link.host.link_state is LinkState.FAILED
     assert link.now_us == 250_000 + 500_000 + 1_000_000 + 2_000_000 + 2_000_000
@@ -179,7 +179,7 @@ def test_another_hosts_session_is_stale_but_its_mute_is_obeyed(link: Link) -> No
     stranger.exchange(wire(PHASES, seq=0xFFF0, session=1))
     assert link.bench.connection.counters["stale_session"] == 2
     stranger.host.send_mute(stranger.now_us)  # no session of its own: 0
-    stranger.settle()
+    stranger.wait_idle()
     assert link.bench.state is OutputState.MUTED
     assert stranger.events[-1].message == MuteReply(OutputState.MUTED)
     assert isinstance(link.request(Ping(3)), ReplyReceived)
@@ -216,7 +216,7 @@ def test_mute_is_obeyed_whatever_it_looks_like(
 def test_mute_without_a_session_is_obeyed_at_power_up() -> None:
     link = Link()
     link.host.send_mute(0)
-    link.settle()
+    link.wait_idle()
     assert link.events[-1].message == MuteReply(OutputState.MUTED)
     assert link.host.link_state is LinkState.CLOSED
 
@@ -227,7 +227,7 @@ def test_mute_overtakes_a_request_that_waits(link: Link) -> None:
     link.exchange()
     seq = link.host.send_mute(link.now_us)
     assert link.host.outstanding == 1
-    link.settle()
+    link.wait_idle()
     assert link.events[-1].seq == seq
     assert Arm() not in link.bench.carried_out
 
@@ -236,7 +236,7 @@ def test_mute_beside_a_greeting_lets_both_be_answered() -> None:
     link = Link()
     link.host.send_hello(0)
     link.host.send_mute(0)
-    link.settle()
+    link.wait_idle()
     assert [event.request for event in link.events] == [MessageType.HELLO, MessageType.MUTE]
     assert link.host.link_state is LinkState.OPEN
 
@@ -244,7 +244,7 @@ def test_mute_beside_a_greeting_lets_both_be_answered() -> None:
 def test_an_unanswered_mute_on_a_closed_link_times_out() -> None:
     link = Link(to_board=lambda _: [])
     link.host.send_mute(0)
-    link.settle()
+    link.wait_idle()
     assert link.events == [RequestTimedOut(MessageType.MUTE, 0, 5)]
     assert link.host.link_state is LinkState.CLOSED
 
@@ -282,7 +282,7 @@ def test_an_upload_goes_by_the_window_and_survives_losses(link: Link) -> None:
     while waiting:
         while waiting and link.host.chunks_free:
             link.host.send_chunk(waiting.pop(0), link.now_us)
-        link.settle()
+        link.wait_idle()
     link.request(UploadCommit(1))
     assert link.bench.upload == data
     answered = [e for e in link.events if isinstance(e, ReplyReceived)]

@@ -42,7 +42,7 @@ def board():
 
 def joined(board, driver):
     """Return (intended, observation) of every frame that was latched."""
-    board.settle(driver.intended)
+    board.wait_idle(driver.intended)
     seen = {observation.key: observation for observation in board.observations(driver.session)}
     assert set(seen) <= {intended.key for intended in driver.intended}
     return [(i, seen[i.key]) for i in driver.intended if i.key in seen]

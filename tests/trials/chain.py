@@ -210,7 +210,7 @@ def _run(ran: Ran, program: Program, random: Random) -> None:
             if not faults:
                 raise
             cut = Cut(str(error), not_sent=len(sent) - len(driver.intended))
-            board.outlast(driver)
+            board.wait_for_queue(driver)
         finally:
             with contextlib.suppress(LinkError):
                 driver.close()

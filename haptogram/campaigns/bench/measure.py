@@ -170,7 +170,7 @@ def _board(config: BenchConfig) -> Iterator[_Board]:
     with VirtualBoard(reconstruct=False) as board:
 
         def collect(driver: Driver) -> Latches:
-            board.settle(driver.intended)
+            board.wait_idle(driver.intended)
             return {
                 record["index"]: (record["t_received_us"], record["t_latch_us"])
                 for record in board.records()

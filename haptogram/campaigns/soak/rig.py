@@ -279,7 +279,7 @@ class Rig:
     # --- the account ---------------------------------------------------------------------------
 
     @property
-    def is_settled(self) -> bool:
+    def is_idle(self) -> bool:
         """Whether nothing is under way whose end is not known."""
         lines = self.down.is_idle and self.up.is_idle
         return lines and not (self.down.lost or self.up.lost or self.host.outstanding)

@@ -124,7 +124,7 @@ class _Segment:
         self._connect()
         while True:
             self._burst()
-            self._settle()
+            self._wait_idle()
             self._watch_memory()
             if progress is not None:
                 progress(min(rig.now_ns, self._length_ns) / _S)
@@ -161,7 +161,7 @@ class _Segment:
         left_ns = max(self._length_ns - self._rig.now_ns, 100 * _MS)
         self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * _S)) // _MS)
 
-    def _settle(self) -> None:
+    def _wait_idle(self) -> None:
         """Stream on undisturbed until both ends have told of everything."""
         self._calm(True)
         self._stream(LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
@@ -179,9 +179,9 @@ class _Segment:
         """Let what is on the lines come, and tell whether nothing is open."""
         rig = self._rig
         until_ns = rig.now_ns + _MS
-        while not rig.is_settled and rig.now_ns < until_ns:
+        while not rig.is_idle and rig.now_ns < until_ns:
             rig.run_until(rig.now_ns + _MS // 10)
-        return rig.is_settled
+        return rig.is_idle
 
     def _stream(self, frames: int) -> None:
         rig, clock = self._rig, self._rig.clock

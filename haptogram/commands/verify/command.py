@@ -30,7 +30,7 @@ from .options import add_options
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
-    from haptogram.evidence.run_record import Measured
+    from haptogram.evidence.run_record import RunRecord
     from haptogram.settings.arguments import Progress
     from haptogram.settings.board import BoardConfig
     from haptogram.settings.faults.plan import FaultPlan
@@ -124,7 +124,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         )
     result = report.result_dict(
         verdict,
-        configuration=config.job(),
+        configuration=config.result_options(),
         seed=config.limits.seed,
         board=_board_dict(found),
         warnings=found.warnings,
@@ -225,7 +225,7 @@ def _bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
             bar.close()
 
 
-def _board_dict(found: Measured) -> dict[str, object]:
+def _board_dict(found: RunRecord) -> dict[str, object]:
     return {
         "is": found.board,
         "firmware": found.identity.firmware,
@@ -244,7 +244,7 @@ def _faults_dict(planned: FaultPlan, fired: dict[str, int] | None) -> dict[str, 
     return {"plan": plan, "seed": planned.seed, "fired": fired}
 
 
-def _host_dict(found: Measured) -> dict[str, object] | None:
+def _host_dict(found: RunRecord) -> dict[str, object] | None:
     """Return how the host's side went, if the run came to its end."""
     from haptogram.driver.stream import StreamReport
 
@@ -261,7 +261,7 @@ def _host_dict(found: Measured) -> dict[str, object] | None:
 
 
 def _write(
-    config: VerifyConfig, verdict: RunVerdict, result: dict[str, object], found: Measured
+    config: VerifyConfig, verdict: RunVerdict, result: dict[str, object], found: RunRecord
 ) -> bool:
     """Write every file that was asked for; tell of those that could not be written."""
     from haptogram.report import run as report

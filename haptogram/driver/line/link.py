@@ -193,7 +193,7 @@ class Link:
             The port is gone.
         """
         deadline_ns = self.now_ns() + self._timeout_ns
-        self.settle(deadline_ns)
+        self.wait_idle(deadline_ns)
         seq = self.send(message, t_apply_us=t_apply_us, immediate=immediate)
         return self.wait_for(seq, reply, deadline_ns)
 
@@ -214,7 +214,7 @@ class Link:
         seq = self.connection.send_mute(self.now_us())
         return self.wait_for(seq, reply, self.now_ns() + timeout_ns)
 
-    def settle(self, deadline_ns: int) -> None:
+    def wait_idle(self, deadline_ns: int) -> None:
         """Wait until no request waits for its answer."""
         while self.connection.outstanding:
             self._check_time(deadline_ns, "a request")

@@ -39,9 +39,9 @@ class Pinger:
     def synchronise(self) -> None:
         """Exchange a few pings, one after the other; see :meth:`Link.request` for the errors."""
         for _ in range(INITIAL_PINGS):
-            self._link.settle(self._link.now_ns() + self._link.timeout_ns)
+            self._link.wait_idle(self._link.now_ns() + self._link.timeout_ns)
             self._send()
-            self._link.settle(self._link.now_ns() + self._link.timeout_ns)
+            self._link.wait_idle(self._link.now_ns() + self._link.timeout_ns)
 
     def keep(self) -> None:
         """Send a ping if it is time and no other request waits; never waits itself."""

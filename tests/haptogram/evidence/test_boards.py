@@ -6,7 +6,7 @@ import pytest
 
 from haptogram.cli import board_in_virtual_time
 from haptogram.evidence.boards import PortBoard
-from haptogram.evidence.run_record import Measured, measure
+from haptogram.evidence.run_record import RunRecord, measure
 from haptogram.records.frame import Evidence
 from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import RunVerdict, verify_run
@@ -18,7 +18,7 @@ CONFIG = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, seed=3)
 TRACES = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
 
 
-def run_on(port: BoardPort) -> tuple[Measured, RunVerdict]:
+def run_on(port: BoardPort) -> tuple[RunRecord, RunVerdict]:
     """Run the job on *port*, and judge it by the board's own word."""
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = port

@@ -50,8 +50,8 @@ def test_what_was_never_latched_does_not_keep_settle_waiting(board):
         driver.focus((0, 0, 0.1))
     board.kill()
     unseen = dataclasses.replace(driver.intended[0], key=FrameKey(driver.session, 0, 0, 7))
-    board.settle([unseen])
-    board.settle([])
+    board.wait_idle([unseen])
+    board.wait_idle([])
 
 
 def test_a_killed_board_is_a_lost_link(board):
@@ -135,6 +135,6 @@ def test_a_killed_board_shows_what_it_had_told_and_says_that_there_may_be_more(b
     with pytest.raises(LinkError, match="did not confirm"):
         driver.close()
     unseen = dataclasses.replace(driver.intended[0], key=FrameKey(driver.session, 0, 0, 7))
-    assert "killed" in board.settle([*driver.intended, unseen])
+    assert "killed" in board.wait_idle([*driver.intended, unseen])
     run = board.verify([*driver.intended, dataclasses.replace(unseen, number=1)])
     assert [frame.status.value for frame in run.frames] == ["on target", "not verified"]

@@ -162,10 +162,10 @@ VERIFY = {
 }
 BOARD_METHODS = {
     "verify": VERIFY,
-    "settle": {"intended": INTENDED},
+    "wait_idle": {"intended": INTENDED},
     "wait_for": {"latches": (None, *WHOLE), "timeout_s": (None, *NUMBER)},
     "observations": {"session": WHOLE},
-    "finish": {"progress": CALLABLE, "hurry": FLAG},
+    "finish": {"progress": CALLABLE, "skip_fields": FLAG},
 }
 BOARD_GIVEN = {"verify": {"intended": []}, "wait_for": {"latches": 0}}
 LENGTH = (None, *NUMBER, 0)

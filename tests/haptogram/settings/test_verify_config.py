@@ -100,7 +100,7 @@ def test_a_bad_file_is_named(tmp_path: Path, text: str, told: str) -> None:
 def test_faults_are_a_list_in_the_file_and_the_command_line_has_its_own(tmp_path: Path) -> None:
     path = _file(tmp_path, '[verify]\nfault = ["line.drop p=0.1", "clock.ppm"]\n')
     assert load_config(path, {}).faults.fault == ("line.drop p=0.1", "clock.ppm")
-    assert load_config(path, {"fault": ["line.flip"]}).job()["fault"] == ["line.flip"]
+    assert load_config(path, {"fault": ["line.flip"]}).result_options()["fault"] == ["line.flip"]
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_least_verified_depends_on_the_clock() -> None:
 
 
 def test_job_holds_what_decides_the_result_and_no_path() -> None:
-    job = VerifyConfig.of(json=Path("x.json")).job()
+    job = VerifyConfig.of(json=Path("x.json")).result_options()
     assert "json" not in job
     assert job["center_mm"] == [0.0, 0.0, 100.0]
 

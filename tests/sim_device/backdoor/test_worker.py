@@ -92,7 +92,7 @@ def test_a_worker_that_died_costs_records_not_the_board(tmp_path):
 
 
 def test_out_of_time_every_latch_is_written_down_without_its_field(tmp_path, monkeypatch):
-    monkeypatch.setattr(reconstruction, "HURRY_AFTER_S", 0.0)
+    monkeypatch.setattr(reconstruction, "SKIP_FIELDS_AFTER_S", 0.0)
     monkeypatch.setattr(reconstruction, "_PIPE_BYTES", 4096)
     worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"))
     os.kill(worker._process.pid, signal.SIGSTOP)  # noqa: SLF001  so that records pile up

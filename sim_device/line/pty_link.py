@@ -13,7 +13,7 @@ from haptogram.machine.posix import posix_module
 INSTEAD_OF_PTY: Final = "a TCP port, or the URL haptogram:// inside the host's process"
 
 
-class LinkName:
+class PtyLink:
     """A symbolic link that one live process at a time may own.
 
     A lock on ``<link>.lock`` says who: the system drops it with the process, however that ends, so
