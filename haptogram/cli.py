@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from .driver.line.port import Transport
     from .evidence.boards import BoardUnderTest
     from .settings.board import BoardConfig
-    from .settings.faults.plan import FaultPlan
     from .settings.verify_config import VerifyConfig
 
 _ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
@@ -142,8 +141,8 @@ def _add_options(name: str, parser: Parser) -> None:
     module.set_up(parser, *parts.get(name, ()))
 
 
-def _prepare_simulator(config: VerifyConfig) -> FaultPlan:
-    """Open the way to a board in this program, and return the faults of the virtual board.
+def _prepare_simulator(config: VerifyConfig) -> BoardConfig:
+    """Open the way to a board in this program, and return the settings of the virtual board.
 
     Raises
     ------
@@ -156,8 +155,8 @@ def _prepare_simulator(config: VerifyConfig) -> FaultPlan:
         import sim_device
 
         sim_device.register_url_handler()
-        return read_url(config.link.port).board.plan
-    return config.virtual_board().plan
+        return read_url(config.link.port).board
+    return config.virtual_board()
 
 
 @contextlib.contextmanager

@@ -171,6 +171,20 @@ def test_a_plan_in_a_file_is_that_of_the_board(tmp_path: Path, virtual: bool) ->
     assert result["frames"]["wrong_drive"] > 0
 
 
+def test_a_plan_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text('[[fault]]\nname = "device.stuck"\ncolumn = 3\n', encoding="utf-8")
+    reads, read_text = [], Path.read_text
+
+    def counting(path: Path, *words: Any, **named: Any) -> str:
+        reads.append(path)
+        return read_text(path, *words, **named)
+
+    monkeypatch.setattr(Path, "read_text", counting)
+    _result(tmp_path, [*_faulty([*_IN_VIRTUAL_TIME, *_FEW]), "--fault-plan", str(plan)])
+    assert reads.count(plan) == 1
+
+
 def test_a_plan_that_cannot_be_read_is_told_before_anything_starts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -42,8 +42,8 @@ class _BrokenByPlanError(HaptogramError):
     """The planned faults let no session come up: nothing could be judged."""
 
 
-#: Looks at what concerns the virtual board, before anything starts.
-Prepare: TypeAlias = "Callable[[VerifyConfig], FaultPlan]"
+#: Returns the settings of the virtual board, checked before anything starts.
+Prepare: TypeAlias = "Callable[[VerifyConfig], BoardConfig]"
 InProcess: TypeAlias = "Callable[[BoardConfig], AbstractContextManager[BoardUnderTest]]"
 
 _LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
@@ -96,11 +96,12 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     outputs = Outputs(config.outputs, *options_of(OutputConfig))
     if config.outputs.html is not None:
         check_page()
-    planned = prepare(config)
+    virtual = prepare(config)
+    planned = virtual.plan
     quiet = arguments.quiet
     try:
         with (
-            _board(config, in_process) as board,
+            _board(config, virtual, in_process) as board,
             _bar("displaying", quiet=quiet) as progress,
             _bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming(planned, board),
@@ -147,8 +148,10 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
 
 
 @contextlib.contextmanager
-def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTest]:
-    """Give the board that the settings ask for, and clean up after it."""
+def _board(
+    config: VerifyConfig, virtual: BoardConfig, in_process: InProcess
+) -> Iterator[BoardUnderTest]:
+    """Give the board at a port, else the *virtual* one, and clean up after it."""
     from haptogram.evidence.boards import PortBoard, ProcessBoard
     from haptogram.evidence.virtual_board import VirtualBoard
 
@@ -160,14 +163,14 @@ def _board(config: VerifyConfig, in_process: InProcess) -> Iterator[BoardUnderTe
             board_computes=config.frame_kind == "points",
         )
     elif config.link.virtual_time:
-        with in_process(config.virtual_board()) as board:
+        with in_process(virtual) as board:
             yield board
     else:
-        with VirtualBoard.of(config.virtual_board()) as virtual:
+        with VirtualBoard.of(virtual) as process:
             try:
-                yield ProcessBoard(virtual)
+                yield ProcessBoard(process)
             except LinkError as error:
-                if (fate := virtual.how_it_ended(_LAST_MOMENTS_S)) is None:
+                if (fate := process.how_it_ended(_LAST_MOMENTS_S)) is None:
                     raise
                 raise LinkError(f"{error}; {fate}") from error
 
