@@ -190,7 +190,9 @@ def _config(options: argparse.Namespace) -> BoardConfig:
 
 
 def _open_port(options: argparse.Namespace, config: BoardConfig) -> Port:
-    from .line.port import PtyPort, SerialPort, TcpPort
+    from .line.pty_port import PtyPort
+    from .line.serial_port import SerialPort
+    from .line.tcp_port import TcpPort
 
     if options.link is not None:
         return PtyPort(options.link)

@@ -28,7 +28,7 @@ assert report.status.counters.latched == 20
 
 REFUSED = {
     "a pty port needs the module fcntl, which this system lacks: use a TCP port, or the URL": (
-        "from sim_device.line.port import PtyPort; PtyPort('never')"
+        "from sim_device.line.pty_port import PtyPort; PtyPort('never')"
     ),
     "a virtual board in a process of its own needs the module fcntl, which this system lacks": (
         "from haptogram import VirtualBoard; VirtualBoard().__enter__()"

@@ -8,7 +8,7 @@ from typing import Final, Protocol
 
 from haptogram.errors import ConfigurationError, HaptogramError
 
-from ..line.port import UnixListener
+from ..line.socket_server import UnixListener
 
 UNIX_PREFIX: Final = "unix:"
 CLIENT_BUFFER: Final = 8 << 20  # bytes that a client may fall behind before it is dropped

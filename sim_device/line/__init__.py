@@ -1,1 +1,1 @@
-"""The serial line: rate, sampling, and the ports where bytes come and go."""
+"""The serial line: rate, sampling, and the ports where bytes come and go; none knows frames."""

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from sim_device.board.settings import board_settings
-from sim_device.line.port import Port, PortLostError, PtyPort
+from sim_device.line.port import Port, PortLostError
+from sim_device.line.pty_port import PtyPort
 from sim_device.simulation import Simulation
 from sim_device.wallclock import Heartbeat
 
@@ -174,7 +175,7 @@ SHORT = """
 import logging, os, resource, socket, sys, threading
 from sim_device.wallclock import Heartbeat
 from sim_device.board.settings import board_settings
-from sim_device.line.port import TcpPort
+from sim_device.line.tcp_port import TcpPort
 from sim_device.simulation import Simulation
 
 logging.basicConfig(format="%(message)s", stream=sys.stdout)

@@ -15,7 +15,10 @@ from haptogram.errors import ConfigurationError
 from sim_device.backdoor import sinks as sinks
 from sim_device.backdoor.sinks import SocketSink, open_sink
 from sim_device.board.settings import board_settings
-from sim_device.line.port import Doorman, PortLostError, PtyPort, TcpPort, UnixListener
+from sim_device.line.port import PortLostError
+from sim_device.line.pty_port import PtyPort
+from sim_device.line.socket_server import Doorman, UnixListener
+from sim_device.line.tcp_port import TcpPort
 from sim_device.line.uart import Line
 from sim_device.log import CountLog
 from sim_device.simulation import Simulation
