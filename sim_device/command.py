@@ -70,7 +70,7 @@ def set_up(parser: Parser) -> None:
     )
     line = options_of(LineSettings)
     board = [row for name, row in BOARD_OPTIONS.items() if name not in line]
-    add_options(parser.add_argument_group("board; without --seed another one each time"), board)
+    add_options(parser.add_argument_group("board"), board, seed="another one each time")
     add_options(parser.add_argument_group("line"), line.values())
     parser.add_argument(
         "--backdoor", metavar="PATH|unix:PATH", help="radiated drives, as JSON lines"

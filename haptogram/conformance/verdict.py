@@ -48,7 +48,7 @@ MEANINGS: Final[dict[Behaviour, Meaning]] = {
         "nothing on this line can show it; never counted as passed", "skipped", PASS
     ),
     Behaviour.INCONCLUSIVE: Meaning(
-        "could not be judged: no board, a host held up, or an error in the case itself",
+        "could not be judged: the board or the host was held up, or the case itself has an error",
         "error",
         INCONCLUSIVE_STATUS,
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, cast
@@ -265,9 +266,18 @@ def _interrupted(found: RunRecord, driver: Driver, total: int) -> Iterator[None]
         yield
     except KeyboardInterrupt:
         found.interrupted = True
-        sent, muted_us = driver.intended.total, driver.device_time_us()
+        sent, muted_us = driver.intended.total, _earliest_mute_us(driver)
         found.cut = Cut(f"interrupted after {sent} of {total} frames", muted_us, total - sent)
         driver.mute()
+
+
+def _earliest_mute_us(driver: Driver) -> int:
+    """Return the device time before which no frame can have been cancelled by a MUTE sent now.
+
+    A frame latches at the first carrier boundary at or after its time, and the clock is estimated.
+    """
+    period_us = 1e6 / driver.model.frequency_hz
+    return driver.device_time_us() - math.ceil(period_us + driver.clock.uncertainty_us)
 
 
 @contextlib.contextmanager

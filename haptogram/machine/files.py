@@ -51,6 +51,10 @@ def check_writable(path: Path) -> None:
         target = Path(os.path.realpath(path))
         if target.is_dir():
             raise ConfigurationError(f"{path}: is a folder; name a file")
+        if target.is_fifo():  # opened and closed, it would send its reader away
+            if not os.access(target, os.W_OK):
+                raise ConfigurationError(f"{path}: cannot be written: no permission")
+            return
         if target.exists() and not target.is_file():
             os.close(os.open(target, os.O_WRONLY | os.O_NONBLOCK))
             return

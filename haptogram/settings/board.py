@@ -9,11 +9,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Self
 
-from .faults.plan import Fault, FaultPlan, read_faults
+from .faults.plan import MOST_FAULT_SEED, Fault, FaultPlan, read_faults
 from .line import LineSettings
 from .option import Option, SettingError, Settings, build, group, option, options_of
 
-MAX_SEED: Final = 2**64 - 1
 DEFAULT_ARRAY: Final = "16x16"
 
 
@@ -63,7 +62,7 @@ class BoardConfig(Settings):
         "the firmware nor the host knows them",
         absent="all equal",
     )
-    seed: int = option(0, unit="N", low=0, high=MAX_SEED, help="seed of everything random")
+    seed: int = option(0, unit="N", low=0, high=MOST_FAULT_SEED, help="seed of everything random")
     mutant: str | None = option(
         None, unit="NAME", help="firmware that is wrong in one way", absent="healthy"
     )
@@ -71,7 +70,7 @@ class BoardConfig(Settings):
         None,
         unit="N",
         low=0,
-        high=MAX_SEED,
+        high=MOST_FAULT_SEED,
         help="seed of the faults",
         absent="that of fault_plan, else of the board",
     )

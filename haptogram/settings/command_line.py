@@ -12,10 +12,14 @@ from .parser import unchecked
 _FLAG: Final = argparse.BooleanOptionalAction
 
 
-def add_options(group: argparse._ActionsContainer, rows: Iterable[Option]) -> None:
-    """Add the options; one that is not given is None, so that a file or a default can set it."""
+def add_options(group: argparse._ActionsContainer, rows: Iterable[Option], **defaults: str) -> None:
+    """Add the options; one that is not given is None, so that a file or a default can set it.
+
+    *defaults* are the texts of those that this command sets in a way of its own.
+    """
     for row in rows:
-        text = f"{row.help} [{row.default_text}]".replace("%", "%%")
+        default = defaults.get(row.name, row.default_text)
+        text = f"{row.help} [{default}]".replace("%", "%%")
         if row.kind is bool:
             group.add_argument(row.word, action=_FLAG, help=text)
         elif row.count == 0:

@@ -24,6 +24,8 @@ from .checks import (
 )
 from .kinds import FAULT_KINDS, number_text, words_of
 
+#: The largest seed of chance that a plan takes.
+MOST_FAULT_SEED: Final = 2**64 - 1
 _NS_PER_MS: Final = 1_000_000
 _BOTH: Final = "both"
 _DISCONNECT: Final = "line.disconnect"
@@ -243,8 +245,8 @@ def _from_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
     tables, seed = document.pop("fault", []), document.pop("seed", None)
     if document:
         raise ConfigurationError(f"fault plan: {', '.join(document)}; known: seed, [[fault]]")
-    if seed is not None and (type(seed) is not int or seed < 0):
-        raise ConfigurationError(f"fault plan: seed = {seed}, must be 0 or more")
+    if seed is not None and (type(seed) is not int or not 0 <= seed <= MOST_FAULT_SEED):
+        raise ConfigurationError(f"fault plan: seed = {seed}, must be 0 to {MOST_FAULT_SEED}")
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigurationError("fault plan: must have tables [[fault]]")
     return tuple(map(_from_table, tables)), seed

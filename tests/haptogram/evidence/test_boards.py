@@ -74,6 +74,19 @@ def test_an_interrupt_cancels_what_is_on_its_way_and_loses_nothing() -> None:
     assert 90 <= run.counts["cancelled"] <= 110  # a lead of 100 ms at 1 kHz
 
 
+@pytest.mark.parametrize("frame", [150, 151, 152])
+def test_a_frame_that_is_due_at_the_mute_is_not_lost(frame: int) -> None:
+    def interrupt(done: int, _: int) -> None:
+        if done == frame:
+            raise KeyboardInterrupt
+
+    config = VerifyConfig.of(object="circle", radius_mm=20, repeat=10, virtual_time=True)
+    with board_in_virtual_time(config.virtual_board()) as board:
+        found = measure(config, board, interrupt)
+    run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)
+    assert (run.counts["lost"], run.effect) == (0, None)
+
+
 def test_the_ring_is_read_after_an_interrupt() -> None:
     def interrupt(done: int, total: int) -> None:
         if 2 * done > total:

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import os
 import stat
+import threading
 from pathlib import Path
 
 import pytest
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import write_atomically
+from haptogram.machine.files import check_writable, write_atomically
 
 
 def test_a_file_is_written_into_a_folder_that_is_made_for_it(tmp_path: Path) -> None:
@@ -68,3 +69,14 @@ def test_a_link_keeps_pointing_to_the_result(tmp_path: Path) -> None:
 def test_what_is_no_regular_file_is_written_to_and_stays() -> None:
     write_atomically(Path(os.devnull), b"new")
     assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+
+
+def test_a_named_pipe_keeps_its_reader_through_the_check(tmp_path: Path) -> None:
+    path, read = tmp_path / "pipe", []
+    os.mkfifo(path)
+    reader = threading.Thread(target=lambda: read.append(path.read_bytes()), daemon=True)
+    reader.start()
+    check_writable(path)
+    write_atomically(path, b"all of it")
+    reader.join(10.0)
+    assert read == [b"all of it"]

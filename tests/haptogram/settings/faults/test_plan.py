@@ -71,7 +71,8 @@ def test_a_file_and_the_command_line_add_up(tmp_path):
     [
         ("seed =", "fault plan: Invalid value"),
         ("sead = 1", "fault plan: sead; known: seed"),
-        ("seed = -1", "seed = -1, must be 0 or more"),
+        ("seed = -1", "seed = -1, must be 0 to 18446744073709551615"),
+        (f"seed = {2**64}", f"seed = {2**64}, must be 0 to 18446744073709551615"),
         ("seed = true", "seed = True"),
         ("fault = 1", "must have tables"),
         ("[[fault]]\nber = 1", "no fault ''"),
