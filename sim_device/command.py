@@ -9,10 +9,13 @@ import logging
 import secrets
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.machine.files import check_distinct
 from haptogram.machine.terminal import error_line
+from haptogram.settings.array import is_grid
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
 from haptogram.settings.command_line import add_options, given
 from haptogram.settings.faults.kinds import described
@@ -31,6 +34,7 @@ PROGRAM: Final = "python -m sim_device"
 _LOG: Final = logging.getLogger(__name__)
 _SERIAL_BAUD: Final = 3_000_000
 _COUNTS_S: Final = 10
+_SOCKET: Final = "unix:"  # a back door that is no file
 _LOOPBACK: Final = "127.0.0.1"
 _EPILOG: Final = """\
 examples:
@@ -179,6 +183,7 @@ def _serve(heartbeat: Heartbeat, port: Port) -> None:
 def _config(options: argparse.Namespace) -> BoardConfig:
     if options.no_reconstruct and options.backdoor is None:
         raise ConfigurationError("--no-reconstruct acts only with --backdoor; leave it out")
+    _check_files(options)
     values = given(options, BOARD_OPTIONS)
     line = [BOARD_OPTIONS[name].word for name in options_of(LineSettings) if name in values]
     if options.serial is not None:
@@ -187,6 +192,22 @@ def _config(options: argparse.Namespace) -> BoardConfig:
         values.setdefault("baud", _SERIAL_BAUD)
     values.setdefault("seed", secrets.randbits(32))
     return BoardConfig.of(**values)
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    """Refuse a link or a back door that has the name of another file of the command line."""
+    outputs = {
+        option: Path(path)
+        for option, path in (("--link", options.link), ("--backdoor", options.backdoor))
+        if path is not None and not path.startswith(_SOCKET)
+    }
+    array = None if options.array is None or is_grid(options.array) else options.array
+    inputs = (
+        ("--array", array),
+        ("--calibration", options.calibration),
+        ("--fault-plan", options.fault_plan),
+    )
+    check_distinct(outputs, [(option, Path(path)) for option, path in inputs if path is not None])
 
 
 def _open_port(options: argparse.Namespace, config: BoardConfig) -> Port:

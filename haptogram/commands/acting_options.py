@@ -6,14 +6,13 @@ for several modes, of which the command line chooses one.
 
 from __future__ import annotations
 
-import re
 from argparse import Namespace
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.array import is_grid
 
-_GRID: Final = re.compile(r"\s*\d+x\d+\s*")
 _URL: Final = "haptogram://"
 
 
@@ -71,7 +70,7 @@ def _has_size(settings: Any) -> bool:
 
 
 def _has_grid(settings: Any) -> bool:
-    return settings.array is None or _GRID.fullmatch(settings.array) is not None
+    return settings.array is None or is_grid(settings.array)
 
 
 _PITCH: Final = Acting("on an --array that is a grid (a file has its own positions)", _has_grid)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -66,6 +67,43 @@ def check_writable(path: Path) -> None:
         if not isinstance(error, ConfigurationError):
             raise _refusal(path, error) from error
         raise
+
+
+def check_distinct(outputs: Mapping[str, Path], inputs: Iterable[tuple[str, Path]] = ()) -> None:
+    """Raise if two outputs are one file, or if an output would replace an input.
+
+    Parameters
+    ----------
+    outputs : mapping of str to Path
+        The files by option.  Devices and pipes may be shared, standard output may not.
+    inputs : iterable of (str, Path)
+        Options and the files that they read.
+
+    Raises
+    ------
+    ConfigurationError
+        Names both options.
+    """
+    readers, options = list(inputs), dict[str, str]()
+    for option, path in outputs.items():
+        is_stream = path == STANDARD_OUTPUT
+        place = "standard output" if is_stream else os.path.realpath(path)
+        is_shared = is_stream or not os.path.exists(place) or os.path.isfile(place)
+        if is_shared and place in options:
+            name = place if is_stream else f"the same file, {path}"
+            raise ConfigurationError(
+                f"{options[place]} and {option} are both {name}; give each a name of its own"
+            )
+        options[place] = option
+        for reader, read in readers:
+            if not is_stream and _is_same_file(path, read):
+                raise ConfigurationError(
+                    f"{option} {path}: would replace the file that {reader} reads; name another one"
+                )
+
+
+def _is_same_file(path: Path, other: Path) -> bool:
+    return path.is_file() and other.is_file() and path.samefile(other)
 
 
 def _refusal(path: Path, error: OSError | ValueError) -> ConfigurationError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -10,8 +11,14 @@ from .board import DEFAULT_ARRAY, BoardConfig
 from .option import Settings, option, options_of
 
 _BOARD: Final = options_of(BoardConfig)
+_GRID: Final = re.compile(r"\s*\d+x\d+\s*")
 _LEAST_C: Final = _BOARD["temperature_c"].low
 _MOST_C: Final = _BOARD["temperature_c"].high
+
+
+def is_grid(array: str) -> bool:
+    """Return True if *array* is a grid (NXxNY), False if it names a file."""
+    return _GRID.fullmatch(array) is not None
 
 
 @dataclass(frozen=True, kw_only=True)

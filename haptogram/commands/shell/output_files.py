@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import STANDARD_OUTPUT, check_writable
+from haptogram.machine.files import STANDARD_OUTPUT, check_distinct, check_writable
+from haptogram.settings.array import is_grid
+from haptogram.settings.shape import SHAPES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FILE_HELP: Final = "With - a file is standard output, and the text goes to standard error."
+
+#: Every option that reads a file, of all commands, and which of its values are files.
+INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
+    "array": lambda value: not is_grid(value),
+    "object": lambda value: value not in SHAPES,
+    **dict.fromkeys(("baseline", "calibration", "compare", "config", "drive", "fault_plan"), bool),
+}
 
 
 class Outputs:
@@ -23,7 +31,7 @@ class Outputs:
     Parameters
     ----------
     settings : object
-        Has the options as attributes.
+        Has the options as attributes, those of :data:`INPUTS` among them.
     *names : str
         The options that name a file.
 
@@ -35,15 +43,15 @@ class Outputs:
     Raises
     ------
     ConfigurationError
-        If two options name one file, or a file cannot be written.
+        If two options name one file, an output names an input, or a file cannot be written.
     """
 
     def __init__(self, settings: object, *names: str) -> None:
-        given = {f"--{name.replace('_', '-')}": getattr(settings, name) for name in names}
+        given = {_as_option(name): getattr(settings, name) for name in names}
         self.paths: dict[str, Path] = {
             option: Path(path) for option, path in given.items() if path is not None
         }
-        _check_names(self.paths)
+        check_distinct(self.paths, _inputs(settings))
         for option, path in self.paths.items():
             if path != STANDARD_OUTPUT:
                 try:
@@ -62,24 +70,23 @@ class Outputs:
             announce(path)
 
 
+def _inputs(settings: object) -> Iterator[tuple[str, Path]]:
+    """Yield the files that the command reads, with their options."""
+    for name, is_file in INPUTS.items():
+        value = getattr(settings, name, None)
+        for path in value if isinstance(value, list) else [value]:
+            if path is not None and is_file(str(path)):
+                yield _as_option(name), Path(path)
+
+
+def _as_option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
 def announce(path: Path) -> None:
     """Say on standard error that *path* was written, unless that is standard output."""
     if path != STANDARD_OUTPUT:
         print(f"wrote {path}", file=sys.stderr)
-
-
-def _check_names(paths: Mapping[str, Path]) -> None:
-    options: dict[str, str] = {}
-    for option, path in paths.items():
-        is_output = path == STANDARD_OUTPUT
-        place = "standard output" if is_output else os.path.realpath(path)
-        is_shared = is_output or not os.path.exists(place) or os.path.isfile(place)
-        if is_shared and place in options:
-            name = place if is_output else f"the same file, {path}"
-            raise ConfigurationError(
-                f"{options[place]} and {option} are both {name}; give each a name of its own"
-            )
-        options[place] = option
 
 
 def write_json(path: Path | str, document: Mapping[str, Any]) -> None:

@@ -90,10 +90,11 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     names = options_of(VerifyConfig)
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_config(arguments.config, given)
-    refuse_idle_options(
-        "verify", arguments, argparse.Namespace(**config.values(), frame_kind=config.frame_kind)
+    settings = argparse.Namespace(
+        **config.values(), frame_kind=config.frame_kind, config=arguments.config
     )
-    outputs = Outputs(config.outputs, *options_of(OutputConfig))
+    refuse_idle_options("verify", arguments, settings)
+    outputs = Outputs(settings, *options_of(OutputConfig))
     if config.outputs.html is not None:
         check_page()
     virtual = prepare(config)

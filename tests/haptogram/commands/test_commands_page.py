@@ -6,6 +6,8 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from haptogram.cli import COMMANDS, command_parser
 
 PAGE = Path(__file__).parents[3] / "docs" / "commands.md"
@@ -18,8 +20,8 @@ prints the same with `--help`.
 - An option has one name, with its unit, in all commands, in TOML files and in `haptogram://` URLs.
   There are no abbreviations.
 - A refusal comes before the work, in one line with option, value and limit, with exit status 2. An
-  option that does nothing in its mode is refused, and so are two outputs with one name, and a file
-  that cannot be written.
+  option that does nothing in its mode is refused, and so are two outputs with one name, an output
+  that would replace a file which the command reads, and a file that cannot be written.
 - `-` as the name of an output is standard output; the text goes to standard error then.
 - Verdicts and errors have a colour on a terminal, not in pipes or files; `NO_COLOR` and
   `FORCE_COLOR` are respected.
@@ -64,8 +66,10 @@ def group_lines(group: argparse._ArgumentGroup, actions: list[argparse.Action]) 
 
 def words(action: argparse.Action) -> str:
     """Return an option with the placeholder of its value."""
-    names = ", ".join(name for name in action.option_strings if not name.startswith("--no-"))
-    if isinstance(action, argparse.BooleanOptionalAction) or action.nargs == 0:
+    is_pair = isinstance(action, argparse.BooleanOptionalAction)
+    shown = action.option_strings[:1] if is_pair else action.option_strings
+    names = ", ".join(shown)
+    if is_pair or action.nargs == 0:
         value = ""
     elif action.choices is not None and action.metavar is None:
         value = "/".join(map(str, action.choices))
@@ -78,6 +82,14 @@ def words(action: argparse.Action) -> str:
 
 def test_the_page_is_what_the_parsers_say() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), f"python {__file__} writes it anew"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_has_its_name_in_the_table(name: str) -> None:
+    for action in command_parser(name)._actions:  # noqa: SLF001  argparse shows them to nobody
+        if action.dest != "help":
+            assert words(action)
+            assert words(action).startswith("".join(action.option_strings[:1]))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,136 @@
+"""Outputs that would replace a file which the same command reads: refused before the work."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+import pytest
+
+from haptogram.cli import COMMANDS, command_parser, main
+from haptogram.commands.shell.output_files import INPUTS
+from sim_device import command as board_command
+
+OUTPUTS = {"csv", "frames", "html", "json", "junit", "picture", "write_baseline"}
+#: Read and written on purpose.
+BOTH = {"resume"}
+#: A file that each input takes: suffix and content.
+FILES = {
+    "object": (".stl", ""),
+    "config": (".toml", "[verify]\n"),
+    "fault_plan": (".toml", "seed = 1\n"),
+    "drive": (".svg", ""),
+}
+NEEDED = {"modulation": ["am"], "soak": ["--hours", "0.0001"]}
+SUFFIX = {"picture": ".svg"}
+
+
+def file_options(command: str) -> dict[str, argparse.Action]:
+    """Return the options of a command that take the name of a file."""
+    actions = command_parser(command).option_actions.values()
+    return {action.dest: action for action in actions if takes_file(action)}
+
+
+def takes_file(action: argparse.Action) -> bool:
+    is_path = "Path" in repr(action.type) or action.dest == "object"
+    return is_path or any(word in str(action.metavar) for word in ("FILE", "JSON", "json"))
+
+
+PAIRS = [
+    (command, reader, writer)
+    for command in COMMANDS
+    if command != "board"
+    for reader in sorted(file_options(command).keys() & INPUTS.keys())
+    for writer in sorted(file_options(command).keys() & OUTPUTS)
+    if reader != "compare" or (command, writer) in (("conform", "html"), ("bench", "json"))
+]
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "board"])
+def test_every_option_that_takes_a_file_is_an_input_or_an_output(command: str) -> None:
+    for name in file_options(command):
+        assert sum((name in INPUTS, name in OUTPUTS, name in BOTH)) == 1, name
+
+
+@pytest.mark.parametrize("spelling", ["same", "dot", "link", "hard link"])
+@pytest.mark.parametrize(("command", "reader", "writer"), PAIRS)
+def test_an_output_does_not_replace_an_input(
+    command: str,
+    reader: str,
+    writer: str,
+    spelling: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    suffix, content = FILES.get(reader, (".txt", "kept"))
+    suffix = SUFFIX.get(writer, suffix) if reader != "object" else suffix
+    source = Path(f"input{suffix}")
+    source.write_text(content)
+    other = f"other{SUFFIX.get(writer, suffix)}"
+    if spelling == "link" or (reader == "object" and writer == "picture"):
+        os.symlink(source, other)
+    elif spelling == "hard link":
+        os.link(source, other)
+    else:
+        other = str(source) if spelling == "same" else f"./{source}"
+    options = file_options(command)
+    options_words = [f"{word(options[reader])}={source}", f"{word(options[writer])}={other}"]
+    assert main([command, *NEEDED.get(command, []), *options_words]) == 2
+    said = capsys.readouterr()
+    assert said.err == (
+        f"haptogram {command}: {word(options[writer])} {Path(other)}: would replace the file that "
+        f"{word(options[reader])} reads; name another one\n"
+    )
+    assert said.out == ""
+    assert source.read_text() == content
+
+
+def word(action: argparse.Action) -> str:
+    return action.option_strings[0]
+
+
+def test_devices_may_be_read_and_written() -> None:
+    words = ["--virtual-time", "--object", "point", "--array", "6x6", "--quiet"]
+    files = ("--fault-plan", "--frames", "--json")
+    assert main(["verify", *words, *(f"{option}={os.devnull}" for option in files)]) == 0
+
+
+def test_a_shape_and_a_grid_are_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("point", "6x6"):
+        Path(name).write_text("a result of yesterday")
+    words = ["--virtual-time", "--object", "point", "--array", "6x6", "--quiet"]
+    assert main(["verify", *words, "--json", "point", "--frames", "6x6"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--link x --backdoor x", "--link and --backdoor are both the same file, x"),
+        ("--link x --backdoor ./x", "--link and --backdoor are both the same file, x"),
+        (
+            "--link x --backdoor in --fault-plan in",
+            "--backdoor in: would replace the file that --fault-plan reads",
+        ),
+        ("--link in --calibration in", "--link in: would replace the file that --calibration"),
+        ("--link x --backdoor in --array in", "--backdoor in: would replace the file that --array"),
+    ],
+)
+def test_a_board_refuses_one_name_for_two_files(
+    words: str,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("in").write_text("kept")
+    assert board_command.main(words.split()) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert os.listdir() == ["in"]
+    assert Path("in").read_text() == "kept"
