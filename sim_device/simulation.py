@@ -21,7 +21,7 @@ from .board.events import Latch, LineCounted, Notice
 from .board.settings import BoardSettings
 from .faults.clock import faulty_clock
 from .faults.injector import FaultInjector
-from .line.uart import Line, uart_to_board, uart_to_host
+from .line.uart import Uart, uart_to_board, uart_to_host
 
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
@@ -236,7 +236,7 @@ class Simulation:
             for latch in latches:
                 recorder.latch(latch)
 
-    def _send(self, line: Line, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
+    def _send(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
         if self._injector is None:
             line.send(data, t_ns - credit_ns)
             return

@@ -15,7 +15,7 @@ _HALVINGS: Final = 7
 STEPS: Final[FloatArray] = np.array(list(itertools.product((0.0, -1.0, 1.0), repeat=3)))
 
 
-def climb(
+def climb_to_maximum(
     level: Callable[[FloatArray], FloatArray],
     starts: FloatArray,
     spacing: float,

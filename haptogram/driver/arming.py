@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram.driver.configuration import BoardConfiguration
+from haptogram.driver.configuration import SessionConfiguration
 from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.errors import ConfigurationError
@@ -33,11 +33,13 @@ class Arming:
     link : Link
     clock : ClockEstimate
         Of the board.
-    configuration : BoardConfiguration
+    configuration : SessionConfiguration
         Holds the timers that mute the board.
     """
 
-    def __init__(self, link: Link, clock: ClockEstimate, configuration: BoardConfiguration) -> None:
+    def __init__(
+        self, link: Link, clock: ClockEstimate, configuration: SessionConfiguration
+    ) -> None:
         self._link = link
         self._clock = clock
         self._configuration = configuration

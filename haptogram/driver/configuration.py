@@ -22,7 +22,7 @@ from haptogram_protocol.messages import (
 )
 
 
-class BoardConfiguration:
+class SessionConfiguration:
     """Reads and changes the configuration of one board.
 
     Parameters

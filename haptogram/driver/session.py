@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.driver.arming import Arming
-from haptogram.driver.configuration import BoardConfiguration
+from haptogram.driver.configuration import SessionConfiguration
 from haptogram.driver.handshake import open_session
 from haptogram.driver.identity import assumed_model
 from haptogram.driver.line.link import NS_PER_S, Link
@@ -123,7 +123,7 @@ class Session:
         calibrated = assumed if elements is None else assumed.calibrated(elements)
         self.link.handler = self._take
         self.pinger.synchronise()
-        self.configuration = BoardConfiguration(self.link, self.identity)
+        self.configuration = SessionConfiguration(self.link, self.identity)
         self.arming = Arming(self.link, self.clock, self.configuration)
         return calibrated
 

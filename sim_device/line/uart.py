@@ -38,7 +38,7 @@ class _Burst:
     taken: int = 0
 
 
-class Line:
+class Uart:
     """A line in one direction.
 
     Parameters
@@ -144,7 +144,7 @@ class Line:
         return min(count, passed * count // (burst.sent * self._byte_ns))
 
 
-class PolledUart(Line):
+class PolledUart(Uart):
     """A line to a UART whose firmware empties the receive FIFO every so often.
 
     What comes while the FIFO is full is lost and counted, as in any UART (``overrun``): bytes in
@@ -184,7 +184,7 @@ class PolledUart(Line):
         return -(-t_ns // self._poll_ns) * self._poll_ns
 
 
-class UsbUart(Line):
+class UsbUart(Uart):
     """A line to a USB serial adapter: bytes reach the host in packets.
 
     A packet goes to the host when :data:`USB_PACKET_BYTES` are there, or with fewer when the
@@ -241,17 +241,17 @@ class UsbUart(Line):
         return self._sent_ns + periods * self._latency_ns
 
 
-def uart_to_board(line: LineSettings) -> Line:
+def uart_to_board(line: LineSettings) -> Uart:
     """Return the direction from host to board."""
     ppm = line.baud_error_ppm
     if line.rx_fifo is None:
-        return Line(line.baud, receiver_ppm=ppm)
+        return Uart(line.baud, receiver_ppm=ppm)
     return PolledUart(line.baud, line.rx_fifo, line.poll_us * _NS_PER_US, receiver_ppm=ppm)
 
 
-def uart_to_host(line: LineSettings) -> Line:
+def uart_to_host(line: LineSettings) -> Uart:
     """Return the direction from board to host."""
     ppm = line.baud_error_ppm
     if line.latency_us is None:
-        return Line(line.baud, sender_ppm=ppm)
+        return Uart(line.baud, sender_ppm=ppm)
     return UsbUart(line.baud, line.latency_us * _NS_PER_US, sender_ppm=ppm)

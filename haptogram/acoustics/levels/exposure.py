@@ -30,7 +30,7 @@ from haptogram.acoustics.field.reference import FieldEngine, has_field
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.force import level_db_spl
-from haptogram.acoustics.local_maximum import STEPS, climb
+from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
 from haptogram.acoustics.memory import check_memory
 from haptogram.acoustics.model.drive import as_sequence
 from haptogram.acoustics.model.model import AcousticModel
@@ -168,7 +168,9 @@ def worst_place(
 
     spiral = half_sphere(array.facing, directions, array.axes[0])
     best = spiral[np.argsort(level(spiral))[-_CLIMBED:]]
-    loudest, _ = climb(level, best, math.sqrt(2.0 * math.pi / directions), STEPS @ array.axes)
+    loudest, _ = climb_to_maximum(
+        level, best, math.sqrt(2.0 * math.pi / directions), STEPS @ array.axes
+    )
     return exposure_at(engine, weights, places_m(loudest[None]), frame_s)[0]
 
 

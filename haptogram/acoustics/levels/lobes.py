@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import MAX_POINT_M, FloatArray, as_place
 from haptogram.acoustics.field.reference import FieldEngine, check_points, level_in_front
-from haptogram.acoustics.local_maximum import STEPS, climb
+from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -145,7 +145,7 @@ def largest_secondary_lobe(
     main = np.argmin(np.linalg.norm(points[tops] - target, axis=1))
     others = np.delete(tops, main)
     loudest = others[np.argsort(level.ravel()[others])[-_CLIMBED:]]
-    top_m, found = climb(
+    top_m, found = climb_to_maximum(
         lambda places: level_in_front(engine, drive, places),
         points[loudest],
         float(side[1] - side[0]),

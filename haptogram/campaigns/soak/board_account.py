@@ -5,8 +5,8 @@ from __future__ import annotations
 from haptogram_protocol.messages import FIRST_STREAM_SEQ, Hello, Mute
 
 from .board import Board
-from .line import Damaged, Line, Sent, message_type
-from .oracle import Oracle
+from .line import Damaged, Sent, SoakLine, message_type
+from .oracle import SoakOracle
 from .tally import UNEXPLAINED, Tally
 
 
@@ -17,15 +17,15 @@ class BoardAccount:
     ----------
     board : Board
         Its clock and its session are read.
-    line : Line
+    line : SoakLine
         To the board.
-    oracle : Oracle
+    oracle : SoakOracle
         Takes the frames that the board must latch.
     tally : Tally
         The account.
     """
 
-    def __init__(self, board: Board, line: Line, oracle: Oracle, tally: Tally) -> None:
+    def __init__(self, board: Board, line: SoakLine, oracle: SoakOracle, tally: Tally) -> None:
         self._board, self._line, self._oracle, self._tally = board, line, oracle, tally
         self._last_taken = b""
         self._expected_index = FIRST_STREAM_SEQ

@@ -5,7 +5,7 @@ from __future__ import annotations
 from haptogram_protocol.connection import EventReceived, FrameDropped, HostEvent
 from haptogram_protocol.messages import Status
 
-from .line import Damaged, Line, Sent
+from .line import Damaged, Sent, SoakLine
 from .tally import UNEXPLAINED, Tally
 
 
@@ -14,13 +14,13 @@ class HostAccount:
 
     Parameters
     ----------
-    line : Line
+    line : SoakLine
         To the host.
     tally : Tally
         The account.
     """
 
-    def __init__(self, line: Line, tally: Tally) -> None:
+    def __init__(self, line: SoakLine, tally: Tally) -> None:
         self._line, self._tally = line, tally
         self._status: Status | None = None
 

@@ -62,7 +62,7 @@ def message_type(encoded: bytes) -> int:
     return encoded[1]
 
 
-class Line:
+class SoakLine:
     """Carries frames of one direction, and harms some.
 
     Parameters

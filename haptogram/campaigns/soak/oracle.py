@@ -41,7 +41,7 @@ class _Due:
     late: bool
 
 
-class Oracle:
+class SoakOracle:
     """Follows one board.
 
     Parameters

@@ -22,8 +22,8 @@ from .board import Board, Hopeless
 from .board_account import BoardAccount
 from .drives import Show
 from .host_account import HostAccount
-from .line import Line, Sent, message_type
-from .oracle import Oracle
+from .line import Sent, SoakLine, message_type
+from .oracle import SoakOracle
 from .tally import UNEXPLAINED, Hit, Tally
 
 BAUD: Final = 6_000_000  # half of it is free, so that the line catches up after what held it up
@@ -54,8 +54,8 @@ class Rig:
     ----------
     now_ns : int
         Time since the board was powered up.
-    down, up : Line
-    oracle : Oracle
+    down, up : SoakLine
+    oracle : SoakOracle
     clock : ClockEstimate
         What the host makes of the board's clock.
     """
@@ -63,10 +63,10 @@ class Rig:
     def __init__(self, board: Board, share: float, source: random.Random, tally: Tally) -> None:
         self.now_ns = 0
         self.tally = tally
-        self.down = Line("down", BAUD, share, source, tally)
-        self.up = Line("up", BAUD, share, source, tally)
+        self.down = SoakLine("down", BAUD, share, source, tally)
+        self.up = SoakLine("up", BAUD, share, source, tally)
         self.show = Show(board.transducers)
-        self.oracle = Oracle(self.show, board.carrier_us, tally)
+        self.oracle = SoakOracle(self.show, board.carrier_us, tally)
         self.clock = ClockEstimate()
         self.board = board
         self._at_board = BoardAccount(board, self.down, self.oracle, tally)

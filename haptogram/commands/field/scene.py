@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, check_target, focus_phases
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.reference import level_in_front
-from haptogram.acoustics.local_maximum import STEPS, climb
+from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
 from haptogram.acoustics.model.csv_rows import read_rows
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.run_record import sample_object
@@ -161,6 +161,8 @@ def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float,
     best = points[[int(np.argmax(level))]]
     spacing = max(side[1] - side[0], heights[1] - heights[0])
     steps = STEPS @ model.array.axes
-    top, _ = climb(lambda places: level_in_front(engine, weights, places), best, spacing, steps)
+    top, _ = climb_to_maximum(
+        lambda places: level_in_front(engine, weights, places), best, spacing, steps
+    )
     x, y, z = (np.round(top, 5) + 0.0).tolist()  # a hundredth of a millimetre, and no minus zero
     return x, y, z

@@ -19,7 +19,7 @@ from sim_device.line.port import PortLostError
 from sim_device.line.pty_port import PtyPort
 from sim_device.line.socket_server import Doorman, UnixListener
 from sim_device.line.tcp_port import TcpPort
-from sim_device.line.uart import Line
+from sim_device.line.uart import Uart
 from sim_device.log import CountLog
 from sim_device.simulation import Simulation
 
@@ -41,7 +41,7 @@ def put(line, bursts):
 
 @given(BURSTS, st.lists(st.integers(0, 10**8), max_size=10).map(sorted))
 def test_every_byte_comes_ten_bit_times_after_the_one_before(bursts, looks):
-    line = Line(115_200)
+    line = Uart(115_200)
     arrivals = put(line, bursts)
     sent = b"".join(data for _, data in bursts)
     received = b""
@@ -55,7 +55,7 @@ def test_every_byte_comes_ten_bit_times_after_the_one_before(bursts, looks):
 
 @given(BURSTS)
 def test_the_next_event_is_the_next_delimiter_or_the_end_of_a_burst(bursts):
-    line = Line(115_200)
+    line = Uart(115_200)
     arrivals = put(line, bursts)
     sent = b"".join(data for _, data in bursts)
     received = b""
@@ -69,7 +69,7 @@ def test_the_next_event_is_the_next_delimiter_or_the_end_of_a_burst(bursts):
 
 
 def test_without_a_baud_rate_a_line_takes_no_time_and_a_cut_loses_what_is_on_it():
-    line = Line(None)
+    line = Uart(None)
     line.send(b"abc", 5)
     assert line.receive(4) == b""
     assert line.receive(5) == b"abc"

@@ -10,7 +10,7 @@ from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Ping
 from sim_device.board.settings import board_settings
 from sim_device.line.sampling import FRAMING_ERROR, is_understood, sample
-from sim_device.line.uart import Line, PolledUart, UsbUart, uart_to_board, uart_to_host
+from sim_device.line.uart import PolledUart, Uart, UsbUart, uart_to_board, uart_to_host
 
 MS = 1_000_000
 BYTE_NS = 10_000  # at 1 Mbaud
@@ -117,7 +117,7 @@ def test_a_fifo_loses_what_finds_it_full_counts_it_and_nothing_else(bursts, fifo
     poll_ns = poll_us * 1000
     line = PolledUart(1_000_000, fifo, poll_ns, receiver_ppm=0)
     found = deliveries(line, bursts)
-    plain, windows = Line(1_000_000), {}
+    plain, windows = Uart(1_000_000), {}
     t_ns = 0
     for wait_ns, data in bursts:
         t_ns += wait_ns
@@ -153,7 +153,7 @@ def test_a_packet_goes_when_it_is_full_and_the_rest_when_the_timer_runs_out():
 @settings(max_examples=40)
 @given(BURSTS, st.sampled_from([MS, 16 * MS]))
 def test_an_adapter_loses_nothing_and_holds_nothing_longer_than_its_timer(bursts, latency_ns):
-    usb, wire, t_ns = UsbUart(1_000_000, latency_ns), Line(1_000_000), 0
+    usb, wire, t_ns = UsbUart(1_000_000, latency_ns), Uart(1_000_000), 0
     arrivals = []
     for wait_ns, data in bursts:
         t_ns += wait_ns
