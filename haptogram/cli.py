@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
 from . import __version__
-from .commands.shell.exit_status import EXIT_STATUS, INTERRUPTED, USAGE
+from .commands.shell.exit_status import EVERY_STATUS, INTERRUPTED, USAGE
 from .commands.shell.interrupts import heard_interrupts, leave_at_once
 from .commands.shell.standard_streams import patient_streams
 from .errors import HaptogramError
@@ -109,7 +109,7 @@ def _parser(words: Sequence[str]) -> Parser:
     parser = Parser(
         prog="haptogram",
         description="Hardware-in-the-loop test harness for ultrasonic phased arrays.",
-        epilog=f"{_EXAMPLES}\n{EXIT_STATUS}",
+        epilog=f"{_EXAMPLES}\n{EVERY_STATUS}",
     )
     parser.add_argument("--version", action="version", version=f"haptogram {__version__}")
     commands = parser.add_subparsers(

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from haptogram.settings.parser import number, whole_number
+from haptogram.settings.parser import file_name, number, whole_number
 
 from .shell.output_files import FILE_HELP, Outputs, check_picture, write_picture
 
@@ -22,8 +21,9 @@ examples:
   haptogram bench --port /dev/ttyUSB0 --json new.json --compare old.json
 
 exit status:
-  0  measured; nothing is judged, since wall-clock figures depend on the machine
-  2  usage or environment error
+  0    measured; nothing is judged, since wall-clock figures depend on the machine
+  2    usage or environment error
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 
@@ -77,16 +77,16 @@ def set_up(parser: Parser) -> None:
         help="ask for fixed priority, locked memory and a frozen garbage collector",
     )
     result = parser.add_argument_group("result", FILE_HELP)
-    result.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
-    result.add_argument("--html", type=Path, metavar="FILE", help="write it with histograms")
+    result.add_argument("--json", type=file_name, metavar="FILE", help="write the result as JSON")
+    result.add_argument("--html", type=file_name, metavar="FILE", help="write it with histograms")
     result.add_argument(
         "--picture",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="write the histogram alone: .png, .svg or .pdf",
     )
     result.add_argument(
-        "--compare", type=Path, metavar="OLD.json", help="say what changed beyond the noise"
+        "--compare", type=file_name, metavar="OLD.json", help="say what changed beyond the noise"
     )
 
 

@@ -23,9 +23,10 @@ examples:
   haptogram budget --baud 921600 --transducers 64
 
 exit status:
-  0  the rate fits the line and the host
-  1  it does not
-  2  usage or environment error
+  0    the rate fits the line and the host
+  1    it does not
+  2    usage or environment error
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 

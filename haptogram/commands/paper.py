@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.machine.files import STANDARD_OUTPUT
+from haptogram.settings.parser import file_name
 
 from .shell.exit_status import FAIL, PASS
 from .shell.output_files import Outputs, write_json
@@ -25,9 +26,10 @@ examples:
   haptogram paper --json -              everything as JSON on standard output
 
 exit status:
-  0  all sixteen averages of Table 1 are within 7 % of the printed ones
-  1  one is not
-  2  usage or environment error
+  0    all sixteen averages of Table 1 are within 7 % of the printed ones
+  1    one is not
+  2    usage or environment error
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 
@@ -48,11 +50,14 @@ def set_up(parser: Parser) -> None:
         "next to ours, as 'haptogram presets' does [not printed]",
     )
     parser.add_argument(
-        "--json", metavar="FILE", help="write everything as JSON; - is standard output [none]"
+        "--json",
+        type=file_name,
+        metavar="FILE",
+        help="write everything as JSON; - is standard output [none]",
     )
     parser.add_argument(
         "--html",
-        type=Path,
+        type=file_name,
         metavar="FILE.html|DIR",
         help="write a page with pictures, or a folder with the page and the pictures [none]",
     )

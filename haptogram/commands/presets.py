@@ -6,6 +6,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Final
 
+from haptogram.settings.parser import file_name
+
 from .shell.exit_status import PASS
 from .shell.output_files import Outputs, write_json
 
@@ -20,8 +22,9 @@ examples:
   haptogram field --preset tactile-display     the field of its typical focus, as a picture
 
 exit status:
-  0  the figures were printed
-  2  usage or environment error
+  0    the figures were printed
+  2    usage or environment error
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 
@@ -38,6 +41,7 @@ def set_up(parser: Parser) -> None:
     )
     parser.add_argument(
         "--json",
+        type=file_name,
         metavar="FILE",
         help="write the figures as JSON instead of text; - is standard output [none]",
     )

@@ -8,13 +8,12 @@ import functools
 import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.machine.terminal import paint_verdicts
-from haptogram.settings.parser import number, whole_number
+from haptogram.settings.parser import file_name, number, whole_number
 
 from .shell.exit_status import FAIL, INTERRUPTED, PASS
 from .shell.output_files import FILE_HELP, Outputs
@@ -81,12 +80,12 @@ def set_up(
     )
     parser.add_argument(
         "--resume",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="checkpoint: written after every segment, and gone on from if it is there",
     )
     parser.add_argument(
-        "--json", type=Path, metavar="FILE", help=f"write the account as JSON. {FILE_HELP}"
+        "--json", type=file_name, metavar="FILE", help=f"write the account as JSON. {FILE_HELP}"
     )
     parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
     parser.add_argument("--quiet", action="store_true", help="no progress")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any, Final
 
 from .option import Option
-from .parser import unchecked
+from .parser import file_name, unchecked
 
 _FLAG: Final = argparse.BooleanOptionalAction
 
@@ -29,7 +30,9 @@ def add_options(group: argparse._ActionsContainer, rows: Iterable[Option], **def
 
 
 def _type(row: Option) -> Callable[[str], Any]:
-    return unchecked(row.kind, row.low, row.high) if row.kind in (int, float) else row.kind
+    if row.kind in (int, float):
+        return unchecked(row.kind, row.low, row.high)
+    return file_name if row.kind is Path else row.kind
 
 
 def given(arguments: argparse.Namespace, rows: Mapping[str, Option]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
+from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from ..errors import ConfigurationError
@@ -186,6 +187,13 @@ def _shown(value: object) -> str:
 
 
 # --- Values ----------------------------------------------------------------------------------
+
+
+def file_name(text: str) -> Path:
+    """Return the path of an argument that names a file or a folder."""
+    if not text:  # Path("") is the current folder
+        raise argparse.ArgumentTypeError("'': the name is empty; name a file")
+    return Path(text)
 
 
 def whole_number(low: int, high: int, unit: str = "") -> Callable[[str], int]:

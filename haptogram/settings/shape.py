@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from .option import SettingError, Settings, option
+from .parser import suggestion
 
 SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
 MESH_SUFFIXES: Final = (".stl", ".obj", ".ply")
@@ -40,7 +41,7 @@ class ShapeConfig(Settings):
             raise SettingError(
                 "object",
                 f"is {self.object!r}; known are {', '.join(SHAPES)} and a mesh file "
-                f"({', '.join(MESH_SUFFIXES)})",
+                f"({', '.join(MESH_SUFFIXES)}){suggestion(self.object, SHAPES)}",
             )
 
 

@@ -17,6 +17,7 @@ from haptogram.campaigns.bench.percentiles import Percentiles
 from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import frame_bytes, transmission_ns
 from haptogram.driver.stream import StreamReport
+from haptogram.driver.timing.realtime import SPIN_SHARE
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.virtual_board import VirtualBoard
@@ -78,8 +79,12 @@ class BenchConfig:
                 f"{self.seconds:g} s at {self.rate_hz:g} Hz are {self.rate_hz * self.seconds:g} "
                 f"frames, must be 1 to {MAX_FRAMES}"
             )
-        if self.spin_us < 0:
-            raise ConfigurationError(f"spin is {self.spin_us} us, must be 0 or more")
+        longest_us = 1e6 / self.rate_hz / SPIN_SHARE
+        if not 0 <= self.spin_us <= longest_us:
+            raise ConfigurationError(
+                f"spin_us is {self.spin_us} us; at {self.rate_hz:g} Hz it can be 0 to "
+                f"{longest_us:g} us, a quarter of the period"
+            )
 
 
 @dataclass(frozen=True, slots=True)

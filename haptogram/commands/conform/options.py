@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.parser import number, whole_number
+from haptogram.settings.parser import file_name, number, whole_number
 
 from ..shell.output_files import FILE_HELP
 
@@ -97,22 +96,25 @@ def _add_choice(group: argparse._ArgumentGroup) -> None:
         help="run each case N times; mixed: FLAKY",
     )
     group.add_argument(
-        "--baseline", type=Path, metavar="FILE", help="TOML of failures that are expected"
+        "--baseline", type=file_name, metavar="FILE", help="TOML of failures that are expected"
     )
     group.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def _add_results(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML")
-    group.add_argument("--json", type=Path, metavar="FILE", help="write JSON")
-    group.add_argument("--html", type=Path, metavar="FILE", help="write an HTML page")
+    group.add_argument("--junit", type=file_name, metavar="FILE", help="write JUnit XML")
+    group.add_argument("--json", type=file_name, metavar="FILE", help="write JSON")
+    group.add_argument("--html", type=file_name, metavar="FILE", help="write an HTML page")
     group.add_argument(
-        "--write-baseline", type=Path, metavar="FILE", help="write today's failures as expected"
+        "--write-baseline",
+        type=file_name,
+        metavar="FILE",
+        help="write today's failures as expected",
     )
     group.add_argument("--verbose", action="store_true", help="print every case")
     group.add_argument(
         "--compare",
-        type=Path,
+        type=file_name,
         nargs="+",
         metavar="JSON",
         help="run nothing: put results of several devices side by side, in --html",

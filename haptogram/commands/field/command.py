@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from haptogram.settings.parser import number, whole_number
+from haptogram.settings.parser import file_name, number, whole_number
 from haptogram.settings.shape import MESH_SUFFIXES, MODULATIONS, SHAPES, UNITS_M, ShapeConfig
 from haptogram.settings.verify_config import DriveConfig, PaceConfig
 
@@ -43,8 +42,9 @@ examples:
       a drive as codes: a header phase,amplitude and one line for each element
 
 exit status:
-  0  the figures were printed, and the picture was written
-  2  usage or environment error
+  0    the figures were printed, and the picture was written
+  2    usage or environment error
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 
@@ -80,7 +80,7 @@ def _add_source(parser: Parser) -> None:
         "[one focus]",
     )
     source.add_argument(
-        "--drive", type=Path, metavar="FILE", help="codes of every element as CSV [one focus]"
+        "--drive", type=file_name, metavar="FILE", help="codes of every element as CSV [one focus]"
     )
     group.add_argument(
         "--unit",
@@ -161,7 +161,7 @@ def _add_picture(parser: Parser) -> None:
     )
     group.add_argument(
         "--picture",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="write the picture: .png, .svg or .pdf [none]",
     )

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import number
+from haptogram.settings.parser import file_name, number
 from haptogram.settings.shape import MESH_SUFFIXES, SHAPES, UNITS_M, ShapeConfig
 from haptogram.settings.verify_config import PaceConfig, VerifyConfig, load_config
 
@@ -42,8 +41,9 @@ examples:
       the same, sent to a board, frame by frame verified
 
 exit status:
-  0  the figures were printed
-  2  usage or environment error
+  0    the figures were printed
+  2    usage or environment error
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 
@@ -119,16 +119,19 @@ def _add_skin(parser: Parser) -> None:
 def _add_outputs(parser: Parser) -> None:
     result = parser.add_argument_group("result", FILE_HELP)
     result.add_argument(
-        "--picture", type=Path, metavar="FILE", help="picture: .png, .svg or .pdf [none]"
+        "--picture", type=file_name, metavar="FILE", help="picture: .png, .svg or .pdf [none]"
     )
     result.add_argument(
         "--csv",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="frames as CSV: time_s, x_mm, y_mm, z_mm, amplitude [none]",
     )
     result.add_argument(
-        "--json", metavar="FILE", help="figures and spectrum as JSON; - is standard output [none]"
+        "--json",
+        type=file_name,
+        metavar="FILE",
+        help="figures and spectrum as JSON; - is standard output [none]",
     )
 
 

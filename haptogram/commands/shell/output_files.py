@@ -43,7 +43,7 @@ class Outputs:
     Raises
     ------
     ConfigurationError
-        If two options name one file, an output names an input, or a file cannot be written.
+        If two options name one file, an output names an input, or an output cannot be written.
     """
 
     def __init__(self, settings: object, *names: str) -> None:
@@ -53,7 +53,9 @@ class Outputs:
         }
         check_distinct(self.paths, _inputs(settings))
         for option, path in self.paths.items():
-            if path != STANDARD_OUTPUT:
+            if path == STANDARD_OUTPUT:
+                _check_standard_output(option)
+            else:
                 try:
                     check_writable(path)
                 except ConfigurationError as error:
@@ -68,6 +70,11 @@ class Outputs:
         """Say on standard error what was written."""
         for path in self.paths.values():
             announce(path)
+
+
+def _check_standard_output(option: str) -> None:
+    if sys.stdout is None or sys.stdout.closed:
+        raise ConfigurationError(f"{option} -: standard output is closed; name a file")
 
 
 def _inputs(settings: object) -> Iterator[tuple[str, Path]]:

@@ -24,11 +24,13 @@ class PatientStream:
     ----------
     error : OSError or None
         Why it could not be written.
+    closed : bool
+        Whether there was no stream from the start (``>&-``): the words go nowhere.
     """
 
     def __init__(self, stream: Any) -> None:
         self.error: OSError | None = None
-        # None, where it was closed
+        self.closed = stream is None
         self._stream = stream or io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
 
     def __getattr__(self, name: str) -> Any:

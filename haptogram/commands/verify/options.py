@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from haptogram.settings.array import ArrayConfig
 from haptogram.settings.board import DEFAULT_ARRAY
-from haptogram.settings.parser import whole_number
+from haptogram.settings.parser import file_name, whole_number
 from haptogram.settings.shape import MESH_SUFFIXES, MODULATIONS, SHAPES, UNITS_M, ShapeConfig
 from haptogram.settings.tolerance import (
     GUESS_C,
@@ -124,7 +123,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
 
     array.add_argument(
         "--calibration",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="CSV file with gain, phase and position of each element, as they really are: of the "
         "virtual board that is started here, and for the judge of any board; docs/calibration.md "
@@ -187,7 +186,7 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     )
     link.add_argument(
         "--fault-plan",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="faults from a TOML file, as python -m sim_device takes it, before those of --fault: "
         "seed = N, and tables [[fault]] with name and parameters",
@@ -211,19 +210,21 @@ def add_options(verify: argparse.ArgumentParser) -> None:
     )
     result.add_argument(
         "--frames",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="write a line for every frame: where its focus is, what that rests on, and which miss "
         "would have shown",
     )
-    result.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
-    result.add_argument("--junit", type=Path, metavar="FILE", help="write the result as JUnit XML")
+    result.add_argument("--json", type=file_name, metavar="FILE", help="write the result as JSON")
     result.add_argument(
-        "--html", type=Path, metavar="FILE", help="write the result as HTML with pictures"
+        "--junit", type=file_name, metavar="FILE", help="write the result as JUnit XML"
+    )
+    result.add_argument(
+        "--html", type=file_name, metavar="FILE", help="write the result as HTML with pictures"
     )
     verify.add_argument(
         "--config",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="TOML file with a [verify] table of these options",
     )

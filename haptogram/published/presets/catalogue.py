@@ -26,6 +26,7 @@ from haptogram.published.presets.figures import (
     spot_mm,
     strength_for_force_pa_m,
 )
+from haptogram.settings.parser import suggestion
 
 _HOSHI: Final = "T. Hoshi et al., IEEE Trans. Haptics 3(3), 155-165 (2010), abstract"
 _PAPER: Final = "Haptogram (2014)"
@@ -239,6 +240,6 @@ def find_preset(name: str) -> Preset:
     for preset in PRESETS:
         if preset.name == name:
             return preset
-    raise ConfigurationError(
-        f"preset is {name!r}; known are {', '.join(preset.name for preset in PRESETS)}"
-    )
+    known = [preset.name for preset in PRESETS]
+    guess = suggestion(name, known)
+    raise ConfigurationError(f"preset is {name!r}; known are {', '.join(known)}{guess}")

@@ -10,6 +10,7 @@ import pytest
 
 from haptogram.cli import COMMANDS, command_parser, main
 from haptogram.commands.shell.output_files import INPUTS
+from haptogram.settings.parser import file_name
 from sim_device import command as board_command
 
 OUTPUTS = {"csv", "frames", "html", "json", "junit", "picture", "write_baseline"}
@@ -33,7 +34,7 @@ def file_options(command: str) -> dict[str, argparse.Action]:
 
 
 def takes_file(action: argparse.Action) -> bool:
-    is_path = "Path" in repr(action.type) or action.dest == "object"
+    is_path = action.type is file_name or action.dest == "object"
     return is_path or any(word in str(action.metavar) for word in ("FILE", "JSON", "json"))
 
 
@@ -90,6 +91,18 @@ def test_an_output_does_not_replace_an_input(
 
 def word(action: argparse.Action) -> str:
     return action.option_strings[0]
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "board"])
+def test_an_empty_name_is_no_folder(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, action in file_options(command).items():
+        if name in ("object", "array"):
+            continue
+        needed = NEEDED.get(command, [])
+        assert main([command, *needed, word(action), ""]) == 2
+        assert capsys.readouterr().err == (
+            f"haptogram {command}: {word(action)} '': the name is empty; name a file\n"
+        )
 
 
 def test_devices_may_be_read_and_written() -> None:

@@ -38,6 +38,7 @@ def test_the_same_figures_go_to_json(tmp_path, capsys):
     ("words", "message"),
     [
         (("nothing",), "known are paper, tactile-display"),
+        (("autd",), "did you mean autd3?"),
         (("autd3", "--json", "."), "is a folder"),
         (("autd3", "--json", "/dev/full"), "No space left"),
     ],

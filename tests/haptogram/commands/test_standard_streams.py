@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -60,3 +61,26 @@ def test_a_command_goes_on_after_its_words_were_lost() -> None:
 def test_a_closed_standard_output_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", None)
     assert main(["budget"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("command", "option"), [("presets", "--json"), ("field", "--picture"), ("verify", "--json")]
+)
+def test_a_result_for_a_closed_standard_output_is_refused(
+    command: str,
+    option: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    assert main([command, option, "-"]) == 2
+    said = capsys.readouterr().err
+    assert said == f"haptogram {command}: {option} -: standard output is closed; name a file\n"
+
+
+def test_a_shell_may_close_standard_output() -> None:
+    words = f"{sys.executable} -m haptogram presets --json - >&-"
+    ended = subprocess.run(["sh", "-c", words], stderr=subprocess.PIPE, text=True, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.count("\n") == 1
+    assert "--json -: standard output is closed" in ended.stderr

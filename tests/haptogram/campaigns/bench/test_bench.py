@@ -103,12 +103,28 @@ def test_a_file_that_is_no_result_is_refused(tmp_path, content, text):
         ({"rate_hz": float("nan")}, "rate is nan Hz"),
         ({"seconds": 0}, "must be 1 to 300000"),
         ({"seconds": 1e6}, "must be 1 to 300000"),
-        ({"spin_us": -1}, "spin is -1 us"),
+        ({"spin_us": -1}, "spin_us is -1 us"),
+        ({"spin_us": 251}, "spin_us is 251 us; at 1000 Hz it can be 0 to 250 us, a quarter"),
+        ({"spin_us": 63, "rate_hz": 4000}, "at 4000 Hz it can be 0 to 62.5 us"),
     ],
 )
 def test_what_cannot_be_measured_is_refused(options, text):
     with pytest.raises(ConfigurationError, match=text):
         BenchConfig(**options)
+
+
+def test_the_longest_spin_is_a_quarter_of_the_period():
+    assert BenchConfig(spin_us=250).spin_us == 250
+
+
+def test_a_spin_beyond_its_limit_is_one_line_with_its_option(capsys):
+    assert main(["bench", "--spin-us", "1000", "--seconds", "0.1"]) == 2
+    said = capsys.readouterr()
+    assert said.err == (
+        "haptogram bench: --spin-us is 1000 us; at 1000 Hz it can be 0 to 250 us, a quarter of the "
+        "period\n"
+    )
+    assert said.out == ""
 
 
 def test_a_rate_that_the_line_cannot_carry_is_refused_with_the_one_it_can(capsys):
