@@ -26,7 +26,7 @@ from haptogram.acoustics import (
 from haptogram.acoustics.field.engines import engine as engine_module
 from haptogram.acoustics.field.engines import single_precision
 from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine, choose_engine
-from haptogram.acoustics.field.engines.polynomials import fit
+from haptogram.acoustics.field.engines.polynomials import fit_polynomial
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose, grids, models, seeds
 
@@ -299,7 +299,7 @@ def test_the_polynomials_of_the_kernels_are_the_fitted_ones():
         (_kernels.COSINE, cosine, 0.25, 5e-8),
         (_kernels.ARCTANGENT, arctangent, 1.0, 6e-9),
     ):
-        coefficients, error = fit(function, len(constants) - 1, 0.0, end)
+        coefficients, error = fit_polynomial(function, len(constants) - 1, 0.0, end)
         assert constants == pytest.approx(coefficients, rel=1e-6)
         assert error < limit
 
@@ -376,7 +376,7 @@ for model in (flat, free):
         assert (error <= 2e-5 * np.abs(matrix).sum(axis=1)).all(), error
     codes = FocusCodes(model).codes(points)
     assert (codes == quantise_phase(focus_phases(model, points), 8)).mean() > 0.9
-    fix = FocusTracker(model).fit(codes[0], (0.011, 0.019, 0.098))
+    fix = FocusTracker(model).fit_polynomial(codes[0], (0.011, 0.019, 0.098))
     assert np.linalg.norm(np.array(fix.position_m) - points[0]) < 2e-3, fix
 matrix, ones = propagators(flat, points[:2]), np.ones(2)
 start = superpose(flat, points[:2], ones, np.zeros(2))
