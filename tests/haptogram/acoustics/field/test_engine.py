@@ -376,7 +376,7 @@ for model in (flat, free):
         assert (error <= 2e-5 * np.abs(matrix).sum(axis=1)).all(), error
     codes = FocusCodes(model).codes(points)
     assert (codes == quantise_phase(focus_phases(model, points), 8)).mean() > 0.9
-    fix = FocusTracker(model).fit_polynomial(codes[0], (0.011, 0.019, 0.098))
+    fix = FocusTracker(model).fit(codes[0], (0.011, 0.019, 0.098))
     assert np.linalg.norm(np.array(fix.position_m) - points[0]) < 2e-3, fix
 matrix, ones = propagators(flat, points[:2]), np.ones(2)
 start = superpose(flat, points[:2], ones, np.zeros(2))
