@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Final
 
 from haptogram.acoustics import AcousticModel, CircularPiston, Medium, PointSource, Transducer
-from haptogram.published.presets.arrays import SONICSURFACE_PITCH_M, autd_unit, sonicsurface
+from haptogram.acoustics.model.boards.bowls import TINYLEV as TINYLEV_LAYOUT
+from haptogram.acoustics.model.boards.grids import (
+    AUTD3,
+    SONICSURFACE_PITCH_M,
+    ULTRAINO_FLAT8,
+    ULTRAINO_SONICSURFACE,
+    autd_unit,
+    sonicsurface,
+)
+from haptogram.acoustics.model.boards.grids import INTERACTLAB as INTERACTLAB_LAYOUT
+from haptogram.acoustics.model.boards.grids import SONICSURFACE as SONICSURFACE_LAYOUT
+from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.published.presets.figures import (
     Figure,
     Preset,
@@ -56,6 +68,7 @@ SONICSURFACE: Final = Preset(
             "of exact",
         ),
     ),
+    SONICSURFACE_LAYOUT,
 )
 
 _AUTD: Final = "pyautd3_emulator 36.0.2, run"
@@ -79,4 +92,45 @@ AUTD: Final = Preset(
             "as there: no directivity, no absorption, c = 340 m/s",
         ),
     ),
+    AUTD3,
+)
+
+
+def _of(layout: BoardLayout, source: str, count: str, *figures: Figure) -> Preset:
+    """Return a board of 4.5 mm pistons whose typical focus is 100 mm above its middle."""
+
+    def build() -> AcousticModel:
+        return AcousticModel(layout.array(), Medium.air(), Transducer(CircularPiston(4.5e-3)))
+
+    counted = element_count(count, "its array file")
+    focus_m = (0.0, 0.0, 0.1)
+    return Preset(
+        layout.name,
+        layout.title,
+        source,
+        layout.source,
+        build,
+        focus_m,
+        (counted, *figures),
+        layout,
+    )
+
+
+_OFF_ORIGIN: Final = Figure(
+    "centre of the rows off the origin",
+    "0 mm",
+    "its array file",
+    lambda model: 1e3 * abs(float(model.array.centre_m[1])),
+    "mm",
+    "2 mm from where SonicSurface's own program has it",
+)
+_ULTRAINO: Final = "A. Marzo et al., IEEE Trans. UFFC 65(1) (2018); github.com/asiermarzo/Ultraino"
+ULTRAINO: Final = _of(ULTRAINO_SONICSURFACE, _ULTRAINO, "256 (16 x 16)", _OFF_ORIGIN)
+FLAT8: Final = _of(ULTRAINO_FLAT8, _ULTRAINO, "64 (8 x 8)")
+INTERACTLAB: Final = _of(
+    INTERACTLAB_LAYOUT, "github.com/RMResearch/OpenMPD_Hardware", "256 (16 x 16)"
+)
+TINYLEV: Final = dataclasses.replace(
+    _of(TINYLEV_LAYOUT, "A. Marzo et al., Rev. Sci. Instrum. 88, 085105 (2017)", "72"),
+    focus_m=(0.0, 0.0, 0.02),
 )

@@ -11,8 +11,15 @@ from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArr
 from haptogram.errors import ConfigurationError
 from haptogram.published.paper.equations import Constants, spot_eq9_corrected
 from haptogram.published.paper.hemisphere import hemisphere
-from haptogram.published.presets.arrays import autd_unit, autd_units
-from haptogram.published.presets.boards import AUTD, SONICSURFACE
+from haptogram.acoustics.model.boards.grids import autd_unit, autd_units
+from haptogram.published.presets.boards import (
+    AUTD,
+    FLAT8,
+    INTERACTLAB,
+    SONICSURFACE,
+    TINYLEV,
+    ULTRAINO,
+)
 from haptogram.published.presets.figures import (
     Figure,
     Preset,
@@ -225,6 +232,10 @@ PRESETS: Final = (
     LARGE_APERTURE,
     MULTI_POINT,
     SONICSURFACE,
+    ULTRAINO,
+    FLAT8,
+    TINYLEV,
+    INTERACTLAB,
     AUTD,
 )
 

@@ -23,6 +23,7 @@ from haptogram.acoustics import (
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.spot import FocalSpot, measure_spot
+from haptogram.acoustics.model.boards.layout import BoardLayout
 
 Point: TypeAlias = tuple[float, float, float]
 
@@ -73,6 +74,8 @@ class Preset:
         A focus that is typical of it.
     figures : tuple of Figure
         Its published figures.
+    layout : BoardLayout or None
+        Axes of the board's own programs, where it has some.
     """
 
     name: str
@@ -82,6 +85,7 @@ class Preset:
     build: Callable[[], AcousticModel]
     focus_m: Point
     figures: tuple[Figure, ...]
+    layout: BoardLayout | None = None
 
 
 def compare(preset: Preset) -> list[dict[str, Any]]:

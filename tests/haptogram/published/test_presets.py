@@ -8,7 +8,7 @@ import pytest
 from haptogram.acoustics import check_target
 from haptogram.errors import ConfigurationError
 from haptogram.published.presets import PRESETS, compare, find_preset
-from haptogram.published.presets.arrays import (
+from haptogram.acoustics.model.boards.grids import (
     autd_unit,
     autd_units,
     sonicsurface,

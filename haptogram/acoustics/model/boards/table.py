@@ -1,0 +1,58 @@
+"""Every board's layout by name, and the one that a dialect's clients assume."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram.acoustics.model.boards.bowls import TINYLEV
+from haptogram.acoustics.model.boards.grids import (
+    AUTD3,
+    INTERACTLAB,
+    SONICSURFACE,
+    SONICSURFACE_STACK,
+    ULTRAINO_FLAT8,
+    ULTRAINO_SONICSURFACE,
+    ULTRAINO_STACK,
+)
+from haptogram.acoustics.model.boards.layout import BoardLayout
+from haptogram.errors import ConfigurationError
+from haptogram.settings.parser import suggestion
+
+LAYOUTS: Final = {
+    layout.name: layout
+    for layout in (
+        SONICSURFACE,
+        SONICSURFACE_STACK,
+        ULTRAINO_SONICSURFACE,
+        ULTRAINO_STACK,
+        ULTRAINO_FLAT8,
+        TINYLEV,
+        INTERACTLAB,
+        AUTD3,
+    )
+}
+#: Layout of one board of each dialect, as its clients have it; Nano boards have none.
+LAYOUT_OF_DIALECT: Final = {
+    "sonicsurface": SONICSURFACE,
+    "sonicsurface-tactile": SONICSURFACE,
+    "ultraino-fpga": ULTRAINO_SONICSURFACE,
+    "ultraino-fpga-chained": ULTRAINO_STACK,
+    "ultraino-mega64": ULTRAINO_FLAT8,
+    "interactlab": INTERACTLAB,
+    "autd3": AUTD3,
+}
+
+
+def layout_of(name: str) -> BoardLayout:
+    """Return the layout of that name.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none; names those that there are.
+    """
+    if name not in LAYOUTS:
+        known = list(LAYOUTS)
+        guess = suggestion(name, known)
+        raise ConfigurationError(f"layout is {name!r}; known are {', '.join(known)}{guess}")
+    return LAYOUTS[name]

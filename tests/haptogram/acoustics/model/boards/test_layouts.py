@@ -1,0 +1,115 @@
+"""Layouts of boards against what their own programs sent and assume."""
+
+import cmath
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics.model.boards import layout as layouts
+from haptogram.acoustics.model.boards.grids import (
+    STACK_M,
+    interactlab_pin,
+    sonicsurface_wire_index,
+)
+from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT, LAYOUTS, layout_of
+from haptogram.errors import ConfigurationError
+from haptogram_protocol.dialects.table import DIALECTS
+
+DATA = Path(__file__).parents[4] / "data" / "dialects"
+EXPECTED = json.loads((DATA / "expected.json").read_text())
+ULTRAINO_M = 346.0 / 40e3
+# Capture, layout, steps of a period, target of the client, its wavelength, coherence there.
+FOCI = [
+    ("sonicsurface/focus_0_120_0", "sonicsurface", 32, (0.0, 0.12, 0.0), 8.65e-3, 0.9985),
+    ("sonicsurface/focus_20_150_m15", "sonicsurface", 32, (0.02, 0.15, -0.015), 8.65e-3, 0.9983),
+    ("sonicsurface/twin_0_150_0_rot45", "sonicsurface", 32, (0.0, 0.15, 0.0), 8.65e-3, 0.0066),
+    (
+        "ultraino/simplefpga_ss_focus_0_120_0",
+        "ultraino-sonicsurface",
+        32,
+        (0.0, 0.12, 0.0),
+        ULTRAINO_M,
+        0.9988,
+    ),
+    ("ultraino/mega_flat8x8_focus", "ultraino-flat8", 10, (0.0, 0.05, 0.0), ULTRAINO_M, 0.9881),
+]
+
+
+def coherence(positions, codes, steps, target, wavelength_m):
+    """|sum of exp(-2 pi i (code / N + d / lambda)) / d| over the same without phases."""
+    total = best = 0.0
+    for position, code in zip(positions, codes, strict=True):
+        distance = math.dist(position, target)
+        total += cmath.exp(-2j * math.pi * (code / steps + distance / wavelength_m)) / distance
+        best += 1 / distance
+    return abs(total / best)
+
+
+@pytest.mark.parametrize(("name", "layout", "steps", "target", "wavelength_m", "wanted"), FOCI)
+def test_a_captured_focus_is_one_on_this_array(name, layout, steps, target, wavelength_m, wanted):
+    board = layout_of(layout)
+    positions = board.clients_m(board.array().positions_m).tolist()
+    codes = EXPECTED[name]["codes"]
+    found = coherence(positions, codes, steps, target, wavelength_m)
+    assert found == pytest.approx(wanted, abs=2e-4)
+
+
+def test_interactlab_has_the_client_s_order():
+    """levitate has the same board with a pitch of 10.47 mm."""
+    theirs = np.array(EXPECTED["interactlab/levitate_focus_0_0_100"]["positions_m"])
+    ours = layout_of("interactlab").array().positions_m
+    assert np.abs(ours - theirs * 10.5 / 10.47).max() < 1e-9
+
+
+def test_orders_name_every_channel_once():
+    for index in (sonicsurface_wire_index, interactlab_pin):
+        assert sorted(index(r, c) for r in range(16) for c in range(16)) == list(range(256))
+
+
+def test_the_frames_of_sonicsurface_and_ultraino_are_two_millimetres_apart():
+    apart = layout_of("sonicsurface").array().positions_m
+    apart = apart - layout_of("ultraino-sonicsurface").array().positions_m
+    assert apart == pytest.approx(np.tile([0.0, -2e-3, 0.0], (256, 1)))
+
+
+def test_the_upper_board_of_a_stack_looks_down_on_the_lower_one():
+    array = layout_of("sonicsurface-stack").array()
+    lower, upper = array.positions_m.reshape(2, 256, 3)
+    assert upper - lower * [1.0, -1.0, 1.0] == pytest.approx(np.tile([0.0, 0.0, STACK_M], (256, 1)))
+    assert array.normals.reshape(2, 256, 3)[:, 0].tolist() == [[0, 0, 1], [0, 0, -1]]
+
+
+def test_every_element_of_tinylev_looks_at_its_middle():
+    array = layout_of("tinylev").array()
+    assert array.count == 72
+    assert np.linalg.norm(array.positions_m, axis=1) == pytest.approx(np.full(72, 0.06))
+    assert array.normals * 0.06 == pytest.approx(-array.positions_m)
+    gaps = np.linalg.norm(array.positions_m[:, None] - array.positions_m, axis=2)
+    assert gaps[gaps > 0].min() > 9.9e-3  # housings of 10 mm do not overlap
+
+
+@pytest.mark.parametrize("board", LAYOUTS.values(), ids=LAYOUTS)
+def test_axes_of_clients_turn_there_and_back(board):
+    points = np.array([[0.01, 0.02, 0.12], [-0.03, 0.0, 0.2]])
+    assert board.ours_m(board.clients_m(points)) == pytest.approx(points)
+    assert np.linalg.det(np.array(board.client_axes)) == pytest.approx(1.0)
+    assert board.up == ("+y" if board.client_axes is layouts.Y_UP else "+z")
+    assert board.source
+
+
+def test_every_dialect_but_the_nanos_has_a_layout():
+    assert set(DIALECTS) - set(LAYOUT_OF_DIALECT) == {
+        "ultraino-fpga-128",
+        "ultraino-nano8",
+        "ultraino-nano16",
+    }
+    for name, board in LAYOUT_OF_DIALECT.items():
+        assert board.array().count % DIALECTS[name].channels == 0
+
+
+def test_an_unknown_layout_is_refused_with_those_that_are_known():
+    with pytest.raises(ConfigurationError, match="known are sonicsurface, .*did you mean"):
+        layout_of("sonicsurfaces")
