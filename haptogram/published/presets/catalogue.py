@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.acoustics.model.boards.grids import autd_unit, autd_units
 from haptogram.errors import ConfigurationError
 from haptogram.published.paper.equations import Constants, spot_eq9_corrected
 from haptogram.published.paper.hemisphere import hemisphere
-from haptogram.acoustics.model.boards.grids import autd_unit, autd_units
 from haptogram.published.presets.boards import (
     AUTD,
     FLAT8,

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from haptogram.acoustics import check_target
-from haptogram.errors import ConfigurationError
-from haptogram.published.presets import PRESETS, compare, find_preset
 from haptogram.acoustics.model.boards.grids import (
     autd_unit,
     autd_units,
     sonicsurface,
     sonicsurface_wire_index,
 )
+from haptogram.errors import ConfigurationError
+from haptogram.published.presets import PRESETS, compare, find_preset
 
 
 def ours(preset, quantity):

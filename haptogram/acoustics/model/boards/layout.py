@@ -35,11 +35,10 @@ class BoardLayout:
         the other board.
     client_axes : tuple of 3 rows
         Our axes in those of the board's own programs: ours = rows @ theirs.
-    up : str
-        Name of the client's axis that is our +z.
 
     Examples
     --------
+    >>> from haptogram.acoustics.model.boards.table import layout_of
     >>> layout = layout_of("sonicsurface")
     >>> layout.ours_m((0.0, 0.12, 0.0)).tolist(), layout.up
     ([0.0, 0.0, 0.12], '+y')

@@ -1,6 +1,7 @@
 """Layouts of boards against what their own programs sent and assume."""
 
 import cmath
+import doctest
 import json
 import math
 from pathlib import Path
@@ -113,3 +114,7 @@ def test_every_dialect_but_the_nanos_has_a_layout():
 def test_an_unknown_layout_is_refused_with_those_that_are_known():
     with pytest.raises(ConfigurationError, match="known are sonicsurface, .*did you mean"):
         layout_of("sonicsurfaces")
+
+
+def test_the_examples_run():
+    assert doctest.testmod(layouts) == (0, 3)
