@@ -1,4 +1,4 @@
 """Geometries of boards that other programs drive: elements in the order of their channels.
 
-Nothing here knows bytes; which dialect of a wire a board speaks is written in :mod:`.table` by name only.
+Nothing here knows bytes: :mod:`.table` names the dialect that a board speaks.
 """

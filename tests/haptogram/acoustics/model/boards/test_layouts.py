@@ -112,9 +112,9 @@ def test_every_dialect_but_the_nanos_has_a_layout():
 
 
 def test_an_unknown_layout_is_refused_with_those_that_are_known():
-    with pytest.raises(ConfigurationError, match="known are sonicsurface, .*did you mean"):
+    with pytest.raises(ConfigurationError, match=r"known are sonicsurface, .*did you mean"):
         layout_of("sonicsurfaces")
 
 
 def test_the_examples_run():
-    assert doctest.testmod(layouts) == (0, 3)
+    assert doctest.testmod(layouts) == (0, 4)
