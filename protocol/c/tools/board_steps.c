@@ -2,11 +2,12 @@
 
    rx TIME HEX   bytes whose last one is complete TIME microseconds after power-up
    at TIME       let everything happen up to then
+   until TIME    the same, but stop as soon as the board sends something
    fault TIME    a hardware fault
    reset         power down and up again
 
-   After each step the bytes that the board sent, in hex, on a line of their own ("-": none).
-   board_steps [NXxNY]: the grid, 16x16 unless told. */
+   After each step the bytes that the board sent, in hex, on a line of their own ("-": none); after
+   `until` the time precedes them.  board_steps [NXxNY]: the grid, 16x16 unless told. */
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -20,15 +21,29 @@ enum { LINE = 1 << 17 };
 static char text[LINE];
 static uint8_t data[LINE / 2];
 
+/* Go from event to event until the board sends something, at most up to t_us. */
+static void advance_until_sent(struct board *board, int64_t t_us)
+{
+    while (board->output_length == 0 && board->now_us < t_us) {
+        int64_t next_us = board_next_event(board);
+
+        board_advance(board, next_us < t_us ? next_us : t_us);
+    }
+    printf("%" PRId64 " ", board->now_us - BOARD_BOOT_US);
+}
+
 static void step(struct board *board, const char *word, int64_t t_us, const char *hex)
 {
     if (strcmp(word, "reset") == 0) {
         struct array array = board->array;
 
+        array.boot_id++; /* HG-4.3/5 */
         board_stop(board);
         board_start(board, &array);
     } else if (strcmp(word, "rx") == 0) {
         board_receive(board, data, hex_read(data, sizeof data, hex), BOARD_BOOT_US + t_us);
+    } else if (strcmp(word, "until") == 0) {
+        advance_until_sent(board, BOARD_BOOT_US + t_us);
     } else {
         board_advance(board, BOARD_BOOT_US + t_us);
         if (strcmp(word, "fault") == 0)

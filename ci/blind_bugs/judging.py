@@ -1,0 +1,114 @@
+"""The conformance suite against one built board, in virtual time or over its pty."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from haptogram.conformance.cases import all_cases, select
+from haptogram.conformance.run.runner import Options, Runner
+from haptogram.conformance.run.stepping import SteppedAccess
+from haptogram.report.conformance.result import as_dict
+
+_LONGEST_RUN_S: Final = 3600
+_SHOWN: Final = 160  # characters of the reason of a failure
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """How a board is judged.
+
+    Attributes
+    ----------
+    clock : str
+        ``virtual``: ``board_steps`` in virtual time, seconds a board.  ``wall``: the board on
+        its pty, as users have it, minutes a board.
+    grid : str
+        Grid of the board.
+    seed : int
+        Seed of the suite.
+    clauses : tuple of str
+        Cases, clauses, sections or chapters that are judged; none: all.
+    arguments : tuple of str
+        More arguments of ``haptogram conform``; clock ``wall`` only.
+    """
+
+    clock: str = "virtual"
+    grid: str = "16x16"
+    seed: int = 0
+    clauses: tuple[str, ...] = ()
+    arguments: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What the suite says of a board.
+
+    Attributes
+    ----------
+    status : int
+        Exit status of the suite.
+    failed : dict of str to str
+        Reason by failed case, in the order of the report: the cause first.
+    """
+
+    status: int
+    failed: dict[str, str] = field(default_factory=dict)
+
+
+def judge(programs: Path, way: Way) -> Judged:
+    """Run the suite against the board in the folder *programs*."""
+    found = _in_virtual_time(programs, way) if way.clock == "virtual" else _on_pty(programs, way)
+    failed = {item["case"]: _reason(item) for item in found["results"] if _is_failure(item)}
+    return Judged(found["exit_status"], failed)
+
+
+def _is_failure(item: dict[str, Any]) -> bool:
+    recovery = item["recovery"]
+    return item["behaviour"] in ("FAILED", "FLAKY") or (
+        recovery is not None and not recovery["clean"]
+    )
+
+
+def _reason(item: dict[str, Any]) -> str:
+    text = item["detail"] or (item["recovery"] or {}).get("text") or "not clean after the case"
+    return " ".join(text.split())[:_SHOWN]
+
+
+def _in_virtual_time(programs: Path, way: Way) -> dict[str, Any]:
+    access = SteppedAccess([str(programs / "board_steps"), way.grid])
+    cases = tuple(select(all_cases(), way.clauses))
+    return as_dict(Runner(access, Options(seed=way.seed)).run(cases))
+
+
+def _on_pty(programs: Path, way: Way) -> dict[str, Any]:
+    board = shlex.join([str(programs / "reference_board"), "--grid", way.grid])
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "result.json"
+        words = ["conform", "--spawn", board, "--seed", str(way.seed), "--quiet", "--json", path]
+        for clause in way.clauses:
+            words += ["--clause", clause]
+        command = [sys.executable, "-m", "haptogram", *map(str, words), *way.arguments]
+        done = subprocess.run(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=_LONGEST_RUN_S,
+            check=False,
+        )
+        if not path.exists():  # no board answered: nothing was judged
+            lines = done.stdout.strip().splitlines() or ["no result"]
+            return {"exit_status": 1, "results": [_no_board(lines[-1])]}
+        found: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        return found
+
+
+def _no_board(text: str) -> dict[str, Any]:
+    return {"case": "(no board)", "behaviour": "FAILED", "detail": text, "recovery": None}
