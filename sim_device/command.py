@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Final
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram.machine.files import check_distinct
 from haptogram.machine.terminal import error_line
-from haptogram.settings.array import is_grid
-from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
+from haptogram.settings.board import BOARD_OPTIONS, BoardConfig, is_grid
 from haptogram.settings.command_line import add_options, given
 from haptogram.settings.faults.kinds import described
 from haptogram.settings.line import LineSettings

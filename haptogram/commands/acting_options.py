@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.array import is_grid
+from haptogram.settings.board import is_grid
 
 _URL: Final = "haptogram://"
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.array import ArrayConfig
+from haptogram.settings.board import DEFAULT_ARRAY
+from haptogram.settings.command_line import add_options
+from haptogram.settings.option import options_of
 from haptogram.settings.verify_config import from_options, option_name
-
-from .shell.setting_types import setting_type
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
@@ -23,21 +24,9 @@ def add_array_options(group: argparse._ArgumentGroup) -> None:
     system.add_argument(
         "--preset", metavar="NAME", help="a known system; 'haptogram presets' lists them"
     )
-    system.add_argument(
-        "--array", metavar="NXxNY|FILE", help="grid, or a CSV file of positions in mm [16x16]"
-    )
-    group.add_argument(
-        "--pitch-mm",
-        type=setting_type("pitch_mm"),
-        metavar="MM",
-        help=f"pitch of the grid [{ArrayConfig.pitch_mm:g}]",
-    )
-    group.add_argument(
-        "--temperature-c",
-        type=setting_type("temperature_c"),
-        metavar="C",
-        help=f"air temperature [{ArrayConfig.temperature_c:g}]",
-    )
+    rows = options_of(ArrayConfig)
+    add_options(system, [rows["array"]], array=DEFAULT_ARRAY)
+    add_options(group, [rows[name] for name in _OWN])
 
 
 def array_model(arguments: argparse.Namespace) -> AcousticModel:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any, Final
 
+from haptogram.settings.line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
 from haptogram.settings.parser import file_name, number, whole_number
 
 from .shell.output_files import FILE_HELP, Outputs, check_picture, write_picture
@@ -47,10 +48,10 @@ def set_up(parser: Parser) -> None:
     )
     parser.add_argument(
         "--baud",
-        type=whole_number(1200, 50_000_000, "Bd"),
-        default=3_000_000,
+        type=whole_number(LEAST_BAUD, MAX_BAUD, "Bd"),
+        default=DEFAULT_BAUD,
         metavar="BAUD",
-        help="[3000000]",
+        help=f"[{DEFAULT_BAUD}]",
     )
     parser.add_argument(
         "--phase-bits", type=whole_number(5, 8, "bits"), choices=(8, 6, 5), default=8, help="[8]"

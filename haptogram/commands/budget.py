@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
+from haptogram.settings.line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
 from haptogram.settings.parser import number, whole_number
 
 if TYPE_CHECKING:
@@ -43,10 +44,10 @@ def set_up(parser: Parser) -> None:
     parser.set_defaults(run=run)
     parser.add_argument(
         "--baud",
-        type=whole_number(1, 1_000_000_000, "Bd"),
-        default=3_000_000,
+        type=whole_number(LEAST_BAUD, MAX_BAUD, "Bd"),
+        default=DEFAULT_BAUD,
         metavar="N",
-        help="speed of the line [3000000]",
+        help=f"speed of the line [{DEFAULT_BAUD}]",
     )
     parser.add_argument(
         "--rate-hz",

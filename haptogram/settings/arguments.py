@@ -17,14 +17,15 @@ _SHOWN: Final = 40  # characters of a value that are printed
 _T = TypeVar("_T")
 
 
-def check_number(name: str, value: Any, low: float, high: float) -> float:
+def check_number(name: str, value: Any, low: float, high: float, unit: str = "") -> float:
     """Return *value* as a float, or raise unless it is a real number within [low, high]."""
+    limits = f"{low:.10g} to {high:.10g} {unit}".rstrip()
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
         number = _as_float(value)
         if low <= number <= high:  # NaN is not
             return number
-        raise ConfigurationError(f"{name} is {shown(value)}, must be {low:.10g} to {high:.10g}")
-    raise ConfigurationError(f"{name} is {shown(value)}, must be a number")
+        raise ConfigurationError(f"{name} is {shown(value)}, must be {limits}")
+    raise ConfigurationError(f"{name} is {shown(value)}, must be a number, {limits}")
 
 
 def check_positive(name: str, value: Any) -> float:
@@ -44,20 +45,44 @@ def _as_float(value: numbers.Real) -> float:
         return math.inf
 
 
-def check_whole(name: str, value: Any, low: int, high: int) -> int:
+def check_whole(name: str, value: Any, low: int, high: int, unit: str = "") -> int:
     """Return *value* as an int, or raise unless it is a whole number within [low, high]."""
+    limits = f"{low} to {high} {unit}".rstrip()
     if isinstance(value, numbers.Integral) and not isinstance(value, bool):
         if low <= int(value) <= high:
             return int(value)
-        raise ConfigurationError(f"{name} is {shown(value)}, must be {low} to {high}")
-    told = repr(float(value)) if isinstance(value, float) else shown(value)  # 8.0, not 8
-    raise ConfigurationError(f"{name} is {told}, must be a whole number")
+        raise ConfigurationError(f"{name} is {shown(value)}, must be {limits}")
+    raise ConfigurationError(f"{name} is {_typed(value)}, must be a whole number, {limits}")
 
 
-def check_choice(name: str, value: Any, known: Collection[str]) -> None:
-    """Raise unless *value* is one of the texts *known*."""
-    if not isinstance(value, str) or value not in known:
-        raise ConfigurationError(f"{name} is {shown(value)}; known are {', '.join(known)}")
+def _typed(value: Any) -> str:
+    """Return *value* as :func:`shown` does, but 8.0, not 8, where the type is wrong."""
+    return repr(float(value)) if isinstance(value, float) else shown(value)
+
+
+def read_number(kind: Callable[[str], float], text: str) -> float | str:
+    """Return the number that *text* is, or *text* itself, which a check of numbers refuses."""
+    try:
+        return kind(text)
+    except ValueError:
+        return text
+
+
+def check_choice(name: str, value: Any, known: Collection[Any]) -> None:
+    """Raise unless *value* is one of *known*, which are texts or whole numbers."""
+    if not isinstance(value, str | int) or isinstance(value, bool) or value not in known:
+        texts = [str(choice) for choice in known]
+        guess = suggestion(value, texts) if isinstance(value, str) else ""
+        raise ConfigurationError(f"{name} is {_typed(value)}; known are {', '.join(texts)}{guess}")
+
+
+def suggestion(word: str, known: Collection[str]) -> str:
+    """Return "; did you mean ...?" with the word of *known* that resembles *word*, or nothing."""
+    import difflib
+
+    longer = [name for name in known if len(word) > 2 and name.startswith(word)]
+    near = longer or difflib.get_close_matches(word, known, n=1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def check_kind(name: str, value: Any, kind: type[_T] | tuple[type[_T], ...], told: str) -> None:
@@ -74,5 +99,5 @@ def check_callable(name: str, value: Any) -> None:
 
 def shown(value: Any) -> str:
     """Return *value* as a message shows it: on one line, not too long."""
-    text = f"{value:g}" if isinstance(value, float) else " ".join(repr(value).split())
+    text = f"{value:.10g}" if isinstance(value, float) else " ".join(repr(value).split())
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from .board import DEFAULT_ARRAY, BoardConfig
+from .board import DEFAULT_ARRAY, BoardConfig, check_array
 from .option import Settings, option, options_of
 
 _BOARD: Final = options_of(BoardConfig)
-_GRID: Final = re.compile(r"\s*\d+x\d+\s*")
 _LEAST_C: Final = _BOARD["temperature_c"].low
 _MOST_C: Final = _BOARD["temperature_c"].high
-
-
-def is_grid(array: str) -> bool:
-    """Return True if *array* is a grid (NXxNY), False if it names a file."""
-    return _GRID.fullmatch(array) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +22,7 @@ class ArrayConfig(Settings):
         None,
         unit="NXxNY|FILE",
         help="grid, or a CSV file of positions in mm",
-        absent=f"virtual board: {DEFAULT_ARRAY}; --port: that of the board",
+        absent=f"virtual board: {DEFAULT_ARRAY}; --port: what the board says",
     )
     pitch_mm: float = option(
         BoardConfig.pitch_mm,
@@ -39,8 +32,18 @@ class ArrayConfig(Settings):
         help="pitch of the grid",
     )
     temperature_c: float = option(
-        BoardConfig.temperature_c, unit="C", low=_LEAST_C, high=_MOST_C, help="air temperature"
+        BoardConfig.temperature_c,
+        unit="C",
+        low=_LEAST_C,
+        high=_MOST_C,
+        help="air temperature that the host assumes",
     )
+
+    def __post_init__(self) -> None:
+        """Check the values, and the sides of a grid."""
+        super().__post_init__()
+        if self.array is not None:
+            check_array(self.array)
 
     @property
     def virtual_array(self) -> str:
@@ -61,8 +64,13 @@ class ElementConfig(Settings):
         high=_MOST_C,
     )
     calibration: Path | None = option(
-        None, unit="FILE", help="CSV file with gain, phase and position of each element"
+        None,
+        unit="FILE",
+        help="CSV file with gain, phase and position of each element, as they really are: of the "
+        "virtual board that is started here, and for the judge of any board; docs/calibration.md "
+        "has its format",
+        absent="all equal, in place",
     )
     compensate: bool = option(
-        False, help="whether the host computes its drives for the elements of the calibration"
+        False, help="the host computes its drives for the elements of the calibration"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +12,26 @@ from typing import Any, Final, Self
 
 from .faults.plan import MOST_FAULT_SEED, Fault, FaultPlan, read_faults
 from .line import LineSettings
-from .option import Option, SettingError, Settings, build, group, option, options_of
+from .option import Option, SettingError, Settings, build, group, option, options_of, unknown_text
 
 DEFAULT_ARRAY: Final = "16x16"
+MOST_TRANSDUCERS: Final = 1024  # that of haptogram.acoustics, which takes numpy
+_GRID: Final = re.compile(r"\s*(\d+)x(\d+)\s*")
+
+
+def is_grid(array: str) -> bool:
+    """Return True if *array* is a grid (NXxNY), False if it names a file."""
+    return _GRID.fullmatch(array) is not None
+
+
+def check_array(array: str) -> None:
+    """Raise :class:`SettingError` if *array* is a grid with no transducer or too many."""
+    if (found := _GRID.fullmatch(array)) is not None:
+        nx, ny = (int(side) if len(side) < 9 else MOST_TRANSDUCERS + 1 for side in found.groups())
+        if not 1 <= nx * ny <= MOST_TRANSDUCERS:
+            raise SettingError(
+                "array", f"is {array.strip()!r}, must be a grid of 1 to {MOST_TRANSDUCERS} elements"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,12 +41,16 @@ class FaultWords(Settings):
     fault: tuple[str, ...] = option(
         (),
         unit="FAULT",
-        help='fault on purpose, such as "line.flip ber=1e-5"; may be given many times',
+        help="something that goes wrong with the virtual board's line, clock or transducers, such "
+        'as "line.flip ber=1e-5" or "device.stuck column=3 from=2s"; may be repeated. from= and '
+        "until= are times since power-up, a moment before the first frame: in virtual time the "
+        "session is up after some milliseconds, over a pty after a second or so. What there is "
+        "before it hits the handshake as well. All faults: docs/faults.md",
     )
     fault_plan: Path | None = option(
         None,
         unit="FILE",
-        help="TOML file with faults, before those of fault: seed = N, and tables [[fault]] with "
+        help="TOML file with faults, before those of --fault: seed = N, and tables [[fault]] with "
         "name and parameters",
     )
 
@@ -80,6 +102,7 @@ class BoardConfig(Settings):
     def __post_init__(self) -> None:
         """Check the values, and that the faults can be there together."""
         super().__post_init__()
+        check_array(self.array)
         self.plan  # noqa: B018  it checks
 
     @property
@@ -98,8 +121,8 @@ class BoardConfig(Settings):
         ConfigurationError
             For a fault that is refused, or a plan that cannot be read.
         """
-        for name in values.keys() - BOARD_OPTIONS.keys():
-            raise SettingError(name, f"is not an option; known are {', '.join(BOARD_OPTIONS)}")
+        for name in sorted(values.keys() - BOARD_OPTIONS.keys()):
+            raise SettingError(name, f"is not an option{unknown_text(name, BOARD_OPTIONS)}")
         words = FaultWords.of(**{n: values.pop(n) for n in options_of(FaultWords) if n in values})
         faults, seed = read_faults(words.fault, words.fault_plan)
         if values.get("fault_seed") is None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from .option import Option
-from .parser import file_name, unchecked
+from .parser import checked_type
 
 _FLAG: Final = argparse.BooleanOptionalAction
 
@@ -23,19 +22,17 @@ def add_options(group: argparse._ActionsContainer, rows: Iterable[Option], **def
         text = f"{row.help} [{default}]".replace("%", "%%")
         if row.kind is bool:
             group.add_argument(row.word, action=_FLAG, help=text)
-        elif row.count == 0:
-            group.add_argument(row.word, action="append", metavar=row.unit, help=text)
         else:
-            group.add_argument(row.word, type=_type(row), metavar=row.unit, help=text)
+            group.add_argument(
+                row.word,
+                action="append" if row.count == 0 else "store",
+                type=checked_type(row.checked_item, row.name),
+                metavar=row.unit or f"{{{','.join(map(str, row.choices))}}}",
+                help=text,
+            )
 
 
-def _type(row: Option) -> Callable[[str], Any]:
-    if row.kind in (int, float):
-        return unchecked(row.kind, row.low, row.high)
-    return file_name if row.kind is Path else row.kind
-
-
-def given(arguments: argparse.Namespace, rows: Mapping[str, Option]) -> dict[str, Any]:
+def given(arguments: argparse.Namespace, rows: Iterable[str]) -> dict[str, Any]:
     """Return the options that *arguments* hold, by name."""
     values = {name: getattr(arguments, name) for name in rows}
     return {name: value for name, value in values.items() if value is not None}
@@ -49,6 +46,6 @@ def written(values: Mapping[str, Any], rows: Mapping[str, Option]) -> list[str]:
         if row.kind is bool:
             words.append(row.word if value else f"--no-{row.word[2:]}")
         else:
-            items = [value] if row.count is None else value
+            items = value if row.count == 0 else [value]
             words += [f"{row.word}={row.write(item)}" for item in items]
     return words

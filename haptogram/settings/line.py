@@ -7,7 +7,10 @@ from typing import Final
 
 from .option import SettingError, Settings, option
 
+#: Rates of a line, of every command: the slowest UART that is sold, and USB at full speed, twice.
+LEAST_BAUD: Final = 300
 MAX_BAUD: Final = 50_000_000
+DEFAULT_BAUD: Final = 3_000_000
 MAX_ERROR_PPM: Final = 200_000
 _POLL_US: Final = 50
 
@@ -23,7 +26,12 @@ class LineSettings(Settings):
     """
 
     baud: int | None = option(
-        None, unit="BAUD", low=1, high=MAX_BAUD, help="rate of the line", absent="takes no time"
+        None,
+        unit="BAUD",
+        low=LEAST_BAUD,
+        high=MAX_BAUD,
+        help="rate of the line",
+        absent="takes no time",
     )
     baud_error_ppm: int = option(
         0,

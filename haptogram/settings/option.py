@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import types
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -17,10 +17,32 @@ from typing import Any, Final, Self, TypeVar, get_args, get_origin, get_type_hin
 
 from haptogram.errors import ConfigurationError
 
-from .arguments import check_choice, check_kind, check_number, check_whole, shown
+from .arguments import (
+    check_choice,
+    check_kind,
+    check_number,
+    check_whole,
+    read_number,
+    shown,
+    suggestion,
+)
 
 _S = TypeVar("_S", bound="Settings")
 _FLAGS: Final = {"0": False, "1": True}
+#: Signs of the units by their placeholders.
+_SIGNS: Final = {
+    "BAUD": "Bd",
+    "BYTES": "bytes",
+    "C": "degrees Celsius",
+    "HZ": "Hz",
+    "MM": "mm",
+    "MS": "ms",
+    "PERCENT": "%",
+    "PPM": "ppm",
+    "RAD": "rad",
+    "US": "us",
+    "X,Y,Z": "mm",
+}
 
 
 class SettingError(ConfigurationError):
@@ -89,6 +111,8 @@ class Option:
         """The default in help texts."""
         if self.default is None or self.default == ():
             return self.absent
+        if self.kind is bool:
+            return "on" if self.default else "off"
         if self.count:
             return ",".join(f"{item:g}" for item in self.default)
         return f"{self.default:g}" if self.kind is float else str(self.default)
@@ -105,11 +129,22 @@ class Option:
             return None
         if self.count is None:
             return self._checked_item(value)
-        wanted = "a list of texts" if self.kind is str else "[x, y, z]"
         is_list = isinstance(value, list | tuple)
         if not is_list or self.count not in (0, len(value)) or not all(map(self._fits, value)):
-            raise ConfigurationError(f"{self.name} is {shown(value)}, must be {wanted}")
+            raise ConfigurationError(f"{self.name} is {shown(value)}, must be {self._list_text}")
         return tuple(map(self._checked_item, value))
+
+    @property
+    def _list_text(self) -> str:
+        if self.kind is str:
+            return "a list of texts"
+        limits = f"{self.low:.10g} to {self.high:.10g} {self.sign}".rstrip()
+        return f"{self.unit}, each {limits}"
+
+    @property
+    def sign(self) -> str:
+        """Sign of the unit in messages."""
+        return _SIGNS.get(self.unit, "")
 
     def _fits(self, item: Any) -> bool:
         try:
@@ -119,51 +154,64 @@ class Option:
         return True
 
     def _checked_item(self, value: Any) -> Any:
-        if self.choices and self.kind is str:
+        if self.choices:
             check_choice(self.name, value, self.choices)
-        elif self.choices:
-            self._check_number_choice(value)
         elif self.kind is int:
-            return check_whole(self.name, value, int(self.low), int(self.high))
+            return check_whole(self.name, value, int(self.low), int(self.high), self.sign)
         elif self.kind is float:
-            return check_number(self.name, value, self.low, self.high)
-        elif self.kind is Path:
-            check_kind(self.name, value, (str, Path), "the path of a file")
-            return Path(value)
+            return check_number(self.name, value, self.low, self.high, self.sign)
         else:
-            check_kind(self.name, value, self.kind, _KIND_TEXTS[self.kind])
-        return value
-
-    def _check_number_choice(self, value: Any) -> None:
-        if isinstance(value, bool) or value not in self.choices:
-            known = ", ".join(map(str, self.choices))
-            raise ConfigurationError(f"{self.name} is {shown(value)}; known are {known}")
+            kinds = (str, Path) if self.kind is Path else self.kind
+            check_kind(self.name, value, kinds, _KIND_TEXTS[self.kind])
+            if value == "":  # Path("") is the current folder
+                raise ConfigurationError(f"{self.name} is '', must be {_KIND_TEXTS[self.kind]}")
+        return Path(value) if self.kind is Path else value
 
     def read(self, text: str) -> Any:
-        """Return the value that *text* is, of one item where there may be several.
+        """Return the value that *text* is, of one item where there may be any number.
+
+        A text that is no number stays one, for :meth:`checked` to refuse.
 
         Raises
         ------
         ConfigurationError
-            If *text* is not a number, or not 0 or 1 for a flag.
+            If *text* is not 0 or 1 for a flag.
         """
         if self.kind is bool:
             if text not in _FLAGS:
                 raise ConfigurationError(f"{self.name}={text}; known are {', '.join(_FLAGS)}")
             return _FLAGS[text]
-        try:
-            return self.kind(text)
-        except ValueError as error:
-            raise ConfigurationError(f"{self.name}={text} is not a number") from error
+        if self.kind not in (int, float):
+            return text
+        if not self.count:
+            return read_number(self.kind, text)
+        return tuple(read_number(self.kind, part) for part in text.split(","))
+
+    def checked_item(self, text: str) -> Any:
+        """Return the value of :meth:`read`, checked; of one item where there may be any number.
+
+        Raises
+        ------
+        ConfigurationError
+            Names the option, the value and the limit.
+        """
+        value = self.read(text)
+        return self._checked_item(value) if self.count == 0 else self.checked(value)
 
     def write(self, value: Any) -> str:
         """Return the text that :meth:`read` takes for *value*."""
         if self.kind is bool:
             return str(int(value))
+        if self.count:
+            return ",".join(map(repr, value))
         return repr(value) if self.kind is float else str(value)
 
 
-_KIND_TEXTS: Final = {str: "a text", bool: "True or False"}
+_KIND_TEXTS: Final = {
+    str: "a text that is not empty",
+    bool: "True or False",
+    Path: "the name of a file",
+}
 
 
 def option(
@@ -231,6 +279,11 @@ def build(kind: type[_S], values: Mapping[str, Any]) -> _S:
     return kind(**given)
 
 
+def unknown_text(name: str, known: Collection[str]) -> str:
+    """Return the end of a message about an unknown *name*: a guess at the right one, or all."""
+    return suggestion(name, known) or f"; known are {', '.join(known)}"
+
+
 class Settings:
     """Base of the settings classes, which are frozen dataclasses of options and groups.
 
@@ -264,8 +317,8 @@ class Settings:
         SettingError
             Also for a name that is no option.
         """
-        for name in values.keys() - options_of(cls).keys():
-            raise SettingError(name, f"is not a setting; known are {', '.join(options_of(cls))}")
+        for name in sorted(values.keys() - options_of(cls).keys()):
+            raise SettingError(name, f"is not a setting{unknown_text(name, options_of(cls))}")
         return build(cls, values)
 
     def values(self) -> dict[str, Any]:

@@ -8,15 +8,17 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, Final, NoReturn, TypeVar
 
 from ..errors import ConfigurationError
+from .arguments import check_choice, check_number, check_whole, read_number, suggestion
 
+_T = TypeVar("_T")
 _SHOWN: Final = 40  # characters of a value that are printed
 _OPTION: Final = re.compile(r"--[a-z][a-z0-9-]*")
-_NEGATIVE: Final = re.compile(r"-[\d.].*")
+_NEGATIVE: Final = re.compile(r"-(?:[\d.].*|inf|nan)")
 #: The words of argparse that a user does not know, and plain ones.
 _PLAINER: Final = (
     (r"^argument ([^:]+): ", r"\1 "),
@@ -102,12 +104,14 @@ class Parser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:
             return
-        known = [str(choice) for choice in action.choices]
-        guess = suggestion(str(value), known)
         if isinstance(action.choices, dict):  # of parsers: those of the commands
-            self.error(f"there is no command {_shown(value)}{guess or f'; {_one_of(known)}'}")
-        text = f"{_shown(value)}: {_one_of(known)}{guess}"
-        raise argparse.ArgumentError(action, text)
+            guess = suggestion(str(value), action.choices)
+            known = f"; known are {', '.join(action.choices)}"
+            self.error(f"there is no command {_shown(value)}{guess or known}")
+        try:
+            check_choice("", value, [str(choice) for choice in action.choices])
+        except ConfigurationError as error:
+            raise argparse.ArgumentError(action, str(error).strip()) from None
 
     def _check_options(self, words: Sequence[str]) -> None:
         """Refuse former and unknown options before a value that is missing is complained of."""
@@ -162,22 +166,6 @@ def attach_negative_values(words: Sequence[str]) -> list[str]:
     return result
 
 
-# --- Guesses ---------------------------------------------------------------------------------
-
-
-def suggestion(word: str, known: Collection[str]) -> str:
-    """Return "; did you mean ...?" with the word of *known* that resembles *word*, or nothing."""
-    import difflib
-
-    longer = [name for name in known if len(word) > 2 and name.startswith(word)]
-    near = longer or difflib.get_close_matches(word, known, n=1)
-    return f"; did you mean {near[0]}?" if near else ""
-
-
-def _one_of(known: Sequence[str]) -> str:
-    return f"give {known[0]}" if len(known) == 1 else f"give one of {', '.join(known)}"
-
-
 def _shown(value: object) -> str:
     """Return *value* as a message shows it: on one line, not too long, nothing unprintable."""
     text = str(value)
@@ -192,51 +180,28 @@ def _shown(value: object) -> str:
 def file_name(text: str) -> Path:
     """Return the path of an argument that names a file or a folder."""
     if not text:  # Path("") is the current folder
-        raise argparse.ArgumentTypeError("'': the name is empty; name a file")
+        raise argparse.ArgumentTypeError("is '', must be the name of a file")
     return Path(text)
 
 
 def whole_number(low: int, high: int, unit: str = "") -> Callable[[str], int]:
     """Return the type of an argument that is a whole number within [low, high]."""
-    read = unchecked(int, low, high, unit)
-
-    def parse(text: str) -> int:
-        return int(_within(text, read(text), low, high, unit))
-
-    return parse
+    return checked_type(lambda text: check_whole("", read_number(int, text), low, high, unit))
 
 
 def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
     """Return the type of an argument that is a number within [low, high]."""
-    read = unchecked(float, low, high, unit)
-
-    def parse(text: str) -> float:
-        return _within(text, read(text), low, high, unit)
-
-    return parse
+    return checked_type(lambda text: check_number("", read_number(float, text), low, high, unit))
 
 
-def unchecked(
-    kind: Callable[[str], float], low: float, high: float, unit: str = ""
-) -> Callable[[str], float]:
-    """Return the type of an argument that is int or float, whose limits are checked elsewhere."""
+def checked_type(read: Callable[[str], _T], name: str = "") -> Callable[[str], _T]:
+    """Return *read*, whose refusals begin with *name*, as the type of an argument."""
 
-    def parse(text: str) -> float:
+    def parse(text: str) -> _T:
         try:
-            return kind(text)
-        except ValueError:
-            why = "not a whole number" if kind is int else "not a number"
-            raise _refusal(text, why, low, high, unit) from None
+            return read(text)
+        except ConfigurationError as error:
+            refusal = str(error).removeprefix(name).removeprefix(" ")
+            raise argparse.ArgumentTypeError(refusal) from None
 
     return parse
-
-
-def _within(text: str, value: float, low: float, high: float, unit: str) -> float:
-    if low <= value <= high:  # NaN is not
-        return value
-    raise _refusal(text, "out of range", low, high, unit)
-
-
-def _refusal(text: str, why: str, low: float, high: float, unit: str) -> argparse.ArgumentTypeError:
-    limits = " to ".join(str(v) if isinstance(v, int) else f"{v:.10g}" for v in (low, high))
-    return argparse.ArgumentTypeError(f"{_shown(text)}: {why}; give {limits} {unit}".rstrip())

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from .arguments import suggestion
 from .option import SettingError, Settings, option
-from .parser import suggestion
 
 SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
 MESH_SUFFIXES: Final = (".stl", ".obj", ".ply")
 #: Units of the lengths in a mesh file, in metres: the file does not say which it has.
 UNITS_M: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+MOST_MM: Final = 10_000.0  # of a coordinate
 MODULATIONS: Final = ("am", "lm", "stm")  # those of haptogram.objects.modulation, which takes numpy
 
 
@@ -20,7 +21,11 @@ MODULATIONS: Final = ("am", "lm", "stm")  # those of haptogram.objects.modulatio
 class ShapeConfig(Settings):
     """A shape or a mesh, where it is, and how densely it is sampled."""
 
-    object: str = option("hemisphere", unit="SHAPE", help="shape, or a mesh file")
+    object: str = option(
+        "hemisphere",
+        unit="SHAPE",
+        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)})",
+    )
     resolution_mm: float = option(5.0, unit="MM", low=0.1, high=100.0, help="spacing of the points")
     radius_mm: float = option(
         50.0, unit="MM", low=0.1, high=500.0, help="radius of the shape; half the length of a line"
@@ -28,8 +33,8 @@ class ShapeConfig(Settings):
     center_mm: tuple[float, float, float] = option(
         (0.0, 0.0, 100.0),
         unit="X,Y,Z",
-        low=-1e6,
-        high=1e6,
+        low=-MOST_MM,
+        high=MOST_MM,
         help="centre of the shape above the array",
     )
     unit: str = option("mm", choices=tuple(UNITS_M), help="unit of the lengths in a mesh file")
@@ -52,22 +57,30 @@ class ModulationConfig(Settings):
     modulation: str | None = option(
         None,
         choices=MODULATIONS,
-        help="am, amplitude; lm, lateral; stm, along the object",
+        help="what makes the object felt: am, amplitude; lm, lateral; stm, along the object in "
+        "rounds, at constant speed; 'haptogram modulation' shows what arrives",
     )
     modulation_hz: float = option(
         200.0,
         unit="HZ",
         low=0.01,
         high=20_000.0,
-        help="frequency of am and lm; rounds per second of stm",
+        help="frequency of am and lm; rounds per second of stm; at most half the frame rate",
     )
-    depth: float = option(1.0, unit="SHARE", low=0.0, high=1.0, help="swing of the force in am")
+    depth: float = option(
+        1.0,
+        unit="SHARE",
+        low=0.0,
+        high=1.0,
+        help="of am: 1 swings between full force and none, 0 not at all; a sine in the force, not "
+        "in the pressure",
+    )
     shift_mm: tuple[float, float, float] = option(
         (3.0, 0.0, 0.0),
         unit="X,Y,Z",
-        low=-1e6,
-        high=1e6,
-        help="largest displacement of the focus in lm",
+        low=-MOST_MM,
+        high=MOST_MM,
+        help="of lm: how far and which way the focus swings to both sides",
     )
     dwell_ms: float | None = option(
         None,

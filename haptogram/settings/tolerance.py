@@ -19,6 +19,7 @@ GUESS_C: Final = 2.0
 GUESS_HUMIDITY_PERCENT: Final = 10.0
 GUESS_POSITION_MM: Final = 0.1
 GUESS_PHASE_RAD: Final = 0.2
+_REAL: Final = "virtual board: 0; --port:"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,17 +27,26 @@ class ToleranceConfig(Settings):
     """Misses that pass on top of those that the rounding of the phases makes."""
 
     tolerance_mm: float = option(
-        0.0, unit="MM", low=0.0, high=MOST_MISS_MM, help="distance of a focus from its target"
+        0.0,
+        unit="MM",
+        low=0.0,
+        high=MOST_MISS_MM,
+        help="distance of a focus from its target that passes, if there is such a focus: at most "
+        "half of its width",
     )
     tolerance_c: float = option(
-        0.0, unit="C", low=0.0, high=MOST_OFF_C, help="difference of the air temperature"
+        0.0,
+        unit="C",
+        low=0.0,
+        high=MOST_OFF_C,
+        help="difference between the air that the host assumes and that over the board",
     )
     tolerance_humidity: float = option(
         0.0,
         unit="PERCENT",
         low=0.0,
         high=MOST_OFF_HUMIDITY_PERCENT,
-        help="difference of the relative humidity",
+        help="the same of the relative humidity",
     )
 
 
@@ -45,26 +55,34 @@ class UncertaintyConfig(Settings):
     """Standard uncertainties of air and elements; None: 0 for the virtual board, else a guess."""
 
     uncertainty_c: float | None = option(
-        None, unit="C", low=0.0, high=MOST_OFF_C, help="uncertainty of the air temperature"
+        None,
+        unit="C",
+        low=0.0,
+        high=MOST_OFF_C,
+        help="standard uncertainty of the air temperature",
+        absent=f"{_REAL} {GUESS_C:g}",
     )
     uncertainty_humidity: float | None = option(
         None,
         unit="PERCENT",
         low=0.0,
         high=MOST_OFF_HUMIDITY_PERCENT,
-        help="uncertainty of the relative humidity",
+        help="of the relative humidity",
+        absent=f"{_REAL} {GUESS_HUMIDITY_PERCENT:g}",
     )
     uncertainty_position_mm: float | None = option(
         None,
         unit="MM",
         low=0.0,
         high=MOST_OFF_POSITION_MM,
-        help="uncertainty of each coordinate of each element",
+        help="of each coordinate of each element",
+        absent=f"{_REAL} {GUESS_POSITION_MM:g}",
     )
     uncertainty_phase_rad: float | None = option(
         None,
         unit="RAD",
         low=0.0,
         high=MOST_OFF_PHASE_RAD,
-        help="uncertainty of the phase that each element adds",
+        help="of the phase that each element adds",
+        absent=f"{_REAL} {GUESS_PHASE_RAD:g}",
     )

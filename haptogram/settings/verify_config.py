@@ -11,6 +11,7 @@ from typing import Any, Final, TypeVar
 from ..errors import ConfigurationError
 from .array import ArrayConfig, ElementConfig
 from .board import BoardConfig, FaultWords
+from .line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
 from .option import SettingError, Settings, group, option, options_of
 from .shape import ModulationConfig, ShapeConfig
 from .tolerance import ToleranceConfig, UncertaintyConfig
@@ -38,7 +39,7 @@ class PaceConfig(Settings):
         unit="MS",
         low=1.0,
         high=1000.0,
-        help="time between the sending of a frame and its latch",
+        help="how long before its time a frame is sent",
         absent="100, or 3/4 of the board's queue",
     )
 
@@ -47,14 +48,21 @@ class PaceConfig(Settings):
 class DriveConfig(Settings):
     """Number of foci in a frame, and who computes their drive."""
 
-    foci: int = option(1, unit="N", low=1, high=32, help="foci in every frame")
+    foci: int = option(
+        1, unit="N", low=1, high=32, help="foci in every frame, evenly apart along the object"
+    )
     solver: str | None = option(
         None,
         choices=SOLVERS,
-        help="solver of the host for several foci",
+        help="how the host makes the drive of several foci: docs/performance.md compares them",
         absent="wgs; --mode points: naive, by the board",
     )
-    mode: str = option("phases", choices=MODES, help="content of the frames")
+    mode: str = option(
+        "phases",
+        choices=MODES,
+        help="phases: the host computes every drive; drives: with amplitudes; points: the board "
+        "does; sequence: uploaded once, played on the board's clock",
+    )
     phase_bits: int = option(8, choices=PHASE_BITS, help="bits per phase on the wire")
 
 
@@ -63,10 +71,17 @@ class LinkConfig(Settings):
     """The board's port, its line and its clock."""
 
     port: str | None = option(
-        None, unit="URL", help="port of a board", absent="a virtual board on a pty"
+        None,
+        unit="URL",
+        help="a board on any pyserial URL (/dev/ttyUSB0, /dev/pts/7, socket://...)",
+        absent="a virtual board on a pty, in a process of its own",
     )
-    baud: int = option(3_000_000, unit="BAUD", low=1200, high=50_000_000, help="rate of the line")
-    virtual_time: bool = option(False, help="whether the run has no wall clock")
+    baud: int = option(
+        DEFAULT_BAUD, unit="BAUD", low=LEAST_BAUD, high=MAX_BAUD, help="rate of the line"
+    )
+    virtual_time: bool = option(
+        False, help="no wall clock at all: the same inputs give the same result, byte for byte"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,10 +105,15 @@ class LimitConfig(Settings):
 class OutputConfig(Settings):
     """The files to be written."""
 
-    frames: Path | None = option(None, unit="FILE", help="a line for every frame")
-    json: Path | None = option(None, unit="FILE", help="result as JSON")
-    junit: Path | None = option(None, unit="FILE", help="result as JUnit XML")
-    html: Path | None = option(None, unit="FILE", help="result as HTML with pictures")
+    frames: Path | None = option(
+        None,
+        unit="FILE",
+        help="write a line for every frame: where its focus is, what that rests on, and which miss "
+        "would have shown",
+    )
+    json: Path | None = option(None, unit="FILE", help="write the result as JSON")
+    junit: Path | None = option(None, unit="FILE", help="write the result as JUnit XML")
+    html: Path | None = option(None, unit="FILE", help="write the result as HTML with pictures")
 
 
 @dataclass(frozen=True, kw_only=True)

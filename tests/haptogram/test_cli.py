@@ -14,17 +14,17 @@ from haptogram.cli import COMMANDS, command_parser, main
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--rate-hz", "nan"], "--rate-hz nan: out of range; give 1 to 40000 Hz"),
+        (["--rate-hz", "nan"], "--rate-hz is nan, must be 1 to 40000 Hz"),
         (["--rate-hz", "2000"], "carry 1086 frames/s, 2000 Hz asked"),
         (["--baud", "115200"], "bytes a frame at 115200 baud carry 41 frames/s"),
-        (["--resolution-mm", "0"], "--resolution-mm 0: out of range; give 0.1 to 100 mm"),
+        (["--resolution-mm", "0"], "--resolution-mm is 0, must be 0.1 to 100 mm"),
         (["--center-mm", "0,0,-100"], "must be at least"),
         (["--object", "absent.stl"], "absent.stl"),
         (["--object", "teapot"], "--object is 'teapot'; known are hemisphere"),
         (["--object", "hemispere"], "did you mean hemisphere?"),
-        (["--array", "0x16"], "side of the grid is 0, must be 1 to 1024"),
+        (["--array", "0x16"], "--array is '0x16', must be a grid of 1 to 1024 elements"),
         (["--config", "absent.toml"], "absent.toml"),
-        (["--min-verified", "2"], "--min-verified 2: out of range; give 0 to 1"),
+        (["--min-verified", "2"], "--min-verified is 2, must be 0 to 1"),
     ],
 )
 def test_a_wrong_argument_is_one_line_and_status_2(
@@ -46,7 +46,7 @@ def test_a_port_that_is_not_there_is_status_2(capsys: pytest.CaptureFixture[str]
 def test_a_word_that_is_no_number_is_status_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", "--rate-hz", "fast"]) == 2
     said = capsys.readouterr().err
-    assert said == "haptogram verify: --rate-hz fast: not a number; give 1 to 40000 Hz\n"
+    assert said == "haptogram verify: --rate-hz is 'fast', must be a number, 1 to 40000 Hz\n"
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,10 @@ def test_the_list_of_commands_imports_the_options_of_none() -> None:
     code += "except SystemExit: pass\nprint(sorted(m for m in sys.modules if 'settings' in m))"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     loaded = ended.stdout.splitlines()[-1]
-    assert loaded == "['haptogram.settings', 'haptogram.settings.parser']"
+    assert (
+        loaded
+        == "['haptogram.settings', 'haptogram.settings.arguments', 'haptogram.settings.parser']"
+    )
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -6,6 +6,7 @@ import argparse
 from typing import Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
 from haptogram.settings.parser import file_name, number, whole_number
 
 from ..shell.output_files import FILE_HELP
@@ -40,10 +41,10 @@ def _add_board(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--baud",
-        type=whole_number(300, 100_000_000, "Bd"),
-        default=3_000_000,
+        type=whole_number(LEAST_BAUD, MAX_BAUD, "Bd"),
+        default=DEFAULT_BAUD,
         metavar="BAUD",
-        help="line rate [3000000]",
+        help=f"line rate [{DEFAULT_BAUD}]",
     )
     group.add_argument("--spawn", metavar="CMD", help="start this program; it says its port")
     group.add_argument(

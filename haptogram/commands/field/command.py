@@ -7,16 +7,17 @@ import contextlib
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
+from haptogram.settings.command_line import add_options
+from haptogram.settings.option import options_of
 from haptogram.settings.parser import file_name, number, whole_number
-from haptogram.settings.shape import MESH_SUFFIXES, MODULATIONS, SHAPES, UNITS_M, ShapeConfig
-from haptogram.settings.verify_config import DriveConfig, PaceConfig
+from haptogram.settings.shape import MODULATIONS
+from haptogram.settings.verify_config import DriveConfig, VerifyConfig
 
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options
 from ..shell.exit_status import PASS
 from ..shell.output_files import FILE_HELP, Outputs, check_picture, write_picture
 from ..shell.positions import Position, position_mm
-from ..shell.setting_types import setting_type
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -73,45 +74,14 @@ def _add_source(parser: Parser) -> None:
         metavar="X,Y,Z",
         help="one focus [0,0,150, or that of the preset]",
     )
-    source.add_argument(
-        "--object",
-        metavar="SHAPE",
-        help=f"a sequence: {', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}) "
-        "[one focus]",
-    )
+    rows = options_of(VerifyConfig)
+    add_options(source, [rows["object"]], object="one focus")
     source.add_argument(
         "--drive", type=file_name, metavar="FILE", help="codes of every element as CSV [one focus]"
     )
-    group.add_argument(
-        "--unit",
-        choices=tuple(UNITS_M),
-        default="mm",
-        help="unit of the lengths in a mesh file [mm]",
-    )
-    for name, unit, text, value in (
-        ("resolution_mm", "MM", "spacing of the points of an object", ShapeConfig.resolution_mm),
-        (
-            "radius_mm",
-            "MM",
-            "radius of an object; half the length of a line",
-            ShapeConfig.radius_mm,
-        ),
-        ("rate_hz", "HZ", "points or frames per second", PaceConfig.rate_hz),
-    ):
-        group.add_argument(
-            f"--{name.replace('_', '-')}",
-            type=setting_type(name),
-            metavar=unit,
-            default=value,
-            help=f"{text} [{value:g}]",
-        )
-    group.add_argument(
-        "--center-mm",
-        type=position_mm,
-        metavar="X,Y,Z",
-        default=ShapeConfig.center_mm,
-        help="centre of an object [0,0,100]",
-    )
+    names = ("unit", "resolution_mm", "radius_mm", "rate_hz", "center_mm", "modulation_hz")
+    add_options(group, [rows[name] for name in names])
+    parser.set_defaults(**{name: rows[name].default for name in names})
     group.add_argument(
         "--phase-bits",
         type=whole_number(1, 8, "bits"),
@@ -125,13 +95,6 @@ def _add_source(parser: Parser) -> None:
         default="am",
         help="for what is audible at --ear-mm: amplitude, lateral, or spatio-temporal along a "
         "circle [am]",
-    )
-    group.add_argument(
-        "--modulation-hz",
-        type=setting_type("modulation_hz"),
-        metavar="HZ",
-        default=200.0,
-        help="its frequency; rounds per second for stm [200]",
     )
 
 

@@ -20,6 +20,8 @@ from haptogram.evidence.run_record import sample_object
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.objects.shapes import Circle
 from haptogram.published.presets import find_preset
+from haptogram.settings.command_line import given
+from haptogram.settings.option import options_of
 from haptogram.settings.shape import ShapeConfig
 
 from ..array_options import array_model
@@ -59,7 +61,7 @@ class Scene:
     def from_arguments(cls, arguments: argparse.Namespace) -> Scene:
         """Return the scene that the command line asks for."""
         model = array_model(arguments)
-        frame_s = _frame_s(arguments.rate_hz)
+        frame_s = 1.0 / arguments.rate_hz
         if arguments.drive:
             drive = read_drive(arguments.drive, model.array.count, arguments.phase_bits)
             look = _peak_of(model, drive.weights())
@@ -134,19 +136,7 @@ def _focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
 
 
 def _shape_config(arguments: argparse.Namespace) -> ShapeConfig:
-    return ShapeConfig(
-        object=arguments.object,
-        unit=arguments.unit,
-        resolution_mm=arguments.resolution_mm,
-        radius_mm=arguments.radius_mm,
-        center_mm=arguments.center_mm,
-    )
-
-
-def _frame_s(rate_hz: float) -> float:
-    if not 1.0 <= rate_hz <= 40_000.0:
-        raise ConfigurationError(f"rate_hz is {rate_hz:g}, must be 1 to 40000")
-    return 1.0 / rate_hz
+    return ShapeConfig.of(**given(arguments, options_of(ShapeConfig)))
 
 
 def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
+from haptogram.settings.command_line import add_options
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import file_name, number
-from haptogram.settings.shape import MESH_SUFFIXES, SHAPES, UNITS_M, ShapeConfig
-from haptogram.settings.verify_config import PaceConfig, VerifyConfig, load_config
+from haptogram.settings.shape import ModulationConfig, ShapeConfig
+from haptogram.settings.verify_config import VerifyConfig, load_config
 
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options, array_model
 from ..shell.exit_status import PASS
 from ..shell.output_files import FILE_HELP, Outputs, check_picture, write_json, write_picture
 from ..shell.positions import metres, position_mm
-from ..shell.setting_types import setting_type
-from .options import add_modulation
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -60,7 +59,8 @@ def set_up(parser: Parser) -> None:
         choices=KINDS,
         help="amplitude, lateral, spatio-temporal along the object, or each of its points held",
     )
-    add_modulation(parser.add_argument_group("modulation"))
+    modulation = [row for name, row in options_of(ModulationConfig).items() if name != "modulation"]
+    add_options(parser.add_argument_group("modulation"), modulation)
     _add_object(parser)
     _add_skin(parser)
     _add_outputs(parser)
@@ -70,33 +70,13 @@ def set_up(parser: Parser) -> None:
 
 def _add_object(parser: Parser) -> None:
     shape = parser.add_argument_group("what is modulated")
-    shape.add_argument(
-        "--object",
-        metavar="SHAPE",
-        help=f"{', '.join(SHAPES)}, or a mesh file ({', '.join(MESH_SUFFIXES)}) "
-        "[point; stm and dwell: circle]",
-    )
-    shape.add_argument(
-        "--unit",
-        choices=tuple(UNITS_M),
-        help="unit of the lengths in a mesh file [mm]",
-    )
-    for name, metavar, text, value in (
-        ("radius_mm", "MM", "radius of the object; half the length of a line", _RADIUS_MM),
-        ("resolution_mm", "MM", "spacing of its points", ShapeConfig.resolution_mm),
-        ("rate_hz", "HZ", "frames per second", PaceConfig.rate_hz),
-    ):
-        shape.add_argument(
-            f"--{name.replace('_', '-')}",
-            type=setting_type(name),
-            metavar=metavar,
-            help=f"{text} [{value:g}]",
-        )
-    shape.add_argument(
-        "--center-mm",
-        type=position_mm,
-        metavar="X,Y,Z",
-        help="its centre above the array [0,0,150]",
+    rows = options_of(VerifyConfig)
+    add_options(
+        shape,
+        [rows[name] for name in (*options_of(ShapeConfig), "rate_hz")],
+        object="point; stm and dwell: circle",
+        radius_mm=f"{_RADIUS_MM:g}",
+        center_mm=",".join(f"{value:g}" for value in _CENTER_MM),
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT, check_distinct, check_writable
-from haptogram.settings.array import is_grid
+from haptogram.settings.board import is_grid
 from haptogram.settings.shape import SHAPES
 
 if TYPE_CHECKING:

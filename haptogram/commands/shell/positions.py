@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from haptogram.settings.option import options_of
+from haptogram.settings.parser import checked_type
+from haptogram.settings.shape import ShapeConfig
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-Position = tuple[float, float, float]
+Position: TypeAlias = tuple[float, float, float]
 
 
-def position_mm(text: str) -> Position:
-    """Return the position in mm that *text* names; the type of an argument."""
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text}: not a position; give X,Y,Z in mm") from None
-    return x, y, z
+_ROW: Final = options_of(ShapeConfig)["center_mm"]
+#: The type of an argument that is a position in mm.
+position_mm: Final[Callable[[str], Position]] = checked_type(_ROW.checked_item, _ROW.name)
 
 
 def metres(position: Position) -> Position:

@@ -33,7 +33,7 @@ from haptogram.published.presets.figures import (
     spot_mm,
     strength_for_force_pa_m,
 )
-from haptogram.settings.parser import suggestion
+from haptogram.settings.arguments import suggestion
 
 _HOSHI: Final = "T. Hoshi et al., IEEE Trans. Haptics 3(3), 155-165 (2010), abstract"
 _PAPER: Final = "Haptogram (2014)"

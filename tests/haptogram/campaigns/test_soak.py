@@ -219,7 +219,7 @@ def test_segments_cover_the_whole_time() -> None:
     ("words", "told"),
     [
         (["--hours", "0"], "--hours 0: out of range"),
-        (["--fault-rate", "0.5"], "--fault-rate 0.5: out of range; give 0 to 0.2"),
+        (["--fault-rate", "0.5"], "--fault-rate is 0.5, must be 0 to 0.2"),
         (["--jobs", "0"], "--jobs 0: out of range"),
         (["--seed", "-1"], "--seed -1: out of range"),
         (["--segment-minutes", "0"], "--segment-minutes 0: out of range"),

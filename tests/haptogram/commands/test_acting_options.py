@@ -87,6 +87,8 @@ def option_words(command: str, name: str) -> list[str]:
         return [word]
     if action.choices:
         return [word, str(list(action.choices)[-1])]
+    if str(action.metavar).startswith("{"):
+        return [word, str(action.metavar).strip("{}").rpartition(",")[2]]
     return [word, VALUES.get(name, "1,1,100" if action.metavar == "X,Y,Z" else "5")]
 
 

@@ -195,7 +195,7 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
     ("words", "message"),
     [
         (("--focus-mm", "0,0,5"), "height"),
-        (("--focus-mm", "nan,0,100"), "finite"),
+        (("--focus-mm", "nan,0,100"), "must be X,Y,Z, each"),
         (("--object", "circle", "--view", "cuts", "--picture", "field.png"), "one focus"),
         (("--object", "circle", "--quantity", "phase", "--picture", "field.png"), "no phase"),
         (("--object", "dodecahedron"), "known are"),
@@ -204,8 +204,8 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
         (("--picture", "field.gif"), "possible are"),
         (("--object", "circle", "--rate-hz", "0"), "1 to 40000"),
         (("--ear-mm", "--modulation-hz", "900"), "half of"),
-        (("--ear-mm", "--modulation-hz", "0"), "give 0.01 to"),
-        (("--temperature-c", "90"), "--temperature-c 90: out of range; give -20 to 50"),
+        (("--ear-mm", "--modulation-hz", "0"), "must be 0.01 to"),
+        (("--temperature-c", "90"), "--temperature-c is 90, must be -20 to 50 degrees Celsius"),
         (("--half-width-mm", "1e4", "--picture", "field.png"), "points"),
     ],
 )
@@ -218,7 +218,7 @@ def test_what_cannot_be_drawn_is_refused_with_the_reason(run, tmp_path, words, m
 def test_a_place_that_is_no_triple_is_a_usage_error(capsys):
     assert main(["field", "--focus-mm", "1,2"]) == 2
     assert capsys.readouterr().err == (
-        "haptogram field: --focus-mm 1,2: not a position; give X,Y,Z in mm\n"
+        "haptogram field: --focus-mm is (1.0, 2.0), must be X,Y,Z, each -10000 to 10000 mm\n"
     )
 
 
@@ -275,7 +275,7 @@ def test_an_ear_hears_a_sequence_and_nothing_of_a_steady_drive(run, tmp_path, ca
             "within the array, 0.0 mm from .*; it can be from 20 mm on",
         ),
         (("--ear-mm", "--modulation-hz", "900"), "half of"),
-        (("--ear-mm", "--modulation-hz", "-1"), "give 0.01 to"),
+        (("--ear-mm", "--modulation-hz", "-1"), "must be 0.01 to"),
     ],
 )
 def test_an_ear_out_of_the_field_is_refused_before_the_picture(run, tmp_path, words, message):

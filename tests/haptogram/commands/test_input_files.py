@@ -101,7 +101,7 @@ def test_an_empty_name_is_no_folder(command: str, capsys: pytest.CaptureFixture[
         needed = NEEDED.get(command, [])
         assert main([command, *needed, word(action), ""]) == 2
         assert capsys.readouterr().err == (
-            f"haptogram {command}: {word(action)} '': the name is empty; name a file\n"
+            f"haptogram {command}: {word(action)} is '', must be the name of a file\n"
         )
 
 

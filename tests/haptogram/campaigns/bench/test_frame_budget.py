@@ -50,10 +50,10 @@ def test_the_command_says_what_fits_and_what_does_not(capsys):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--rate-hz", "0"], "--rate-hz 0: out of range; give 0.001 to 40000 Hz"),
+        (["--rate-hz", "0"], "--rate-hz is 0, must be 0.001 to 40000 Hz"),
         (["--rate-hz", "nan"], "--rate-hz nan: out of range"),
         (["--baud", "0"], "--baud 0: out of range"),
-        (["--transducers", "0"], "--transducers 0: out of range; give 1 to 1024"),
+        (["--transducers", "0"], "--transducers is 0, must be 1 to 1024"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(capsys, arguments, text):
