@@ -16,7 +16,7 @@ from haptogram.acoustics.model.boards.grids import (
 )
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.errors import ConfigurationError
-from haptogram.settings.parser import suggestion
+from haptogram.settings.arguments import suggestion
 
 LAYOUTS: Final = {
     layout.name: layout
