@@ -17,6 +17,7 @@ from haptogram.verification import (
 )
 
 from ..html import Picture, check_page, embed, write_page
+from ..viewer.run_scene import run_scene
 from . import pictures, prose
 from .checks import NAMED_FRAMES, Outcome, checks
 from .fieldmap import FieldPicture, picture_field
@@ -54,8 +55,8 @@ def write_run_page(
     model : AcousticModel
         Array and air that the drives were radiated in.
     drives : mapping of int to Drive, optional
-        Drives that were latched, or radiated in their place, by frame number, for the picture of
-        the field.
+        Drives that were latched, or radiated in their place, by frame number, for the view and the
+        picture of the field.
 
     Raises
     ------
@@ -76,6 +77,7 @@ def write_run_page(
         key_figures=_key_figures(result),
         faults=_faults(result["faults"]) if "faults" in result else None,
         troubles=_troubles(result["troubles"]),
+        scene=run_scene(run, model, drives or {}).embedded() if run.frames else None,
         checks=checks(run, result["cut_short"]),
         tones=_CHECK_TONES,
         pictures=list(_pictures(run, model, shown)),

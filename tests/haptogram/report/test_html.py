@@ -14,7 +14,7 @@ FRAME = {"title": "t", "heading": "h", "tone": "plain", "lead": []}
 PAGES = [
     template.name
     for template in (files("haptogram.report") / "templates").iterdir()
-    if template.name not in {"base.html", "parts.html", "style.css"}
+    if template.is_file() and template.name not in {"base.html", "parts.html", "style.css"}
 ]
 
 

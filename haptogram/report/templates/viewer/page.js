@@ -1,0 +1,316 @@
+// The page: joins scene, picture, time line, tables and controls.
+
+const SPEEDS = [1, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001]; // of the device's time
+
+class Viewer {
+  constructor(root, scene) {
+    Object.assign(this, { root, scene, frame: 0, playing: false });
+    this.field = new Field(scene);
+    this.picture = new Picture(this.part("picture"), scene, this.field);
+    this.timeline = new Timeline(this.part("timeline"), scene);
+    this.#fillControls();
+    this.#fillLegends();
+    this.#fillTroubles();
+    this.#listen();
+    this.#takeColours();
+    this.show(0);
+    root.dataset.ready = "true";
+  }
+
+  part(name) {
+    return this.root.querySelector(`[data-part="${name}"]`);
+  }
+
+  // --- what is shown ---------------------------------------------------------------------------
+
+  show(frame) {
+    this.frame = Math.max(0, Math.min(this.scene.frames - 1, frame));
+    if (this.part("follow").checked) this.#followFocus();
+    this.#fillFrame();
+    this.draw();
+  }
+
+  draw() {
+    const options = { decibels: this.part("decibels").checked, trail: this.part("trail").checked };
+    this.picture.draw(this.frame, options);
+    this.timeline.draw(this.frame, this.picture.ink);
+    this.#placeHandle();
+  }
+
+  // Where a point (mm) is in the picture, in pixels of the page.
+  pixelOf(point) {
+    return project(this.picture.view, point);
+  }
+
+  movePlane(at, moving = false) {
+    const { axis } = this.picture.plane;
+    const { low, high } = this.picture.bounds;
+    const kept = Math.max(low[axis], Math.min(high[axis], at));
+    this.picture.setPlane(axis, kept, moving ? 36 : 72);
+    this.part("at").value = kept;
+    this.part("at-text").textContent = `${kept.toFixed(1)} mm`;
+  }
+
+  #followFocus() {
+    const place = this.scene.row("found_mm", this.frame) ?? this.scene.row("target_mm", this.frame);
+    if (place) this.movePlane(place[this.picture.plane.axis], this.playing);
+  }
+
+  #choosePlane(axis) {
+    this.picture.setPlane(axis, null);
+    const { low, high } = this.picture.bounds;
+    Object.assign(this.part("at"), { min: low[axis], max: high[axis], step: 0.1 });
+    this.movePlane(this.picture.plane.at);
+    this.show(this.frame);
+  }
+
+  // --- tables and legends ----------------------------------------------------------------------
+
+  #fillFrame() {
+    const { scene, frame } = this;
+    const number = (name, digits, unit) => {
+      const value = scene.value(name, frame);
+      return value === null ? null : `${value.toFixed(digits)} ${unit}`;
+    };
+    const place = (name) => {
+      const row = scene.row(name, frame);
+      return row && `${[...row].map((value) => value.toFixed(2)).join(", ")} mm`;
+    };
+    const timing = ["", ", late", ", early"][scene.column("timing")[frame]];
+    const rows = { // what is not known has no row
+      frame: `${scene.column("number")[frame]} (${frame + 1} of ${scene.frames})`,
+      time: `${((scene.timeOf(frame) - scene.startUs) / 1000).toFixed(3)} ms`,
+      status: `${scene.status(frame)}${timing}`,
+      "target x, y, z": place("target_mm"),
+      "focus x, y, z": place("found_mm"),
+      "error across the beam": number("across_mm", 3, "mm"),
+      "error along the beam": number("along_mm", 3, "mm"),
+      "pressure at the focus": number("pressure_pa", 0, "Pa RMS"),
+      force: number("force_mn", 2, "mN"),
+    };
+    fillTable(this.part("frame"), Object.entries(rows).filter(([, value]) => value !== null));
+    this.part("text").textContent = scene.header.texts[scene.column("number")[frame]] ?? "";
+    const slider = this.part("timeline");
+    slider.setAttribute("aria-valuenow", frame);
+    slider.setAttribute("aria-valuetext", `frame ${rows.frame}, ${rows.status}`);
+  }
+
+  #fillTroubles() {
+    const { scene } = this;
+    const list = this.part("troubles");
+    const frames = Array.from({ length: scene.frames }, (_, frame) => frame);
+    const odd = frames.filter((frame) => troubleOf(scene, frame).rank > 0);
+    this.part("trouble-count").textContent = odd.length ? `${odd.length} of ${scene.frames}` : "none";
+    for (const frame of odd.slice(0, 500)) {
+      const button = document.createElement("button");
+      button.textContent = `${scene.column("number")[frame]}: ${scene.status(frame)}`;
+      button.addEventListener("click", () => this.show(frame));
+      const item = document.createElement("li");
+      item.append(button);
+      list.append(item);
+    }
+    fillTable(this.part("counters"), Object.entries(scene.header.counters));
+  }
+
+  #fillLegends() {
+    this.part("phase-bar").style.background = PHASE_MAP.gradient;
+    this.part("pressure-bar").style.background = PRESSURE_MAP.gradient;
+    const [low, high] = this.part("decibels").checked
+      ? [`−${DECIBELS} dB`, `0 dB, ${this.picture.scalePa} Pa RMS`]
+      : ["0", `${this.picture.scalePa} Pa RMS`];
+    this.part("pressure-low").textContent = low;
+    this.part("pressure-high").textContent = high;
+    this.part("no-field").hidden = this.field.isKnown;
+  }
+
+  // --- controls ----------------------------------------------------------------------------------
+
+  #fillControls() {
+    const run = (this.timeline.end - this.timeline.start) / 1e6;
+    const chosen = SPEEDS.find((speed) => run / speed >= 8) ?? SPEEDS.at(-1);
+    for (const speed of SPEEDS) {
+      const option = new Option(speed === 1 ? "real time" : `${speed} of real time`, speed);
+      option.selected = speed === chosen;
+      this.part("speed").append(option);
+    }
+    this.part("timeline").setAttribute("aria-valuemax", this.scene.frames - 1);
+    this.#choosePlaneControls();
+  }
+
+  #choosePlaneControls() {
+    const { low, high } = this.picture.bounds;
+    Object.assign(this.part("at"), { min: low[2], max: high[2], step: 0.1 });
+    this.movePlane(this.picture.plane.at);
+  }
+
+  play(playing) {
+    this.playing = playing;
+    this.part("play").textContent = playing ? "Pause" : "Play";
+    if (!playing) {
+      this.show(this.frame); // a plane that moved while it played is sharp again
+      return;
+    }
+    if (this.frame === this.scene.frames - 1) this.frame = 0;
+    this.clock = { wall: performance.now(), device: this.timeline.times[this.frame] };
+    requestAnimationFrame((now) => this.#tick(now));
+  }
+
+  #tick(now) {
+    if (!this.playing) return;
+    const speed = Number(this.part("speed").value);
+    this.clock.device += 1000 * (now - this.clock.wall) * speed;
+    this.clock.wall = now;
+    const frame = this.timeline.frameBefore(this.clock.device);
+    if (frame !== this.frame) this.show(frame);
+    if (this.clock.device >= this.timeline.end) this.play(false);
+    else requestAnimationFrame((next) => this.#tick(next));
+  }
+
+  step(frames) {
+    if (this.playing) this.play(false);
+    this.show(this.frame + frames);
+  }
+
+  #listen() {
+    const on = (name, event, act) => this.part(name).addEventListener(event, act);
+    on("play", "click", () => this.play(!this.playing));
+    on("back", "click", () => this.step(-1));
+    on("forward", "click", () => this.step(1));
+    on("axis", "change", (event) => this.#choosePlane(Number(event.target.value)));
+    on("at", "input", () => this.#dropPlane(Number(this.part("at").value), true));
+    on("at", "change", () => this.#dropPlane(Number(this.part("at").value), false));
+    on("follow", "change", () => this.show(this.frame));
+    on("trail", "change", () => this.draw());
+    on("decibels", "change", () => { this.#fillLegends(); this.draw(); });
+    on("reset", "click", () => { this.picture.camera.reset(); this.draw(); });
+    this.#listenToPicture();
+    this.#listenToTimeline();
+    new ResizeObserver(() => this.draw()).observe(this.part("picture"));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+      this.#takeColours();
+      this.draw();
+    });
+  }
+
+  #dropPlane(at, moving) {
+    this.part("follow").checked = false;
+    this.movePlane(at, moving);
+    this.draw();
+  }
+
+  #listenToPicture() {
+    const canvas = this.part("picture");
+    drag(canvas, (event) => {
+      this.picture.camera.turn(-0.01 * event.movementX, 0.01 * event.movementY);
+      this.draw();
+    });
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.picture.camera.magnify(Math.exp(-0.001 * event.deltaY));
+      this.draw();
+    }, { passive: false });
+    canvas.addEventListener("keydown", (event) => this.#turnByKey(event));
+    drag(this.part("handle"), (event) => this.#dragPlane(event), () => this.movePlane(this.picture.plane.at));
+  }
+
+  #turnByKey(event) {
+    const { camera } = this.picture;
+    const acts = {
+      ArrowLeft: () => camera.turn(0.1, 0), ArrowRight: () => camera.turn(-0.1, 0),
+      ArrowUp: () => camera.turn(0, 0.1), ArrowDown: () => camera.turn(0, -0.1),
+      "+": () => camera.magnify(1.2), "-": () => camera.magnify(1 / 1.2), 0: () => camera.reset(),
+    };
+    if (!acts[event.key]) return;
+    event.preventDefault();
+    acts[event.key]();
+    this.draw();
+  }
+
+  // The handle moves along the axis of the plane: a pixel is the axis as it is seen.
+  #dragPlane(event) {
+    const { axis, at } = this.picture.plane;
+    const { right, up, scale } = this.picture.view;
+    const seen = [scale * right[axis], -scale * up[axis]];
+    const length = seen[0] ** 2 + seen[1] ** 2;
+    if (length < 1e-3 * scale ** 2) return; // seen along the axis
+    const moved = (event.movementX * seen[0] + event.movementY * seen[1]) / length;
+    this.#dropPlane(at + moved, true);
+  }
+
+  #placeHandle() {
+    const [x, y] = this.pixelOf(this.picture.plane.corner(1, 1));
+    const { width, height } = this.picture.view;
+    const handle = this.part("handle");
+    handle.style.left = `${Math.max(0, Math.min(width - 28, x - 14))}px`;
+    handle.style.top = `${Math.max(0, Math.min(height - 28, y - 14))}px`;
+  }
+
+  #listenToTimeline() {
+    const canvas = this.part("timeline");
+    const scrub = (event) => {
+      if (this.playing) this.play(false);
+      this.show(this.timeline.frameAt(event.clientX - canvas.getBoundingClientRect().left));
+    };
+    canvas.addEventListener("pointerdown", scrub);
+    drag(canvas, scrub);
+    this.root.addEventListener("keydown", (event) => this.#stepByKey(event));
+  }
+
+  #stepByKey(event) {
+    const inPicture = event.target === this.part("picture");
+    if (inPicture || ["INPUT", "SELECT"].includes(event.target.tagName)) return;
+    const page = Math.max(1, Math.round(this.scene.frames / 20));
+    const acts = {
+      ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1),
+      PageUp: () => this.step(-page), PageDown: () => this.step(page),
+      Home: () => this.step(-this.scene.frames), End: () => this.step(this.scene.frames),
+    };
+    if (event.key === " " && event.target.tagName !== "BUTTON") acts[" "] = () => this.play(!this.playing);
+    if (!acts[event.key]) return;
+    event.preventDefault();
+    acts[event.key]();
+  }
+
+  #takeColours() {
+    this.picture.ink = getComputedStyle(this.root).color;
+  }
+}
+
+function fillTable(table, rows) {
+  table.replaceChildren(...rows.map(([name, value]) => {
+    const row = document.createElement("tr");
+    const head = document.createElement("th");
+    head.scope = "row";
+    head.textContent = name;
+    const cell = document.createElement("td");
+    cell.textContent = value;
+    row.append(head, cell);
+    return row;
+  }));
+}
+
+function drag(element, move, end = () => {}) {
+  element.addEventListener("pointerdown", (event) => {
+    element.setPointerCapture(event.pointerId);
+    element.addEventListener("pointermove", move);
+  });
+  for (const name of ["pointerup", "pointercancel"]) {
+    element.addEventListener(name, () => {
+      element.removeEventListener("pointermove", move);
+      end();
+    });
+  }
+}
+
+async function openViewer() {
+  const root = document.getElementById("viewer");
+  try {
+    const scene = await unpackEmbedded(document.getElementById("scene").textContent.trim());
+    window.haptogramViewer = new Viewer(root, scene); // for tests and for the curious
+  } catch (error) {
+    root.dataset.ready = "false";
+    root.querySelector("[data-part=failure]").textContent = `This browser cannot show the view: ${error.message}`;
+  }
+}
+
+openViewer();

@@ -1,0 +1,109 @@
+"""The frames of a scene: what is known of each, as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import Drive
+from haptogram.acoustics.model.drive import MAX_PHASE_BITS
+from haptogram.verification import FrameStatus
+
+LATCHED: Final = "latched"  # the status of a frame that nobody judged
+STATUSES: Final = (*map(str, FrameStatus), LATCHED)
+TIMELY, LATE, EARLY = range(3)
+
+Place: TypeAlias = Sequence[float | None] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShownFrame:
+    """One frame of a scene; None: not known, or not observable.
+
+    Attributes
+    ----------
+    number : int
+        Number of the frame.
+    status : str
+        One of :data:`STATUSES`.
+    timing : int
+        :data:`TIMELY`, :data:`LATE` or :data:`EARLY`.
+    due_us, latched_us : int or None
+        Device times.
+    target_m, found_m : sequence of 3 float or None
+        Where the focus was to be, and where it was.
+    bound_mm : sequence of 3 float or None
+        Largest error of each coordinate that rounding can make.
+    across_mm, along_mm : float or None
+        Error across and along the beam.
+    pressure_pa, force_n : float or None
+        RMS pressure at the focus, and force on a disc of 10 mm radius.
+    drive : Drive or None
+        Radiated drive, if it was seen.
+    """
+
+    number: int
+    status: str = LATCHED
+    timing: int = TIMELY
+    due_us: int | None = None
+    latched_us: int | None = None
+    target_m: Place = None
+    found_m: Place = None
+    bound_mm: Place = None
+    across_mm: float | None = None
+    along_mm: float | None = None
+    pressure_pa: float | None = None
+    force_n: float | None = None
+    drive: Drive | None = None
+
+
+def frame_columns(frames: Sequence[ShownFrame], count: int) -> dict[str, NDArray[Any]]:
+    """Return the columns of *frames* of an array of *count* elements."""
+    return {
+        "number": np.array([f.number for f in frames], dtype=np.uint32),
+        "status": np.array([STATUSES.index(f.status) for f in frames], dtype=np.uint8),
+        "timing": np.array([f.timing for f in frames], dtype=np.uint8),
+        "due_us": _numbers(frames, lambda f: f.due_us).astype(np.float64),
+        "latched_us": _numbers(frames, lambda f: f.latched_us).astype(np.float64),
+        "target_mm": _places(f.target_m for f in frames) * np.float32(1e3),
+        "found_mm": _places(f.found_m for f in frames) * np.float32(1e3),
+        "bound_mm": _places(f.bound_mm for f in frames),
+        "across_mm": _numbers(frames, lambda f: f.across_mm).astype(np.float32),
+        "along_mm": _numbers(frames, lambda f: f.along_mm).astype(np.float32),
+        "pressure_pa": _numbers(frames, lambda f: f.pressure_pa).astype(np.float32),
+        "force_mn": 1e3 * _numbers(frames, lambda f: f.force_n).astype(np.float32),
+        **drive_columns([f.drive for f in frames], count),
+    }
+
+
+def drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, NDArray[np.uint8]]:
+    """Return the codes of *drives*, of *count* elements each; None: nobody saw the drive.
+
+    Amplitudes that are the same in every drive are said once.
+    """
+    phases = np.zeros((len(drives), count), dtype=np.uint8)
+    amplitudes = np.zeros((len(drives), count), dtype=np.uint8)
+    for row, drive in enumerate(drives):
+        if drive is not None:
+            phases[row] = drive.phase_codes << (MAX_PHASE_BITS - drive.phase_bits)
+            amplitudes[row] = drive.amplitude_codes
+    seen = np.array([drive is not None for drive in drives], dtype=np.uint8)
+    levels = amplitudes[seen == 1]
+    if len(levels) and (levels == levels[0]).all():
+        amplitudes = levels[:1]
+    return {"seen": seen, "phases": phases, "amplitudes": amplitudes}
+
+
+def _numbers(
+    frames: Sequence[ShownFrame], value: Callable[[ShownFrame], float | None]
+) -> NDArray[np.float64]:
+    return np.array([value(frame) for frame in frames], dtype=np.float64)
+
+
+def _places(places: Iterable[Place]) -> NDArray[np.float32]:
+    rows = [(None, None, None) if place is None else tuple(place) for place in places]
+    return np.array(rows, dtype=np.float64).reshape(-1, 3).astype(np.float32)

@@ -1,0 +1,129 @@
+"""A scene: array, medium and frames as a header of JSON and columns of numbers.
+
+The page of the viewer reads a scene from a report, a recording or a running board alike::
+
+    b"HGV1" | u32 length of the header | header, JSON | columns, each from a multiple of 8 bytes on
+
+Numbers are little-endian. The header lists name, type and shape of each column.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE, MAX_PHASE_BITS
+
+from .frames import STATUSES, ShownFrame, frame_columns
+
+MAGIC: Final = b"HGV1"
+_ALIGNMENT: Final = 8
+_GAINS: Final = 1025  # of a directivity, over the cosine: linear between them is good to 1e-6
+_TYPES: Final = {"u1": np.uint8, "u4": np.uint32, "f4": np.float32, "f8": np.float64}
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """One scene.
+
+    Attributes
+    ----------
+    header : mapping
+        JSON types: what is said once.
+    columns : mapping of str to numpy.ndarray
+        uint8, uint32, float32 or float64; the first index of a frame's column is the frame.
+    """
+
+    header: Mapping[str, Any]
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        model: AcousticModel,
+        frames: Sequence[ShownFrame],
+        *,
+        counters: Mapping[str, Any] | None = None,
+        texts: Mapping[str, str] | None = None,
+    ) -> Self:
+        """Return the scene of *frames* that an array radiates.
+
+        Parameters
+        ----------
+        counters : mapping, optional
+            Counters to show beside the view, by name.
+        texts : mapping, optional
+            Findings about single frames, by number.
+        """
+        return cls(
+            {
+                **_constants(model),
+                "statuses": STATUSES,
+                "counters": dict(counters or {}),
+                "texts": dict(texts or {}),
+            },
+            {**_elements(model), **frame_columns(frames, model.array.count)},
+        )
+
+    def pack(self) -> bytes:
+        """Return the bytes of the scene."""
+        named = {name: np.ascontiguousarray(values) for name, values in self.columns.items()}
+        layout = [[name, _type(values), values.shape] for name, values in named.items()]
+        header = json.dumps({**self.header, "columns": layout}, allow_nan=False).encode()
+        start = MAGIC + struct.pack("<I", len(header)) + header
+        return b"".join(_padded(part) for part in (start, *(v.tobytes() for v in named.values())))
+
+    def embedded(self) -> str:
+        """Return the scene for a page: compressed, in base64."""
+        return base64.b64encode(zlib.compress(self.pack(), 9)).decode("ascii")
+
+
+def _constants(model: AcousticModel) -> dict[str, Any]:
+    """Return the constants of array and medium that the field needs."""
+    return {
+        "wavelength_mm": 1e3 * model.wavelength_m,
+        "absorption_np_m": model.medium.absorption_np_m,
+        "source_pa_m": model.transducer.source_strength_pa_m,
+        "baffled": model.transducer.directivity.baffled,
+        "phase_steps": 1 << MAX_PHASE_BITS,
+        "amplitude_steps": FULL_AMPLITUDE,
+    }
+
+
+def _elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
+    """Return places, normals, responses and directivity of the elements.
+
+    A directivity that depends on the direction around the axis has no table: ``gains`` is empty,
+    and the page draws no field.
+    """
+    array, directivity = model.array, model.transducer.directivity
+    response = np.ones(array.count, complex) if model.response is None else model.response
+    cosines = np.linspace(0.0 if directivity.baffled else -1.0, 1.0, _GAINS)
+    tabled = not hasattr(directivity, "gain_towards")
+    gains = directivity.gain(cosines, model.wavenumber) if tabled else np.empty(0)
+    return {
+        "positions_mm": (1e3 * array.positions_m).astype(np.float32),
+        "normals": array.normals.astype(np.float32),
+        "response": np.stack([response.real, response.imag], axis=1).astype(np.float32),
+        "gains": np.asarray(gains, dtype=np.float32),
+    }
+
+
+def _type(values: NDArray[Any]) -> str:
+    for name, kind in _TYPES.items():
+        if values.dtype == kind:
+            return name
+    raise TypeError(f"a column of {values.dtype}, must be one of {', '.join(_TYPES)}")
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % _ALIGNMENT)

@@ -1,0 +1,270 @@
+"""The view in a real browser: its field, its marks, its controls."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics import (
+    AcousticModel,
+    Calibration,
+    CircularPiston,
+    Drive,
+    Medium,
+    PointSource,
+    Transducer,
+    TransducerArray,
+    pressure,
+)
+from haptogram.report.viewer.frames import LATE, ShownFrame
+from haptogram.report.viewer.page import write_view
+from haptogram.report.viewer.scene import Scene
+
+_FIELD = """(points) => {
+  const { field, scene } = haptogramViewer;
+  const found = field.pressure(field.propagators(Float64Array.from(points)), 0);
+  return [...found];
+}"""
+
+
+def _turn(degrees: float) -> np.ndarray[Any, Any]:
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+
+
+def _face_to_face() -> TransducerArray:
+    low = TransducerArray.grid(5, 5, pitch_m=0.0105)
+    high = low.moved(_turn(180.0), (0.0, 0.0, 0.2))
+    return TransducerArray.from_positions(
+        np.concatenate([low.positions_m, high.positions_m]),
+        np.concatenate([low.normals, high.normals]),
+    )
+
+
+def _model(array: TransducerArray, transducer: Transducer) -> AcousticModel:
+    return AcousticModel(array, Medium.air(25.0), transducer)
+
+
+_GRID = TransducerArray.grid(6, 4, pitch_m=0.01)
+_PISTON, _POINT = Transducer(CircularPiston()), Transducer(PointSource())
+_MODELS = {
+    f"{shape}, {kind}": _model(array, transducer)
+    for shape, array in {
+        "flat": _GRID,
+        "tilted and moved": _GRID.moved(_turn(35.0), (0.02, -0.03, 0.01)),
+        "facing down": _GRID.moved(_turn(180.0), (0.0, 0.0, 0.25)),
+        "face to face": _face_to_face(),
+        "one element": TransducerArray.grid(1, 1),
+    }.items()
+    for kind, transducer in {"pistons": _PISTON, "point sources": _POINT}.items()
+}
+
+
+def _calibrated() -> AcousticModel:
+    model = _model(_GRID, _PISTON)
+    rng = np.random.default_rng(5)
+    return model.calibrated(
+        Calibration(
+            gain=rng.uniform(0.5, 1.2, 24),
+            phase_rad=rng.uniform(-2.0, 2.0, 24),
+            positions_m=_GRID.positions_m,
+        )
+    )
+
+
+_MODELS["calibrated"] = _calibrated()
+
+
+def _scene_page(tmp_path: Path, scene: Scene) -> str:
+    path = tmp_path / "view.html"
+    write_view(path, scene, title="A view", lead=["Of a test."])
+    return path.as_uri()
+
+
+@pytest.mark.parametrize("name", _MODELS)
+def test_field_of_the_page_is_that_of_the_reference(
+    name: str, tmp_path: Path, open_page: Callable[..., Any]
+) -> None:
+    model = _MODELS[name]
+    rng = np.random.default_rng(3)
+    count = model.array.count
+    drive = Drive(
+        rng.integers(0, 256, count, dtype=np.uint8), rng.integers(0, 256, count, dtype=np.uint8)
+    )
+    page = open_page(_scene_page(tmp_path, Scene.of(model, [ShownFrame(number=0, drive=drive)])))
+    centre, facing = model.array.centre_m, model.array.facing
+    points = centre + 0.1 * facing + rng.uniform(-0.08, 0.08, (200, 3))
+    expected = np.abs(pressure(model, drive.weights(), points)) / np.sqrt(2.0)
+    found = np.array(page.evaluate(_FIELD, (1e3 * points).ravel().tolist()))
+    assert expected.max() > 10.0
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-3 * expected.max())
+
+
+def _run_of_four() -> Scene:
+    """Two frames on target, one lost, one late."""
+    model = AcousticModel.default(8, 8)
+    drives = [Drive(np.full(64, code, np.uint8), np.full(64, 255, np.uint8)) for code in range(4)]
+    places = [(0.02, 0.01, 0.1), (0.0, 0.0, 0.12), (-0.02, 0.0, 0.1), (0.0, -0.02, 0.11)]
+    common = [
+        {"number": n, "target_m": place, "due_us": 1000 * n} for n, place in enumerate(places)
+    ]
+    seen = [
+        {"latched_us": 1000 * n + 25, "found_m": place, "drive": drive, "pressure_pa": 900.0}
+        for n, (place, drive) in enumerate(zip(places, drives, strict=True))
+    ]
+    frames = [
+        ShownFrame(**common[0], **seen[0], status="on target"),
+        ShownFrame(**common[1], **seen[1], status="on target"),
+        ShownFrame(**common[2], status="lost"),
+        ShownFrame(**common[3], **seen[3], status="on target", timing=LATE),
+    ]
+    return Scene.of(model, frames, counters={"lost": 1}, texts={"2": "frame 2: lost <b>x</b>"})
+
+
+@pytest.fixture
+def page(tmp_path: Path, open_page: Callable[..., Any]) -> Any:
+    return open_page(_scene_page(tmp_path, _run_of_four()))
+
+
+def _table(page: Any) -> dict[str, str]:
+    rows = page.locator("[data-part=frame] tr").all()
+    return {row.locator("th").inner_text(): row.locator("td").inner_text() for row in rows}
+
+
+def _pixel(page: Any, place: str) -> list[int]:
+    """Colour at the place of a focus in the picture."""
+    return page.evaluate(
+        """(name) => {
+          const { picture, scene, frame } = haptogramViewer;
+          const [x, y] = haptogramViewer.pixelOf(scene.row(name, frame));
+          const at = [x, y].map((value) => Math.round(value * picture.ratio));
+          return [...picture.context.getImageData(...at, 1, 1).data.slice(0, 3)];
+        }""",
+        place,
+    )
+
+
+def test_focus_lies_at_its_place_in_pixels(page: Any) -> None:
+    for number in (0, 1, 3):
+        page.evaluate("(frame) => haptogramViewer.show(frame)", number)
+        red, green, blue = _pixel(page, "found_mm")
+        assert blue > 120  # the blue of a focus that was found, and none of the field's
+        assert red < 60
+        assert green > 80
+
+
+def test_table_tells_the_frame_and_leaves_out_what_is_not_known(page: Any) -> None:
+    page.evaluate("() => haptogramViewer.show(0)")
+    table = _table(page)
+    assert table["frame"] == "0 (1 of 4)"
+    assert table["status"] == "on target"
+    assert table["target x, y, z"] == "20.00, 10.00, 100.00 mm"
+    assert table["pressure at the focus"] == "900 Pa RMS"
+    page.evaluate("() => haptogramViewer.show(2)")
+    table = _table(page)
+    assert table["status"] == "lost"
+    assert "focus x, y, z" not in table
+    assert "pressure at the focus" not in table
+    assert page.locator("[data-part=text]").inner_text() == "frame 2: lost <b>x</b>"
+
+
+def test_lost_and_late_frames_show_on_the_time_line(page: Any) -> None:
+    colours = page.evaluate(
+        """() => {
+          const { timeline } = haptogramViewer;
+          const ratio = devicePixelRatio;
+          return timeline.times.map((t) => {
+            const x = Math.round(timeline.x(t) * ratio);
+            return [...timeline.context.getImageData(x, 15 * ratio, 1, 1).data];
+          });
+        }"""
+    )
+    assert colours[1][3] == 0  # on target: a short tick
+    assert colours[2][:3] == [0xCC, 0x79, 0xA7]  # lost
+    assert colours[3][:3] == [0xE6, 0x9F, 0x00]  # late
+    assert page.locator("[data-part=trouble-count]").inner_text() == "2 of 4"
+
+
+def test_controls_step_play_pause_and_jump(page: Any) -> None:
+    shown = "() => haptogramViewer.frame"
+    page.click("[data-part=forward]")
+    page.click("[data-part=forward]")
+    page.click("[data-part=back]")
+    assert page.evaluate(shown) == 1
+    page.locator("[data-part=timeline]").focus()
+    for key, frame in (("End", 3), ("ArrowLeft", 2), ("Home", 0), ("ArrowRight", 1)):
+        page.keyboard.press(key)
+        assert page.evaluate(shown) == frame
+    page.click("text=2: lost")
+    assert page.evaluate(shown) == 2
+    page.evaluate("() => haptogramViewer.show(0)")
+    page.select_option("[data-part=speed]", "0.1")
+    page.click("[data-part=play]")
+    assert page.locator("[data-part=play]").inner_text() == "Pause"
+    page.wait_for_function("() => haptogramViewer.frame === 3 && !haptogramViewer.playing")
+    page.select_option("[data-part=speed]", "0.001")
+    page.click("[data-part=play]")
+    page.click("[data-part=play]")
+    assert page.evaluate("() => haptogramViewer.playing") is False
+    assert page.evaluate(shown) < 3
+
+
+def test_plane_is_moved_by_slider_handle_and_axis(page: Any) -> None:
+    at = "() => haptogramViewer.picture.plane.at"
+    page.evaluate("() => haptogramViewer.show(1)")
+    assert page.evaluate(at) == pytest.approx(120.0)  # it follows the focus
+    handle = page.locator("[data-part=handle]").bounding_box()
+    page.mouse.move(handle["x"] + 14, handle["y"] + 14)
+    page.mouse.down()
+    page.mouse.move(handle["x"] + 14, handle["y"] + 54)
+    page.mouse.up()
+    assert page.evaluate(at) < 110.0
+    page.evaluate("() => haptogramViewer.show(0)")
+    assert page.evaluate(at) < 110.0  # it no longer follows
+    page.select_option("[data-part=axis]", "0")
+    assert page.evaluate("() => haptogramViewer.picture.plane.axis") == 0
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [400, 1280])
+def test_page_fits_the_screen(
+    scheme: str, width: int, tmp_path: Path, open_page: Callable[..., Any]
+) -> None:
+    settings = {"viewport": {"width": width, "height": 900}, "color_scheme": scheme}
+    page = open_page(_scene_page(tmp_path, _run_of_four()), **settings)
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= width
+    boxes = [b.bounding_box() for b in page.locator(".viewer button, .viewer select").all()]
+    assert all(box["x"] >= 0 and box["x"] + box["width"] <= width for box in boxes)
+
+
+def test_scene_that_cannot_be_read_is_told(tmp_path: Path, open_page: Callable[..., Any]) -> None:
+    path = tmp_path / "view.html"
+    write_view(path, _run_of_four(), title="A view", lead=[])
+    text = path.read_text()
+    start = text.index('id="scene">') + len('id="scene">')
+    path.write_text(text[:start] + text[start + 40 :])
+    page = open_page(path.as_uri())
+    assert "cannot show the view" in page.locator("[data-part=failure]").inner_text()
+
+
+def test_page_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
+    path = tmp_path / "view.html"
+    write_view(path, _run_of_four(), title="A view", lead=[])
+    assert not re.search(r"(?:src|href)\s*=|https?://|@import|url\(", path.read_text())
+
+
+def test_colour_maps_are_those_of_the_pictures() -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    script = files("haptogram.report").joinpath("templates/viewer/colours.js").read_text()
+    for constant, name in (("PHASE_STOPS", "twilight"), ("PRESSURE_STOPS", "cividis")):
+        declared = script.split(f"const {constant}")[1].split(";")[0]
+        stops = re.findall("[0-9a-f]{6}", "".join(re.findall('"([0-9a-f]+)"', declared)))
+        found = np.array([[int(stop[i : i + 2], 16) for i in (0, 2, 4)] for stop in stops])
+        expected = matplotlib.colormaps[name](np.linspace(0.0, 1.0, len(stops)))[:, :3]
+        np.testing.assert_allclose(found, 255.0 * expected, atol=1.0)
