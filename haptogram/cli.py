@@ -171,7 +171,7 @@ def board_in_virtual_time(config: BoardConfig) -> Iterator[BoardUnderTest]:
     with contextlib.closing(
         open_port(PortConfig(board=config, clock="virtual", reconstruct=True))
     ) as port:
-        model = port.simulation.board.settings.truth
+        model = port.simulation.settings.truth
         transport = PyserialTransport(port, "virtual board")
         yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model)
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
+from haptogram.settings.option import Settings
 from haptogram_protocol.connection import BoardConnection, BoardEvent
 from haptogram_protocol.framing import FrameDecoder, fastest_cobs
 
@@ -16,6 +17,8 @@ from .board.settings import BoardSettings
 from .board.stream_queue import StreamQueue
 from .board.timers import OutputTimers
 from .board.uploads import Uploads
+from .dialects.emulation import Emulation
+from .dialects.endpoint import Endpoint
 from .dialects.haptogram import OUTPUT_LIMIT, BoardDialect
 
 
@@ -52,3 +55,37 @@ class Parts:
 
 
 HEALTHY: Final = Parts()
+
+
+class Assembly(Protocol):
+    """How a board with its end of the line is put together."""
+
+    @property
+    def clock(self) -> type[DeviceClock]:
+        """The clock of the board."""
+        ...
+
+    def assemble(self, settings: BoardSettings, description_hash: int) -> Endpoint:
+        """Return the board at the end of its line, powered up."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignParts:
+    """The parts of boards that speak another dialect.
+
+    Attributes
+    ----------
+    emulation : Emulation
+        The dialect and its boards.
+    options : Settings
+        Options of the dialect.
+    """
+
+    emulation: Emulation
+    options: Settings
+    clock: type[DeviceClock] = DeviceClock
+
+    def assemble(self, settings: BoardSettings, description_hash: int) -> Endpoint:  # noqa: ARG002  it describes Haptogram's wire
+        """Return the boards at the end of their line, powered up."""
+        return self.emulation.power_up(self.options, settings)

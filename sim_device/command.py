@@ -134,15 +134,14 @@ def _start_log(options: argparse.Namespace) -> None:
 
 def _run(options: argparse.Namespace) -> None:
     # Here, and not above: --help and a refusal need no numpy.
-    from .board.settings import BoardSettings
+    from .blueprint import blueprint_of
     from .log import CountLog, NoticeLog
-    from .mutants import parts_of
     from .simulation import Simulation
     from .wallclock import Heartbeat
 
     config = _config(options)
-    settings, parts = BoardSettings.of(config), parts_of(config.mutant)
-    plan = config.plan
+    board = blueprint_of(config)
+    settings, parts, plan = board.settings, board.parts, board.faults
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
     port = _open_port(options, config)

@@ -9,13 +9,14 @@ from typing import Final
 from haptogram_protocol.state import MuteReason, OutputState
 
 from .board.events import (
+    AnyLatch,
     FaultsCounted,
-    Latch,
     LineCounted,
     Notice,
     PlaybackEnd,
     RampBegan,
     RampEnded,
+    Remark,
     SessionOpened,
     StateChange,
 )
@@ -26,7 +27,7 @@ _LOG: Final = logging.getLogger(__name__)
 class NoticeLog:
     """A recorder that logs every notice, and no latch."""
 
-    def latch(self, latch: Latch) -> None:
+    def latch(self, latch: AnyLatch) -> None:
         """Say nothing: there are a thousand a second."""
 
     def notice(self, notice: Notice) -> None:
@@ -73,6 +74,8 @@ def describe(notice: Notice) -> str:
         return f"ramp to silence began: {_words(notice.reason)}"
     if isinstance(notice, RampEnded):
         return "ramp undone: full output" if notice.restored else "ramp ended: silence"
+    if isinstance(notice, Remark):
+        return notice.text
     if isinstance(notice, FaultsCounted):
         return f"faults: {_counts(notice)}"
     if isinstance(notice, LineCounted):

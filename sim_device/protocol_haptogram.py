@@ -25,8 +25,8 @@ from .backdoor.recorder import InlineReconstruction
 from .backdoor.records import Record, to_line
 from .backdoor.sinks import RecordSink, open_sink
 from .backdoor.worker import ReconstructionWorker
+from .blueprint import blueprint_of
 from .board.settings import BoardSettings
-from .mutants import parts_of
 from .simulation import Recorder, Simulation
 
 _LONGEST_SLEEP_NS: Final = 50_000_000  # another thread may write meanwhile
@@ -92,14 +92,17 @@ class Serial(serial.SerialBase):
             raise serial.SerialException("Port is already open.")
         config = self.config or read_url(self._port)
         board, self._is_virtual = config.board, config.is_virtual
-        parts, settings = parts_of(board.mutant), BoardSettings.of(board)
+        blueprint = blueprint_of(board)
+        settings = blueprint.settings
         self.records = []
         self._sink: RecordSink | None = None
         self._worker: ReconstructionWorker | None = None
         self._inline: InlineReconstruction | None = None
         try:
             recorders = self._recorders(settings, config.backdoor, config.reconstruct)
-            self.simulation = Simulation(settings, *recorders, parts=parts, faults=board.plan)
+            self.simulation = Simulation(
+                settings, *recorders, parts=blueprint.parts, faults=blueprint.faults
+            )
         except BaseException:
             self._close_records()
             raise

@@ -1,4 +1,4 @@
-"""One board at the far end of one line: joins line, dialect, board and recorder.
+"""One board at the far end of one line: joins the line, the endpoint of a dialect and recorders.
 
 It knows no clock: times are nanoseconds since power-up, given by the caller, and it goes from event
 to event, so a run on the wall clock and one in virtual time are the same code.
@@ -12,13 +12,13 @@ from typing import Final, Protocol
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.settings.line import LineSettings
 from haptogram_protocol.export.tables import description_hash
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
+from haptogram_protocol.framing import MAX_ENCODED_BYTES, end_of_frame
 
-from .assembly import HEALTHY, Parts
-from .board.board import Board
+from .assembly import HEALTHY, Assembly
 from .board.clock import NS_PER_US, earliest, whole_us
-from .board.events import Latch, LineCounted, Notice
+from .board.events import AnyLatch, LineCounted, Notice
 from .board.settings import BoardSettings
+from .dialects.endpoint import Endpoint
 from .faults.clock import faulty_clock
 from .faults.injector import FaultInjector
 from .line.uart import Uart, uart_to_board, uart_to_host
@@ -32,7 +32,7 @@ MAX_CREDIT_NS: Final = 100_000_000  # of line time, for a process that stalled
 class Recorder(Protocol):
     """Takes down what the board does.  It must not block."""
 
-    def latch(self, latch: Latch) -> None:
+    def latch(self, latch: AnyLatch) -> None:
         """Take down a latch."""
         ...
 
@@ -52,10 +52,18 @@ class Simulation:
         What takes down what the board does.
     paced : bool, keyword-only
         Whether the line takes its time; not, if the bytes come over a real one.
-    parts : Parts, keyword-only
-        What the board is made of: healthy parts, unless it is a mutant.
+    parts : Assembly, keyword-only
+        What the board is made of: healthy parts of a board of Haptogram, unless it is a mutant or
+        speaks another dialect.
     faults : FaultPlan or None, keyword-only
         What is to go wrong with line, clock and transducers.
+
+    Attributes
+    ----------
+    settings : BoardSettings
+        The board.
+    dialect : Endpoint
+        The board at the end of its line.
 
     Raises
     ------
@@ -68,7 +76,7 @@ class Simulation:
         settings: BoardSettings,
         *recorders: Recorder,
         paced: bool = True,
-        parts: Parts = HEALTHY,
+        parts: Assembly = HEALTHY,
         faults: FaultPlan | None = None,
     ) -> None:
         self._clock = parts.clock(settings.boot_us)
@@ -78,8 +86,8 @@ class Simulation:
             self._injector = FaultInjector(faults, settings, self._clock)
             self._injector.has_left(0)
             settings = dataclasses.replace(settings, boot_us=self._clock.boot_us)
-        self.dialect = parts.assemble(settings, description_hash())
-        self.board: Board = self.dialect.board
+        self.settings = settings
+        self.dialect: Endpoint = parts.assemble(settings, description_hash())
         self._recorders = recorders
         self._line = settings.line if paced else LineSettings()
         self._down, self._up = uart_to_board(self._line), uart_to_host(self._line)
@@ -142,12 +150,11 @@ class Simulation:
         self._down.cut()
         self._up.cut()
         self._unread.clear()
+        self.dialect.client_left()
 
     def power_down(self) -> None:
         """Mute the board for good; recorders are told."""
-        self.board.mute()
-        self.dialect.advance_to(self.board.now_us)
-        self.dialect.collect()
+        self.dialect.power_down()
         self._record()
         self.report_counts()
 
@@ -174,9 +181,9 @@ class Simulation:
         """Tell the recorders of faults and losses, for their last record."""
         notices: list[Notice] = []
         if self._line != LineSettings(baud=self._line.baud):
-            notices.append(LineCounted(self.board.now_us, self.line_counts))
+            notices.append(LineCounted(self.dialect.now_us, self.line_counts))
         if self._injector is not None:
-            notices.append(self._injector.counted(self.board.now_us, self._now_ns))
+            notices.append(self._injector.counted(self.dialect.now_us, self._now_ns))
         for recorder in self._recorders:
             for notice in notices:
                 recorder.notice(notice)
@@ -187,9 +194,9 @@ class Simulation:
         """Return when something happens next by itself, or None."""
         board_us = self.dialect.next_event_us()
         first_ns = None if board_us is None else self._clock.reached_ns(board_us)
-        if (down_ns := self._down.next_event_ns(DELIMITER)) is not None:
+        if (down_ns := self._down.next_event_ns(self.dialect.next_end)) is not None:
             first_ns = earliest(first_ns, whole_us(down_ns))
-        if (up_ns := self._up.next_event_ns(DELIMITER)) is not None:
+        if (up_ns := self._up.next_event_ns(end_of_frame)) is not None:
             first_ns = earliest(first_ns, up_ns)
         if self._can_feed:
             first_ns = earliest(first_ns, self._up.free_ns)

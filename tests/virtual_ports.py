@@ -20,7 +20,7 @@ class BoardPort:
 
     def __init__(self, *, baud=BAUD, tamper=None, **settings):
         self.simulation = Simulation(BoardSettings(line=LineSettings(baud=baud), **settings), self)
-        self.board = self.simulation.board
+        self.board = self.simulation.dialect.board
         self.latches = []
         self.notices = []
         self.written = []

@@ -88,6 +88,15 @@ class BoardConfig(Settings):
     mutant: str | None = option(
         None, unit="NAME", help="firmware that is wrong in one way", absent="healthy"
     )
+    dialect: str | None = option(
+        None,
+        unit="NAME",
+        help="wire that the board speaks, as the boards that are sold and built do",
+        absent="Haptogram's own",
+    )
+    dialect_option: tuple[str, ...] = option(
+        (), unit="NAME=VALUE", help="option of the dialect; may be given many times"
+    )
     fault_seed: int | None = option(
         None,
         unit="N",

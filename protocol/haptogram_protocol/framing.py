@@ -26,6 +26,7 @@ __all__ = [
     "cobs_encode",
     "decode_frame",
     "encode_frame",
+    "end_of_frame",
     "fastest_cobs",
 ]
 
@@ -99,6 +100,12 @@ def _damage(decoded: bytes) -> RemoteProtocolError:
     return RemoteProtocolError(
         f"CRC-32 of the frame is {right:08x}, not {crc:08x} as sent", reason="crc"
     )
+
+
+def end_of_frame(data: bytes, at: int) -> int:
+    """Return the index behind the next delimiter of *data* from *at* on, or its length."""
+    found = data.find(DELIMITER, at)
+    return len(data) if found < 0 else found + 1
 
 
 class FrameDecoder:

@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Final
 
-from haptogram.acoustics import AcousticModel, Drive, Reconstruction, Reconstructor
+from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
+from haptogram.acoustics.arrays import ComplexArray
 
-from ..board.events import FaultsCounted, Latch, LineCounted, Notice
+from ..board.events import (
+    AnyLatch,
+    FaultsCounted,
+    Latch,
+    LineCounted,
+    Modulation,
+    Notice,
+    PulseLatch,
+)
 from ..board.settings import BoardSettings
-from .records import Record, board_record, end_record, latch_record, output_record
+from .records import (
+    Record,
+    board_record,
+    end_record,
+    latch_record,
+    output_record,
+    pulse_record,
+)
 
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
 
@@ -23,15 +40,15 @@ class Estimator:
 
     def __init__(self, model: AcousticModel) -> None:
         self._reconstructor = Reconstructor(model)
-        self._seen: OrderedDict[tuple[Drive, int, bool], Reconstruction] = OrderedDict()
+        self._seen: OrderedDict[Hashable, Reconstruction] = OrderedDict()
 
-    def estimate(self, latch: Latch) -> Reconstruction:
+    def estimate(self, latch: AnyLatch) -> Reconstruction:
         """Return what the board radiated; it is not told what the host had wanted."""
-        key = latch.radiated, latch.commanded_bits, latch.ramping
+        key = _radiated(latch)
         if key in self._seen:
             self._seen.move_to_end(key)
         else:
-            self._seen[key] = self._reconstruct(*key)
+            self._seen[key] = self._reconstruct(latch)
             if len(self._seen) > MEMORY_DRIVES:
                 self._seen.popitem(last=False)
         return self._seen[key]
@@ -40,8 +57,27 @@ class Estimator:
         """Do now what the first drive would wait for."""
         self._reconstructor.warm_up()
 
-    def _reconstruct(self, drive: Drive, bits: int, ramping: bool) -> Reconstruction:
-        return self._reconstructor.reconstruct(drive, ramping=ramping, phase_bits=bits)
+    def _reconstruct(self, latch: AnyLatch) -> Reconstruction:
+        if isinstance(latch, Latch):
+            return self._reconstructor.reconstruct(
+                latch.radiated, ramping=latch.ramping, phase_bits=latch.commanded_bits
+            )
+        return self._reconstructor.reconstruct_weights(
+            _weights(latch), step_rad=math.tau / latch.pulses.steps
+        )
+
+
+def _weights(latch: PulseLatch) -> ComplexArray:
+    if latch.radiated is None:
+        raise TypeError("a unit's own latch; only a dialect knows which emitters its pulses drive")
+    return latch.radiated
+
+
+def _radiated(latch: AnyLatch) -> Hashable:
+    """Return what latches that radiate the same have in common."""
+    if isinstance(latch, Latch):
+        return latch.radiated, latch.commanded_bits, latch.ramping
+    return _weights(latch).tobytes(), latch.pulses.steps
 
 
 class InlineReconstruction:
@@ -69,6 +105,7 @@ class InlineReconstruction:
         self._latched = self._reconstructed = 0
         self._faults: FaultsCounted | None = None
         self._line: LineCounted | None = None
+        self._modulation: Modulation | None = None
         write(board_record(settings))
 
     def warm_up(self) -> None:
@@ -76,13 +113,17 @@ class InlineReconstruction:
         if self._estimator is not None:
             self._estimator.warm_up()
 
-    def latch(self, latch: Latch) -> None:
+    def latch(self, latch: AnyLatch) -> None:
         """Take down a latch."""
         self._latched += 1
         estimator = self._estimator  # once: a signal may take it away at any time
         estimate = estimator.estimate(latch) if estimator else None
         self._reconstructed += estimate is not None
-        self._write(latch_record(latch, estimate))
+        if isinstance(latch, PulseLatch):
+            changed, self._modulation = latch.modulation != self._modulation, latch.modulation
+            self._write(pulse_record(latch, estimate, modulation_changed=changed))
+        else:
+            self._write(latch_record(latch, estimate))
 
     def skip_fields(self) -> None:
         """Leave the field out from now on: there is no time left for it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import json
 from typing import Any, Final, TypeAlias
 
@@ -14,8 +15,10 @@ from ..board.events import (
     LineCounted,
     Notice,
     PlaybackEnd,
+    PulseLatch,
     RampBegan,
     RampEnded,
+    Remark,
     SessionOpened,
     StateChange,
 )
@@ -41,6 +44,7 @@ def board_record(settings: BoardSettings) -> Record:
         "carrier_hz": settings.carrier_hz,
         "queue_depth": settings.queue_depth,
         "transducers": settings.count,
+        **({} if settings.wiring is None else dataclasses.asdict(settings.wiring)),
         "grid_shape": list(array.grid_shape) if array.grid_shape else None,
         "pitch_m": array.pitch_m,
         "positions_m": array.positions_m.tolist(),
@@ -89,6 +93,45 @@ def latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
     }
 
 
+def pulse_record(
+    latch: PulseLatch, reconstruction: Reconstruction | None, *, modulation_changed: bool
+) -> Record:
+    """Return the record of one latch of a board of another dialect: kind ``pulses``.
+
+    ``rises`` and ``widths`` hold a little-endian 16-bit number for each channel, in ``steps`` of
+    the carrier period; a channel that drives no emitter is among them (``channels`` of the record
+    ``board`` says which drive one). ``levels`` holds the level of each step, 0 or 1, of a channel
+    that has several pulses in a period. ``cause`` says what made the board latch, ``index`` the
+    place in a sequence that it runs along, and ``counted`` what it could not understand since the
+    latch before: a latch with anything there may be torn. ``radiated`` holds the weight of each
+    emitter, two little-endian 32-bit floats (real and imaginary part, e^{-j w t}), if faults on
+    purpose changed it; null: as the pulses say. ``modulation`` is null, ``unchanged``, or the
+    samples of the amplitude (0 to 255) with their rate, which repeat from this latch on.
+    """
+    pulses, modulation = latch.pulses, latch.modulation
+    samples: Record | str | None = "unchanged"
+    if modulation is None:
+        samples = None
+    elif modulation_changed:
+        samples = {"rate_hz": modulation.rate_hz, "samples": _base64(modulation.samples)}
+    faulty = latch.radiated if latch.is_faulty else None
+    return {
+        "kind": "pulses",
+        "number": latch.number,
+        "t_latch_us": latch.t_latch_us,
+        "cause": latch.cause,
+        "index": latch.index,
+        "steps": pulses.steps,
+        "rises": _base64(pulses.rises.astype("<u2").tobytes()),
+        "widths": _base64(pulses.widths.astype("<u2").tobytes()),
+        "levels": {str(channel): levels.hex() for channel, levels in pulses.levels.items()},
+        "counted": dict(latch.counted),
+        "modulation": samples,
+        "radiated": None if faulty is None else _base64(faulty.astype("<c8").tobytes()),
+        "reconstruction": None if reconstruction is None else reconstruction.as_dict(),
+    }
+
+
 def output_record(notice: Notice) -> Record:
     """Return the record of a change of the output, of a session or of the end of a sequence."""
     return {"kind": "output", "t_us": notice.t_us, **_what(notice)}
@@ -126,9 +169,13 @@ def to_line(record: Record) -> bytes:
 def _codes(drive: Drive) -> Record:
     return {
         "phase_bits": drive.phase_bits,
-        "phase_codes": base64.b64encode(drive.phase_codes.tobytes()).decode(),
-        "amplitude_codes": base64.b64encode(drive.amplitude_codes.tobytes()).decode(),
+        "phase_codes": _base64(drive.phase_codes.tobytes()),
+        "amplitude_codes": _base64(drive.amplitude_codes.tobytes()),
     }
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode()
 
 
 def _what(notice: Notice) -> Record:
@@ -141,6 +188,8 @@ def _what(notice: Notice) -> Record:
         return {"event": "ramp_began", "reason": notice.reason.name}
     if isinstance(notice, RampEnded):
         return {"event": "ramp_ended", "restored": notice.restored}
+    if isinstance(notice, Remark):
+        return {"event": "remark", "text": notice.text}
     if isinstance(notice, FaultsCounted | LineCounted):
         raise TypeError(f"{type(notice).__name__} belongs to the last record")
     return _playback(notice)

@@ -32,7 +32,7 @@ from haptogram.acoustics import Drive
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram_protocol.messages import LatchKey
 
-from ..board.events import Latch, Notice
+from ..board.events import AnyLatch, Latch, Notice, PulseLatch
 from ..board.settings import BoardSettings
 from .recorder import InlineReconstruction
 from .records import to_line
@@ -135,7 +135,7 @@ class ReconstructionWorker:
         """Return the file descriptor that is writable when :meth:`pump` can go on."""
         return int(self._input.fileno())
 
-    def latch(self, latch: Latch) -> None:
+    def latch(self, latch: AnyLatch) -> None:
         """Take down a latch, or count it as dropped."""
         if not self._alive or self.pending >= QUEUE_LATCHES:
             self.dropped += 1
@@ -338,7 +338,7 @@ def run_worker() -> None:
 
 def _record_all(items: Iterator[Any], recorder: InlineReconstruction, sink: RecordSink) -> None:
     for item in items:
-        if isinstance(item, Latch):
+        if isinstance(item, Latch | PulseLatch):
             recorder.latch(item)
         elif isinstance(item, _End):
             recorder.finish(dropped=item.dropped, notices_dropped=item.notices_dropped)

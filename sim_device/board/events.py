@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TypeAlias
 
 from haptogram.acoustics import Drive
+from haptogram.acoustics.arrays import ComplexArray
+from haptogram.acoustics.model.pulses import Pulses
 from haptogram_protocol.messages import LatchKey
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -48,6 +52,62 @@ class Latch:
     radiated: Drive
     ramping: bool
     t_received_us: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Modulation:
+    """The amplitude of all channels as it is modulated from a latch on, again and again.
+
+    Attributes
+    ----------
+    rate_hz : float
+        Samples per second.
+    samples : bytes
+        Share of the amplitude of the pulses, 255: all of it.
+    """
+
+    rate_hz: float
+    samples: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class PulseLatch:
+    """The pulses of a board of another dialect changed; nobody knows which frame was meant.
+
+    Attributes
+    ----------
+    t_latch_us : int
+        Device time, unwrapped: when the byte that caused the latch was complete, or when the board
+        went on by itself.
+    pulses : Pulses
+        Of every channel of every board, board after board, those without an emitter included.
+    cause : str
+        What made the board latch: ``power-up``, or the word of the unit (``swap``, ``frame``,
+        ``durations``, ...).
+    index : int
+        Place in a sequence that the board runs along; 0 without one.
+    modulation : Modulation or None
+        The board modulates the amplitude in addition.
+    number : int
+        Count of latches since power-up, from 0.
+    counted : mapping
+        What codec and unit counted since the latch before, by kind: bytes that they could not
+        understand, frames cut short. Not empty: this latch may be torn.
+    radiated : (N,) complex numpy.ndarray or None
+        Weight of each emitter of the array, after faults; None until the dialect has set it.
+    is_faulty : bool
+        Whether faults on purpose changed *radiated*.
+    """
+
+    t_latch_us: int
+    pulses: Pulses
+    cause: str
+    index: int = 0
+    modulation: Modulation | None = None
+    number: int = 0
+    counted: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    radiated: ComplexArray | None = None
+    is_faulty: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +177,22 @@ class LineCounted:
     counts: dict[str, int]
 
 
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Something about the client that its user should read: one line."""
+
+    t_us: int
+    text: str
+
+
+AnyLatch: TypeAlias = Latch | PulseLatch
 Notice: TypeAlias = (
-    FaultsCounted | LineCounted | SessionOpened | StateChange | RampBegan | RampEnded | PlaybackEnd
+    FaultsCounted
+    | LineCounted
+    | SessionOpened
+    | StateChange
+    | RampBegan
+    | RampEnded
+    | PlaybackEnd
+    | Remark
 )

@@ -30,6 +30,44 @@ ALL_FEATURES: Final = (
 
 
 @dataclass(frozen=True, kw_only=True)
+class Wiring:
+    """The dialect of a board, and which of its channels drive the emitters of the array.
+
+    Attributes
+    ----------
+    dialect : str
+        Name of the dialect.
+    steps : int
+        Steps of a phase in a period of the carrier.
+    channels : tuple of int
+        For each emitter of the array the channel that drives it, counted over all boards.
+    channel_count : int
+        Channels of all boards; one that drives no emitter may be driven all the same.
+    client_axes : tuple of 3 tuples of 3 float
+        Rows of the rotation R of the axes in which the clients of this dialect think: a point x of
+        theirs lies at R x in the axes of the array.
+
+    Raises
+    ------
+    ConfigurationError
+        If an emitter has a channel that is not there.
+    """
+
+    dialect: str
+    steps: int
+    channels: tuple[int, ...]
+    channel_count: int
+    client_axes: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+    def __post_init__(self) -> None:
+        if not all(0 <= channel < self.channel_count for channel in self.channels):
+            raise ConfigurationError(
+                f"array of {len(self.channels)} elements; the boards of {self.dialect} have "
+                f"{self.channel_count} channels: give an array that fits, or more boards"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
 class BoardSettings:
     """Hardware and limits of one board.
 
@@ -52,6 +90,8 @@ class BoardSettings:
         The line to the host.
     phase_formats : tuple of PhaseFormat
         Resolutions that PHASES frames may have.
+    wiring : Wiring or None
+        Of a board that speaks another dialect; None: Haptogram's own.
 
     Raises
     ------
@@ -81,6 +121,7 @@ class BoardSettings:
     max_chunk: int = 2048
     rx_window: int = 16_384
     firmware: str = "haptogram-sim 1"
+    wiring: Wiring | None = None
 
     def __post_init__(self) -> None:
         carrier = self.model.frequency_hz

@@ -17,6 +17,7 @@ from haptogram_protocol.connection import (
     StreamReceived,
 )
 from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import end_of_frame
 from haptogram_protocol.messages import (
     Arm,
     ArmReply,
@@ -153,6 +154,15 @@ class BoardDialect:
 
     # --- time and bytes ------------------------------------------------------------------------
 
+    @property
+    def now_us(self) -> int:
+        """Time up to which everything has happened."""
+        return self.board.now_us
+
+    def next_end(self, data: bytes, at: int) -> int:
+        """Return the index behind the next delimiter."""
+        return end_of_frame(data, at)
+
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
         return earliest(self.board.next_event_us(), self._next_status_us)
@@ -194,6 +204,15 @@ class BoardDialect:
         """Return what the board noticed since the last call, in order."""
         taken, self._notices = self._notices, []
         return taken
+
+    def client_left(self) -> None:
+        """Do nothing: a session ends by the lease, not with its port."""
+
+    def power_down(self) -> None:
+        """Mute the board for good, and say so."""
+        self.board.mute()
+        self.advance_to(self.board.now_us)
+        self.collect()
 
     @property
     def counters(self) -> dict[str, int]:

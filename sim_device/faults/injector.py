@@ -6,7 +6,6 @@ meets the same faults again.
 
 from __future__ import annotations
 
-import dataclasses
 import random
 import zlib
 from collections.abc import Iterator
@@ -15,16 +14,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import Drive
 from haptogram.settings.faults.kinds import is_of_transducers
 from haptogram.settings.faults.plan import Fault, FaultPlan
 
 from ..board.clock import DeviceClock, earliest
-from ..board.events import FaultsCounted, Latch
+from ..board.events import AnyLatch, FaultsCounted
 from ..board.settings import BoardSettings
 from .clock import clock_changes
 from .frames import FRAME_FAULTS
 from .line import LINE_FAULTS, Chunk
+from .phasors import Phasors
 from .reports import REPORT_FAULTS
 from .transducers import FaultContext, faulty, place_of
 
@@ -93,7 +92,9 @@ class FaultInjector:
         ]
         self._disconnects = list(plan.named("line.disconnect"))
         self._away: Fault | None = None
-        self._before: Latch | None = None
+        self._acts_on_transducers = any(is_of_transducers(fault.name) for fault in plan.faults)
+        self._before: Phasors | None = None
+        self._before_us = 0
         self._reached: dict[int, NDArray[np.complex128]] = {}
 
     def line(self, direction: str, t_ns: int, data: bytes) -> list[Chunk]:
@@ -126,28 +127,30 @@ class FaultInjector:
 
     # --- transducers ---------------------------------------------------------------------------
 
-    def radiate(self, latch: Latch, t_ns: int) -> Latch:
+    def radiate(self, latch: AnyLatch, t_ns: int) -> AnyLatch:
         """Return *latch* with the drive that its faulty transducers radiate."""
-        radiated = latch.radiated
+        if not self._acts_on_transducers:
+            return latch
+        healthy = radiated = Phasors.of_latch(latch)
         for number, fault, source in _on_transducers(self.plan, t_ns):
             now = FaultContext(
-                healthy=latch.radiated,
+                healthy=healthy,
                 drive=radiated,
                 before=self._before,
-                t_us=latch.t_latch_us,
+                since_us=latch.t_latch_us - self._before_us,
                 place=self._places[number],
                 reached=self._reached.get(number),
             )
             changed = faulty(fault, now, source)
             if now.reached is not None:
                 self._reached[number] = now.reached
-            if not _is_heard_as(changed, radiated):
+            # In the latch's own codes; the phase of what is silent is no difference.
+            changed = Phasors.of_latch(changed.on(latch))
+            if not np.array_equal(changed.weights(), radiated.weights()):
                 self._counts[fault.name] += 1
                 radiated = changed
-        self._before = latch
-        return (
-            latch if radiated is latch.radiated else dataclasses.replace(latch, radiated=radiated)
-        )
+        self._before, self._before_us = healthy, latch.t_latch_us
+        return latch if radiated is healthy else radiated.on(latch)
 
     def counts(self, t_ns: int) -> dict[str, int]:
         """Return how often each fault has fired up to *t_ns*."""
@@ -159,8 +162,3 @@ class FaultInjector:
     def counted(self, t_us: int, t_ns: int) -> FaultsCounted:
         """Return the counts up to *t_ns*, at which the board's time is *t_us*."""
         return FaultsCounted(t_us, self.counts(t_ns), self.plan.as_toml())
-
-
-def _is_heard_as(one: Drive, other: Drive) -> bool:
-    """Return whether two drives radiate the same: the phase of what is silent is no difference."""
-    return one == other or np.array_equal(one.weights(), other.weights())

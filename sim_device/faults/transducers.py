@@ -12,16 +12,17 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import Drive
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.settings.faults.kinds import NOWHERE
 from haptogram.settings.faults.plan import Fault
 
-from ..board.events import Latch
 from ..board.settings import BoardSettings
 from .line import Values
+from .phasors import Phasors
 
 BANK: Final = 64  # transducers that one driver chip feeds, one after the other
+_CODES: Final = 256  # of a phase, as faults are written
 
 
 @dataclass(slots=True)
@@ -30,70 +31,68 @@ class FaultContext:
 
     Attributes
     ----------
-    healthy : Drive
+    healthy : Phasors
         Drive without any fault.
-    drive : Drive
+    drive : Phasors
         Drive after the faults before this one.
-    before : Latch or None
-        The previous latch.
-    t_us : int
-        Device time of this latch.
+    before : Phasors or None
+        The previous drive without any fault.
+    since_us : int
+        Device time between the two.
     place : slice
         The faulty transducers.
     reached : (P,) complex numpy.ndarray or None
         Weights that slow transducers have reached: before the latch, and afterwards at its end.
     """
 
-    healthy: Drive
-    drive: Drive
-    before: Latch | None
-    t_us: int
+    healthy: Phasors
+    drive: Phasors
+    before: Phasors | None
+    since_us: int
     place: slice
     reached: NDArray[np.complex128] | None = None
 
 
-# Phase and amplitude codes of the place: one for each transducer, or one for all of them.
-_Codes: TypeAlias = tuple[NDArray[np.uint8] | int, NDArray[np.uint8] | int]
-_Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Codes]
+# Lag in periods and amplitude at the place: one for each transducer, or one for all of them.
+_Shown: TypeAlias = tuple[FloatArray | float, FloatArray | float]
+_Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Shown]
 
 
-def _off(now: FaultContext, _: Values, __: random.Random) -> _Codes:
-    return now.drive.phase_codes[now.place], 0
+def _off(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+    return now.drive.turns[now.place], 0.0
 
 
-def _intermittent(now: FaultContext, values: Values, source: random.Random) -> _Codes:
+def _intermittent(now: FaultContext, values: Values, source: random.Random) -> _Shown:
     silent = source.random() < values["p"]
-    amplitudes = now.drive.amplitude_codes[now.place]
-    return now.drive.phase_codes[now.place], 0 if silent else amplitudes
+    return now.drive.turns[now.place], 0.0 if silent else now.drive.amplitudes[now.place]
 
 
-def _stuck(now: FaultContext, values: Values, _: random.Random) -> _Codes:
-    return round(values["code"]), now.drive.amplitude_codes[now.place]
+def _stuck(now: FaultContext, values: Values, _: random.Random) -> _Shown:
+    return round(values["code"]) / _CODES, now.drive.amplitudes[now.place]
 
 
-def _delayed(now: FaultContext, values: Values, _: random.Random) -> _Codes:
-    turned = now.drive.phase_codes[now.place] + np.uint8(round(values["code"]))
-    return turned, now.drive.amplitude_codes[now.place]
+def _delayed(now: FaultContext, values: Values, _: random.Random) -> _Shown:
+    turned = (now.drive.turns[now.place] + round(values["code"]) / _CODES) % 1.0
+    return turned, now.drive.amplitudes[now.place]
 
 
-def _garbage(now: FaultContext, _: Values, source: random.Random) -> _Codes:
+def _garbage(now: FaultContext, _: Values, source: random.Random) -> _Shown:
     count = now.place.stop - now.place.start
-    phases = np.frombuffer(source.randbytes(count), np.uint8)
-    return phases, now.drive.amplitude_codes[now.place]
+    codes = np.frombuffer(source.randbytes(count), np.uint8)
+    return codes / _CODES, now.drive.amplitudes[now.place]
 
 
-def _ok(now: FaultContext, _: Values, __: random.Random) -> _Codes:
-    return now.healthy.phase_codes[now.place], now.healthy.amplitude_codes[now.place]
+def _ok(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+    return now.healthy.turns[now.place], now.healthy.amplitudes[now.place]
 
 
-def _wrong(now: FaultContext, _: Values, __: random.Random) -> _Codes:
+def _wrong(now: FaultContext, _: Values, __: random.Random) -> _Shown:
     if now.before is None:
-        return now.drive.phase_codes[now.place], 0  # nothing has been there before
-    other = now.before.radiated
-    return other.phase_codes[now.place], other.amplitude_codes[now.place]
+        return now.drive.turns[now.place], 0.0  # nothing has been there before
+    return now.before.turns[now.place], now.before.amplitudes[now.place]
 
 
-def _slow(now: FaultContext, values: Values, _: random.Random) -> _Codes:
+def _slow(now: FaultContext, values: Values, _: random.Random) -> _Shown:
     """Follow the drive as a resonator does: with a time constant.
 
     The envelope is the one at the end of the frame, and a frame is taken to last as long as the
@@ -101,11 +100,11 @@ def _slow(now: FaultContext, values: Values, _: random.Random) -> _Codes:
     """
     target = now.drive.weights()[now.place]
     if now.before is not None and now.reached is not None and values["us"] > 0:
-        rest = math.exp(-(now.t_us - now.before.t_latch_us) / values["us"])
+        rest = math.exp(-now.since_us / values["us"])
         target = target + (now.reached - target) * rest
     now.reached = target
-    shown = Drive.from_weights(target)
-    return shown.phase_codes, shown.amplitude_codes
+    shown = Phasors.of_weights(target)
+    return shown.turns, shown.amplitudes
 
 
 _DEVICE_FAULTS: Final[Mapping[str, _Act]] = MappingProxyType(
@@ -123,12 +122,12 @@ _DEVICE_FAULTS: Final[Mapping[str, _Act]] = MappingProxyType(
 )
 
 
-def faulty(fault: Fault, now: FaultContext, source: random.Random) -> Drive:
+def faulty(fault: Fault, now: FaultContext, source: random.Random) -> Phasors:
     """Return what is radiated instead of ``now.drive``."""
-    phases, amplitudes = now.drive.phase_codes.copy(), now.drive.amplitude_codes.copy()
+    turns, amplitudes = now.drive.turns.copy(), now.drive.amplitudes.copy()
     act = _DEVICE_FAULTS[fault.name]
-    phases[now.place], amplitudes[now.place] = act(now, fault.values, source)
-    return Drive(phases, amplitudes)
+    turns[now.place], amplitudes[now.place] = act(now, fault.values, source)
+    return Phasors(turns, amplitudes)
 
 
 def place_of(fault: Fault, settings: BoardSettings) -> slice:

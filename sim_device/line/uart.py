@@ -10,9 +10,10 @@ What receives may be more than a wire: :class:`PolledUart` ends in the FIFO of a
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
+from typing import Final, TypeAlias
 
 from haptogram.settings.line import LineSettings
 
@@ -22,6 +23,9 @@ USB_PACKET_BYTES: Final = 62  # of 64; two tell the state of the modem lines
 _NS_PER_S: Final = 1_000_000_000
 _NS_PER_US: Final = 1_000
 _MILLION: Final = 1_000_000
+
+# Data and an index to the index behind the first byte from there on that may end a message.
+NextEnd: TypeAlias = Callable[[bytes, int], int]
 
 
 @dataclass(slots=True)
@@ -87,8 +91,8 @@ class Uart:
         self._bursts.append(burst)
         self._in_transit += len(received)
 
-    def next_event_ns(self, delimiter: bytes) -> int | None:
-        """Return when the next *delimiter* has been received, or else the last byte; None: idle.
+    def next_event_ns(self, next_end: NextEnd) -> int | None:
+        """Return when the next message may have been received, or else the last byte; None: idle.
 
         Nothing can depend on the bytes before it, so that a frame costs one event and not one for
         every byte.
@@ -96,9 +100,7 @@ class Uart:
         if not self._bursts:
             return None
         burst = self._bursts[0]
-        found = burst.data.find(delimiter, burst.taken)
-        count = len(burst.data) if found < 0 else found + 1
-        return self._end_ns(burst, count)
+        return self._end_ns(burst, next_end(burst.data, burst.taken))
 
     def receive(self, t_ns: int) -> bytes:
         """Return the bytes that are complete by *t_ns*, each once."""
@@ -164,9 +166,9 @@ class PolledUart(Uart):
         super().__init__(baud, sender_ppm=sender_ppm, receiver_ppm=receiver_ppm)
         self._fifo, self._poll_ns = fifo, poll_ns
 
-    def next_event_ns(self, delimiter: bytes) -> int | None:
-        """Return when the firmware next finds a delimiter, or the last byte, in its FIFO."""
-        t_ns = super().next_event_ns(delimiter)
+    def next_event_ns(self, next_end: NextEnd) -> int | None:
+        """Return when the firmware next finds the end of a message in its FIFO."""
+        t_ns = super().next_event_ns(next_end)
         return None if t_ns is None else self._next_poll_ns(t_ns)
 
     def receive(self, t_ns: int) -> bytes:
@@ -209,7 +211,7 @@ class UsbUart(Uart):
         """Bytes sent that the host does not have yet."""
         return self._in_transit + len(self._held)
 
-    def next_event_ns(self, delimiter: bytes) -> int | None:  # noqa: ARG002  it knows no frames
+    def next_event_ns(self, next_end: NextEnd | None = None) -> int | None:  # noqa: ARG002  it knows no frames
         """Return when the next packet goes to the host."""
         full_ns = self.arrival_ns(USB_PACKET_BYTES - len(self._held))
         timer_ns = self._timer_ns()
@@ -218,7 +220,7 @@ class UsbUart(Uart):
     def receive(self, t_ns: int) -> bytes:
         """Return the packets that have gone to the host by *t_ns*."""
         packets = b""
-        while (next_ns := self.next_event_ns(b"")) is not None and next_ns <= t_ns:
+        while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
             runs_out = next_ns == self._timer_ns()
             self._held += super().receive(next_ns)
             count = len(self._held)

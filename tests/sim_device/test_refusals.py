@@ -128,7 +128,7 @@ def test_play_within_its_limits_and_not_over_another(host):
     assert refused(board, Play(1, 99, 1, 1000), immediate=True) == (ErrorCode.BAD_VALUE, 2)
     assert refused(board, Play(1, 100, 1, 0), immediate=True) == (ErrorCode.BAD_VALUE, 10)
     assert refused(board, Play(1, 100, 1, 5001), immediate=True) == (ErrorCode.BAD_VALUE, 10)
-    now_us = board.port.simulation.board.now_us
+    now_us = board.port.simulation.dialect.board.now_us
     for start_us in (now_us - 1_000, now_us + 10_100_000):
         code = refused(board, Play(1, 100, 1, 1000), t_apply_us=start_us)
         assert code == (ErrorCode.BAD_VALUE, 0)
@@ -206,11 +206,12 @@ def test_a_board_without_amplitudes_mutes_hard_and_knows_only_full_ones(host):
     assert set(drive.data[16:]) == {255}
     assert board.ask(GetStatus()).message.counters.unsupported == 1
     simulation = board.port.simulation
-    latched_ns = (simulation.board.latched.t_latch_us - simulation.board.settings.boot_us) * 1000
+    powered = simulation.dialect.board
+    latched_ns = (powered.latched.t_latch_us - powered.settings.boot_us) * 1000
     simulation.advance_to(latched_ns + 199_999_000)
-    assert set(simulation.board.radiated(simulation.board.now_us).amplitude_codes) == {255}
+    assert set(powered.radiated(powered.now_us).amplitude_codes) == {255}
     simulation.advance_to(latched_ns + 200_000_000)
-    assert simulation.board.state is OutputState.MUTED
+    assert powered.state is OutputState.MUTED
 
 
 def test_a_mute_of_another_session_is_carried_out_and_told_to_the_host(host):
@@ -232,6 +233,6 @@ def test_settings_that_no_board_can_have():
 
 
 def test_a_refusal_says_why_in_words():
-    board = Simulation(BoardSettings(model=MODEL)).board
+    board = Simulation(BoardSettings(model=MODEL)).dialect.board
     with pytest.raises(RefusalError, match="PLAY while DISARMED"):
         board.play(4, start_us=None, period_us=1000, loops=1, unattended_ms=1000)

@@ -105,7 +105,7 @@ def test_a_board_is_powered_down_with_its_port(open_host):
     host = open_host(VIRTUAL + "&reconstruct=0")
     host.arm()
     host.port.close()
-    board = host.port.simulation.board
+    board = host.port.simulation.dialect.board
     assert board.state is OutputState.MUTED
     assert [record["kind"] for record in host.port.records[-2:]] == ["output", "end"]
 
@@ -131,7 +131,7 @@ def test_the_line_takes_ten_bits_a_byte(open_host):
     ping = host.link.data_to_send()
     host.port.write(ping)
     pong = host.wait().message
-    boot_us = host.port.simulation.board.settings.boot_us
+    boot_us = host.port.simulation.dialect.board.settings.boot_us
     arrival_ns = began_ns + len(ping) * 100_000
     assert pong.t_rx_us == (boot_us - (-arrival_ns // 1000)) % 2**32
     assert pong.t_tx_us == pong.t_rx_us
@@ -152,7 +152,7 @@ def test_the_pong_tells_when_its_first_byte_leaves_behind_others(open_host):
 def test_streamed_frames_are_latched_traced_and_reconstructed(open_host):
     host = open_host("haptogram://?clock=virtual&reconstruct=1&array=8x8")
     now_us = host.arm(trace_mode=TraceMode.CRC)
-    model = host.port.simulation.board.settings.model
+    model = host.port.simulation.dialect.board.settings.model
     targets = [(0.003, 0.011, 0.08), (-0.02, 0.004, 0.1), (0.001, -0.012, 0.06)]
     sent = []
     for k, target in enumerate(targets):
@@ -200,7 +200,7 @@ def test_the_same_inputs_give_the_same_run_byte_for_byte(open_host):
 def test_points_are_computed_by_the_board(open_host):
     host = open_host(VIRTUAL)
     host.arm()
-    model = host.port.simulation.board.settings.model
+    model = host.port.simulation.dialect.board.settings.model
     points = [FocalPoint(10_000, -3_000, 80_000, 65_535, 0), FocalPoint(0, 0, 60_000, 0, 99)]
     _, wire = host.link.stream_frame(Points(tuple(points)), t_apply_us=None)
     host.port.write(wire)
@@ -303,7 +303,7 @@ def test_no_bytes_can_stop_the_board_or_make_it_radiate(chunks):
         for chunk in chunks:
             port.write(chunk)
             port.read(100)
-        board = port.simulation.board
+        board = port.simulation.dialect.board
         assert board.state is OutputState.DISARMED
         assert board.radiated(board.now_us).is_muted
         assert board.counters.latched == 0

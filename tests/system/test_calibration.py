@@ -204,7 +204,7 @@ def test_a_driver_compensates_for_phases_and_places_and_the_board_keeps_its_word
     path = file_of(tmp_path, calibration)
     for known in (None, calibration, path):
         port = board_by_url(array="8x8", calibration=path)
-        settings = port.simulation.board.settings
+        settings = port.simulation.dialect.board.settings
         with Driver(PyserialTransport(port, "board"), calibration=known) as driver:
             assert driver.warnings == []  # the nominal array is compared with the board's
             driver.arm()

@@ -325,7 +325,7 @@ def _board(session: Session, program: Program, faults: list[str]) -> Iterator[_B
             PyserialTransport(port, "virtual board"),
             lambda: port.records,
             port.wait_until_ns,
-            port.simulation.board.settings.model,
+            port.simulation.dialect.board.settings.model,
         )
         board.port_records = port.records
         yield board

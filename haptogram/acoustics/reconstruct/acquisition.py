@@ -70,17 +70,17 @@ class Acquisition:
         return leaders + others
 
     def fits(
-        self, phases_rad: FloatArray, active: BoolArray, phase_bits: int, limit: int
+        self, phases_rad: FloatArray, active: BoolArray, step_rad: float, limit: int
     ) -> Iterator[PhaseFit]:
         """Yield the fits of the active array from the first *limit* starts.
 
         A fit that is hopeless on the sub-array is yielded as it is.
         """
         for start in self.starts(phases_rad, active)[:limit]:
-            yield self.widening_fit(phases_rad, active, phase_bits, start)
+            yield self.widening_fit(phases_rad, active, step_rad, start)
 
     def widening_fit(
-        self, phases_rad: FloatArray, active: BoolArray, phase_bits: int, start: FloatArray
+        self, phases_rad: FloatArray, active: BoolArray, step_rad: float, start: FloatArray
     ) -> PhaseFit:
         """Return the fit from *start* by the middle of the array first, then by more and more.
 
@@ -90,7 +90,7 @@ class Acquisition:
         radius, outermost = self._radius_m, float(self._distance[active].max())
         while True:
             part = active & (self._distance <= radius)
-            fit = fit_focus(self._model, phases_rad, start, phase_bits=phase_bits, active=part)
+            fit = fit_focus(self._model, phases_rad, start, step_rad=step_rad, active=part)
             if radius >= outermost or fit.residual_rms_rad > HOPELESS_RAD:
                 return fit
             start, radius = fit.position_m, 2.0 * radius

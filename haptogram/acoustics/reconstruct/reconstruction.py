@@ -51,6 +51,7 @@ from haptogram.acoustics.solvers.focus import (
     fit_focus,
 )
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number
 
 _MIN_TRACKED: Final = 4
 _QUICK_MARGIN_RAD: Final = 1e-3  # the rounding of the quick fit, and of phases between two codes
@@ -69,14 +70,14 @@ class _Radiated:
     weights: ComplexArray
     phases_rad: FloatArray
     active: BoolArray
-    phase_bits: int
+    step_rad: float
     codes: NDArray[np.uint8] | None  # of 8 bits; None if some that can be heard are silent
     slack_rad: float
 
     @property
     def limit_rad(self) -> float:
         """Half a phase step, and the slack: the largest RMS residual of a drive that focuses."""
-        return phase_step_rad(self.phase_bits) / 2.0 + 1e-9 + self.slack_rad
+        return self.step_rad / 2.0 + 1e-9 + self.slack_rad
 
 
 class Reconstructor:
@@ -160,20 +161,32 @@ class Reconstructor:
         if drive.is_muted and not ramping:
             return NoFocus("muted")
         bits = min(drive.phase_bits, self._phase_bits, phase_bits or MAX_PHASE_BITS)
-        return self._reconstruct(drive.weights(), bits, ramping=ramping, slack_rad=slack_rad)
+        step_rad = phase_step_rad(bits)
+        return self._reconstruct(drive.weights(), step_rad, ramping=ramping, slack_rad=slack_rad)
 
-    def reconstruct_weights(self, weights: ArrayLike, *, ramping: bool = False) -> Reconstruction:
+    def reconstruct_weights(
+        self, weights: ArrayLike, *, ramping: bool = False, step_rad: float | None = None
+    ) -> Reconstruction:
         """Return the focus of (N,) complex *weights*: a drive after correction, ceiling, faults.
+
+        Parameters
+        ----------
+        step_rad : float, optional
+            Step of the phases to judge by, in radians, if they are not of `phase_bits`.
 
         Raises
         ------
         ConfigurationError
-            Weights that are not finite or not one per element.
+            Weights that are not finite or not one per element, or a step that is not within
+            pi and a millionth of it.
         """
-        return self._reconstruct(as_weights(weights), self._phase_bits, ramping=ramping)
+        if step_rad is None:
+            step_rad = phase_step_rad(self._phase_bits)
+        check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
+        return self._reconstruct(as_weights(weights), step_rad, ramping=ramping)
 
     def _reconstruct(
-        self, weights: ComplexArray, phase_bits: int, *, ramping: bool, slack_rad: float = 0.0
+        self, weights: ComplexArray, step_rad: float, *, ramping: bool, slack_rad: float = 0.0
     ) -> Reconstruction:
         if weights.shape != (self._model.array.count,):
             raise ConfigurationError(
@@ -189,7 +202,7 @@ class Reconstructor:
         phases = np.angle(weights)
         everything = np.count_nonzero(active) == self._heard_count
         codes = quantise_phase(phases, MAX_PHASE_BITS) if everything else None
-        return self._locate(_Radiated(weights, phases, active, phase_bits, codes, slack_rad))
+        return self._locate(_Radiated(weights, phases, active, step_rad, codes, slack_rad))
 
     def _locate(self, radiated: _Radiated) -> Reconstruction:
         """Try where the compiled search says; if that is nowhere, look with all means."""
@@ -230,7 +243,7 @@ class Reconstructor:
             if self._explains(tried[0], radiated):
                 return self._single(tried[0], radiated, "warm")
             jumped = self._acquisition_for(radiated.active).widening_fit(
-                radiated.phases_rad, radiated.active, radiated.phase_bits, self._last_focus
+                radiated.phases_rad, radiated.active, radiated.step_rad, self._last_focus
             )
             if self._explains(jumped, radiated):
                 return self._single(jumped, radiated, "warm")
@@ -242,7 +255,7 @@ class Reconstructor:
     def _search(self, tried: list[PhaseFit], radiated: _Radiated) -> Reconstruction:
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
-            radiated.phases_rad, radiated.active, radiated.phase_bits, _MAX_STARTS
+            radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
         ):
             if self._explains(fit, radiated):
                 return self._single(fit, radiated, "global")
@@ -274,7 +287,7 @@ class Reconstructor:
 
     def _fit(self, radiated: _Radiated, start: FloatArray, used: BoolArray) -> PhaseFit:
         return fit_focus(
-            self._model, radiated.phases_rad, start, phase_bits=radiated.phase_bits, active=used
+            self._model, radiated.phases_rad, start, step_rad=radiated.step_rad, active=used
         )
 
     def _fit_most(self, fit: PhaseFit, radiated: _Radiated) -> PhaseFit | None:

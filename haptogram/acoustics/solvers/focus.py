@@ -24,7 +24,7 @@ from haptogram.acoustics.arrays import (
     as_vector,
 )
 from haptogram.acoustics.field.reference import check_points
-from haptogram.acoustics.model.drive import phase_step_rad
+from haptogram.acoustics.model.drive import MAX_PHASE_BITS, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -201,7 +201,8 @@ def fit_focus(
     phases_rad: ArrayLike,
     start_m: ArrayLike,
     *,
-    phase_bits: int,
+    phase_bits: int = MAX_PHASE_BITS,
+    step_rad: float | None = None,
     active: ArrayLike | None = None,
 ) -> PhaseFit:
     """Return the point that explains the phases best.
@@ -218,6 +219,8 @@ def fit_focus(
         Where to start, in metres. A coordinate that is not observable is left where it starts.
     phase_bits : int
         Resolution of the phases, for `std_m` and `bound_m`.
+    step_rad : float, optional
+        The same as a step in radians, of a board whose period has another number of steps.
     active : (N,) array_like of bool, optional
         Elements to use; those with amplitude 0 say nothing about the focus. Those that do not
         radiate (gain 0) are never used.
@@ -242,7 +245,8 @@ def fit_focus(
     problem = _PhaseProblem(model, phases, used)
     position, steps, converged = problem.solve(as_place("start_m", start_m))
     residual, phase, slopes = problem.residual_of_all(position)
-    std_m, bound_m, observable = problem.uncertainty(slopes, phase_step_rad(phase_bits))
+    step = phase_step_rad(phase_bits) if step_rad is None else step_rad
+    std_m, bound_m, observable = problem.uncertainty(slopes, step)
     own = residual[used]
     rms = math.sqrt(float(own @ own) / len(own))
     return PhaseFit(position, phase, residual, rms, std_m, bound_m, observable, steps, converged)

@@ -72,8 +72,19 @@ class End(Protocol[Sent_contra, Received]):
         ...
 
 
-BoardEnd = End[Reply, Operation]
 HostEnd = End[Operation, Reply]
+
+
+class BoardEnd(End[Reply, Operation], Protocol):
+    """The board's end of a wire, which a simulator feeds so that each message has its time."""
+
+    def next_end(self, data: bytes, at: int) -> int:
+        """Return the index behind the first byte of *data* from *at* on that may end a message.
+
+        It is greater than *at*, and the length of *data* if no byte may; an end that cannot tell
+        returns ``at + 1``.
+        """
+        ...
 
 
 @dataclass(frozen=True)

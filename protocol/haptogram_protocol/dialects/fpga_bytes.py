@@ -235,6 +235,11 @@ class FpgaBoard:
             self._take(data[at:], found)
         return found
 
+    def next_end(self, data: bytes, at: int) -> int:
+        """Return the index behind the next command."""
+        match = self._rules.pattern.search(data, at)
+        return match.end() if match else len(data)
+
     def send(self, message: Reply) -> bytes:
         """Raise LocalProtocolError: these boards never answer."""
         raise no_bytes_for(message, self._rules.wire)

@@ -107,6 +107,13 @@ class InteractlabBoard:
                 self._frame.clear()
         return found
 
+    def next_end(self, data: bytes, at: int) -> int:
+        """Return the index behind the last byte of the frame that goes on or starts next."""
+        if not self._frame:
+            match = _START.search(data, at)
+            at = match.start() if match else len(data)
+        return min(len(data), at + FRAME_BYTES - len(self._frame))
+
     def send(self, message: Reply) -> bytes:
         """Raise LocalProtocolError: the board never answers."""
         raise no_bytes_for(message, _WIRE)

@@ -244,7 +244,7 @@ def test_what_is_reconstructed_moves_with_the_array(name, pose, target, silent):
         assert found.force_n == pytest.approx(expected.force_n, rel=2e-3)
     active = amplitudes > 0
     phases = np.angle(drive.weights())
-    fits = list(Acquisition(there, active).fits(phases, active, 8, 12))
+    fits = list(Acquisition(there, active).fits(phases, active, math.tau / 256, 12))
     best = min(fits, key=lambda fit: fit.residual_rms_rad)
     assert best.position_m == pytest.approx(place, abs=1e-6)
     if active.all():

@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.codec import BoardEnd, Operation
+from haptogram_protocol.dialects.fpga_bytes import SetAmplitudes, SetPhases
 from haptogram_protocol.dialects.looks_like import looks_like
 from haptogram_protocol.dialects.table import DIALECTS
+from haptogram_protocol.dialects.ultraino.operations import Forward, SetPattern
 from haptogram_protocol.errors import LocalProtocolError
 from strategies_dialects import WIRES, Wire, sent
 from strategies_protocol import chunkings
@@ -69,6 +71,22 @@ def test_damage_gives_the_same_in_any_chunks_and_never_an_error(
     whole = fed(wire.board(), [line])
     assert fed(wire.board(), [line[at : at + 1] for at in range(len(line))]) == whole
     assert fed(wire.board(), data.draw(chunkings(line))) == whole
+
+
+@every_wire
+@given(data=st.data())
+def test_pieces_between_ends_hold_no_end_of_a_message(wire: Wire, data: st.DataObject) -> None:
+    """A message is complete with the last byte of a piece, and with no byte before it."""
+    host = wire.host()
+    line = b"".join(host.send(operation) for operation in data.draw(wire.operations))
+    board, at, codes = wire.board(), 0, (SetPhases, SetAmplitudes, SetPattern, Forward)
+    while at < len(line):
+        end = board.next_end(line, at)
+        assert at < end <= len(line)
+        early = board.receive_data(line[at : end - 1])
+        assert all(isinstance(operation, codes) for operation in early)
+        board.receive_data(line[end - 1 : end])
+        at = end
 
 
 @every_wire

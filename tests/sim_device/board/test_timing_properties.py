@@ -162,7 +162,7 @@ def test_every_frame_is_accounted_for_exactly_once(scenario, fault):
     faults = [*scenario["faults"], *([] if fault is None else [f"{fault} from=60ms"])]
     run = streamed(scenario | {"faults": faults})
     counted = run.counted
-    assert run.simulation.board.queued == 0
+    assert run.simulation.dialect.board.queued == 0
     assert sum(counted[name] for name in (*FATES, *DAMAGED)) == run.written
     assert counted["latched"] == len(run.recorder.latches)
     fired = run.simulation.fault_counts
@@ -177,7 +177,7 @@ def test_every_frame_is_accounted_for_exactly_once(scenario, fault):
 @given(scenarios())
 def test_the_output_is_silent_within_hold_and_ramp_after_the_last_frame(scenario):
     run = streamed(scenario)
-    board = run.simulation.board
+    board = run.simulation.dialect.board
     assert board.state is not OutputState.ARMED
     assert board.radiated(board.now_us).is_muted
     muted_us = [n.t_us for n in run.recorder.notices if isinstance(n, StateChange)][-1]

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
+from haptogram_protocol.framing import end_of_frame
 from sim_device.backdoor import sinks as sinks
 from sim_device.backdoor.sinks import SocketSink, open_sink
 from sim_device.board.settings import board_settings
@@ -59,7 +60,7 @@ def test_the_next_event_is_the_next_delimiter_or_the_end_of_a_burst(bursts):
     arrivals = put(line, bursts)
     sent = b"".join(data for _, data in bursts)
     received = b""
-    while (next_ns := line.next_event_ns(b"\x00")) is not None:
+    while (next_ns := line.next_event_ns(end_of_frame)) is not None:
         new = line.receive(next_ns)
         assert new
         assert 0 not in new[:-1]

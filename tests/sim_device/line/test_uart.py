@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.line import LineSettings
-from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.framing import encode_frame, end_of_frame
 from haptogram_protocol.messages import Ping
 from sim_device.board.settings import board_settings
 from sim_device.line.sampling import FRAMING_ERROR, is_understood, sample
@@ -27,7 +27,7 @@ def deliveries(line, bursts):
     for wait_ns, data in bursts:
         t_ns += wait_ns
         line.send(data, t_ns)
-    while (next_ns := line.next_event_ns(b"\x00")) is not None:
+    while (next_ns := line.next_event_ns(end_of_frame)) is not None:
         found.append((next_ns, line.receive(next_ns)))
     return found
 

@@ -98,6 +98,12 @@ class Autd3Board:
             self._buffer.clear()
         return found
 
+    def next_end(self, data: bytes, at: int) -> int:
+        """Return the index behind the bytes that the message needs next."""
+        if self._ended:
+            return len(data)
+        return min(len(data), at + max(1, self._needed - len(self._buffer)))
+
     def send(self, message: Reply) -> bytes:
         """Return the bytes of a reply."""
         if isinstance(message, Accepted):

@@ -110,6 +110,7 @@ _TOKENS: Final = re.compile(
     re.DOTALL,
 )
 _DURATION, _SWAPPED, _COMMANDED = 16, 17, 18
+_ACTS: Final = re.compile(rb"[" + re.escape(_SWAP + _COMMAND) + rb"]")
 
 
 class _Memory:
@@ -200,8 +201,15 @@ class ArduinoBoard:
                 self._pass_on_strange(part, found)
         return found
 
+    def next_end(self, data: bytes, at: int) -> int:
+        """Return the index behind the next swap or command."""
+        match = _ACTS.search(data, at)
+        return match.end() if match else len(data)
+
     def send(self, message: Reply) -> bytes:
-        """Raise LocalProtocolError: :class:`Forward` tells all that these boards send."""
+        """Return the byte that the last board sends on."""
+        if isinstance(message, Forward):
+            return bytes([message.byte & 0xFF])
         raise no_bytes_for(message, self._firmware.wire)
 
     def _take_halves(self, hops: int, halves: bytes, found: list[Operation]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..codec import Operation
+from ..codec import Operation, Reply
 
 __all__ = ["CommitDurations", "Forward", "Restart", "SetDurations", "SetPattern", "Swap"]
 
@@ -55,7 +55,7 @@ class Swap(Operation):
 
 
 @dataclass(frozen=True, slots=True)
-class Forward(Operation):
+class Forward(Operation, Reply):
     """The last board of the chain sends *byte* to the host.  Only a board's end makes it."""
 
     byte: int

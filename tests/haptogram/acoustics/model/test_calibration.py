@@ -344,7 +344,7 @@ def test_a_focus_is_found_from_the_phases_that_are_radiated(name, pose, dead):
     for fix in (tracker.fit(codes, tuple(start)), tracker.acquire(codes)):
         assert np.array(fix.position_m) == pytest.approx(fit.position_m, abs=5e-6)
         assert tracker.explains(fix)
-    fits = Acquisition(c.real, heard).fits(phases, heard, 8, 12)
+    fits = Acquisition(c.real, heard).fits(phases, heard, math.tau / 256, 12)
     found = min(fits, key=lambda one: one.residual_rms_rad)
     assert found.position_m == pytest.approx(fit.position_m, abs=1e-6)
 

@@ -1,0 +1,183 @@
+"""The FPGA boards of SonicSurface and Ultraino: two buffers of codes that change places."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics.model.pulses import Pulses
+from haptogram_protocol.dialects.codec import Operation, Reply
+from haptogram_protocol.dialects.fpga_bytes import (
+    ByteRules,
+    Clocks,
+    ModulationStep,
+    SetAmplitudes,
+    SetPhases,
+    Swap,
+)
+
+from ..board.events import Modulation, PulseLatch
+
+POWER_UP: Final = "power-up"
+
+
+@dataclass(frozen=True)
+class Registers:
+    """What a firmware makes of codes.
+
+    Attributes
+    ----------
+    rules : ByteRules
+        The bytes of its wire: channels, and the code that is off.
+    steps : int
+        Steps of the carrier that the outputs really have.
+    width : int
+        Steps for which a channel is high without an amplitude of its own.
+    at_power_up : int
+        Code in the buffer that radiates at power-up; the other one holds 0.
+    correction : bytes
+        Added to the code of each channel, modulo :attr:`ByteRules.off`, if it is not off.
+    modulation : callable or None
+        From a :class:`ModulationStep` to the modulation that all channels have.
+    """
+
+    rules: ByteRules
+    steps: int
+    width: int
+    at_power_up: int = 0
+    correction: bytes = b""
+    modulation: Callable[[int], Modulation] | None = None
+
+
+class DoubleBuffer:
+    """All boards on a line, each with two buffers; see :class:`~.unit.Unit`.
+
+    Codes go to the buffer that does not radiate. A swap exchanges the two, so that a second one
+    brings the previous codes back. ``s_phaseCurrent`` and ``s_phasePrev`` of ``PhaseLine.vhd``,
+    upnalab/SonicSurface 0c7b689.
+
+    Parameters
+    ----------
+    registers : Registers
+        The firmware.
+    boards : int
+        Boards on the line.
+    now_us : int
+        Device time at power-up.
+    modulation_step : int
+        Step of the modulation at power-up.
+
+    Attributes
+    ----------
+    counters : Counter
+        ``commits_of_old_codes``: swaps without a code since the swap before, so that the codes of
+        the frame before that return.
+    """
+
+    def __init__(
+        self, registers: Registers, boards: int, now_us: int, modulation_step: int = 0
+    ) -> None:
+        self.counters: Counter[str] = Counter()
+        self._registers = registers
+        shape = boards, registers.rules.channels
+        self._shown = np.full(shape, registers.at_power_up, np.uint16)
+        self._next = np.zeros(shape, np.uint16)
+        full = registers.width
+        self._shown_widths, self._next_widths = np.full(shape, full), np.full(shape, full)
+        self._written = False
+        self._clocked = True
+        self._step = modulation_step
+        self._latches: list[PulseLatch] = []
+        self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
+            SetPhases: self._set_phases,
+            SetAmplitudes: self._set_amplitudes,
+            Swap: self._swap,
+            Clocks: self._set_clocks,
+            ModulationStep: self._set_modulation,
+        }
+        self._latch(POWER_UP, now_us)
+
+    def take(self, operation: Operation, t_us: int) -> list[Reply]:
+        """Do *operation*; starts and selections are the codec's."""
+        if (handler := self._handlers.get(type(operation))) is not None:
+            handler(operation, t_us)
+        return []
+
+    def next_event_us(self) -> int | None:
+        """Return None: the boards do nothing by themselves but modulate."""
+        return None
+
+    def advance_to(self, t_us: int) -> list[Reply]:  # noqa: ARG002  nothing is ever due
+        """Do nothing."""
+        return []
+
+    def take_latches(self) -> list[PulseLatch]:
+        """Return the latches since the last call, in order."""
+        taken, self._latches = self._latches, []
+        return taken
+
+    def _set_phases(self, operation: SetPhases, _: int) -> None:
+        codes = np.frombuffer(operation.codes, np.uint8).astype(np.uint16)
+        place = slice(operation.first, operation.first + len(codes))
+        if self._registers.correction:
+            added = np.frombuffer(self._registers.correction, np.uint8)[place]
+            off = self._registers.rules.off
+            codes = np.where(codes == off, off, (codes + added) % off)
+        for board in operation.boards:
+            self._next[board, place] = codes
+        self._written = True
+
+    def _set_amplitudes(self, operation: SetAmplitudes, _: int) -> None:
+        widths = np.frombuffer(operation.codes, np.uint8)
+        place = slice(operation.first, operation.first + len(widths))
+        for board in operation.boards:
+            self._next_widths[board, place] = np.minimum(widths, self._registers.steps)
+        self._written = True
+
+    def _swap(self, _: Swap, t_us: int) -> None:
+        if not self._written:
+            self.counters["commits_of_old_codes"] += 1
+        self._shown, self._next = self._next, self._shown
+        self._shown_widths, self._next_widths = self._next_widths, self._shown_widths
+        self._written = False
+        self._latch("swap", t_us)
+
+    def _set_clocks(self, operation: Clocks, t_us: int) -> None:
+        if operation.on != self._clocked:
+            self._clocked = operation.on
+            self._latch("clocks on" if operation.on else "clocks off", t_us)
+
+    def _set_modulation(self, operation: ModulationStep, t_us: int) -> None:
+        if operation.step != self._step:
+            self._step = operation.step
+            self._latch("modulation", t_us)
+
+    def _latch(self, cause: str, t_us: int) -> None:
+        make = self._registers.modulation
+        modulation = None if make is None else make(self._step)
+        self._latches.append(PulseLatch(t_us, self._pulses(), cause, modulation=modulation))
+
+    def _pulses(self) -> Pulses:
+        """Return the pulses that the outputs have now."""
+        registers = self._registers
+        codes, widths = self._shown.ravel(), self._shown_widths.ravel()
+        if not self._clocked:  # the shift registers stand still, and so do their outputs
+            return Pulses.off(len(codes), registers.steps)
+        off = registers.rules.off
+        return Pulses(
+            _where_on(codes, codes * registers.steps // off, off),
+            _where_on(codes, widths.astype(np.uint16), off),
+            registers.steps,
+        )
+
+
+def _where_on(
+    codes: NDArray[np.uint16], values: NDArray[np.uint16], off: int
+) -> NDArray[np.uint16]:
+    """Return *values*, and 0 for channels whose code is *off*."""
+    return np.where(codes == off, 0, values).astype(np.uint16)

@@ -1,0 +1,99 @@
+"""What has to be known of a dialect to run its boards: wire, boards, emitters and options.
+
+An entry point of the group ``haptogram.dialects`` names an :class:`Emulation` of another package;
+docs/dialects.md has a worked example.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Calibration, TransducerArray
+from haptogram.acoustics.model.boards.layout import BoardLayout
+from haptogram.settings.option import Settings
+from haptogram_protocol.dialects.codec import BoardEnd, Dialect
+
+from ..board.settings import BoardSettings, Wiring
+from .foreign import ForeignDialect
+from .unit import Unit
+
+INTERFACE: Final = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoOptions(Settings):
+    """A dialect without options."""
+
+
+def one_board(_: Settings) -> int:
+    """Return 1: the boards on a line of a dialect without a choice."""
+    return 1
+
+
+@dataclass(frozen=True)
+class Emulation:
+    """A dialect as the virtual board speaks it.
+
+    The callables take the options of the dialect, an object of *options*.
+
+    Attributes
+    ----------
+    dialect : Dialect
+        The wire.
+    end : callable
+        ``end(options)`` returns the board's end of the wire.
+    unit : callable
+        ``unit(options, now_us)`` returns the boards, powered up at the device time *now_us*.
+    layout : callable
+        ``layout(options)`` returns their emitters, unless the user gives others.
+    options : type of Settings
+        The options of the dialect.
+    boards : callable
+        ``boards(options)`` returns the number of boards on the line.
+    mounting : callable or None
+        From the array of *layout* to how its emitters are mounted, if not all alike: a phase of pi
+        is the other way round.
+    interface : int
+        Version of this interface that the emulation was written for.
+    """
+
+    dialect: Dialect
+    end: Callable[[Any], BoardEnd]
+    unit: Callable[[Any, int], Unit]
+    layout: Callable[[Any], BoardLayout]
+    options: type[Settings] = NoOptions
+    boards: Callable[[Any], int] = one_board
+    mounting: Callable[[TransducerArray], Calibration] | None = None
+    interface: int = INTERFACE
+
+    def wiring(self, options: Settings, array: TransducerArray) -> Wiring:
+        """Return the wiring of an array whose elements are in the order of the channels.
+
+        Raises
+        ------
+        ConfigurationError
+            If it has more elements than the boards have channels.
+        """
+        return Wiring(
+            dialect=self.dialect.name,
+            steps=self.dialect.steps,
+            channels=tuple(range(array.count)),
+            channel_count=self.dialect.channels * self.boards(options),
+            client_axes=self.layout(options).client_axes,
+        )
+
+    def power_up(self, options: Settings, settings: BoardSettings) -> ForeignDialect:
+        """Return the boards of *settings* at the end of their line."""
+        if settings.wiring is None:
+            raise TypeError("settings of a board that speaks Haptogram's own wire")
+        return ForeignDialect(
+            self.dialect,
+            lambda: self.end(options),
+            self.unit(options, settings.boot_us),
+            np.array(settings.wiring.channels, dtype=np.intp),
+            settings.boot_us,
+        )

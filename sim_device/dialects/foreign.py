@@ -1,0 +1,193 @@
+"""Boards of another dialect: the bytes of their wire become operations, and these become pulses."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram_protocol.dialects.codec import BoardEnd, Dialect, Reply
+from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like
+
+from ..board.events import Notice, PulseLatch, Remark
+from .unit import Unit
+
+OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
+
+
+class ForeignDialect:
+    """All boards on one line that speaks another dialect than Haptogram's.
+
+    Bytes are handed to the codec message by message, so that each latch knows what went wrong
+    since the one before it.
+
+    Parameters
+    ----------
+    dialect : Dialect
+        The wire.
+    end : callable
+        Makes the board's end of it.
+    unit : Unit
+        What the boards do.
+    channels : (N,) numpy.ndarray of integers
+        For each emitter of the array the channel that drives it.
+    now_us : int
+        Device time at power-up.
+
+    Attributes
+    ----------
+    line_free_us : int
+        See :class:`~sim_device.dialects.endpoint.Endpoint`.
+    """
+
+    def __init__(
+        self,
+        dialect: Dialect,
+        end: Callable[[], BoardEnd],
+        unit: Unit,
+        channels: NDArray[np.intp],
+        now_us: int,
+    ) -> None:
+        self.line_free_us = now_us
+        self._dialect, self._unit, self._channels = dialect, unit, channels
+        self._new_end, self._end = end, end()
+        self._now_us = now_us
+        self._output = bytearray()
+        self._own: Counter[str] = Counter()
+        self._counted: dict[str, int] = {}  # at the last latch
+        self._latched = 0
+        self._latches: list[PulseLatch] = []
+        self._notices: list[Notice] = []
+        self._first_bytes: bytearray | None = bytearray()  # None: the wire needs no more guessing
+        self._collect()
+
+    # --- time and bytes ------------------------------------------------------------------------
+
+    @property
+    def now_us(self) -> int:
+        """Time up to which everything has happened."""
+        return self._now_us
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What codec and boards could not understand or do, by kind."""
+        return dict(self._end.counters + self._unit.counters + self._own)
+
+    @property
+    def output_bytes(self) -> int:
+        """Bytes that wait for the line."""
+        return len(self._output)
+
+    def next_end(self, data: bytes, at: int) -> int:
+        """Return the index behind the first byte of *data* from *at* on that may end a message."""
+        return self._end.next_end(data, at)
+
+    def next_event_us(self) -> int | None:
+        """Return when the boards next do something by themselves, or None."""
+        return self._unit.next_event_us()
+
+    def advance_to(self, t_us: int) -> None:
+        """Let everything happen that is due up to *t_us*."""
+        while (next_us := self._unit.next_event_us()) is not None and next_us <= t_us:
+            self._now_us = next_us
+            self._reply(self._unit.advance_to(next_us))
+            self._collect()
+        self._now_us = max(self._now_us, t_us)
+
+    def receive(self, data: bytes, t_us: int) -> None:
+        """Take bytes whose last one is complete at *t_us*."""
+        self.advance_to(t_us)
+        at = 0
+        while at < len(data):
+            end = self._end.next_end(data, at)
+            for operation in self._end.receive_data(data[at:end]):
+                self._reply(self._unit.take(operation, t_us))
+                self._collect()
+            at = end
+        self._recognise(data)
+
+    def take_output(self, limit: int | None = None) -> bytes:
+        """Return bytes for the line, at most *limit* if given."""
+        taken = bytes(self._output[:limit])
+        del self._output[: len(taken)]
+        return taken
+
+    def client_left(self) -> None:
+        """Say so if the client has left in the middle of a frame, and begin a new connection.
+
+        A serial board does not see that its client leaves: what it holds stays. A link without a
+        line ends with its connection.
+        """
+        if pending := self._end.pending:
+            self._own["clients_left_in_frame"] += 1
+            self._remark(f"the client left in the middle of a frame: {pending} bytes have no end")
+        if not self._dialect.bauds:
+            self._own.update(self._end.counters)
+            self._end = self._new_end()
+            self._first_bytes = bytearray()
+
+    def power_down(self) -> None:
+        """Do nothing: these boards say nothing as they go."""
+
+    # --- what happened -------------------------------------------------------------------------
+
+    def take_latches(self) -> list[PulseLatch]:
+        """Return the latches since the last call, in order."""
+        taken, self._latches = self._latches, []
+        return taken
+
+    def take_notices(self) -> list[Notice]:
+        """Return the remarks since the last call, in order."""
+        taken, self._notices = self._notices, []
+        return taken
+
+    def _reply(self, replies: list[Reply]) -> None:
+        for reply in replies:
+            data = self._end.send(reply)
+            room = OUTPUT_LIMIT - len(self._output)
+            if len(data) > room:
+                self._own["reply_bytes_dropped"] += len(data) - room
+            self._output += data[:room]
+
+    def _collect(self) -> None:
+        for latch in self._unit.take_latches():
+            counters = self.counters
+            counted = {
+                kind: count - self._counted.get(kind, 0)
+                for kind, count in counters.items()
+                if count != self._counted.get(kind, 0)
+            }
+            self._counted = counters
+            self._latches.append(
+                dataclasses.replace(
+                    latch,
+                    number=self._latched,
+                    counted=MappingProxyType(counted),
+                    radiated=latch.pulses.weights()[self._channels],
+                )
+            )
+            self._latched += 1
+
+    def _recognise(self, data: bytes) -> None:
+        """Say once that the first bytes look like another wire."""
+        if self._first_bytes is None:
+            return
+        self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
+        names = looks_like(bytes(self._first_bytes)) if self.counters else ()
+        if names and self._dialect.name not in names:
+            self._own["other_wires"] += 1
+            self._remark(
+                f"these bytes look like {' or '.join(names)}, not {self._dialect.name}: "
+                "choose the dialect that the client speaks"
+            )
+            self._first_bytes = None
+        elif len(self._first_bytes) >= LOOKED_AT_BYTES:
+            self._first_bytes = None
+
+    def _remark(self, text: str) -> None:
+        self._notices.append(Remark(self._now_us, text))

@@ -1,0 +1,87 @@
+"""Every dialect of a foreign board that the virtual board speaks; packages may add more."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from types import MappingProxyType
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import suggestion
+from haptogram.settings.option import Settings, options_of
+
+from .emulation import INTERFACE, Emulation
+from .sonicsurface import SONICSURFACE, TACTILE
+
+GROUP: Final = "haptogram.dialects"
+EMULATIONS: Final[Mapping[str, Emulation]] = MappingProxyType(
+    {emulation.dialect.name: emulation for emulation in (SONICSURFACE, TACTILE)}
+)
+_LOG: Final = logging.getLogger(__name__)
+
+
+def emulation_of(name: str) -> Emulation:
+    """Return the dialect of that name: one of ours, or of another package.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none; names those that there are.
+    """
+    if name in EMULATIONS:
+        return EMULATIONS[name]
+    others = _plugins()
+    if name not in others:
+        known = (*EMULATIONS, *others)
+        raise ConfigurationError(
+            f"dialect is {name!r}; known are {', '.join(known)}{suggestion(name, known)}"
+        )
+    return others[name]
+
+
+def read_options(emulation: Emulation, texts: tuple[str, ...]) -> Settings:
+    """Return the options of a dialect from texts like ``boards=2``.
+
+    Raises
+    ------
+    ConfigurationError
+        For a text that is no option of the dialect, or a value that is refused.
+    """
+    rows, values = options_of(emulation.options), {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if name not in rows or not equals:
+            known = ", ".join(f"{row.name}={row.unit}" for row in rows.values()) or "none"
+            raise ConfigurationError(
+                f"dialect_option is {text!r}; {emulation.dialect.name} takes {known}"
+            )
+        values[name] = rows[name].read(value)
+    return emulation.options.of(**values)
+
+
+@cache
+def _plugins() -> dict[str, Emulation]:
+    """Return the dialects of other packages; one that does not load is named, and left out."""
+    found = {}
+    for point in entry_points(group=GROUP):
+        try:
+            emulation = _loaded(point)
+        except Exception as error:
+            _LOG.warning("dialect %s of %s is left out: %s", point.name, point.value, error)
+        else:
+            found[point.name] = emulation
+    return found
+
+
+def _loaded(point: EntryPoint) -> Emulation:
+    emulation = point.load()
+    if not isinstance(emulation, Emulation):
+        raise TypeError(f"a {type(emulation).__name__}, not an Emulation")
+    if emulation.interface != INTERFACE:
+        raise TypeError(f"made for version {emulation.interface} of the interface, not {INTERFACE}")
+    if emulation.dialect.name != point.name:
+        raise ValueError(f"its wire is called {emulation.dialect.name}")
+    return emulation

@@ -1,0 +1,45 @@
+"""The seam between a wire and what its boards do: operations in, pulses out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Protocol
+
+from haptogram_protocol.dialects.codec import Operation, Reply
+
+from ..board.events import PulseLatch
+
+
+class Unit(Protocol):
+    """All boards on one line: they take operations and change their pulses.
+
+    A unit reads no clock: it is told the time in microseconds of device time, never backwards, and
+    everything that was due by itself has happened (:meth:`advance_to`) when an operation comes. The
+    first latch is that of the power-up, at the time that the unit was made with. Any partition of
+    time into steps gives the same latches.
+    """
+
+    @property
+    def counters(self) -> Counter[str]:
+        """How often each kind of thing was asked of the boards that they cannot do."""
+        ...
+
+    def take(self, operation: Operation, t_us: int) -> list[Reply]:
+        """Do *operation*, whose last byte is complete at *t_us*; return what the boards answer."""
+        ...
+
+    def next_event_us(self) -> int | None:
+        """Return when the boards next do something by themselves, or None."""
+        ...
+
+    def advance_to(self, t_us: int) -> list[Reply]:
+        """Let everything happen that is due up to *t_us*; return what the boards say by it."""
+        ...
+
+    def take_latches(self) -> list[PulseLatch]:
+        """Return the latches since the last call, in order.
+
+        A unit sets time, pulses, cause, and index and modulation where it has them; the dialect
+        adds the rest.
+        """
+        ...
