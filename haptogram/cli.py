@@ -43,6 +43,7 @@ COMMANDS: Final = {
     "budget": (".budget", "show where the time of a frame goes, and the highest rate that fits"),
     "field": (".field.command", "compute the field of a focus, an object or a drive"),
     "modulation": (".modulation.command", "compute what a modulated focus makes at the skin"),
+    "decode": (".recordings.decode", "print recorded or dumped bytes as annotated frames"),
     "presets": (".presets", "list the known systems, with their published figures next to ours"),
     "paper": (".paper", "reproduce the Haptogram paper's simulation"),
 }

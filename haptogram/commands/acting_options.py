@@ -215,6 +215,7 @@ ACTING: Final[Mapping[str, Rows]] = {
         "compare"
     ),
     "budget": _always("baud rate_hz phase_bits transducers"),
+    "decode": _always("dialect input from_board verbose json"),
     "presets": _always("json"),
     "paper": _always("presets json html"),
 }

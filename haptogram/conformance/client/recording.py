@@ -8,9 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, decode_frame
-from haptogram_protocol.messages import Header, Message, MessageType, parse_body
+from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.framing import DELIMITER
 
 _KEPT_TRANSFERS: Final = 200  # from the beginning of a case, and as many from its end
 _SHOWN_BYTES: Final = 96  # of one transfer
@@ -82,39 +81,3 @@ def _lines_of(transfer: Transfer, start_us: int, pieces: list[bytes]) -> list[st
     indent = " " * len(head)
     texts = [(head if number == 0 else indent) + row for number, row in enumerate(rows)]
     return texts + [f"{indent}= {describe(piece)}" for piece in pieces]
-
-
-def describe(piece: bytes) -> str:
-    """Return the bytes between two delimiters in words."""
-    try:
-        body = decode_frame(piece)
-    except RemoteProtocolError as error:
-        return f"no frame: {error}"
-    header = Header.unpack(body[: Header.LAYOUT.size])
-    head = (
-        f"{type_name(header.type)} seq {header.seq} session {header.session:#06x} "
-        f"flags {header.flags:#04x} t {header.time_us}"
-    )
-    try:
-        _, message = parse_body(body)
-    except RemoteProtocolError as error:
-        return f"{head}: {error}"
-    return f"{head}: {summary(message)}"
-
-
-def summary(message: Message) -> str:
-    """Return the fields of a message; bytes and lists by their length."""
-    fields = []
-    for name in (*message.WIRE, *([message.TAIL.name] if message.TAIL else [])):
-        value = getattr(message, name)
-        if isinstance(value, bytes | tuple):
-            fields.append(f"{len(value)} {name}")
-        else:
-            fields.append(f"{name} {getattr(value, 'name', value)}")
-    return ", ".join(fields) or "no payload"
-
-
-def type_name(number: int) -> str:
-    """Return the name of a message type, its number if it has none."""
-    known = MessageType._value2member_map_.get(number)
-    return known.name if isinstance(known, MessageType) else f"type {number:#04x}"

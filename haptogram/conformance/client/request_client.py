@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from typing import Any, Final, TypeVar
 
+from haptogram_protocol.annotation.words import summary, type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
@@ -19,7 +20,6 @@ from haptogram_protocol.messages import (
 )
 
 from ..outcome import check, fail
-from .recording import summary, type_name
 from .wire import RawFrameWire, Received
 
 _M = TypeVar("_M", bound=Message)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from haptogram_protocol.annotation.frames import describe
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Ping
 
@@ -9,7 +10,6 @@ from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_dialogue
-from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check, fail
 
 

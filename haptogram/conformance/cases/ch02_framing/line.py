@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from haptogram_protocol.annotation.frames import describe
 from haptogram_protocol.messages import Ping, Pong
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check
 
 _LISTEN_US: Final = 300_000

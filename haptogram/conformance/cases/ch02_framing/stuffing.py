@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from haptogram_protocol.annotation.frames import describe
 from haptogram_protocol.framing import cobs_encode
 from haptogram_protocol.messages import Ping
 
@@ -11,7 +12,6 @@ from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_dialogue
-from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check, fail
 
 _RUNS: Final = (252, 253, 254, 255, 256, 507, 508, 509, 762)

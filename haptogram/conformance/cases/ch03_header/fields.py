@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from haptogram_protocol.annotation.frames import describe
 from haptogram_protocol.framing import HEADER_BYTES
 from haptogram_protocol.messages import (
     MessageType,
@@ -10,7 +11,6 @@ from haptogram_protocol.messages import (
 from ...case import about_host, case
 from ...client.board_client import BoardClient
 from ...client.dialogue import frames_in, full_dialogue, unstuffed_crc
-from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check
 
 

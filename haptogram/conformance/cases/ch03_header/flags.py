@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from haptogram_protocol.annotation.frames import describe
 from haptogram_protocol.messages import (
     MUST_UNDERSTAND,
     ErrorCode,
@@ -17,7 +18,6 @@ from ...client.board_client import BoardClient
 from ...client.capabilities import requests_of, session_for
 from ...client.dialogue import frames_in, full_dialogue
 from ...client.latching import latch_now
-from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check
 
 

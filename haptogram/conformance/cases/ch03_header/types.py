@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from haptogram_protocol.annotation.words import type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -20,7 +21,6 @@ from haptogram_protocol.messages import (
 from ...case import about_host, case
 from ...client.board_client import BoardClient
 from ...client.capabilities import requests_of, session_for
-from ...client.recording import type_name
 from ...outcome import SELF_REPORTED, check
 
 _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)

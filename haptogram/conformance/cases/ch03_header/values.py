@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from haptogram_protocol.annotation.frames import describe
 from haptogram_protocol.messages import (
     ConfigReply,
     Drives,
@@ -27,7 +28,6 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYBACK, requests_of, session_for
 from ...client.dialogue import full_dialogue
-from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 from typing import Final
 
+from haptogram_protocol.annotation.frames import describe
 from haptogram_protocol.messages import FIRST_STREAM_SEQ, Feature, Ping, Pong, Status
 
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_dialogue
 from ...client.latching import latch_now
-from ...client.recording import describe
 from ...outcome import SELF_REPORTED, check
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Final
 
+from haptogram_protocol.annotation.words import type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     Arm,
@@ -29,7 +30,6 @@ from haptogram_protocol.messages import (
 from ...case import about_host, case
 from ...client.board_client import BoardClient
 from ...client.playback import play_now, store_phases
-from ...client.recording import type_name
 from ...outcome import check
 
 _PROMPT_US: Final = 10_000

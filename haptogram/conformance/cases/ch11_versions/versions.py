@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.annotation.words import type_name
 from haptogram_protocol.messages import (
     MESSAGES,
     VERSION_MAJOR,
@@ -18,7 +20,6 @@ from haptogram_protocol.messages import (
 from ...case import about_host, about_text, case
 from ...client.board_client import BoardClient
 from ...client.dialogue import frames_in, full_dialogue
-from ...client.recording import describe, type_name
 from ...outcome import SELF_REPORTED, check
 
 minor_rules = about_text("HG-11.2/1")

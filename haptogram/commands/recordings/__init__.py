@@ -1,0 +1,1 @@
+"""The commands that read recordings and bytes: decode, replay, repair."""

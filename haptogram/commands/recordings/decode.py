@@ -1,0 +1,171 @@
+"""``haptogram decode``: any bytes as annotated frames, damage included."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from haptogram.settings.parser import file_name
+
+from .sources import FORMATS, Source, open_source
+
+if TYPE_CHECKING:
+    from haptogram.settings.parser import Parser
+    from haptogram_protocol.annotation.frames import Annotated, Annotator
+
+_EPILOG: Final = """\
+examples:
+  haptogram decode run.mcap
+      every frame of a recording, of both directions, with the host's times
+  haptogram decode dump.bin --verbose
+      bytes as they were on a line, every field in full
+  echo 00 0f 04 04 01 01 01 01 01 01 01 01 01 01 | haptogram decode -
+      hex text from standard input
+  haptogram decode client.bin --dialect sonicsurface --json
+      what another board's program sent, as JSON lines
+
+A line for each frame: its first byte in the stream, from 0, its length without delimiters, and its
+meaning; of a recording also the time since its begin and who sent it.  Bytes that are no frame have
+a line too.  With another board's dialect there is a line for each operation.
+
+exit status:
+  0    the input was read to its end, whatever was in it
+  2    usage or environment error
+  130  interrupted (Ctrl-C)
+"""
+
+
+def set_up(parser: Parser) -> None:
+    """Describe the command and add its options."""
+    from haptogram_protocol.dialects.looks_like import HAPTOGRAM
+    from haptogram_protocol.dialects.table import DIALECTS
+
+    parser.description = (
+        "Print the bytes of a recording, a dump or hex text as annotated frames: of Haptogram's "
+        "wire, or of the wire of another board."
+    )
+    parser.epilog = _EPILOG
+    parser.set_defaults(run=run)
+    parser.add_argument("file", type=file_name, metavar="FILE", help="what is read; - is stdin")
+    parser.add_argument(
+        "--dialect",
+        choices=(HAPTOGRAM, *DIALECTS),
+        metavar="NAME",
+        help=f"the wire: {HAPTOGRAM}, {', '.join(DIALECTS)} [what the first bytes look like]",
+    )
+    parser.add_argument(
+        "--input",
+        choices=FORMATS,
+        default=FORMATS[0],
+        help="what the file holds [auto: a recording by its first bytes, hex text by its "
+        "characters, else raw bytes]",
+    )
+    parser.add_argument(
+        "--from-board",
+        action="store_true",
+        help="the bytes of a dump are what a board sent [what a host sent]",
+    )
+    parser.add_argument("--verbose", action="store_true", help="print every field in full")
+    parser.add_argument("--json", action="store_true", help="print a line of JSON for each frame")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print what was read; return 0."""
+    with open_source(arguments.file, arguments.input) as source:
+        name, doubt = (arguments.dialect, "") if arguments.dialect else _recognised(source)
+        print_line = _print_json if arguments.json else _print_text
+        for found in _annotated(source, name, from_board=arguments.from_board):
+            if not print_line(found, verbose=arguments.verbose):
+                return 0  # nobody reads any more
+    for note in filter(None, (doubt, source.note)):
+        print(f"haptogram decode: {note}", file=sys.stderr)
+    return 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """A piece with its sender and time, where they are known."""
+
+    piece: Annotated
+    sender: str
+    t_ns: int | None
+
+
+def _recognised(source: Source) -> tuple[str, str]:
+    """Return the wire that the first bytes look like, and what is in doubt about that."""
+    from haptogram_protocol.dialects.looks_like import HAPTOGRAM, looks_like
+    from haptogram_protocol.dialects.table import DIALECTS
+
+    names = looks_like(source.first)
+    if HAPTOGRAM in names or source.is_recording or not source.first:
+        return HAPTOGRAM, ""
+    known = [name for name in names if name in DIALECTS]
+    if not known:
+        what = f"{names[0]} and no wire of a board" if names else "no wire"
+        return HAPTOGRAM, (
+            f"the first bytes look like {what}; they were read as {HAPTOGRAM}, --dialect chooses"
+        )
+    doubt = (
+        f"the bytes look like {' and '.join(known)}; they were read as {known[0]}, --dialect "
+        "chooses"
+    )
+    return known[0], doubt if len(known) > 1 else ""
+
+
+def _annotator(name: str, *, from_board: bool) -> Annotator:
+    from haptogram_protocol.annotation.frames import FrameAnnotator
+    from haptogram_protocol.annotation.operations import OperationAnnotator
+    from haptogram_protocol.dialects.table import DIALECTS
+
+    if name not in DIALECTS:
+        return FrameAnnotator()
+    return OperationAnnotator(DIALECTS[name], from_board=from_board)
+
+
+def _annotated(source: Source, name: str, *, from_board: bool) -> Iterator[_Found]:
+    """Yield the pieces of every direction, in the order in which they ended."""
+    annotators: dict[str, Annotator] = {}
+    for chunk in source.chunks:
+        if chunk.sender not in annotators:
+            is_board = chunk.sender == "board" if chunk.sender else from_board
+            annotators[chunk.sender] = _annotator(name, from_board=is_board)
+        for piece in annotators[chunk.sender].feed(chunk.data):
+            yield _Found(piece, chunk.sender, chunk.t_ns)
+    for sender, annotator in annotators.items():
+        for piece in annotator.end():
+            yield _Found(piece, sender, None)
+
+
+def _print_text(found: _Found, *, verbose: bool) -> bool:
+    piece = found.piece
+    head = f"{piece.offset:>8} {piece.size:>5}  "
+    if found.sender:
+        when = " " * 13 if found.t_ns is None else f"{found.t_ns / 1e9:+11.6f} s"
+        head = f"{when} {found.sender:<5} {head}"
+    lines = [f"{head}{piece.text}"]
+    if verbose:
+        lines += [f"{'':{len(head)}}{name} = {value}" for name, value in piece.fields.items()]
+    return _written("\n".join(lines))
+
+
+def _print_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is always in full
+    from haptogram_protocol.annotation.words import fields_of
+
+    piece = found.piece
+    line: dict[str, Any] = {"offset": piece.offset, "size": piece.size}
+    if found.sender:
+        line |= {"sender": found.sender, "t_ns": found.t_ns}
+    line |= {"name": piece.name or None, "fault": piece.fault or None}
+    if piece.header is not None:
+        line["header"] = fields_of(piece.header)
+    return _written(json.dumps(line | {"fields": piece.fields}))
+
+
+def _written(text: str) -> bool:
+    """Print *text* and return True, unless standard output has failed."""
+    print(text)
+    return getattr(sys.stdout, "error", None) is None

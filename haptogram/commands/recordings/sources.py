@@ -1,0 +1,175 @@
+"""Bytes to decode: a recording, a dump of raw bytes or hex text, piece by piece."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Final
+
+from haptogram.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from haptogram.evidence.recordings.reader import Recording
+
+#: Values of the option that says what a file holds; the first one finds out.
+FORMATS: Final = ("auto", "recording", "raw", "hex")
+_STDIN: Final = Path("-")
+_CHUNK: Final = 65_536
+_LOOKED_AT: Final = 4096
+_MAGIC: Final = b"\x89MCAP0\r\n"
+#: Bytes as two digits each, with a prefix or not, and what may stand between them.
+_BYTES: Final = re.compile(rb"(?:(?:0[xX]|\\x)?[0-9a-fA-F]{2}|[\s,:;]+)*+")
+_LONGEST_REST: Final = 3  # all but the last digit of a byte with its prefix
+_LEFT_OUT: Final = re.compile(rb"0[xX]|\\x|[\s,:;]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Bytes of one direction.
+
+    Attributes
+    ----------
+    sender : str
+        ``host`` or ``board``; empty: not known.
+    t_ns : int or None
+        Time since the first bytes, on the host's clock.
+    """
+
+    data: bytes
+    sender: str = ""
+    t_ns: int | None = None
+
+
+@dataclass(slots=True)
+class Source:
+    """An input that was opened.
+
+    Attributes
+    ----------
+    chunks : iterator of Chunk
+        Its bytes; read once.
+    first : bytes
+        Its first bytes, by which a wire is recognised.
+    is_recording : bool
+        Whether senders and times are known.
+    note : str
+        Peculiarity of the input, once it was read; empty: none.
+    """
+
+    chunks: Iterator[Chunk]
+    first: bytes = b""
+    is_recording: bool = False
+    note: str = field(default="")
+
+
+@contextlib.contextmanager
+def open_source(path: Path, kind: str) -> Iterator[Source]:
+    """Open an input for as long as the context lasts.
+
+    Parameters
+    ----------
+    kind : str
+        One of :data:`FORMATS`.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be read; from ``chunks`` if it turns out to be something else.
+    """
+    with _opened(path) as file:
+        begin = _read(file, path, _LOOKED_AT)
+        if kind == "auto":
+            kind = _kind_of(begin)
+        if kind == "recording":
+            yield _recording(path)
+            return
+        blocks = itertools.chain([begin], _blocks(file, path))
+        if kind == "hex":
+            blocks = _from_hex(blocks, path)
+        first = next(blocks, b"")
+        chunks = (Chunk(block) for block in itertools.chain([first], blocks))
+        yield Source(chunks, first[:_LOOKED_AT])
+
+
+def _kind_of(begin: bytes) -> str:
+    if begin.startswith(_MAGIC):
+        return "recording"
+    found = _BYTES.match(begin)
+    rest = len(begin) - found.end() if found else len(begin)
+    whole = len(begin) < _LOOKED_AT
+    return "hex" if begin.strip() and rest <= (0 if whole else _LONGEST_REST) else "raw"
+
+
+def _opened(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
+    if path == _STDIN:
+        if sys.stdin is None:
+            raise ConfigurationError("-: standard input is closed; name a file")
+        return contextlib.nullcontext(sys.stdin.buffer)
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror}") from error
+
+
+def _read(file: IO[bytes], path: Path, size: int) -> bytes:
+    try:
+        return file.read(size)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror}") from error
+
+
+def _blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:
+    while block := _read(file, path, _CHUNK):
+        yield block
+
+
+# --- Hex text ----------------------------------------------------------------------------------
+
+
+def _from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[bytes]:
+    """Yield the bytes that hex digits in *blocks* are; prefixes and separators are left out."""
+    rest, place = b"", 0  # what is not yet understood, and where it begins
+    for block in itertools.chain(blocks, [b""]):
+        text = rest + block
+        found = _BYTES.match(text)
+        end = found.end() if found else 0
+        rest = text[end:]
+        if len(rest) > _LONGEST_REST or (rest and not block):
+            at = place + end
+            raise ConfigurationError(
+                f"{path}: no hex text at character {at}: {rest[:1].decode('latin-1')!r}; --input "
+                "raw takes any bytes"
+            )
+        place += end
+        yield bytes.fromhex(_LEFT_OUT.sub(b"", text[:end]).decode("ascii"))
+
+
+# --- Recordings --------------------------------------------------------------------------------
+
+
+def _recording(path: Path) -> Source:
+    from haptogram.evidence.recordings.reader import Recording
+
+    if path == _STDIN:
+        raise ConfigurationError("-: a recording is read from a file; name the file")
+    recording = Recording(path)
+    source = Source(iter(()), is_recording=True)
+    source.chunks = _recorded(recording, source)
+    return source
+
+
+def _recorded(recording: Recording, source: Source) -> Iterator[Chunk]:
+    from haptogram.evidence.recordings.channels import TO_BOARD, TO_HOST
+
+    senders = {TO_BOARD: "host", TO_HOST: "board"}
+    start_ns: int | None = None
+    for entry in recording.entries(tuple(senders)):
+        start_ns = entry.t_ns if start_ns is None else start_ns
+        yield Chunk(entry.data, senders[entry.topic], entry.t_ns - start_ns)
+    if not recording.is_whole:
+        source.note = f"{recording.path}: the recording was cut off here"

@@ -1,0 +1,177 @@
+"""The format of a recording: its channels, their schemas, and the version of the whole.
+
+docs/recordings.md holds this table, and a test compares the two.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from .latches import LATCH_LAYOUT, LATCH_VERSION
+
+VERSION: Final = 1
+PROFILE: Final = "haptogram"
+#: Name of the metadata record that stands first in the file.
+METADATA: Final = "haptogram"
+
+TO_BOARD: Final = "/to_board"
+TO_HOST: Final = "/to_host"
+LINK: Final = "/link"
+LATCH: Final = "/latch"
+BOARD: Final = "/board"
+OUTPUT: Final = "/output"
+RECONSTRUCTION: Final = "/reconstruction"
+FAULTS: Final = "/faults"
+RUN: Final = "/run"
+VERDICT: Final = "/verdict"
+SUMMARY: Final = "/summary"
+
+_KEY: Final = {name: {"type": "integer"} for name in ("session", "sequence", "loop", "index")}
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One channel of a recording.
+
+    Attributes
+    ----------
+    topic : str
+        Its name in the file.
+    encoding : str
+        ``json``, or ``octets``: bytes as they were on the line or as the channel's metadata say.
+    clock : str
+        The clock of its times: ``host``, or ``device`` with the board's microseconds times 1000.
+    meaning : str
+        One sentence.
+    properties : dict
+        JSON Schema of the fields; empty for bytes.
+    metadata : dict
+        Goes into the file with the channel.
+    """
+
+    topic: str
+    encoding: str
+    clock: str
+    meaning: str
+    properties: Mapping[str, Any] = field(default_factory=dict)
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def schema_name(self) -> str:
+        """Name of its schema."""
+        return f"haptogram.{self.topic[1:].title().replace('_', '')}"
+
+    @property
+    def schema(self) -> bytes:
+        """Its schema: JSON Schema; empty for bytes."""
+        if self.encoding != "json":
+            return b""
+        schema = {
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": self.schema_name,
+            "description": self.meaning,
+            "type": "object",
+            "properties": dict(self.properties),
+        }
+        return json.dumps(schema, separators=(",", ":")).encode()
+
+
+def _octets(topic: str, clock: str, meaning: str, **metadata: str) -> Channel:
+    return Channel(topic, "octets", clock, meaning, metadata=metadata)
+
+
+def _json(topic: str, clock: str, meaning: str, **properties: Any) -> Channel:
+    return Channel(topic, "json", clock, meaning, properties)
+
+
+def _text(description: str) -> dict[str, str]:
+    return {"type": "string", "description": description}
+
+
+def _object(description: str) -> dict[str, Any]:
+    return {"type": ["object", "null"], "description": description}
+
+
+def _whole(description: str) -> dict[str, Any]:
+    return {"type": ["integer", "null"], "description": description}
+
+
+#: Every channel by topic.
+CHANNELS: Final = {
+    channel.topic: channel
+    for channel in (
+        _octets(
+            TO_BOARD,
+            "host",
+            "bytes that the port took from the host; publish time: since when they may have waited",
+        ),
+        _octets(TO_HOST, "host", "bytes that the host read"),
+        _json(
+            LINK,
+            "host",
+            "what happened to the line between host and board",
+            event=_text("opened: a board at power-up; departed: the host closed the port"),
+            board=_object("opened: options of the virtual board, as `haptogram board` takes them"),
+            boot_ns=_whole("opened: time of the board's power-up; null: not known"),
+            paced=_whole("opened: 1 if a simulated line carries the bytes, 0 if a real one does"),
+        ),
+        _octets(
+            LATCH,
+            "device",
+            "one latch: join key, times and drive",
+            version=str(LATCH_VERSION),
+            layout=LATCH_LAYOUT,
+        ),
+        _json(
+            BOARD,
+            "device",
+            "the first record of the back door: array, air and transducers of the board",
+            transducers={"type": "integer"},
+            carrier_hz={"type": "integer"},
+            positions_m={"type": "array", "description": "N x 3, metres"},
+            normals={"type": "array", "description": "N x 3, unit vectors"},
+        ),
+        _json(
+            OUTPUT,
+            "device",
+            "a change of the output, as the back door tells it",
+            t_us={"type": "integer", "description": "device time, us"},
+            event=_text("session, state, ramp_began, ramp_ended or playback_ended"),
+        ),
+        _json(
+            RECONSTRUCTION,
+            "device",
+            "the field of a latch, computed without knowledge of the target",
+            **_KEY,
+            kind=_text("single_focus, not_single or no_focus"),
+        ),
+        _json(
+            FAULTS,
+            "device",
+            "the last record of the back door: how often each fault on purpose has fired",
+            latched={"type": "integer"},
+            faults=_object("how often each has fired"),
+            fault_plan=_text("plan and seed as TOML"),
+        ),
+        _json(
+            VERDICT,
+            "device",
+            "the verdict on one frame",
+            **_KEY,
+            number={"type": "integer", "description": "place among all frames"},
+            verdict=_text("name of the verdict"),
+        ),
+        _json(SUMMARY, "host", "the result of the run, as --json writes it"),
+        _json(
+            RUN,
+            "host",
+            "what was run, by which versions",
+            command=_text("verify, board, conform, bench or soak"),
+            configuration=_object("options of the command"),
+            versions=_object("versions of the programs"),
+        ),
+    )
+}

@@ -1,0 +1,225 @@
+"""Reads a recording, whole or cut off, message by message in the order of the file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+from haptogram.errors import ConfigurationError
+
+from .channels import (
+    BOARD,
+    FAULTS,
+    LATCH,
+    LINK,
+    METADATA,
+    OUTPUT,
+    PROFILE,
+    RECONSTRUCTION,
+    RUN,
+    TO_BOARD,
+    TO_HOST,
+    VERSION,
+)
+from .latches import LATCH_VERSION, LatchRecord
+from .writer import check_recordings
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+_LARGEST_RECORD: Final = 1 << 28
+_BACK_DOOR: Final = (BOARD, LATCH, OUTPUT, RECONSTRUCTION, FAULTS)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One message of a recording.
+
+    Attributes
+    ----------
+    topic : str
+        Channel, one of :data:`~haptogram.evidence.recordings.channels.CHANNELS`.
+    t_ns : int
+        Its time, on the clock of the channel.
+    published_ns : int
+        Bytes for the board: since when they may have waited.
+    data : bytes
+        Its content.
+    """
+
+    topic: str
+    t_ns: int
+    published_ns: int
+    data: bytes
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """Content of a channel of JSON."""
+        found: dict[str, Any] = json.loads(self.data)
+        return found
+
+
+class Recording:
+    """A recording in a file; every pass reads it anew, in bounded memory.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Attributes
+    ----------
+    run : dict
+        Command, configuration and versions.
+    is_whole : bool
+        Whether the last pass came to the end that the writer wrote.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such file, it is no recording, or it is of a newer version; in one line.
+    """
+
+    def __init__(self, path: Path) -> None:
+        check_recordings()
+        self.path = path
+        self.is_whole = False
+        self.run: dict[str, Any] = {}
+        self._check()
+
+    def entries(self, topics: Collection[str] | None = None) -> Iterator[Entry]:
+        """Yield the messages of *topics*, or of all, up to the end or to where it was cut off.
+
+        Raises
+        ------
+        ConfigurationError
+            If something in the file cannot be read.
+        """
+        from mcap.records import Channel, Message
+
+        wanted: dict[int, str] = {}
+        for record in self.raw_records():
+            if isinstance(record, Message):
+                if (topic := wanted.get(record.channel_id)) is not None:
+                    yield Entry(topic, record.log_time, record.publish_time, record.data)
+            elif isinstance(record, Channel):
+                if topics is None or record.topic in topics:
+                    wanted[record.id] = record.topic
+                self._check_layout(record)
+
+    def chunks(self) -> Iterator[Entry]:
+        """Yield the bytes in both directions, and what happened to the line."""
+        return self.entries((TO_BOARD, TO_HOST, LINK))
+
+    def latches(self) -> Iterator[LatchRecord]:
+        """Yield the latches."""
+        return (LatchRecord.unpack(entry.data) for entry in self.entries((LATCH,)))
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """Yield the records of the back door, as docs/backdoor.md describes them.
+
+        A latch comes with its reconstruction where the recording holds that.
+        """
+        waiting: LatchRecord | None = None
+        for entry in self.entries(_BACK_DOOR):
+            if entry.topic == RECONSTRUCTION and waiting is not None:
+                yield waiting.as_record(_without_key(entry.fields))
+                waiting = None
+                continue
+            if waiting is not None:
+                yield waiting.as_record()
+                waiting = None
+            if entry.topic == LATCH:
+                waiting = LatchRecord.unpack(entry.data)
+            elif entry.topic != RECONSTRUCTION:
+                yield entry.fields
+        if waiting is not None:
+            yield waiting.as_record()
+
+    @property
+    def board(self) -> dict[str, Any] | None:
+        """The first record of the back door; None: the recording has none."""
+        return next((entry.fields for entry in self.entries((BOARD,))), None)
+
+    # --- the file ------------------------------------------------------------------------------
+
+    def _check(self) -> None:
+        from mcap.records import Header, Metadata
+
+        seen: list[Any] = []
+        for record in self.raw_records():
+            seen.append(record)
+            if isinstance(record, Metadata):
+                break
+        header = seen[0] if seen else None
+        if isinstance(header, Header) and header.profile != PROFILE:
+            profile = header.profile or "none"
+            raise ConfigurationError(
+                f"{self.path}: an MCAP file of another program (profile {profile}), no recording"
+            )
+        last = seen[-1] if seen else None
+        if not isinstance(last, Metadata) or last.name != METADATA:
+            raise ConfigurationError(f"{self.path}: the recording was cut off before its beginning")
+        self._check_version(last.metadata.get("version", ""), last.metadata.get("library", ""))
+        self.run = next((entry.fields for entry in self.entries((RUN,))), {})
+
+    def _check_version(self, text: str, library: str) -> None:
+        if not text.isdecimal() or int(text) > VERSION:
+            raise ConfigurationError(
+                f"{self.path}: recording of version {text or '?'}, by {library or 'an unknown one'}"
+                f"; this version of haptogram reads {VERSION}: update haptogram"
+            )
+
+    def _check_layout(self, channel: Any) -> None:
+        if channel.topic == LATCH and channel.metadata.get("version") != str(LATCH_VERSION):
+            raise ConfigurationError(
+                f"{self.path}: latches of version {channel.metadata.get('version')}; this version "
+                f"of haptogram reads {LATCH_VERSION}: update haptogram"
+            )
+
+    def raw_records(self) -> Iterator[Any]:
+        """Yield the records of the file up to its end, or to where it was cut off.
+
+        Raises
+        ------
+        ConfigurationError
+            If something in the file cannot be read.
+        """
+        from mcap.stream_reader import StreamReader
+
+        self.is_whole = False
+        with _opened(self.path) as file:
+            reader = StreamReader(file, record_size_limit=_LARGEST_RECORD, validate_crcs=True)
+            try:
+                yield from reader.records
+                self.is_whole = True
+            except OSError as error:
+                raise ConfigurationError(f"{self.path}: {error.strerror}") from error
+            except Exception as error:  # the library raises what its parsers happen to raise
+                if not file.read(1):
+                    return  # cut off: everything before was given
+                raise ConfigurationError(
+                    f"{self.path}: damaged near byte {file.tell()}; haptogram repair saves what "
+                    "lies before"
+                ) from error
+
+
+def _opened(path: Path) -> BinaryIO:
+    """Open a file that begins as a recording does."""
+    try:
+        file = path.open("rb")
+        begin = file.read(len(MAGIC))
+        file.seek(0)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror}") from error
+    if begin == MAGIC:
+        return file
+    file.close()
+    why = "is empty" if not begin else "is no recording: it does not begin as an MCAP file does"
+    raise ConfigurationError(f"{path}: {why}")
+
+
+def _without_key(fields: dict[str, Any]) -> dict[str, Any]:
+    key = ("session", "sequence", "loop", "index")
+    return {name: value for name, value in fields.items() if name not in key}

@@ -1,0 +1,64 @@
+"""Copies what can be read of a recording that was cut off or damaged into a whole file."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+from haptogram.errors import ConfigurationError
+from haptogram.machine.files import check_distinct
+
+from .channels import METADATA, PROFILE
+from .reader import Recording
+
+
+def repair(source: Path, target: Path) -> int:
+    """Write the messages of *source* that can be read to *target*; return how many there were.
+
+    Raises
+    ------
+    ConfigurationError
+        If *source* is no recording, or *target* cannot be written or is the same file.
+    """
+    from mcap.records import Channel, Header, Message, Metadata, Schema
+    from mcap.writer import CompressionType, Writer
+
+    check_distinct({"the copy": target}, [("the recording", source)])
+    recording = Recording(source)
+    count = 0
+    try:
+        with target.open("wb") as file:
+            writer: Any = Writer(file, compression=CompressionType.NONE)
+            schemas: dict[int, int] = {0: 0}
+            channels: dict[int, int] = {}
+            with contextlib.suppress(ConfigurationError):  # what lies before the damage is kept
+                for record in recording.raw_records():
+                    if isinstance(record, Header):
+                        writer.start(profile=PROFILE, library=record.library)
+                    elif isinstance(record, Metadata) and record.name == METADATA:
+                        writer.add_metadata(record.name, record.metadata)
+                    elif isinstance(record, Schema) and record.id not in schemas:
+                        schemas[record.id] = writer.register_schema(
+                            record.name, record.encoding, record.data
+                        )
+                    elif isinstance(record, Channel) and record.id not in channels:
+                        channels[record.id] = writer.register_channel(
+                            record.topic,
+                            record.message_encoding,
+                            schemas[record.schema_id],
+                            record.metadata,
+                        )
+                    elif isinstance(record, Message):
+                        writer.add_message(
+                            channels[record.channel_id],
+                            record.log_time,
+                            record.data,
+                            record.publish_time,
+                            record.sequence,
+                        )
+                        count += 1
+            writer.finish()
+    except OSError as error:
+        raise ConfigurationError(f"{target}: cannot be written: {error.strerror}") from error
+    return count

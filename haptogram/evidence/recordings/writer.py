@@ -1,0 +1,262 @@
+"""Writes a recording while a run goes on: raw bytes and latches, a few microseconds for a frame.
+
+The recording never ends the run: a disk that is full ends the recording, and :attr:`failure` says
+so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Final, Self
+
+import haptogram
+from haptogram.errors import ConfigurationError
+from haptogram.machine.files import STANDARD_OUTPUT
+
+from .channels import (
+    BOARD,
+    CHANNELS,
+    FAULTS,
+    LATCH,
+    LINK,
+    METADATA,
+    OUTPUT,
+    PROFILE,
+    RECONSTRUCTION,
+    RUN,
+    TO_BOARD,
+    TO_HOST,
+    VERSION,
+)
+from .latches import LatchRecord
+
+_FLUSH_NS: Final = 50_000_000  # 50 frames at 1 kHz: what a killed run can lose
+_CHUNK: Final = 256 * 1024
+_RECORDS: Final = {"board": BOARD, "output": OUTPUT, "end": FAULTS}
+_KEY: Final = ("session", "sequence", "loop", "index")
+
+
+def check_recordings() -> None:
+    """Raise unless recordings can be written and read here.
+
+    Raises
+    ------
+    ConfigurationError
+        If the package ``mcap`` is missing.
+    """
+    try:
+        import mcap  # noqa: F401  only whether it is there
+    except ImportError as error:
+        raise ConfigurationError(
+            "recordings need the package mcap: pip install 'haptogram[record]'"
+        ) from error
+
+
+class RecordingWriter:
+    """A recording that is being written.
+
+    Parameters
+    ----------
+    path : Path
+        Is written anew; ``-`` is standard output.
+    command : str
+        Command whose run it is.
+    configuration : mapping
+        Options of the run, of JSON types.
+
+    Attributes
+    ----------
+    failure : str
+        Why the recording ended early, in one line; empty as long as it goes on.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be opened, or the package ``mcap`` is missing.
+    """
+
+    def __init__(
+        self, path: Path, *, command: str = "", configuration: Mapping[str, Any] | None = None
+    ) -> None:
+        check_recordings()
+        from mcap.writer import CompressionType, Writer
+
+        self.failure = ""
+        self._path = path
+        self._file = _Output(_opened(path))
+        self._writer: Any = Writer(
+            self._file, chunk_size=_CHUNK, compression=CompressionType.NONE, enable_crcs=True
+        )
+        self._ids: dict[str, int] = {}
+        self._flushed_ns = self._last_ns = 0
+        with self._attempt():
+            self._begin(command, configuration or {})
+
+    def _begin(self, command: str, configuration: Mapping[str, Any]) -> None:
+        library = f"haptogram {haptogram.__version__}"
+        self._writer.start(profile=PROFILE, library=library)
+        self._writer.add_metadata(METADATA, {"version": str(VERSION), "library": library})
+        for channel in CHANNELS.values():
+            schema = 0
+            if channel.schema:
+                schema = self._writer.register_schema(
+                    channel.schema_name, "jsonschema", channel.schema
+                )
+            metadata = {"clock": channel.clock, "meaning": channel.meaning} | dict(channel.metadata)
+            self._ids[channel.topic] = self._writer.register_channel(
+                channel.topic, channel.encoding, schema, metadata
+            )
+        versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
+        run = {"command": command, "configuration": configuration, "versions": versions}
+        self._add(RUN, 0, _encoded(run))
+        self._writer.flush()
+
+    # --- while the run goes on -----------------------------------------------------------------
+
+    def to_board(self, t_ns: int, data: bytes, waited_ns: int = 0) -> None:
+        """Write bytes that the port took from the host, which may have waited for *waited_ns*."""
+        self._write(TO_BOARD, t_ns, data, max(0, t_ns - waited_ns))
+
+    def to_host(self, t_ns: int, data: bytes) -> None:
+        """Write bytes that the host read."""
+        self._write(TO_HOST, t_ns, data)
+
+    def latch(self, latch: LatchRecord) -> None:
+        """Write a latch."""
+        if not self.failure:
+            with self._attempt():
+                self._add(LATCH, latch.t_latch_us * 1000, latch.pack())
+
+    def document(self, topic: str, t_ns: int, fields: Mapping[str, Any]) -> None:
+        """Write *fields* on a channel of JSON."""
+        if not self.failure:
+            with self._attempt():
+                self._add(topic, t_ns, _encoded(fields))
+
+    def opened(
+        self, t_ns: int, board: Mapping[str, Any] | None, boot_ns: int | None, *, paced: bool
+    ) -> None:
+        """Write that a line to a board begins; *board* has the options of a virtual one."""
+        fields = {"event": "opened", "board": board, "boot_ns": boot_ns, "paced": int(paced)}
+        self.document(LINK, t_ns, fields)
+
+    def departed(self, t_ns: int) -> None:
+        """Write that the host closed the port: what was on the line is lost."""
+        self.document(LINK, t_ns, {"event": "departed"})
+
+    def record(self, record: Mapping[str, Any]) -> None:
+        """Write a record of the back door (docs/backdoor.md) on the channels that hold it."""
+        if record["kind"] != "latch":
+            t_us = record.get("t_us", record.get("boot_us", self._last_ns // 1000))
+            self.document(_RECORDS[record["kind"]], t_us * 1000, record)
+            return
+        self.latch(LatchRecord.from_record(record))
+        if (field := record["reconstruction"]) is not None:
+            key = {name: record[name] for name in _KEY}
+            self.document(RECONSTRUCTION, record["t_latch_us"] * 1000, key | field)
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+        if not self.failure:
+            with self._attempt():
+                self._writer.flush()
+
+    def close(self) -> None:
+        """Write the end, without which the file counts as cut off; twice does no harm."""
+        if self._file.is_open:
+            if not self.failure:
+                with self._attempt():
+                    self._writer.finish()
+            with self._attempt():
+                self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # --- the file ------------------------------------------------------------------------------
+
+    def _write(self, topic: str, t_ns: int, data: bytes, published_ns: int | None = None) -> None:
+        if self.failure:
+            return
+        try:
+            self._add(topic, t_ns, data, published_ns)
+            if t_ns - self._flushed_ns >= _FLUSH_NS or t_ns < self._flushed_ns:
+                self._flushed_ns = t_ns
+                self._writer.flush()
+        except OSError as error:
+            self._fail(error)
+
+    def _add(self, topic: str, t_ns: int, data: bytes, published_ns: int | None = None) -> None:
+        self._last_ns = max(self._last_ns, t_ns)
+        self._writer.add_message(
+            self._ids[topic], t_ns, data, t_ns if published_ns is None else published_ns
+        )
+
+    @contextlib.contextmanager
+    def _attempt(self) -> Any:
+        try:
+            yield
+        except OSError as error:
+            self._fail(error)
+
+    def _fail(self, error: OSError) -> None:
+        if not self.failure:
+            why = error.strerror or "it cannot be written"
+            self.failure = f"{self._path}: the recording ended early: {why}"
+            self._file.give_up()
+
+
+class _Output:
+    """A file that knows how much it has taken, so that a pipe can be one."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._size = 0
+        self.is_open = True
+
+    def write(self, data: bytes) -> int:
+        self._size += len(data)
+        return self._file.write(data)
+
+    def tell(self) -> int:
+        return self._size
+
+    def flush(self) -> None:
+        self._file.flush()
+
+    def close(self) -> None:
+        self.is_open = False
+        self._file.close()
+
+    def give_up(self) -> None:
+        """Close without a second error about what is still buffered."""
+        self.is_open = False
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        if path == STANDARD_OUTPUT:
+            return open(1, "wb", closefd=False)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("wb")
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _encoded(fields: Mapping[str, Any]) -> bytes:
+    return json.dumps(fields, separators=(",", ":"), allow_nan=False).encode()

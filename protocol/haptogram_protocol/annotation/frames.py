@@ -1,0 +1,118 @@
+"""Haptogram's wire, cut into frames and what is none, each with its place in the stream."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from ..errors import RemoteProtocolError
+from ..framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
+from ..messages import Header, Message, parse_body
+from .words import fields_of, header_text, summary, type_name
+
+__all__ = ["Annotated", "Annotator", "FrameAnnotator", "annotated_frame", "describe"]
+
+
+@dataclass(frozen=True, slots=True)
+class Annotated:
+    """A piece of a stream, and its meaning.
+
+    Attributes
+    ----------
+    offset, size : int
+        Its first byte in the stream, from 0, and its length, without delimiters.
+    name : str
+        Type of the frame, or name of the operation; empty: the bytes are neither.
+    text : str
+        Its meaning in one line.
+    fault : str
+        Description of the damage; empty: there is none.
+    fields : dict
+        Every field in full, of JSON types.
+    header : Header or None
+        Header of an undamaged frame of Haptogram's wire.
+    message : Message or None
+        Message of such a frame; None: its payload cannot be read.
+    """
+
+    offset: int
+    size: int
+    name: str
+    text: str
+    fault: str = ""
+    fields: dict[str, Any] = field(default_factory=dict)
+    header: Header | None = None
+    message: Message | None = None
+
+
+class Annotator(Protocol):
+    """Takes a stream in any chunks and gives its pieces; what it keeps is bounded."""
+
+    def feed(self, chunk: bytes) -> Iterator[Annotated]:
+        """Yield the pieces that *chunk* completes."""
+        ...
+
+    def end(self) -> Iterator[Annotated]:
+        """Yield what the end of the stream leaves unfinished."""
+        ...
+
+
+class FrameAnnotator:
+    """Annotates a stream of Haptogram's wire, of either direction."""
+
+    def __init__(self) -> None:
+        self._partial = b""
+        self._begin = 0  # offset of the piece that has not ended
+        self._size = 0  # of that piece, of which the partial one is the beginning
+
+    def feed(self, chunk: bytes) -> Iterator[Annotated]:
+        """Yield a piece for every frame, and for every run of bytes that is none."""
+        *ended, rest = chunk.split(DELIMITER)
+        for piece in ended:
+            self._keep(piece)
+            yield from self._close()
+        self._keep(rest)
+
+    def end(self) -> Iterator[Annotated]:
+        """Yield the bytes behind the last delimiter, if there are any."""
+        if self._size:
+            fault = f"{self._size} bytes without a delimiter behind them"
+            yield Annotated(self._begin, self._size, "", f"no frame: {fault}", fault)
+
+    def _keep(self, piece: bytes) -> None:
+        self._partial += piece[: MAX_ENCODED_BYTES + 1 - len(self._partial)]
+        self._size += len(piece)
+
+    def _close(self) -> Iterator[Annotated]:
+        piece, size = self._partial, self._size
+        begin, self._begin = self._begin, self._begin + size + len(DELIMITER)
+        self._partial, self._size = b"", 0
+        if size > MAX_ENCODED_BYTES:
+            fault = f"more than {MAX_ENCODED_BYTES} bytes without a delimiter"
+            yield Annotated(begin, size, "", f"no frame: {fault}", fault)
+        elif size:
+            yield annotated_frame(piece, begin)
+
+
+def annotated_frame(piece: bytes, offset: int = 0) -> Annotated:
+    """Return the bytes between two delimiters, annotated."""
+    size = len(piece)
+    try:
+        body = decode_frame(piece)
+    except RemoteProtocolError as error:
+        return Annotated(offset, size, "", f"no frame: {error}", str(error))
+    header = Header.unpack(body[: Header.LAYOUT.size])
+    name, head = type_name(header.type), header_text(header)
+    try:
+        _, message = parse_body(body)
+    except RemoteProtocolError as error:
+        fields = {"payload": body[Header.LAYOUT.size :].hex()}
+        return Annotated(offset, size, name, f"{head}: {error}", str(error), fields, header)
+    text = f"{head}: {summary(message)}"
+    return Annotated(offset, size, name, text, "", fields_of(message), header, message)
+
+
+def describe(piece: bytes) -> str:
+    """Return the bytes between two delimiters in words."""
+    return annotated_frame(piece).text

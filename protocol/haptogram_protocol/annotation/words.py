@@ -1,0 +1,59 @@
+"""One frame of Haptogram's wire in words, and its fields in full."""
+
+from __future__ import annotations
+
+import enum
+from typing import Any
+
+from ..messages import Header, Message, MessageType
+from ..record import Record
+
+__all__ = ["fields_of", "header_text", "plain", "summary", "type_name"]
+
+
+def header_text(header: Header) -> str:
+    """Return a header in words."""
+    return (
+        f"{type_name(header.type)} seq {header.seq} session {header.session:#06x} "
+        f"flags {header.flags:#04x} t {header.time_us}"
+    )
+
+
+def summary(message: Message) -> str:
+    """Return the fields of a message; bytes and lists by their length."""
+    fields = []
+    for name, value in _values(message):
+        if isinstance(value, bytes | tuple):
+            fields.append(f"{len(value)} {name}")
+        else:
+            fields.append(f"{name} {getattr(value, 'name', value)}")
+    return ", ".join(fields) or "no payload"
+
+
+def type_name(number: int) -> str:
+    """Return the name of a message type, its number if it has none."""
+    known = MessageType._value2member_map_.get(number)
+    return known.name if isinstance(known, MessageType) else f"type {number:#04x}"
+
+
+def fields_of(record: Record) -> dict[str, Any]:
+    """Return every field of a record in full, of JSON types: bytes as hex, names for values."""
+    return {name: plain(value) for name, value in _values(record)}
+
+
+def plain(value: Any) -> Any:
+    """Return *value* as JSON can hold it."""
+    if isinstance(value, bytes | bytearray):
+        return value.hex()
+    if isinstance(value, enum.Enum):
+        return value.name
+    if isinstance(value, Record):
+        return fields_of(value)
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    return value
+
+
+def _values(record: Record) -> list[tuple[str, Any]]:
+    names = [*record.WIRE, *([record.TAIL.name] if record.TAIL else [])]
+    return [(name, getattr(record, name)) for name in names]

@@ -1,0 +1,275 @@
+"""A recording is read back as it was written, whole or cut off, by this program and by others."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip("mcap")
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.recordings.channels import (
+    CHANNELS,
+    LATCH,
+    OUTPUT,
+    RUN,
+    TO_BOARD,
+    TO_HOST,
+    VERSION,
+)
+from haptogram.evidence.recordings.latches import Codes, LatchRecord
+from haptogram.evidence.recordings.reader import Recording
+from haptogram.evidence.recordings.repair import repair
+from haptogram.evidence.recordings.writer import RecordingWriter
+
+FRAMES = 200
+
+drives = st.integers(0, 64).flatmap(
+    lambda n: st.builds(
+        Codes,
+        st.binary(min_size=n, max_size=n),
+        st.binary(min_size=n, max_size=n),
+        st.sampled_from((5, 6, 8)),
+    )
+)
+
+
+@st.composite
+def latch_records(draw):
+    latched = draw(drives)
+    other = bytes(255 - code for code in latched.phases)
+    radiated = Codes(other, latched.amplitudes, draw(st.sampled_from((5, 8))))
+    return LatchRecord(
+        draw(st.integers(0, 0xFFFF)),
+        draw(st.integers(0, 0xFFFF)),
+        draw(st.integers(0, 2**32 - 1)),
+        draw(st.integers(0, 2**32 - 1)),
+        draw(st.integers(0, 2**32 - 1)),
+        draw(st.integers(0, 2**53)),
+        draw(st.none() | st.integers(0, 2**53)),
+        draw(st.booleans()),
+        draw(st.booleans()),
+        draw(st.sampled_from((5, 6, 8))),
+        latched,
+        draw(st.sampled_from((None, radiated))),
+    )
+
+
+def latch(number):
+    codes = Codes(bytes([number % 256] * 16), b"\xff" * 16)
+    t_us = 4_000_000_000 + number * 1000
+    return LatchRecord(1, 0, 0, number, number, t_us, t_us - 400, False, False, 8, codes)
+
+
+def write(path, frames=FRAMES, **options):
+    with RecordingWriter(path, **options) as writer:
+        for number in range(frames):
+            writer.to_board(number * 1_000_000, b"frame %d" % number, waited_ns=number)
+            writer.to_host(number * 1_000_000 + 500, b"reply")
+            writer.latch(latch(number))
+    return path
+
+
+@given(latch_records())
+def test_a_latch_comes_back_from_its_bytes_and_from_its_record(record):
+    assert LatchRecord.unpack(record.pack()) == record
+    assert LatchRecord.from_record(json.loads(json.dumps(record.as_record()))) == record
+
+
+@given(latch_records(), st.integers(1, 40))
+def test_a_latch_of_another_length_is_refused(record, lost):
+    with pytest.raises(ConfigurationError, match="latch of"):
+        LatchRecord.unpack(record.pack()[:-lost])
+
+
+def test_entries_come_back_in_order_with_their_times(tmp_path):
+    configuration = {"rate_hz": 1000.0}
+    recording = Recording(
+        write(tmp_path / "run.mcap", command="verify", configuration=configuration)
+    )
+    assert recording.run["command"] == "verify"
+    assert recording.run["configuration"] == configuration
+    entries = list(recording.entries())
+    assert recording.is_whole
+    assert [entry.topic for entry in entries] == [RUN, *[TO_BOARD, TO_HOST, LATCH] * FRAMES]
+    seventh = entries[1 + 3 * 7]
+    assert (seventh.t_ns, seventh.published_ns) == (7_000_000, 7_000_000 - 7)
+    assert seventh.data == b"frame 7"
+    assert list(recording.latches()) == [latch(number) for number in range(FRAMES)]
+    assert [entry.topic for entry in recording.chunks()] == [TO_BOARD, TO_HOST] * FRAMES
+
+
+def test_other_programs_find_channels_schemas_layout_and_times(tmp_path):
+    with write(tmp_path / "run.mcap").open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        assert reader.get_header().profile == "haptogram"
+        (metadata,) = reader.iter_metadata()
+        assert metadata.metadata["version"] == str(VERSION)
+        channels = {channel.topic: channel for channel in summary.channels.values()}
+        assert set(channels) == set(CHANNELS)
+        for topic, channel in channels.items():
+            if CHANNELS[topic].encoding == "json":
+                schema = summary.schemas[channel.schema_id]
+                assert schema.encoding == "jsonschema"
+                assert json.loads(schema.data)["type"] == "object"
+        layout = channels[LATCH].metadata
+        assert layout["version"] == "1"
+        assert "t_latch_us i64" in layout["layout"]
+        latches = list(reader.iter_messages(topics=[LATCH]))
+        assert [m.log_time for _, _, m in latches] == [
+            latch(number).t_latch_us * 1000 for number in range(FRAMES)
+        ]
+
+
+def test_records_of_the_back_door_come_back(tmp_path):
+    reconstruction = {"kind": "no_focus", "reason": "muted"}
+    records = [
+        {"kind": "board", "boot_us": 5, "transducers": 16},
+        latch(0).as_record(reconstruction),
+        {"kind": "output", "t_us": 9, "event": "state", "state": "ARMED"},
+        latch(1).as_record(),
+        {"kind": "end", "latched": 2, "clean": True},
+    ]
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path) as writer:
+        for record in records:
+            writer.record(record)
+    recording = Recording(path)
+    assert list(recording.records()) == records
+    assert recording.board == records[0]
+    (output,) = recording.entries((OUTPUT,))
+    assert output.t_ns == 9000
+
+
+# --- Cut off, damaged, foreign -------------------------------------------------------------------
+
+
+def kept(path):
+    recording = Recording(path)
+    found = list(recording.entries())
+    assert not recording.is_whole
+    return found
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.999])
+def test_a_recording_that_is_cut_off_gives_all_that_was_flushed(share, tmp_path):
+    path = write(tmp_path / "run.mcap")
+    whole = list(Recording(path).entries())
+    content = path.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(content[: int(len(content) * share)])
+    found = kept(cut)
+    assert found == whole[: len(found)]
+    copy = tmp_path / "copy.mcap"
+    assert repair(cut, copy) == len(found)
+    assert list(Recording(copy).entries()) == found
+    with copy.open("rb") as file:
+        assert sum(1 for _ in make_reader(file).iter_messages()) == len(found)
+
+
+def test_a_cut_anywhere_is_no_error_but_before_the_beginning(tmp_path):
+    content = write(tmp_path / "run.mcap", frames=3).read_bytes()
+    cut = tmp_path / "cut.mcap"
+    refused = 0
+    for size in range(8, len(content), 53):
+        cut.write_bytes(content[:size])
+        try:
+            kept(cut)
+        except ConfigurationError as error:
+            refused = size
+            assert "cut off before its beginning" in str(error)
+    assert refused < 300
+
+
+def test_damage_is_one_line_and_what_lies_before_is_saved(tmp_path):
+    path = write(tmp_path / "run.mcap")
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 40] = b"\xa5" * 40
+    path.write_bytes(content)
+    recording = Recording(path)
+    with pytest.raises(ConfigurationError, match="damaged near byte .* haptogram repair saves"):
+        list(recording.entries())
+    assert repair(path, tmp_path / "copy.mcap") > FRAMES / 2
+
+
+@settings(max_examples=40)
+@given(data=st.data())
+def test_any_damage_is_a_result_or_the_one_error(data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("damage")
+    content = bytearray(write(folder / "run.mcap", frames=2).read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(8, len(content) - 1))
+        content[at] = data.draw(st.integers(0, 255))
+    (folder / "run.mcap").write_bytes(content)
+    try:
+        recording = Recording(folder / "run.mcap")
+        list(recording.records())
+        list(recording.entries())
+    except ConfigurationError as error:
+        assert "\n" not in str(error)
+
+
+def other_program(path):
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        writer.finish()
+
+
+def newer_version(path):
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="haptogram")
+        writer.add_metadata("haptogram", {"version": str(VERSION + 1), "library": "haptogram 9.0"})
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: None, "No such file"),
+        (Path.mkdir, "Is a directory"),
+        (lambda path: path.write_bytes(b""), "is empty"),
+        (lambda path: path.write_bytes(b"\x89MC"), "is no recording"),
+        (lambda path: path.write_text("hello"), "is no recording"),
+        (other_program, "of another program .profile ros2."),
+        (newer_version, "version 2, by haptogram 9.0; .* reads 1: update haptogram"),
+    ],
+)
+def test_what_is_no_recording_of_ours_is_one_line(make, message, tmp_path):
+    path = tmp_path / "file.mcap"
+    make(path)
+    with pytest.raises(ConfigurationError, match=message) as caught:
+        Recording(path)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_a_repair_never_replaces_what_it_reads(tmp_path):
+    path = write(tmp_path / "run.mcap")
+    with pytest.raises(ConfigurationError, match="would replace"):
+        repair(path, path)
+    assert Recording(path).run
+
+
+# --- A disk that takes no more ---------------------------------------------------------------------
+
+
+def test_a_full_disk_ends_the_recording_and_nothing_else():
+    with RecordingWriter(Path("/dev/full")) as writer:
+        assert "/dev/full: the recording ended early: No space left" in writer.failure
+        writer.to_board(0, b"frame")
+        writer.latch(latch(0))
+        writer.flush()
+
+
+def test_a_file_that_cannot_be_opened_is_refused_before_the_run(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigurationError, match="cannot be written"):
+        RecordingWriter(tmp_path / "file" / "run.mcap")
