@@ -172,17 +172,26 @@ def test_a_recording_that_is_cut_off_gives_all_that_was_flushed(share, tmp_path)
         assert sum(1 for _ in make_reader(file).iter_messages()) == len(found)
 
 
+def error_of(path):
+    """Read everything; return the one error, None if there is none."""
+    try:
+        recording = Recording(path)
+        list(recording.records())
+        list(recording.entries())
+    except ConfigurationError as error:
+        return str(error)
+    return None
+
+
 def test_a_cut_anywhere_is_no_error_but_before_the_beginning(tmp_path):
     content = write(tmp_path / "run.mcap", frames=3).read_bytes()
     cut = tmp_path / "cut.mcap"
     refused = 0
     for size in range(8, len(content), 53):
         cut.write_bytes(content[:size])
-        try:
-            kept(cut)
-        except ConfigurationError as error:
+        if (error := error_of(cut)) is not None:
             refused = size
-            assert "cut off before its beginning" in str(error)
+            assert "cut off before its beginning" in error
     assert refused < 300
 
 
@@ -193,7 +202,7 @@ def test_damage_is_one_line_and_what_lies_before_is_saved(tmp_path):
     content[middle : middle + 40] = b"\xa5" * 40
     path.write_bytes(content)
     recording = Recording(path)
-    with pytest.raises(ConfigurationError, match="damaged near byte .* haptogram repair saves"):
+    with pytest.raises(ConfigurationError, match=r"damaged near byte .* haptogram repair saves"):
         list(recording.entries())
     assert repair(path, tmp_path / "copy.mcap") > FRAMES / 2
 
@@ -207,12 +216,7 @@ def test_any_damage_is_a_result_or_the_one_error(data, tmp_path_factory):
         at = data.draw(st.integers(8, len(content) - 1))
         content[at] = data.draw(st.integers(0, 255))
     (folder / "run.mcap").write_bytes(content)
-    try:
-        recording = Recording(folder / "run.mcap")
-        list(recording.records())
-        list(recording.entries())
-    except ConfigurationError as error:
-        assert "\n" not in str(error)
+    assert "\n" not in (error_of(folder / "run.mcap") or "")
 
 
 def other_program(path):
@@ -233,7 +237,7 @@ def newer_version(path):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda path: None, "No such file"),
+        (lambda _: None, "No such file"),
         (Path.mkdir, "Is a directory"),
         (lambda path: path.write_bytes(b""), "is empty"),
         (lambda path: path.write_bytes(b"\x89MC"), "is no recording"),
@@ -258,7 +262,7 @@ def test_a_repair_never_replaces_what_it_reads(tmp_path):
     assert Recording(path).run
 
 
-# --- A disk that takes no more ---------------------------------------------------------------------
+# --- A disk that takes no more -------------------------------------------------------------------
 
 
 def test_a_full_disk_ends_the_recording_and_nothing_else():
