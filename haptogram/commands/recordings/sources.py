@@ -88,7 +88,7 @@ def open_source(path: Path, kind: str) -> Iterator[Source]:
         if kind == "recording":
             yield _recording(path)
             return
-        blocks = itertools.chain([begin], _blocks(file, path))
+        blocks: Iterator[bytes] = itertools.chain([begin], _blocks(file, path))
         if kind == "hex":
             blocks = _from_hex(blocks, path)
         first = next(blocks, b"")

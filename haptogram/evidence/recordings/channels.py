@@ -21,6 +21,7 @@ TO_BOARD: Final = "/to_board"
 TO_HOST: Final = "/to_host"
 LINK: Final = "/link"
 LATCH: Final = "/latch"
+PULSES: Final = "/pulses"
 BOARD: Final = "/board"
 OUTPUT: Final = "/output"
 RECONSTRUCTION: Final = "/reconstruction"
@@ -124,6 +125,16 @@ CHANNELS: Final = {
             "one latch: join key, times and drive",
             version=str(LATCH_VERSION),
             layout=LATCH_LAYOUT,
+        ),
+        _json(
+            PULSES,
+            "device",
+            "one latch of a board of another dialect, as the back door tells it",
+            number={"type": "integer"},
+            t_latch_us={"type": "integer", "description": "device time, us"},
+            steps={"type": "integer", "description": "steps of a carrier period"},
+            rises=_text("base64, u16 for each channel"),
+            widths=_text("base64, u16 for each channel"),
         ),
         _json(
             BOARD,

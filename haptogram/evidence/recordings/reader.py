@@ -18,6 +18,7 @@ from .channels import (
     METADATA,
     OUTPUT,
     PROFILE,
+    PULSES,
     RECONSTRUCTION,
     RUN,
     TO_BOARD,
@@ -29,7 +30,7 @@ from .writer import check_recordings
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _LARGEST_RECORD: Final = 1 << 28
-_BACK_DOOR: Final = (BOARD, LATCH, OUTPUT, RECONSTRUCTION, FAULTS)
+_BACK_DOOR: Final = (BOARD, LATCH, PULSES, OUTPUT, RECONSTRUCTION, FAULTS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ from .channels import (
     METADATA,
     OUTPUT,
     PROFILE,
+    PULSES,
     RECONSTRUCTION,
     RUN,
     TO_BOARD,
@@ -37,7 +38,8 @@ from .latches import LatchRecord
 
 _FLUSH_NS: Final = 50_000_000  # 50 frames at 1 kHz: what a killed run can lose
 _CHUNK: Final = 256 * 1024
-_RECORDS: Final = {"board": BOARD, "output": OUTPUT, "end": FAULTS}
+_RECORDS: Final = {"board": BOARD, "output": OUTPUT, "pulses": PULSES, "end": FAULTS}
+_TIMES: Final = ("t_us", "t_latch_us", "boot_us")
 _KEY: Final = ("session", "sequence", "loop", "index")
 
 
@@ -152,7 +154,8 @@ class RecordingWriter:
     def record(self, record: Mapping[str, Any]) -> None:
         """Write a record of the back door (docs/backdoor.md) on the channels that hold it."""
         if record["kind"] != "latch":
-            t_us = record.get("t_us", record.get("boot_us", self._last_ns // 1000))
+            times = (record[name] for name in _TIMES if name in record)
+            t_us = next(times, self._last_ns // 1000)
             self.document(_RECORDS[record["kind"]], t_us * 1000, record)
             return
         self.latch(LatchRecord.from_record(record))

@@ -133,6 +133,7 @@ def test_records_of_the_back_door_come_back(tmp_path):
         latch(0).as_record(reconstruction),
         {"kind": "output", "t_us": 9, "event": "state", "state": "ARMED"},
         latch(1).as_record(),
+        {"kind": "pulses", "number": 0, "t_latch_us": 11, "steps": 32},
         {"kind": "end", "latched": 2, "clean": True},
     ]
     path = tmp_path / "run.mcap"
