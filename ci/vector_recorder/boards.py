@@ -75,11 +75,23 @@ class CBoard:
         Where ``board_steps`` was built.
     grid_nx, grid_ny : int, keyword-only
         Elements of the array in either direction; its pitch is 10 mm.
+    late_us : int or None, keyword-only
+        Give it transducers, whose drives take effect so much later than they are due.
+
+    Attributes
+    ----------
+    radiated : list of str
+        What the last step radiated: the time that was due, phase and amplitude of transducer 0, or
+        ``off``, joined by colons.
     """
 
-    def __init__(self, folder: Path, *, grid_nx: int = 2, grid_ny: int = 2) -> None:
+    def __init__(
+        self, folder: Path, *, grid_nx: int = 2, grid_ny: int = 2, late_us: int | None = None
+    ) -> None:
+        machine = [] if late_us is None else [str(late_us)]
+        self.radiated: list[str] = []
         self._process = subprocess.Popen(
-            [folder / "board_steps", f"{grid_nx}x{grid_ny}"],
+            [folder / "board_steps", f"{grid_nx}x{grid_ny}", *machine],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -116,6 +128,7 @@ class CBoard:
         assert ready, f"board_steps did not answer {line[:80]!r} within {_PATIENCE_S} s"
         answer = process.stdout.readline().strip()
         assert answer, process.stderr.read()
+        answer, *self.radiated = answer.split(" ")
         return b"" if answer == "-" else bytes.fromhex(answer)
 
     def close(self) -> None:

@@ -19,7 +19,7 @@
 
 #include "board/board.h"
 
-enum { USAGE = 2, CHUNK = 4096, LONGEST_WAIT_MS = 1000 };
+enum { USAGE = 2, CHUNK = 4096, LONGEST_WAIT_MS = 1000, STORE_BYTES = 96 << 20 };
 
 static volatile sig_atomic_t ended;
 static volatile sig_atomic_t faulty;
@@ -204,7 +204,9 @@ static int would_block(void)
 
 static void write_output(struct board *board, int master)
 {
-    ssize_t sent = write(master, board->output, board->output_length);
+    size_t length;
+    const uint8_t *output = board_output(board, &length);
+    ssize_t sent = write(master, output, length);
 
     if (sent < 0 && !would_block())
         die("write");
@@ -260,10 +262,11 @@ static void catch_signal(int which, void (*handler)(int))
 int main(int count, char **values)
 {
     struct options options = take_options(count, values);
+    struct machine machine = {malloc(STORE_BYTES), STORE_BYTES, NULL, NULL, NULL};
     struct board *board = malloc(sizeof *board);
     struct line line;
 
-    if (board == NULL)
+    if (board == NULL || machine.store == NULL)
         die("memory");
     catch_signal(SIGINT, on_end);
     catch_signal(SIGTERM, on_end);
@@ -271,14 +274,14 @@ int main(int count, char **values)
     open_line(&line);
     if (options.link != NULL)
         make_link(options.link, line.name);
-    board_start(board, &options.array);
+    board_start(board, &options.array, &machine);
     printf("listening on %s\n", line.name);
     fflush(stdout);
     serve(board, line.master);
     if (options.link != NULL)
         unlink(options.link);
-    board_stop(board);
     free(board);
+    free(machine.store);
     close(line.slave);
     close(line.master);
     return 0;

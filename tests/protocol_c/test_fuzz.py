@@ -29,6 +29,19 @@ PLANTED = {
         "(void)0;",
         False,
     ),
+    "mute-watch-blind-to-a-zero": (
+        "board/mute_watch.c",
+        "if (watch->encoded > 1 && !watch->full)",
+        "if (0)",
+        False,
+    ),
+    "mute-watch-without-crc": (
+        "board/mute_watch.c",
+        "&& watch->crc == CRC_OF_FRAME_AND_ITS_CRC",
+        "",
+        False,
+    ),
+    "full-block-with-a-zero": ("board/mute_watch.c", "byte == 0xFF", "0", False),
     "timer-that-never-ends": ("board/output.c", "lease_us < hold_us", "lease_us > hold_us", False),
 }
 

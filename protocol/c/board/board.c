@@ -2,8 +2,6 @@
 
 #include "board.h"
 
-#include <stdlib.h>
-
 #include "judge.h"
 #include "link.h"
 #include "output.h"
@@ -40,10 +38,11 @@ static void default_config(struct hg_config *config)
     config->trace_divider = 1;
 }
 
-void board_start(struct board *board, const struct array *array)
+void board_start(struct board *board, const struct array *array, const struct machine *machine)
 {
     memset(board, 0, sizeof *board);
     board->array = *array;
+    board->machine = *machine;
     board->count = (uint16_t)(array->nx * array->ny);
     board->geometry_hash = geometry_hash(board);
     board->now_us = BOARD_BOOT_US;
@@ -53,17 +52,6 @@ void board_start(struct board *board, const struct array *array)
     board->reason = HG_REASON_NEVER_ARMED;
     default_config(&board->config);
     hg_parser_reset(&board->link.parser);
-}
-
-void board_stop(struct board *board)
-{
-    size_t i;
-
-    upload_abandon(board);
-    for (i = 0; i < BOARD_SEQUENCES; i++) {
-        free(board->sequences[i].data);
-        board->sequences[i].data = NULL;
-    }
 }
 
 void board_receive(struct board *board, const uint8_t *data, size_t length, int64_t t_us)
@@ -99,6 +87,7 @@ int64_t board_next_event(const struct board *board)
     int64_t t_us = earlier(latch_us(board), playback_due_us(board));
 
     t_us = earlier(t_us, output_end_us(board));
+    t_us = earlier(t_us, output_step_us(board));
     return earlier(t_us, board->next_status_us);
 }
 
@@ -111,6 +100,8 @@ static void handle_next(struct board *board, int64_t t_us)
         playback_latch(board);
     else if (output_end_us(board) <= t_us)
         shutdown_by_timer(board);
+    else if (output_step_us(board) <= t_us)
+        output_step(board);
     else
         readout_send_status(board);
 }
@@ -128,13 +119,18 @@ void board_advance(struct board *board, int64_t t_us)
         board->now_us = t_us;
 }
 
+const uint8_t *board_output(const struct board *board, size_t *length)
+{
+    *length = board->output_length;
+    return board->output + board->output_first;
+}
+
 void board_sent(struct board *board, size_t length)
 {
-    size_t i;
-
+    board->output_first += length;
     board->output_length -= length;
-    for (i = 0; i < board->output_length; i++)
-        board->output[i] = board->output[i + length];
+    if (board->output_length == 0)
+        board->output_first = 0;
 }
 
 void board_raise_hardware_fault(struct board *board)

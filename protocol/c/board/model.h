@@ -1,33 +1,9 @@
-/* State and limits of the board: structures and constants, no functions. */
+/* State of the board: structures, no functions. */
 
 #ifndef BOARD_MODEL_H
 #define BOARD_MODEL_H
 
-#include "../haptogram_codec.h"
-
-#define BOARD_BOOT_US 4284967296 /* HG-6.9: 2^32 - 10 s */
-#define BOARD_NEVER INT64_MAX
-
-#define BOARD_CARRIER_HZ 40000
-#define BOARD_CARRIER_US 25
-#define BOARD_QUEUE 32
-#define BOARD_RING 4096
-#define BOARD_MAX_POINTS 8
-#define BOARD_HORIZON_US 10000000
-#define BOARD_RX_WINDOW 16384
-#define BOARD_PLAYBACK_HZ 10000
-#define BOARD_UNATTENDED_MS 600000
-#define BOARD_SEQUENCES 64
-#define BOARD_SEQUENCE_FRAMES 65536
-#define BOARD_UPLOAD_BYTES (32u << 20)
-#define BOARD_STORED_BYTES (64u << 20)
-#define BOARD_UPLOAD_WINDOW 4
-#define BOARD_CHUNK_BYTES 2048
-#define BOARD_RANGES 64
-#define BOARD_OUTPUT 16384 /* bytes that may wait for the line */
-#define BOARD_FRAME HG_FRAME_BOUND(HG_MAX_BODY_BYTES)
-/* Bytes that one frame leaves for the tail of a reply. */
-#define BOARD_TAIL(fixed) (HG_MAX_BODY_BYTES - HG_HEADER_BYTES - (fixed))
+#include "limits.h"
 
 /* --- What the board holds --------------------------------------------------------------------- */
 
@@ -38,8 +14,21 @@ struct array {
 };
 
 struct drive {
-    uint8_t phase[HG_MAX_TRANSDUCERS];
-    uint8_t amplitude[HG_MAX_TRANSDUCERS];
+    uint8_t phase[BOARD_ELEMENTS];
+    uint8_t amplitude[BOARD_ELEMENTS];
+};
+
+/* The machine around the board.  Any function may be NULL, as for a board without transducers in
+   virtual time.  All are called from the functions of board.h, in no interrupt. */
+struct machine {
+    uint8_t *store; /* memory of sequences and uploads */
+    uint32_t store_bytes;
+    void *context; /* given to the functions */
+    /* Drive the transducers; NULL: switch them off.  Return the time at which the drive took effect:
+       `due_us` if the hardware switches on time, else what was measured. */
+    int64_t (*radiate)(void *context, const struct drive *radiated, int64_t due_us);
+    /* Return the time at which the next byte of the output leaves (HG-4.11/2). */
+    int64_t (*departure_us)(void *context, size_t waiting_bytes);
 };
 
 struct latch {
@@ -64,17 +53,12 @@ struct timer {
     int64_t deadline_us, ramp_us;
 };
 
-struct range {
-    uint32_t start, stop;
-};
-
 struct upload {
     int begun;
     struct hg_upload_begin begin;
     uint32_t frame_bytes;
-    uint8_t *data;
-    struct range ranges[BOARD_RANGES + 2]; /* sorted, never touching */
-    size_t range_count;
+    uint32_t at;       /* place in the store; its map of bytes that came lies behind it */
+    uint32_t received; /* bytes from the start without a gap */
 };
 
 struct sequence {
@@ -82,7 +66,7 @@ struct sequence {
     uint8_t kind;
     uint8_t points;
     uint32_t frame_bytes, frames;
-    uint8_t *data;
+    uint32_t at; /* place in the store */
 };
 
 struct playback {
@@ -113,6 +97,7 @@ struct link {
 
 struct board {
     struct array array;
+    struct machine machine;
     uint16_t count; /* transducers */
     uint32_t geometry_hash;
     int64_t now_us;
@@ -120,14 +105,16 @@ struct board {
     struct link link;
 
     uint8_t output[BOARD_OUTPUT];
-    size_t output_length;
+    size_t output_first, output_length;
 
     struct hg_config config;
-    uint8_t correction[HG_MAX_TRANSDUCERS];
+    uint8_t correction[BOARD_ELEMENTS];
 
     uint8_t state, reason;
     int sounding; /* 1: a drive was latched since the output was last off */
     struct timer lease, hold;
+    int64_t shown_us; /* when the machine last got a drive to radiate */
+    int fading;       /* 1: in a ramp then */
 
     struct entry queue[BOARD_QUEUE];
     size_t queue_first, queued;
@@ -140,9 +127,10 @@ struct board {
     uint32_t last_index;
     int64_t last_boundary_us;
     uint32_t traced;
-    struct latch ring[BOARD_RING];
+    uint8_t ring[BOARD_RING][HG_SIZE_TRACE_RECORD];
     size_t ring_first, ring_count;
 
+    uint32_t stored; /* bytes of the store that sequences take */
     struct upload upload;
     struct sequence sequences[BOARD_SEQUENCES];
     struct playback playback;

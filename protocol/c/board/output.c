@@ -101,6 +101,15 @@ uint8_t output_end_reason(const struct board *board)
     return by_lease ? board->lease.reason : board->hold.reason;
 }
 
+/* Return when the first ramp begins or began. */
+static int64_t fade_begins_us(const struct board *board)
+{
+    int64_t lease_us = board->lease.running ? board->lease.deadline_us : BOARD_NEVER;
+    int64_t hold_us = board->hold.running ? board->hold.deadline_us : BOARD_NEVER;
+
+    return lease_us < hold_us ? lease_us : hold_us;
+}
+
 /* --- Latch (HG-5.8) --------------------------------------------------------------------------- */
 
 /* Return the first free carrier boundary at or after a time, and not before now. */
@@ -113,6 +122,19 @@ int64_t output_boundary_us(const struct board *board, int64_t t_us)
     return boundary_us > free_us ? boundary_us : free_us;
 }
 
+/* Give the machine what is to be radiated now; return the time at which it took effect. */
+static int64_t radiate(struct board *board, int64_t due_us)
+{
+    struct drive drive;
+
+    if (board->machine.radiate == NULL)
+        return due_us;
+    output_radiated(board, &drive);
+    board->shown_us = board->now_us;
+    board->fading = fade_begins_us(board) <= board->now_us;
+    return board->machine.radiate(board->machine.context, &drive, due_us);
+}
+
 void output_latch(struct board *board, const struct hg_latch_key *key, const struct drive *drive,
                   int late)
 {
@@ -121,15 +143,43 @@ void output_latch(struct board *board, const struct hg_latch_key *key, const str
     board->latched = *drive;
     board->sounding = board->has_latched = 1;
     board->last_boundary_us = board->now_us;
-    start_timer(board, &board->hold, board->now_us + (int64_t)board->config.hold_ms * 1000,
-                HG_REASON_HOLD_EXPIRED);
+    board->hold.running = 0; /* HG-6.11/4: a latch ends the ramp of the hold */
     latch->key = *key;
     latch->number = board->latches++;
-    latch->t_us = board->now_us;
+    latch->t_us = radiate(board, board->now_us);
     latch->crc = trace_drive_crc(board, drive);
     latch->late = late;
+    start_timer(board, &board->hold, latch->t_us + (int64_t)board->config.hold_ms * 1000,
+                HG_REASON_HOLD_EXPIRED);
     board->counters[HG_COUNTER_LATCHED]++;
     trace_report(board, latch);
+}
+
+void output_off(struct board *board)
+{
+    board->lease.running = board->hold.running = 0;
+    board->sounding = board->fading = 0;
+    if (board->machine.radiate != NULL)
+        board->machine.radiate(board->machine.context, NULL, board->now_us);
+}
+
+/* --- Ramps that a machine is to follow --------------------------------------------------------- */
+
+int64_t output_step_us(const struct board *board)
+{
+    int64_t begins_us = fade_begins_us(board);
+    int64_t next_us = board->shown_us + BOARD_RAMP_STEP_US;
+
+    if (board->machine.radiate == NULL || !board->sounding)
+        return BOARD_NEVER;
+    if (board->fading && begins_us > board->now_us)
+        return board->now_us; /* the timer was renewed: full amplitude again */
+    return begins_us > next_us ? begins_us : next_us;
+}
+
+void output_step(struct board *board)
+{
+    radiate(board, board->now_us);
 }
 
 /* --- What leaves the transducers (HG-7.9, HG-6.11) -------------------------------------------- */

@@ -16,6 +16,9 @@ uint8_t output_end_reason(const struct board *board);
 int64_t output_boundary_us(const struct board *board, int64_t t_us);
 void output_latch(struct board *board, const struct hg_latch_key *key, const struct drive *drive,
                   int late);
+void output_off(struct board *board);
+int64_t output_step_us(const struct board *board); /* BOARD_NEVER: the output does not change */
+void output_step(struct board *board);
 void output_radiated(const struct board *board, struct drive *drive);
 
 #endif

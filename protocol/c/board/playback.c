@@ -121,7 +121,7 @@ int64_t playback_due_us(const struct board *board)
 static void take_drive(const struct board *board, const struct sequence *sequence, uint32_t index,
                        struct drive *drive)
 {
-    const uint8_t *frame = sequence->data + (size_t)index * sequence->frame_bytes;
+    const uint8_t *frame = upload_frame(board, sequence, index);
 
     if (sequence->kind == HG_UPLOAD_POINTS) {
         points_drive(board, frame, sequence->points, drive);

@@ -46,7 +46,7 @@ void readout_identity(const struct board *board, struct hg_hello_reply *reply)
     reply->rx_window = BOARD_RX_WINDOW;
     reply->max_frame_rate_hz = BOARD_CARRIER_HZ;
     reply->max_sequence_frames = BOARD_SEQUENCE_FRAMES;
-    reply->max_upload_bytes = BOARD_UPLOAD_BYTES;
+    reply->max_upload_bytes = upload_limit(board, 0);
     reply->max_playback_rate_hz = BOARD_PLAYBACK_HZ;
     reply->max_unattended_ms = BOARD_UNATTENDED_MS;
     reply->upload_window = BOARD_UPLOAD_WINDOW;
@@ -160,22 +160,25 @@ void readout_drive(struct board *board, const struct request *request)
     uint8_t *data = board->scratch + HG_SIZE_DRIVE_REPLY;
     struct hg_read_drive asked;
     struct hg_drive_reply reply;
-    struct drive drive = board->latched;
+    const struct drive *drive = &board->latched;
+    struct drive radiated;
     size_t count;
 
     hg_read_drive_read(&asked, request->payload);
     if (!span(board, request, asked.first, asked.count, BOARD_TAIL(HG_SIZE_DRIVE_REPLY) / 2,
               &count))
         return;
-    if (asked.kind == HG_DRIVE_RADIATED)
-        output_radiated(board, &drive);
+    if (asked.kind == HG_DRIVE_RADIATED) {
+        output_radiated(board, &radiated);
+        drive = &radiated;
+    }
     reply.kind = asked.kind;
     reply.bits = 8;
     reply.key = board->latest.key;
     reply.t_latch_us = (uint32_t)board->latest.t_us;
     reply.first = asked.first;
     hg_drive_reply_write(board->scratch, &reply);
-    memcpy(data, drive.phase + asked.first, count);
-    memcpy(data + count, drive.amplitude + asked.first, count);
+    memcpy(data, drive->phase + asked.first, count);
+    memcpy(data + count, drive->amplitude + asked.first, count);
     link_reply(board, request, board->scratch, HG_SIZE_DRIVE_REPLY + 2 * count);
 }

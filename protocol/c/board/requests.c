@@ -52,7 +52,7 @@ static void ping(struct board *board, const struct request *request)
 
     pong.echo = hg_get_u64(request->payload);
     pong.t_rx_us = (uint32_t)request->t_rx_us;
-    pong.t_tx_us = (uint32_t)board->now_us;
+    pong.t_tx_us = (uint32_t)link_departure_us(board);
     hg_pong_write(payload, &pong);
     link_reply(board, request, payload, sizeof payload);
 }

@@ -10,8 +10,7 @@ void shutdown_output(struct board *board)
 {
     stream_flush(board);
     playback_end(board);
-    board->lease.running = board->hold.running = 0;
-    board->sounding = 0;
+    output_off(board);
 }
 
 void shutdown_by_timer(struct board *board)

@@ -19,57 +19,70 @@ void stream_flush(struct board *board)
 
 /* --- What a frame carries --------------------------------------------------------------------- */
 
-static int take_phases(const struct board *board, const struct hg_frame *frame, struct drive *drive)
+static int check_phases(const struct board *board, const struct hg_frame *frame)
 {
     unsigned bits = frame->payload[HG_OFFSET_PHASES_BITS];
     const uint8_t *codes = frame->payload + HG_SIZE_PHASES;
     size_t length = frame->payload_length - HG_SIZE_PHASES;
-    int reason = hg_unpack_phases(drive->phase, board->count, codes, length, bits);
-    size_t n;
 
-    if (reason != HG_OK)
-        return reason;
-    if (frame->payload[HG_OFFSET_PHASES_BANK] != 0)
-        return HG_COUNTER_BAD_VALUE;
-    for (n = 0; n < board->count; n++) {
-        drive->phase[n] = (uint8_t)(drive->phase[n] << (8 - bits)); /* HG-5.2/7 */
-        drive->amplitude[n] = 255;
-    }
-    return HG_OK;
+    if (length != hg_packed_size(board->count, bits))
+        return HG_COUNTER_BAD_LENGTH;
+    if (codes[length - 1] >> ((board->count * bits - 1) % 8 + 1) != 0)
+        return HG_COUNTER_BAD_VALUE; /* HG-5.2/2 */
+    return frame->payload[HG_OFFSET_PHASES_BANK] != 0 ? HG_COUNTER_BAD_VALUE : HG_OK;
 }
 
-static int take_drives(const struct board *board, const struct hg_frame *frame, struct drive *drive)
+static int check_drives(const struct board *board, const struct hg_frame *frame)
 {
-    const uint8_t *codes = frame->payload + HG_SIZE_DRIVES;
-
     if (frame->payload_length - HG_SIZE_DRIVES != 2u * board->count)
         return HG_COUNTER_BAD_LENGTH;
     if (frame->payload[HG_OFFSET_DRIVES_BITS] != 8 || frame->payload[HG_OFFSET_DRIVES_BANK] != 0)
         return HG_COUNTER_BAD_VALUE;
-    memcpy(drive->phase, codes, board->count);
-    memcpy(drive->amplitude, codes + board->count, board->count);
     return HG_OK;
 }
 
-static int take_points(const struct board *board, const struct hg_frame *frame, struct drive *drive)
-{
-    size_t count = frame->payload_length / HG_SIZE_FOCAL_POINT;
-
-    if (count > BOARD_MAX_POINTS)
-        return HG_COUNTER_BAD_VALUE;
-    points_drive(board, frame->payload, count, drive);
-    return HG_OK;
-}
-
-static int take_drive(const struct board *board, const struct hg_frame *frame, struct drive *drive)
+/* Steps 9 and 10 of HG-3.8, as far as they depend on the array; nothing is computed here. */
+static int check_drive(const struct board *board, const struct hg_frame *frame)
 {
     switch (frame->header.type) {
     case HG_TYPE_PHASES:
-        return take_phases(board, frame, drive);
+        return check_phases(board, frame);
     case HG_TYPE_DRIVES:
-        return take_drives(board, frame, drive);
+        return check_drives(board, frame);
     default:
-        return take_points(board, frame, drive);
+        return frame->payload_length > BOARD_MAX_POINTS * HG_SIZE_FOCAL_POINT ? HG_COUNTER_BAD_VALUE
+                                                                             : HG_OK;
+    }
+}
+
+static void take_phases(const struct board *board, const struct hg_frame *frame,
+                        struct drive *drive)
+{
+    unsigned bits = frame->payload[HG_OFFSET_PHASES_BITS];
+    size_t n;
+
+    hg_unpack_phases(drive->phase, board->count, frame->payload + HG_SIZE_PHASES,
+                     frame->payload_length - HG_SIZE_PHASES, bits);
+    for (n = 0; n < board->count; n++)
+        drive->phase[n] = (uint8_t)(drive->phase[n] << (8 - bits)); /* HG-5.2/7 */
+    memset(drive->amplitude, 255, board->count);
+}
+
+static void take_drive(const struct board *board, const struct hg_frame *frame,
+                       struct drive *drive)
+{
+    const uint8_t *codes = frame->payload + HG_SIZE_DRIVES;
+
+    switch (frame->header.type) {
+    case HG_TYPE_PHASES:
+        take_phases(board, frame, drive);
+        break;
+    case HG_TYPE_DRIVES:
+        memcpy(drive->phase, codes, board->count);
+        memcpy(drive->amplitude, codes + board->count, board->count);
+        break;
+    default:
+        points_drive(board, frame->payload, frame->payload_length / HG_SIZE_FOCAL_POINT, drive);
     }
 }
 
@@ -117,9 +130,8 @@ void stream_submit(struct board *board, const struct hg_frame *frame, uint32_t i
     int immediate = (frame->header.flags & HG_FLAG_IMMEDIATE) != 0;
     int32_t ahead_us = hg_ahead_u32(frame->header.time_us, (uint32_t)board->now_us);
     int64_t t_apply_us = board->now_us + (immediate ? 0 : ahead_us);
-    struct drive drive;
     struct entry *entry;
-    int reason = take_drive(board, frame, &drive);
+    int reason = check_drive(board, frame);
 
     if (reason == HG_OK)
         reason = refusal(board, immediate, t_apply_us);
@@ -134,7 +146,7 @@ void stream_submit(struct board *board, const struct hg_frame *frame, uint32_t i
     entry->index = index;
     entry->t_apply_us = t_apply_us;
     entry->late = t_apply_us < board->now_us;
-    entry->drive = drive;
+    take_drive(board, frame, &entry->drive);
 }
 
 void stream_latch(struct board *board)

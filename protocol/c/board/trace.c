@@ -11,15 +11,31 @@ uint32_t trace_drive_crc(const struct board *board, const struct drive *drive)
     return hg_crc32(crc, drive->amplitude, board->count);
 }
 
+static void write_record(uint8_t *to, const struct latch *latch)
+{
+    struct hg_trace_record record;
+
+    record.number = latch->number;
+    record.key = latch->key;
+    record.t_latch_us = (uint32_t)latch->t_us;
+    record.crc = latch->crc;
+    record.flags = latch->late ? HG_FLAG_LATE : 0;
+    hg_trace_record_write(to, &record);
+}
+
 static void remember(struct board *board, const struct latch *latch)
 {
-    size_t place = (board->ring_first + board->ring_count) % BOARD_RING;
-
-    board->ring[place] = *latch;
+    write_record(board->ring[(board->ring_first + board->ring_count) % BOARD_RING], latch);
     if (board->ring_count < BOARD_RING)
         board->ring_count++;
     else
         board->ring_first = (board->ring_first + 1) % BOARD_RING;
+}
+
+/* Return the number of a latch in the ring, 0 being the oldest. */
+static uint32_t number_at(const struct board *board, size_t place)
+{
+    return hg_get_u32(board->ring[(board->ring_first + place) % BOARD_RING]);
 }
 
 static void send_trace(struct board *board, uint8_t type, const struct latch *latch,
@@ -76,18 +92,6 @@ void trace_report(struct board *board, const struct latch *latch)
         report_crc(board, latch);
 }
 
-static void write_record(uint8_t *to, const struct latch *latch)
-{
-    struct hg_trace_record record;
-
-    record.number = latch->number;
-    record.key = latch->key;
-    record.t_latch_us = (uint32_t)latch->t_us;
-    record.crc = latch->crc;
-    record.flags = latch->late ? HG_FLAG_LATE : 0;
-    hg_trace_record_write(to, &record);
-}
-
 void trace_read(struct board *board, const struct request *request)
 {
     struct hg_read_trace asked;
@@ -97,17 +101,17 @@ void trace_read(struct board *board, const struct request *request)
 
     hg_read_trace_read(&asked, request->payload);
     reply.next = board->latches;
-    reply.oldest = board->ring_count > 0 ? board->ring[board->ring_first].number : board->latches;
+    reply.oldest = board->ring_count > 0 ? number_at(board, 0) : board->latches;
     hg_trace_reply_write(board->scratch, &reply);
     for (i = 0; i < board->ring_count; i++) {
-        const struct latch *latch = &board->ring[(board->ring_first + i) % BOARD_RING];
+        uint32_t number = number_at(board, i);
 
-        if (latch->number < asked.first
-            || latch->number >= (uint64_t)asked.first + asked.count
+        if (number < asked.first || number >= (uint64_t)asked.first + asked.count
             || length + HG_SIZE_TRACE_RECORD
                    > HG_SIZE_TRACE_REPLY + BOARD_TAIL(HG_SIZE_TRACE_REPLY))
             continue;
-        write_record(board->scratch + length, latch);
+        memcpy(board->scratch + length, board->ring[(board->ring_first + i) % BOARD_RING],
+               HG_SIZE_TRACE_RECORD);
         length += HG_SIZE_TRACE_RECORD;
     }
     link_reply(board, request, board->scratch, length);

@@ -1,16 +1,14 @@
 /* Uploads: announced, sent in chunks, taken whole or not at all.  SPEC.md HG-7.2 to HG-7.4.
 
-   The only part that allocates: a board with less memory advertises less and keeps one arena. */
+   The store holds the sequences one behind the other, then the upload that is under way, then a map
+   of its bytes that came, one bit each: chunks may come in any order and in any size (HG-7.3/1). */
 
 #include "uploads.h"
-
-#include <stdlib.h>
 
 #include "link.h"
 
 void upload_abandon(struct board *board)
 {
-    free(board->upload.data);
     memset(&board->upload, 0, sizeof board->upload);
 }
 
@@ -25,20 +23,29 @@ struct sequence *upload_find(struct board *board, uint16_t id)
     return NULL;
 }
 
-uint32_t upload_stored(const struct board *board)
+uint32_t upload_limit(const struct board *board, uint32_t taken_bytes)
 {
-    uint32_t total = 0;
-    size_t i;
+    uint32_t left = board->machine.store_bytes - taken_bytes;
 
-    for (i = 0; i < BOARD_SEQUENCES; i++)
-        if (board->sequences[i].id != 0)
-            total += board->sequences[i].frame_bytes * board->sequences[i].frames;
-    return total;
+    left -= left / 9 + (left % 9 != 0); /* the map of an upload takes an eighth of its bytes */
+    return left < BOARD_UPLOAD_BYTES ? left : BOARD_UPLOAD_BYTES;
+}
+
+const uint8_t *upload_frame(const struct board *board, const struct sequence *sequence,
+                            uint32_t index)
+{
+    return board->machine.store + sequence->at + index * sequence->frame_bytes;
 }
 
 static int is_playing(const struct board *board, uint16_t target)
 {
     return board->playback.sequence != NULL && board->playback.sequence->id == target;
+}
+
+/* Return the map of the bytes that came. */
+static uint8_t *came(const struct board *board)
+{
+    return board->machine.store + board->upload.at + board->upload.begin.size;
 }
 
 /* --- Begin ------------------------------------------------------------------------------------ */
@@ -57,15 +64,12 @@ static int points_fit(const struct hg_upload_begin *begin)
     return begin->points_per_frame >= 1 && begin->points_per_frame <= BOARD_MAX_POINTS;
 }
 
-/* Return the bytes that a new sequence of this id may have. */
+/* Return the bytes that an upload may have now: until its commit the old sequence stays. */
 static uint32_t room(struct board *board, uint16_t target)
 {
-    const struct sequence *old = target == 0 ? NULL : upload_find(board, target);
-    uint32_t others = upload_stored(board) - (old ? old->frame_bytes * old->frames : 0);
-
-    if (target != 0 && old == NULL && upload_find(board, 0) == NULL)
+    if (target != 0 && upload_find(board, target) == NULL && upload_find(board, 0) == NULL)
         return 0;
-    return BOARD_STORED_BYTES - others;
+    return upload_limit(board, board->stored);
 }
 
 /* Return 0, or the code of the refusal. */
@@ -80,8 +84,8 @@ static uint8_t refusal(struct board *board, const struct hg_upload_begin *begin,
     *detail = HG_OFFSET_UPLOAD_BEGIN_TARGET;
     if ((begin->target == 0) != (begin->kind == HG_UPLOAD_CORRECTION))
         return HG_ERROR_BAD_VALUE;
-    *detail = BOARD_UPLOAD_BYTES;
-    if (begin->size > BOARD_UPLOAD_BYTES)
+    *detail = upload_limit(board, 0);
+    if (begin->size > *detail)
         return HG_ERROR_TOO_LARGE;
     *detail = bytes;
     if (begin->size == 0 || begin->size % bytes != 0)
@@ -102,7 +106,6 @@ void upload_begin(struct board *board, const struct request *request)
     struct hg_upload_begin begin;
     uint32_t detail = board->state;
     uint8_t code = HG_ERROR_BAD_STATE;
-    uint8_t *data;
 
     hg_upload_begin_read(&begin, request->payload);
     if (!is_playing(board, begin.target))
@@ -111,54 +114,42 @@ void upload_begin(struct board *board, const struct request *request)
         link_refuse(board, request, code, detail);
         return;
     }
-    data = calloc(begin.size, 1);
-    if (data == NULL) {
-        link_refuse(board, request, HG_ERROR_TOO_LARGE, 0);
-        return;
-    }
-    upload_abandon(board);
     board->upload.begun = 1;
     board->upload.begin = begin;
     board->upload.frame_bytes = frame_bytes(board, &begin);
-    board->upload.data = data;
+    board->upload.at = board->stored;
+    board->upload.received = 0;
+    memset(came(board), 0, (begin.size + 7) / 8);
     link_reply(board, request, offer, sizeof offer);
 }
 
 /* --- Chunks ----------------------------------------------------------------------------------- */
 
-static uint32_t received(const struct upload *upload)
+static void mark_came(struct board *board, uint32_t start, uint32_t stop)
 {
-    if (upload->range_count == 0 || upload->ranges[0].start != 0)
-        return 0;
-    return upload->ranges[0].stop;
+    uint8_t *map = came(board);
+
+    for (; start < stop && start % 8 != 0; start++)
+        map[start / 8] = (uint8_t)(map[start / 8] | 1u << start % 8);
+    for (; stop - start >= 8; start += 8)
+        map[start / 8] = 0xFF;
+    for (; start < stop; start++)
+        map[start / 8] = (uint8_t)(map[start / 8] | 1u << start % 8);
 }
 
-/* Add a range; join it with the ranges that it touches. */
-static void add_range(struct upload *upload, struct range fresh)
+static void advance_received(struct board *board)
 {
-    struct range kept[BOARD_RANGES + 2];
-    size_t count = 0;
-    int placed = 0;
-    size_t i;
+    const uint8_t *map = came(board);
+    struct upload *upload = &board->upload;
 
-    for (i = 0; i < upload->range_count; i++) {
-        struct range old = upload->ranges[i];
-
-        if (old.stop >= fresh.start && old.start <= fresh.stop) {
-            fresh.start = old.start < fresh.start ? old.start : fresh.start;
-            fresh.stop = old.stop > fresh.stop ? old.stop : fresh.stop;
-            continue;
-        }
-        if (!placed && old.start > fresh.stop) {
-            kept[count++] = fresh;
-            placed = 1;
-        }
-        kept[count++] = old;
+    while (upload->received < upload->begin.size) {
+        if (upload->received % 8 == 0 && map[upload->received / 8] == 0xFF)
+            upload->received += 8;
+        else if ((map[upload->received / 8] & 1u << upload->received % 8) != 0)
+            upload->received++;
+        else
+            break;
     }
-    if (!placed)
-        kept[count++] = fresh;
-    memcpy(upload->ranges, kept, count * sizeof kept[0]);
-    upload->range_count = count;
 }
 
 void upload_chunk(struct board *board, const struct request *request)
@@ -167,7 +158,6 @@ void upload_chunk(struct board *board, const struct request *request)
     uint32_t offset = hg_get_u32(request->payload);
     uint32_t length = (uint32_t)(request->length - HG_SIZE_UPLOAD_CHUNK);
     uint8_t payload[HG_SIZE_UPLOAD_CHUNK_REPLY];
-    struct range fresh;
 
     if (!upload->begun) {
         link_refuse(board, request, HG_ERROR_BAD_STATE, board->state);
@@ -175,41 +165,55 @@ void upload_chunk(struct board *board, const struct request *request)
         link_refuse(board, request, HG_ERROR_BAD_LENGTH, BOARD_CHUNK_BYTES);
     } else if ((uint64_t)offset + length > upload->begin.size) {
         link_refuse(board, request, HG_ERROR_BAD_VALUE, HG_OFFSET_UPLOAD_CHUNK_OFFSET);
-    } else if (upload->range_count > BOARD_RANGES) {
-        link_refuse(board, request, HG_ERROR_BUSY, 0);
     } else {
-        memcpy(upload->data + offset, request->payload + HG_SIZE_UPLOAD_CHUNK, length);
-        fresh.start = offset;
-        fresh.stop = offset + length;
-        if (length > 0)
-            add_range(upload, fresh);
-        hg_put_u32(payload, received(upload));
+        memcpy(board->machine.store + upload->at + offset, request->payload + HG_SIZE_UPLOAD_CHUNK,
+               length);
+        mark_came(board, offset, offset + length);
+        advance_received(board);
+        hg_put_u32(payload, upload->received);
         link_reply(board, request, payload, sizeof payload);
     }
 }
 
 /* --- Commit ----------------------------------------------------------------------------------- */
 
+/* Take a sequence out of the store; what lies behind it, the upload too, moves down. */
+static void remove_sequence(struct board *board, struct sequence *old)
+{
+    uint32_t bytes = old->frame_bytes * old->frames;
+    uint8_t *place = board->machine.store + old->at;
+    size_t i;
+
+    memmove(place, place + bytes, board->upload.at + board->upload.begin.size - old->at - bytes);
+    for (i = 0; i < BOARD_SEQUENCES; i++)
+        if (board->sequences[i].id != 0 && board->sequences[i].at > old->at)
+            board->sequences[i].at -= bytes;
+    board->upload.at -= bytes;
+    board->stored -= bytes;
+    old->id = 0;
+}
+
 static void put_in_force(struct board *board)
 {
-    struct upload *upload = &board->upload;
+    const struct upload *upload = &board->upload;
     struct sequence *sequence;
 
     if (upload->begin.kind == HG_UPLOAD_CORRECTION) {
-        memcpy(board->correction, upload->data, board->count);
+        memcpy(board->correction, board->machine.store + upload->at, board->count);
         return;
     }
     sequence = upload_find(board, upload->begin.target);
-    if (sequence == NULL)
+    if (sequence != NULL)
+        remove_sequence(board, sequence);
+    else
         sequence = upload_find(board, 0); /* UPLOAD_BEGIN found a free place */
-    free(sequence->data);
     sequence->id = upload->begin.target;
     sequence->kind = upload->begin.kind;
     sequence->points = upload->begin.points_per_frame;
     sequence->frame_bytes = upload->frame_bytes;
     sequence->frames = upload->begin.size / upload->frame_bytes;
-    sequence->data = upload->data;
-    upload->data = NULL; /* the sequence owns the memory now */
+    sequence->at = upload->at;
+    board->stored += upload->begin.size;
 }
 
 void upload_commit(struct board *board, const struct request *request)
@@ -227,11 +231,11 @@ void upload_commit(struct board *board, const struct request *request)
         link_refuse(board, request, HG_ERROR_BAD_VALUE, HG_OFFSET_UPLOAD_COMMIT_TARGET);
         return;
     }
-    if (received(upload) < upload->begin.size) {
-        link_refuse(board, request, HG_ERROR_INCOMPLETE, received(upload));
+    if (upload->received < upload->begin.size) {
+        link_refuse(board, request, HG_ERROR_INCOMPLETE, upload->received);
         return;
     }
-    crc = hg_crc32(0, upload->data, upload->begin.size);
+    crc = hg_crc32(0, board->machine.store + upload->at, upload->begin.size);
     if (crc != upload->begin.crc) {
         link_refuse(board, request, HG_ERROR_CRC_MISMATCH, crc);
         return;

@@ -10,6 +10,9 @@ void upload_chunk(struct board *board, const struct request *request);
 void upload_commit(struct board *board, const struct request *request);
 void upload_abandon(struct board *board);
 struct sequence *upload_find(struct board *board, uint16_t id); /* 0: a free place */
-uint32_t upload_stored(const struct board *board);              /* bytes of all sequences */
+/* The largest upload beside `taken_bytes` in the store. */
+uint32_t upload_limit(const struct board *board, uint32_t taken_bytes);
+const uint8_t *upload_frame(const struct board *board, const struct sequence *sequence,
+                            uint32_t index);
 
 #endif

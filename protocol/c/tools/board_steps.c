@@ -7,7 +7,9 @@
    reset         power down and up again
 
    After each step the bytes that the board sent, in hex, on a line of their own ("-": none); after
-   `until` the time precedes them.  board_steps [NXxNY]: the grid, 16x16 unless told. */
+   `until` the time precedes them.  board_steps [NXxNY [LATE_US]]: the grid, 16x16 unless told; with
+   LATE_US a machine whose drives take effect so much later, and each line goes on with what it
+   radiated: time due, phase and amplitude of transducer 0 ("off": none). */
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -16,7 +18,7 @@
 #include "../board/board.h"
 #include "hex.h"
 
-enum { LINE = 1 << 17 };
+enum { LINE = 1 << 17, STORE_BYTES = 96 << 20 };
 
 static char text[LINE];
 static uint8_t data[LINE / 2];
@@ -32,14 +34,36 @@ static void advance_until_sent(struct board *board, int64_t t_us)
     printf("%" PRId64 " ", board->now_us - BOARD_BOOT_US);
 }
 
+static char radiated[LINE];
+static size_t radiated_length;
+
+static int64_t radiate(void *late_us, const struct drive *drive, int64_t due_us)
+{
+    char *to = radiated + radiated_length;
+    size_t room = sizeof radiated - radiated_length;
+    int length;
+
+    if (drive == NULL)
+        length = snprintf(to, room, " %" PRId64 ":off", due_us - BOARD_BOOT_US);
+    else
+        length = snprintf(to, room, " %" PRId64 ":%d:%d", due_us - BOARD_BOOT_US, drive->phase[0],
+                          drive->amplitude[0]);
+    if (length > 0 && (size_t)length < room)
+        radiated_length += (size_t)length;
+    return due_us + *(const int64_t *)late_us;
+}
+
 static void step(struct board *board, const char *word, int64_t t_us, const char *hex)
 {
+    const uint8_t *output;
+    size_t length;
+
     if (strcmp(word, "reset") == 0) {
         struct array array = board->array;
+        struct machine machine = board->machine;
 
         array.boot_id++; /* HG-4.3/5 */
-        board_stop(board);
-        board_start(board, &array);
+        board_start(board, &array, &machine);
     } else if (strcmp(word, "rx") == 0) {
         board_receive(board, data, hex_read(data, sizeof data, hex), BOARD_BOOT_US + t_us);
     } else if (strcmp(word, "until") == 0) {
@@ -49,25 +73,33 @@ static void step(struct board *board, const char *word, int64_t t_us, const char
         if (strcmp(word, "fault") == 0)
             board_raise_hardware_fault(board);
     }
-    hex_print(board->output, board->output_length);
-    printf("\n");
+    output = board_output(board, &length);
+    hex_print(output, length);
+    printf("%.*s\n", (int)radiated_length, radiated);
     fflush(stdout);
-    board_sent(board, board->output_length);
+    radiated_length = 0;
+    board_sent(board, length);
 }
 
 int main(int count, char **values)
 {
     struct array array = {16, 16, 10000, 1};
+    struct machine machine = {malloc(STORE_BYTES), STORE_BYTES, NULL, NULL, NULL};
     struct board *board = malloc(sizeof *board);
+    int64_t late_us;
     unsigned nx, ny;
 
-    if (board == NULL)
+    if (board == NULL || machine.store == NULL)
         return 2;
     if (count > 1 && sscanf(values[1], "%ux%u", &nx, &ny) == 2 && nx * ny <= HG_MAX_TRANSDUCERS) {
         array.nx = (uint16_t)nx;
         array.ny = (uint16_t)ny;
     }
-    board_start(board, &array);
+    if (count > 2 && sscanf(values[2], "%" SCNd64, &late_us) == 1) {
+        machine.context = &late_us;
+        machine.radiate = radiate;
+    }
+    board_start(board, &array, &machine);
     while (fgets(text, sizeof text, stdin) != NULL) {
         char word[8] = "";
         int64_t t_us = 0;
@@ -76,7 +108,7 @@ int main(int count, char **values)
         sscanf(text, "%7s %" SCNd64 " %n", word, &t_us, &hex);
         step(board, word, t_us, text + hex);
     }
-    board_stop(board);
     free(board);
+    free(machine.store);
     return 0;
 }

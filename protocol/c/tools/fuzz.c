@@ -1,16 +1,17 @@
 /* Fuzz the codec and the board: fuzz [INPUTS [SEED]], by its own seeded mutator.
 
    Built with -DHG_LIBFUZZER it is a libFuzzer target instead: clang -fsanitize=fuzzer,address.
-   For any bytes three things hold: the parser finds the same frames in one piece as byte by byte, a
-   frame that is built again is the same frame, and the board counts every frame once. */
+   For any bytes four things hold: the parser finds the same frames in one piece as byte by byte, a
+   frame that is built again is the same frame, the watch of the interrupt finds MUTE where the parser
+   does, and the board counts every frame once. */
 
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "../board/board.h"
-#include "../board/uploads.h"
+#include "../board/mute_watch.h"
 
-enum { LONGEST = 12000 };
+enum { LONGEST = 12000, STORE = 1000 };
 
 #define DEMAND(condition)                                                                          \
     do {                                                                                           \
@@ -67,6 +68,25 @@ static uint32_t digest(const uint8_t *data, size_t length, size_t chunk)
     return crc;
 }
 
+/* The interrupt and the main loop see the same MUTE at the same byte. */
+static void check_watch(const uint8_t *data, size_t length)
+{
+    static struct hg_parser parser;
+    static struct mute_watch watch;
+    size_t i;
+
+    hg_parser_reset(&parser);
+    memset(&watch, 0, sizeof watch);
+    for (i = 0; i < length; i++) {
+        struct hg_frame frame;
+        size_t taken;
+        int is_mute = hg_parse(&parser, data + i, 1, &taken, &frame) == HG_PARSED_FRAME
+                      && frame.header.type == HG_TYPE_MUTE;
+
+        DEMAND(mute_watch_take(&watch, data[i]) == is_mute);
+    }
+}
+
 /* HG-3.9/2: a stream frame that was taken waits, was latched or was flushed. */
 static uint32_t explained(const struct board *board)
 {
@@ -89,11 +109,13 @@ static uint32_t explained(const struct board *board)
 static void check_board(const uint8_t *data, size_t length)
 {
     static struct board board;
+    static uint8_t store[STORE];
     static const struct array array = {4, 4, 10000, 1};
+    static const struct machine machine = {store, STORE, NULL, NULL, NULL};
     int64_t t_us = BOARD_BOOT_US;
     size_t at = 0;
 
-    board_start(&board, &array);
+    board_start(&board, &array, &machine);
     while (at < length) {
         size_t part = data[at] % 97u + 1u;
 
@@ -101,7 +123,7 @@ static void check_board(const uint8_t *data, size_t length)
         t_us += data[at] * 64;
         board_receive(&board, data + at, part, t_us);
         DEMAND(board.queued <= BOARD_QUEUE && board.output_length <= BOARD_OUTPUT);
-        if (upload_stored(&board) == 0) /* latches of a playback are no frames */
+        if (board.stored == 0) /* latches of a playback are no frames */
             DEMAND(explained(&board) == board.counters[HG_COUNTER_FRAMES]);
         DEMAND(board.state == HG_STATE_ARMED || !board.sounding);
         if (data[at] & 1)
@@ -113,7 +135,6 @@ static void check_board(const uint8_t *data, size_t length)
         board_advance(&board, t_us + 700 * (int64_t)1000000);
     DEMAND(board.state != HG_STATE_ARMED && board.queued == 0);
     DEMAND(explained(&board) >= board.counters[HG_COUNTER_FRAMES]);
-    board_stop(&board);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t length);
@@ -122,6 +143,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t length)
 {
     DEMAND(digest(data, length, length) == digest(data, length, 1));
     DEMAND(digest(data, length, 7) == digest(data, length, 1));
+    check_watch(data, length);
     check_board(data, length);
     return 0;
 }
@@ -172,6 +194,8 @@ static size_t add_frame(uint8_t *to, size_t room, uint16_t *seq, uint16_t *index
     header.type = layouts[which].type;
     if (next(16) == 0)
         header.type = (uint8_t)next(256);
+    if (next(8) == 0)
+        header.type = HG_TYPE_MUTE; /* with any payload: HG-6.4/1 */
     header.flags = next(2) != 0 && header.type < 0x40 ? HG_FLAG_IMMEDIATE : 0;
     header.seq = header.type < 0x40 ? (*index)++ : (*seq)++;
     header.time_us = (uint32_t)BOARD_BOOT_US + next(200000);
@@ -179,6 +203,10 @@ static size_t add_frame(uint8_t *to, size_t room, uint16_t *seq, uint16_t *index
     if (layouts[which].unit != 0)
         length += layouts[which].unit * (next(2) != 0 ? next(8) : 16u);
     fill(payload, length);
+    if (header.type == HG_TYPE_MUTE && next(2) != 0) { /* runs of 254 bytes without a zero */
+        length = next(sizeof payload);
+        memset(payload, 0x55, length);
+    }
     if (header.type == HG_TYPE_PHASES || header.type == HG_TYPE_DRIVES)
         payload[0] = 8, payload[1] = 0;
     return hg_build_frame(to, room, &header, payload, length);

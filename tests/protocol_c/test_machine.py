@@ -1,0 +1,176 @@
+"""The C board with transducers: what its machine radiates, and the time that it measured."""
+
+import contextlib
+import itertools
+import zlib
+
+import pytest
+
+from haptogram_protocol.framing import FrameDecoder, encode_frame
+from haptogram_protocol.messages import (
+    FIRST_STREAM_SEQ,
+    Arm,
+    Config,
+    Disarm,
+    DriveKind,
+    ErrorCode,
+    Hello,
+    Mute,
+    PhaseFormat,
+    Phases,
+    ReadDrive,
+    ReadTrace,
+    SetConfig,
+    StateChanged,
+    Trace,
+    TraceMode,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+    build_body,
+    parse_body,
+)
+from vector_recorder.boards import CBoard
+
+SESSION, COUNT, LATE_US = 0x0C97, 4, 7
+BOOT_US = 2**32 - 10_000_000
+T_US = 1004  # a multiple of 25 us of the device clock
+
+
+class Host:
+    """A session with a board in virtual time."""
+
+    def __init__(self, board):
+        self.board, self.seq, self.index = board, 0, FIRST_STREAM_SEQ - 1
+        self.ask(0, Hello(1, 0, SESSION, 0), session=0)
+
+    def ask(self, at_us, message, *, session=SESSION, flags=0):
+        self.seq += 1
+        return self.sent(at_us, message, self.seq, session, flags)
+
+    def stream(self, at_us, message):
+        self.index += 1
+        return self.sent(at_us, message, self.index & 0xFFFF, SESSION, 0x10)
+
+    def sent(self, at_us, message, seq, session, flags):
+        body = build_body(message, flags=flags, seq=seq, time_us=0, session=session)
+        return self.received(self.board(at_us, encode_frame(body)))
+
+    def until(self, at_us):
+        return self.received(self.board(at_us))
+
+    def received(self, sent):
+        return [parse_body(body) for body in FrameDecoder().feed(sent)]
+
+
+@pytest.fixture
+def host(programs):
+    with contextlib.closing(CBoard(programs, late_us=LATE_US)) as board:
+        yield Host(board)
+
+
+def phases(code):
+    return Phases(PhaseFormat.BITS_8, 0, bytes([code]) * COUNT)
+
+
+def steps(radiated):
+    """Time and amplitude of what was radiated; 0: off."""
+    found = [item.split(":") for item in radiated]
+    return [(int(f[0]), 0 if f[1] == "off" else int(f[2])) for f in found]
+
+
+def test_every_report_of_a_latch_has_the_measured_time(host):
+    config = {"status_period_ms": 0, "hold_ms": 10_000}
+    for number, mode in enumerate((TraceMode.CRC, TraceMode.RING)):
+        at_us = T_US + 1000 * number
+        host.ask(at_us, SetConfig(Config(trace_mode=mode, **config)))
+        host.ask(at_us, Arm())
+        events = host.stream(at_us, phases(9))
+        assert host.board.radiated == [f"{at_us}:9:255"]
+        measured = BOOT_US + at_us + LATE_US
+        if mode is TraceMode.CRC:
+            ((header, trace),) = events
+            assert isinstance(trace, Trace)
+            assert header.time_us == measured
+        ((_, drive),) = host.ask(at_us + 500, ReadDrive(DriveKind.LATCHED, 0, COUNT))
+        assert drive.t_latch_us == measured
+    ((_, reply),) = host.ask(2600, ReadTrace(0, 10))
+    assert [record.t_latch_us for record in reply.records] == [measured]
+
+
+@pytest.mark.parametrize("message", [Mute(), Disarm(), Hello(1, 0, SESSION + 1, 0)])
+def test_the_machine_is_switched_off_at_once(host, message):
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(1))
+    session = 0 if isinstance(message, Hello) else SESSION
+    host.ask(1777, message, session=session)
+    assert host.board.radiated == ["1777:off"]
+
+
+def test_the_machine_follows_a_ramp_in_steps_of_a_millisecond_down_to_off(host):
+    hold_us, ramp_us = 20_000, 50_000
+    host.ask(T_US, SetConfig(Config(hold_ms=20, ramp_ms=50, status_period_ms=0)))
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(1))
+    begins_us = T_US + LATE_US + hold_us
+    host.until(begins_us - 1)
+    assert host.board.radiated == []
+    ((_, changed),) = host.until(begins_us + ramp_us)
+    assert isinstance(changed, StateChanged)
+    ramp = steps(host.board.radiated)
+    assert (ramp[0], ramp[-1]) == ((begins_us, 255), (begins_us + ramp_us, 0))
+    for (before_us, before), (after_us, after) in itertools.pairwise(ramp):
+        assert 0 < after_us - before_us <= 1000
+        assert after < before
+
+
+def test_a_latch_in_a_ramp_is_radiated_at_full_amplitude(host):
+    host.ask(T_US, SetConfig(Config(hold_ms=20, ramp_ms=50, status_period_ms=0)))
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(1))
+    host.until(40_004)
+    assert steps(host.board.radiated)[-1][1] < 200
+    host.stream(40_004, phases(2))
+    assert host.board.radiated[-1] == "40004:2:255"
+    host.until(55_000)
+    assert host.board.radiated == []
+
+
+def test_a_frame_in_the_ramp_of_the_lease_brings_full_amplitude_back(host):
+    config = Config(hold_ms=10_000, ramp_ms=50, host_timeout_ms=20, status_period_ms=0)
+    host.ask(T_US, SetConfig(config))
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(3))
+    host.until(40_004)
+    assert steps(host.board.radiated)[-1][1] < 200
+    host.ask(40_500, Arm())
+    assert steps(host.board.radiated)[-1] == (40_500, 255)
+
+
+# --- Uploads ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [COUNT * 300, COUNT * 301])
+def test_any_number_of_disjoint_chunks_is_taken_in_any_order(host, size):
+    data = bytes(n % 251 for n in range(size))
+    begin = UploadBegin(UploadKind.PHASES, 0, 3, size, zlib.crc32(data))
+    host.ask(T_US, begin)
+    for start in [*range(1, size, 2), *reversed(range(0, size, 2))]:
+        ((_, reply),) = host.ask(T_US, UploadChunk(start, data[start : start + 1]))
+        assert reply.received == (1 if start == 0 and size == 1 else reply.received)
+    assert reply.received == size
+    ((_, done),) = host.ask(T_US, UploadCommit(3))
+    assert done.frames == size // COUNT
+
+
+def test_a_gap_of_one_byte_is_the_first_missing_one(host):
+    size = COUNT * 50
+    host.ask(T_US, UploadBegin(UploadKind.PHASES, 0, 3, size, 0))
+    for gap in (0, 7, 8, 9, 100, size - 1):
+        host.ask(T_US, UploadBegin(UploadKind.PHASES, 0, 3, size, 0))
+        host.ask(T_US, UploadChunk(gap + 1, bytes(size - gap - 1)))
+        ((_, reply),) = host.ask(T_US, UploadChunk(0, bytes(gap)))
+        assert reply.received == gap
+        ((_, error),) = host.ask(T_US, UploadCommit(3))
+        assert (error.code, error.detail) == (ErrorCode.INCOMPLETE, gap)
