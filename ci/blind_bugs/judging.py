@@ -65,15 +65,9 @@ class Judged:
 def judge(programs: Path, way: Way) -> Judged:
     """Run the suite against the board in the folder *programs*."""
     found = _in_virtual_time(programs, way) if way.clock == "virtual" else _on_pty(programs, way)
-    failed = {item["case"]: _reason(item) for item in found["results"] if _is_failure(item)}
+    reasons = {item["case"]: _reason(item) for item in found["results"]}
+    failed = {case: reasons[case] for case in found["failures"]}
     return Judged(found["exit_status"], failed)
-
-
-def _is_failure(item: dict[str, Any]) -> bool:
-    recovery = item["recovery"]
-    return item["behaviour"] in ("FAILED", "FLAKY") or (
-        recovery is not None and not recovery["clean"]
-    )
 
 
 def _reason(item: dict[str, Any]) -> str:
@@ -105,7 +99,8 @@ def _on_pty(programs: Path, way: Way) -> dict[str, Any]:
         )
         if not path.exists():  # no board answered: nothing was judged
             lines = done.stdout.strip().splitlines() or ["no result"]
-            return {"exit_status": 1, "results": [_no_board(lines[-1])]}
+            results = [_no_board(lines[-1])]
+            return {"exit_status": 1, "results": results, "failures": [results[0]["case"]]}
         found: dict[str, Any] = json.loads(path.read_text("utf-8"))
         return found
 

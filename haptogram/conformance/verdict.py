@@ -13,6 +13,8 @@ PASS: Final = 0
 FAIL: Final = 1
 USAGE: Final = 2
 INCONCLUSIVE_STATUS: Final = 3
+#: Reason of a case that needs a restart, where nothing can restart the board.
+NO_RESET: Final = "no way to restart the board (--spawn, --reset-cmd, --dtr)"
 INTERRUPTED: Final = 130  # as every shell has it
 
 
@@ -178,6 +180,11 @@ class SuiteResult:
         """0, 1 or 3 by the table; 1 beats 3, which is 130 if the run was interrupted."""
         status = exit_status(self.results)
         return INTERRUPTED if self.is_interrupted and status == INCONCLUSIVE_STATUS else status
+
+    @property
+    def unseen_without_reset(self) -> list[str]:
+        """Ids of the cases that a way to restart the board would add."""
+        return [result.case for result in self.results if result.detail == NO_RESET]
 
     def count(self, behaviour: Behaviour) -> int:
         """Return the number of cases with this verdict."""

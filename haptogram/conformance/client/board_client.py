@@ -23,15 +23,18 @@ from haptogram_protocol.messages import (
     DisarmReply,
     Element,
     Feature,
+    FocalPoint,
     GeometryReply,
     GetConfig,
     GetGeometry,
     GetStatus,
     Hello,
     HelloReply,
+    Message,
     Mute,
     PhaseFormat,
     Phases,
+    Points,
     SetConfig,
     SetConfigReply,
     StatusReply,
@@ -186,6 +189,13 @@ class BoardClient:
     def flat_phases(self, code: int = 0) -> Phases:
         """Return a PHASES frame with the same code for all."""
         return self.phases(bytes([code]) * self.identity.transducers)
+
+    def shortest_stream(self) -> Message:
+        """Return the stream frame that takes the least time on the line."""
+        frames: list[Message] = [self.flat_phases()]
+        if self.has(Feature.POINTS):
+            frames.append(Points((FocalPoint(10_000, 5_000, 150_000, 0xFFFF, 0),)))
+        return min(frames, key=lambda frame: len(frame.serialize()))
 
     def random_registers(self) -> bytes:
         """Return random phase codes that every format can carry."""

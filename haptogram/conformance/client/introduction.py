@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from haptogram_protocol.messages import (
     Arm,
     Disarm,
@@ -10,10 +12,16 @@ from haptogram_protocol.messages import (
     Feature,
     GetStatus,
     HelloReply,
+    Ping,
     StatusReply,
 )
 
 from .board_client import BoardClient
+
+_RUNS: Final = (300, 4000)  # bytes: enough on a slow line, enough on a fast one
+_TRIPS: Final = 5  # the shortest of so many is taken
+_CLEAR_US: Final = 10_000  # a shorter delay may be the host's own
+_CLEARLY_LESS: Final = 0.8
 
 
 def greet(board: BoardClient) -> HelloReply | Error | None:
@@ -23,6 +31,7 @@ def greet(board: BoardClient) -> HelloReply | Error | None:
     wire, seq = link.request_wire(hello, seq=link.next_seq(), session=0)
     since = link.mark()
     link.send(wire)
+    link.knock(wire, seq, since)
     answer = link.try_answer(seq, since)
     if answer is None or not isinstance(answer.message, HelloReply | Error):
         return None
@@ -34,6 +43,30 @@ def greet(board: BoardClient) -> HelloReply | Error | None:
 def is_version_error(reply: HelloReply | Error | None) -> bool:
     """Return True if a board refused HELLO because it speaks another major version."""
     return isinstance(reply, Error) and reply.code == ErrorCode.VERSION
+
+
+def measured_rate(board: BoardClient) -> int:
+    """Return the rate of the line: the stated one, or the measured one if that is clearly less.
+
+    A run of bytes in front of a PING delays its answer by the time of the run on the line.
+    """
+    stated = board.wire.baudrate
+    for size in _RUNS:
+        took_us = min(_answered_after_us(board, size) for _ in range(_TRIPS))
+        took_us -= min(_answered_after_us(board, 0) for _ in range(_TRIPS))
+        if took_us > _CLEAR_US:
+            rate = size * 10_000_000 // took_us
+            return rate if rate < _CLEARLY_LESS * stated else stated
+    return stated
+
+
+def _answered_after_us(board: BoardClient, size: int) -> int:
+    """Return the time to the answer to a PING behind *size* bytes that are no frame."""
+    ping, seq = board.link.request_wire(Ping(0))
+    since, sent_us = board.link.mark(), board.wire.now_us()
+    board.link.send(b"\x00" + b"\x01" * size + b"\x00", ping)
+    board.link.answer_to(Ping.TYPE, seq, since)
+    return board.wire.now_us() - sent_us
 
 
 def learn_wraps(board: BoardClient) -> None:

@@ -11,6 +11,7 @@ from haptogram_protocol.messages import Mute
 
 from .request_client import RequestClient
 
+_ZEROS: Final = 64
 BLOCK: Final = 254  # HG-2.2: longest piece of COBS without a zero
 
 
@@ -56,12 +57,15 @@ def mute_with_run(link: RequestClient, run: int) -> tuple[bytes, int]:
 
 def mute_of_encoded_size(link: RequestClient, size: int) -> tuple[bytes, int]:
     """Return a MUTE of *size* stuffed bytes, without delimiters, and its number."""
-    payload = noise(link.random, size)
-    for length in range(size - 60, size):
-        body, seq = mute_of(link, payload[:length])
-        encoded = cobs_encode(with_crc(body))
-        if len(encoded) == size:
-            return encoded, seq
+    for zeros in range(_ZEROS):
+        # Where a piece is full one byte more takes two: a zero elsewhere shifts the pieces.
+        payload = bytearray(noise(link.random, size))
+        payload[1 : 1 + zeros] = bytes(zeros)
+        for length in range(size - 60, size):
+            body, seq = mute_of(link, bytes(payload[:length]))
+            encoded = cobs_encode(with_crc(body))
+            if len(encoded) == size:
+                return encoded, seq
     raise AssertionError(f"no frame of {size} bytes was found")
 
 

@@ -21,6 +21,7 @@ from .uploads import upload
 PERIOD_US: Final = 1000
 UNATTENDED_MS: Final = 2000
 _FLOOD_FRAMES: Final = 400
+_BUFFERS_BYTES: Final = 1 << 17  # of drives in traces: more than a pty and a board hold
 _FLOOD_RATE_HZ: Final = 10_000
 
 
@@ -53,16 +54,24 @@ def play_at(
 
 
 def flood_with_traces(board: BoardClient) -> tuple[int, int]:
-    """Latch faster than the line can trace; return the numbers of trace events and of latches."""
+    """Latch faster than the line can trace; return the numbers of trace events and of latches.
+
+    A port of the system may take bytes faster than any line: there the host does not read
+    meanwhile, and the traces are more than the buffers on the way hold.
+    """
     board.configure(trace_mode=TraceMode.DRIVE)
     store_phases(board, 1, frames=2)
     rate = min(board.identity.max_playback_rate_hz, _FLOOD_RATE_HZ)
     period_us = board.clock.on_carrier(-(-1_000_000 // rate))
+    frames = _FLOOD_FRAMES
+    if board.wire.limits.slack_us:
+        frames = max(frames, 2 * (_BUFFERS_BYTES // (4 * board.identity.transducers)))
     board.arm()
     since = board.link.mark()
-    play_now(board, 1, loops=_FLOOD_FRAMES // 2, period_us=period_us)
-    timeout_us = _FLOOD_FRAMES * period_us * 20 + 500_000
+    play_now(board, 1, loops=frames // 2, period_us=period_us)
+    board.wire.look_away(frames * period_us)
+    timeout_us = frames * period_us * 20 + 500_000
     found = board.link.await_event(PlaybackEnded, since, timeout_us)
     check(found is not None, "PLAYBACK_ENDED is lost among the traces")
     board.link.barrier()
-    return len(board.link.events(TraceDrive, since)), _FLOOD_FRAMES
+    return len(board.link.events(TraceDrive, since)), frames

@@ -24,6 +24,7 @@ from .wire import RawFrameWire, Received
 
 _M = TypeVar("_M", bound=Message)
 _ECHO_BITS: Final = 64
+_KNOCK_US: Final = 100_000  # how soon a board that boots is asked again
 
 
 class RequestClient:
@@ -44,6 +45,8 @@ class RequestClient:
         Number of the last request, unwrapped.
     stream_next : int
         Unwrapped number of the next stream frame.
+    knocks : int
+        How often the first request after a restart was repeated: the board was deaf meanwhile.
     """
 
     def __init__(self, wire: RawFrameWire, random_source: random.Random) -> None:
@@ -52,6 +55,12 @@ class RequestClient:
         self.session = 0
         self.seq = 0
         self.stream_next = FIRST_STREAM_SEQ
+        self.knocks = 0
+        self._boots_until_us: int | None = None
+
+    def expect_boot(self, timeout_s: float) -> None:
+        """Repeat the next request until it is answered, for at most *timeout_s*."""
+        self._boots_until_us = self.wire.now_us() + round(timeout_s * 1e6)
 
     # --- frames --------------------------------------------------------------------------------
 
@@ -129,7 +138,29 @@ class RequestClient:
         wire = encode_frame(self.body(kind, payload, seq=seq, **header))
         since = self.mark()
         self.send(wire)
+        self.knock(wire, seq, since)
         return self.answer_to(kind, seq, since, self.wire.line_us(len(wire)))
+
+    def knock(self, wire: bytes, seq: int, since: int) -> None:
+        """Repeat the first request after a restart until it is answered, or the boot time is over.
+
+        The repetitions bear one number, so that the board carries the request out once.
+        """
+        until_us, self._boots_until_us = self._boots_until_us, None
+        if until_us is None:
+            return
+        wait_us = min(_KNOCK_US, self.wire.limits.answer_us) + self.wire.backlog_us
+
+        def answered(piece: Received) -> bool:
+            return piece.header is not None and piece.is_response and piece.header.seq == seq
+
+        while (
+            self.wire.wait_for(answered, since, wait_us) is None and self.wire.now_us() < until_us
+        ):
+            self.send(wire)
+            self.knocks += 1
+        if self.knocks:
+            self.wire.idle(wait_us)  # a board may have kept them all, and answers each
 
     def answer_to(self, kind: int, seq: int, since: int, extra_us: int = 0) -> Received:
         """Return the answer to the request *seq* from piece *since* on; FAILED if none comes."""

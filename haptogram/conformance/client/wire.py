@@ -5,6 +5,7 @@ Times are those of the transport's clock.  Nothing here knows a session or a seq
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NoReturn
@@ -216,6 +217,17 @@ class RawFrameWire:
     def idle(self, duration_us: int) -> None:
         """Read for *duration_us*."""
         self.wait(lambda: False, duration_us)
+
+    def look_away(self, duration_us: int) -> None:
+        """Let time pass without reading, so that what the board sends has to wait.
+
+        In virtual time only reading lets time pass; the virtual line is as slow as its rate.
+        """
+        if not self.limits.slack_us:
+            self.idle(duration_us)
+            return
+        time.sleep(duration_us / 1e6)
+        self._left_us = self.now_us()
 
     def _read(self, deadline_ns: int) -> None:
         if self.now_us() > self._deadline_us:

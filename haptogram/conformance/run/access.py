@@ -31,6 +31,8 @@ class Access(Protocol):
         Whether :meth:`reset` can restart the board.
     boots : bool
         Whether :meth:`open` finds a board that has just started.
+    boot_timeout_s : float
+        How long a board that has just started may be deaf.
     """
 
     url: str
@@ -38,6 +40,7 @@ class Access(Protocol):
     virtual: bool
     can_reset: bool
     boots: bool
+    boot_timeout_s: float
 
     def open(self) -> Transport:
         """Open the port; :class:`HaptogramError` if the port does not open."""
@@ -65,6 +68,7 @@ class VirtualAccess:
 
     can_reset = True
     boots = True
+    boot_timeout_s = 0.0
 
     def __init__(
         self, url: str, start: Callable[[int], Transport], *, baudrate: int, virtual: bool
@@ -96,7 +100,7 @@ class PortAccess:
     reset_command : str or None
         Shell command that restarts the board.
     boot_timeout_s : float
-        Longest wait for the port after a restart.
+        Longest wait for the port after a restart, and then for an answer.
     dtr, rts : bool or None
         State of the modem lines during the run; None: as the system sets them.
     pulse : str or None
@@ -119,7 +123,8 @@ class PortAccess:
     ) -> None:
         self.url, self.baudrate = url, baudrate
         self.can_reset = reset_command is not None or pulse is not None
-        self._reset_command, self._boot_timeout_s = reset_command, boot_timeout_s
+        self.boot_timeout_s = boot_timeout_s
+        self._reset_command = reset_command
         self._lines = {
             name: state for name, state in (("dtr", dtr), ("rts", rts)) if state is not None
         }
@@ -135,8 +140,8 @@ class PortAccess:
         if self._pulse is not None:
             self._set_lines({self._pulse: True}, then={self._pulse: False})
         if self._reset_command is not None:
-            _run(self._reset_command, self._boot_timeout_s)
-        return open_when_there(self.open, self._boot_timeout_s)
+            _run(self._reset_command, self.boot_timeout_s)
+        return open_when_there(self.open, self.boot_timeout_s)
 
     def _set_lines(self, states: dict[str, bool], then: dict[str, bool] | None = None) -> None:
         if not states:

@@ -18,6 +18,7 @@ from ..client.introduction import (
     greet,
     is_version_error,
     learn_wraps,
+    measured_rate,
 )
 from ..client.wire import RawFrameWire, WaitLimits
 from ..judge.recovery import farewell
@@ -45,11 +46,14 @@ class SuiteConnection:
         Why no session can be opened; empty while the board answers.
     device : dict
         Description of the board that answered last; empty before any did.
+    baudrate : int
+        Rate of the line: as stated, or as measured if that is less.
     """
 
     def __init__(self, access: Access, *, timeout_s: float, seed: int) -> None:
         self.lost = ""
         self.device: dict[str, object] = {}
+        self.baudrate = access.baudrate
         self._access = access
         self._limits = WaitLimits.of(timeout_s, virtual=access.virtual)
         self._random = random.Random(seed)
@@ -81,6 +85,8 @@ class SuiteConnection:
             self.revive()  # the board may have hung before the run
         if not self.lost:
             with contextlib.suppress(CaseEndedError, LinkLostError):
+                if not self._access.virtual:
+                    self.baudrate = self.board.wire.baudrate = measured_rate(self.board)
                 learn_wraps(self.board)
 
     def close(self) -> None:
@@ -117,6 +123,7 @@ class SuiteConnection:
         identity = getattr(before, "identity", None)
         board.last_boot_id = identity.boot_id if identity else None
         board.last_config = getattr(before, "config", None)
+        board.link.expect_boot(self._access.boot_timeout_s)
         return board
 
     def revive(self, *, may_reset: bool = True) -> None:
@@ -136,7 +143,7 @@ class SuiteConnection:
 
     def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
         self._transport = transport
-        wire = RawFrameWire(transport, self._limits, baudrate=self._access.baudrate)
+        wire = RawFrameWire(transport, self._limits, baudrate=self.baudrate)
         self._board = BoardClient(wire, self._random, self._hash, booted=booted)
         return self._board
 
@@ -148,6 +155,8 @@ class SuiteConnection:
     def _answers(self) -> bool:
         """Return True if a board of this version answers; else note why not."""
         self.lost = ""
+        if self.board.clock.booted:
+            self.board.link.expect_boot(self._access.boot_timeout_s)
         try:
             for _ in range(_GREETINGS):
                 reply = greet(self.board)

@@ -17,7 +17,7 @@ from ..clauses import Clause, Level, load_clauses
 from ..client.board_client import BoardClient
 from ..judge.recovery import recover
 from ..outcome import CaseEndedError
-from ..verdict import Behaviour, Recovery, Result, SuiteResult
+from ..verdict import NO_RESET, Behaviour, Recovery, Result, SuiteResult
 from .access import Access
 from .connection import SuiteConnection
 
@@ -126,6 +126,8 @@ class Runner:
             "repeat": options.repeat,
             "strict": options.strict,
             "timeout_s": options.timeout_s,
+            "baudrate": self._access.baudrate,
+            "measured_baudrate": self._connection.baudrate,
         }
 
     # --- one case ------------------------------------------------------------------------------
@@ -162,9 +164,7 @@ class Runner:
         if case.body is None:
             return _Outcome(Behaviour.NOT_OBSERVED, case.summary)
         if case.needs_reset and not self._access.can_reset:
-            return _Outcome(
-                Behaviour.NOT_OBSERVED, "no way to restart the board (--spawn, --reset-cmd, --dtr)"
-            )
+            return _Outcome(Behaviour.NOT_OBSERVED, NO_RESET)
         connection = self._connection
         found = bool(connection.device)  # a reset may bring back a board that answered before
         if connection.lost and case.needs_session and not (case.needs_reset and found):

@@ -64,7 +64,7 @@ class SpawnAccess:
     port_regex : str
         Matches the text that the process prints; the first group, or the match, is the URL.
     boot_timeout_s : float
-        Longest wait for that text.
+        Longest wait for that text, and then for an answer.
     """
 
     virtual = False
@@ -87,7 +87,7 @@ class SpawnAccess:
         if not self._arguments:
             raise ConfigurationError("--spawn is empty; it names a program")
         self.url, self.baudrate = command, baudrate
-        self._boot_timeout_s = boot_timeout_s
+        self.boot_timeout_s = boot_timeout_s
         self._process: subprocess.Popen[bytes] | None = None
 
     def open(self) -> Transport:
@@ -101,7 +101,7 @@ class SpawnAccess:
         self.close()
         self.url = self._wait_for_port(self._start())
         return open_when_there(
-            lambda: open_transport(self.url, baudrate=self.baudrate), self._boot_timeout_s
+            lambda: open_transport(self.url, baudrate=self.baudrate), self.boot_timeout_s
         )
 
     def _start(self) -> _Output:
@@ -120,7 +120,7 @@ class SpawnAccess:
 
     def _wait_for_port(self, output: _Output) -> str:
         assert self._process is not None  # _start has set it
-        end_s = time.monotonic() + self._boot_timeout_s
+        end_s = time.monotonic() + self.boot_timeout_s
         while True:
             ended = self._process.poll() is not None
             if ended:
@@ -128,7 +128,7 @@ class SpawnAccess:
             if found := output.find(self._regex):
                 return found[1] if found.groups() else found[0]
             if ended or time.monotonic() > end_s:
-                how = "ended" if ended else f"went on for {self._boot_timeout_s:g} s"
+                how = "ended" if ended else f"went on for {self.boot_timeout_s:g} s"
                 last = output.end(0) or "nothing"
                 raise ConfigurationError(
                     f"{self._arguments[0]} {how} before it named a port that matches "

@@ -161,6 +161,7 @@ class SteppedAccess:
     virtual = True
     can_reset = True
     boots = True
+    boot_timeout_s = 0.0
 
     def __init__(self, command: Sequence[str], *, baudrate: int = NO_LINE_BAUD) -> None:
         self.url, self.baudrate = command[0], baudrate

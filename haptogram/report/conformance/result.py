@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from haptogram.conformance.causes import by_cause
 from haptogram.conformance.verdict import (
     Behaviour,
     Recovery,
@@ -28,6 +29,7 @@ def as_dict(suite: SuiteResult) -> dict[str, Any]:
         "settings": suite.settings,
         "exit_status": suite.exit_status,
         "cut_short": suite.cut_short,
+        "failures": [result.case for result in by_cause(suite.results)],
         "counts": {behaviour.value: suite.count(behaviour) for behaviour in Behaviour},
         "results": [_result_dict(result) for result in suite.results],
     }

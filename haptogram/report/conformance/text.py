@@ -6,8 +6,10 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
+from haptogram.conformance.causes import by_cause
 from haptogram.conformance.verdict import Behaviour, Result, SuiteResult
 
+_CAUSES: Final = 3  # failures with their bytes; the others may follow from these
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
 _NAMED: Final = 3  # cases that are named where they have a reason in common
 _LINES: Final = 60  # of a transcript; the rest is in the JSON file
@@ -26,14 +28,25 @@ def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
 
 def _lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
     common = _common_reasons(suite)
+    failures = by_cause(suite.results)
     for result in suite.results:
-        if not verbose and (result.behaviour, result.detail) in common:
-            continue  # named once, in the summary
-        if verbose or result.behaviour in _IN_FULL or result.is_failure:
+        if result.is_failure or (not verbose and (result.behaviour, result.detail) in common):
+            continue  # below, by cause; or named once, in the summary
+        if verbose or result.behaviour in _IN_FULL:
             yield from _result(result)
         elif result.is_unexpected_pass:
             yield f"{result.case}  {result.behaviour}: {result.expected} was expected"
+    for number, result in enumerate(failures):
+        in_full = verbose or number < _CAUSES or not result.is_new_failure
+        yield from _result(result) if in_full else _follower(result)
+    if len(failures) > 1:
+        yield f"failures     the likeliest cause first: {', '.join(r.case for r in failures)}"
     yield from _summary(suite)
+
+
+def _follower(result: Result) -> Iterator[str]:
+    """Yield a failure that may follow from those before it; its bytes are in the files."""
+    yield f"{result.case}  {result.behaviour} [{result.evidence.upper()}]: {result.detail}"
 
 
 def _result(result: Result) -> Iterator[str]:
@@ -80,6 +93,9 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
         )
     time = "virtual time" if suite.settings.get("virtual_time") else "wall time"
     yield f"port         {suite.settings.get('port')} ({time}, seed {suite.settings.get('seed')})"
+    measured, stated = (suite.settings.get(n) for n in ("measured_baudrate", "baudrate"))
+    if measured != stated:
+        yield f"line         {measured} Bd as measured, {stated} Bd as stated"
     counts = [f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b)]
     yield f"cases        {len(suite.results)}: {', '.join(counts)}"
     # With the reasons: a number alone would look like a gap.
@@ -101,4 +117,6 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
     if suite.cut_short:
         yield f"cut short    {suite.cut_short}"
     verdict = {0: "PASS", 1: "FAIL"}.get(suite.exit_status, "INCONCLUSIVE")
-    yield f"verdict      {verdict} (exit status {suite.exit_status})"
+    unseen = suite.unseen_without_reset
+    more = f"; --reset-cmd would add {', '.join(unseen)}" if unseen else ""
+    yield f"verdict      {verdict} (exit status {suite.exit_status}){more}"

@@ -88,13 +88,14 @@ def queue_in_order(board: BoardClient) -> None:
     depth = board.identity.queue_depth
     if depth > _DEEPEST:
         not_observed(f"a queue of {depth} frames is not filled")
-    good = board.flat_phases()
+    good = board.shortest_stream()
     size = len(board.link.stream_wire(good))
     board.hello()
     board.arm()
     start_us = board.clock.soon_us(bytes(size * (depth + 4)))
     times = [start_us + number * _STEP_US for number in range(depth)]
-    check(times[-1] + _STEP_US < start_us + board.identity.max_horizon_us, "the queue is too long")
+    if times[-1] + _STEP_US > board.clock.device_us() + board.identity.max_horizon_us:
+        not_observed(f"this line takes too long to fill a queue of {depth} frames")
     with board.counting(dropped_order=2, dropped_full=2, flushed=depth):
         board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
         beyond_us = times[-1] + 2 * board.identity.max_horizon_us

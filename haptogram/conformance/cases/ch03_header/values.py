@@ -28,7 +28,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYBACK, requests_of, session_for
 from ...client.dialogue import full_dialogue
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, not_observed
 
 
 @case("HG-3.2/1", "numbers of 16, 32 and 64 bits, signed ones too, have their lowest byte first")
@@ -66,6 +66,24 @@ def _check_geometry(board: BoardClient) -> None:
 
 def _length(*parts: int) -> float:
     return math.hypot(*parts)
+
+
+@case(
+    "HG-3.2/1",
+    "pitch_um in HELLO_REPLY is not the pitch of the geometry with its bytes reversed",
+    variant="pitch",
+)
+def pitch_is_little_endian(board: BoardClient) -> None:
+    identity = board.identity
+    if identity.grid_nx * identity.grid_ny < 2:
+        not_observed("the array is no grid, or of one transducer")
+    first, second = board.read_geometry()[:2]
+    apart_um = round(math.hypot(second.x_um - first.x_um, second.y_um - first.y_um))
+    turned_um = int.from_bytes(identity.pitch_um.to_bytes(4, "little"), "big")
+    check(
+        identity.pitch_um == apart_um or abs(turned_um - apart_um) > 1,
+        f"pitch_um is {identity.pitch_um:#010x}, the geometry's is {apart_um:#010x}: big-endian",
+    )
 
 
 @case(

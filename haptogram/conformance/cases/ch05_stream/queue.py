@@ -60,9 +60,11 @@ def holds_its_depth(board: BoardClient) -> None:
     if depth > _DEEPEST:
         not_observed(f"a queue of {depth} frames is not filled")
     board.arm()
-    good = board.flat_phases()
+    good = board.shortest_stream()
     size = len(board.link.stream_wire(good, 0, seq=0))
     start_us = board.clock.soon_us(bytes(size * (depth + 1)))
+    if start_us + 1000 * depth > board.clock.device_us() + board.identity.max_horizon_us:
+        not_observed(f"this line takes too long to fill a queue of {depth} frames")
     with board.counting(dropped_full=1, latched=depth):
         for number in range(depth + 1):
             board.link.send(board.link.stream_wire(good, start_us + 1000 * number))

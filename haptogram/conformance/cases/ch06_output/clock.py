@@ -11,10 +11,11 @@ from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.board_clock import BOOT_US
 from ...client.wire import Received
-from ...outcome import check, not_observed
+from ...outcome import SELF_REPORTED, check, not_observed
 
 _LIMIT_US: Final = 10
 _SAMPLES: Final = 24
+_AHEAD_US: Final = 1_000_000
 
 
 host_subtracts = about_host("HG-6.9/3")
@@ -98,6 +99,33 @@ def stamps_pings(board: BoardClient) -> None:
             0 <= inside_us <= trip_us + _LIMIT_US,
             f"t_tx - t_rx is {inside_us} us, the round trip took {trip_us} us",
         )
+
+
+@case(
+    "HG-6.9/2",
+    "a stream frame and the PING behind it arrive together, by the frame's margin and by t_rx",
+    variant="margin",
+    evidence=SELF_REPORTED,
+)
+def stamps_agree(board: BoardClient) -> None:
+    board.arm()
+    good, apart = board.flat_phases(), []
+    for _ in range(min(_SAMPLES // 3, board.identity.queue_depth)):
+        board.status()  # margins begin anew
+        t_us = board.clock.device_us() + _AHEAD_US
+        ping, seq = board.link.request_wire(Ping(t_us))
+        since = board.link.mark()
+        board.link.send(board.link.stream_wire(good, t_us), ping)
+        pong = _pong(board, board.link.answer_to(Ping.TYPE, seq, since))
+        arrival_us = t_us - board.status().margin_min_us
+        apart.append(signed_difference(pong.t_rx_us, arrival_us & 0xFFFFFFFF, 32))
+    line_us = board.wire.line_us(len(ping))
+    least_us = min(apart, key=abs)  # a host may send in two parts
+    check(
+        -_LIMIT_US <= least_us <= line_us + _LIMIT_US,
+        f"t_rx is {least_us} us behind the arrival of the frame right before the PING, by its "
+        f"margin; the PING takes {line_us} us on the line",
+    )
 
 
 @case(

@@ -1,0 +1,80 @@
+"""Lines and boards that are slow: the suite measures, waits, and says what it could not see."""
+
+import random
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+import serial
+from boards import Wrapped, run, virtual
+
+import sim_device
+from haptogram.conformance.client import malformed_frames
+from haptogram.conformance.client.request_client import RequestClient
+from haptogram.conformance.client.wire import RawFrameWire, WaitLimits
+from haptogram.conformance.run.access import VirtualAccess
+from haptogram.conformance.run.spawning import SpawnAccess
+from haptogram.conformance.verdict import Behaviour
+from haptogram.driver.line.port import PyserialTransport
+from haptogram.report.conformance.text import suite_text
+
+DEAF = Path(__file__).parents[2] / "deaf_board.py"
+AT_A_RESET = ("HG-4.1/4-reset", "HG-4.7/1", "HG-6.1/1", "HG-9.2/1")
+
+
+@pytest.mark.pty
+@pytest.mark.realtime
+def test_a_board_that_is_deaf_while_it_boots_passes(tmp_path):
+    words = [sys.executable, DEAF, tmp_path / "board", "0.3", "--array", "3x2"]
+    access = SpawnAccess(shlex.join(map(str, words)), boot_timeout_s=60)
+    suite = run(access, *AT_A_RESET, timeout_s=10)
+    assert {r.case: r.detail for r in suite.results if r.behaviour is not Behaviour.OK} == {}
+    assert all(result.recovers for result in suite.results)
+
+
+def slower_than_stated(baud):
+    """A board in virtual time that is judged as if its line were one of 3 Mbaud in real time."""
+    sim_device.register_url_handler()
+
+    def start(number):
+        url = f"haptogram://?clock=virtual&baud={baud}&seed={number}"
+        return PyserialTransport(serial.serial_for_url(url, timeout=0), url)
+
+    return VirtualAccess("slow", start, baudrate=3_000_000, virtual=False)
+
+
+@pytest.mark.parametrize("baud", [57_600, 921_600])
+def test_a_line_slower_than_stated_is_measured(baud):
+    suite = run(slower_than_stated(baud), "HG-3.8/1-queue", "HG-3.9/4", "HG-5.7/3")
+    assert suite.settings["measured_baudrate"] == pytest.approx(baud, rel=0.02)
+    assert {r.behaviour for r in suite.results} == {Behaviour.OK}
+    assert f"{suite.settings['measured_baudrate']} Bd as measured" in suite_text(suite)
+
+
+def test_the_verdict_names_what_a_reset_would_add():
+    access = virtual(array="3x2")
+    access.can_reset = False
+    text = suite_text(run(access, "HG-2.3", "HG-3.6/1", "HG-6.1")).splitlines()[-1]
+    assert (
+        text == "verdict      PASS (exit status 0); --reset-cmd would add HG-3.6/1-time, HG-6.1/1"
+    )
+    assert "would add" not in suite_text(run(virtual(array="3x2"), "HG-2.3", "HG-6.1"))
+
+
+@pytest.mark.parametrize("size", [2048, 4090, 4095, 4096])
+@pytest.mark.parametrize("seed", range(12))
+def test_a_frame_of_every_size_is_found(seed, size):
+    wire = RawFrameWire(Wrapped(_Silent()), WaitLimits.of(1, virtual=True), baudrate=9600)
+    link = RequestClient(wire, random.Random(seed if seed else 2072706088))
+    link.seq = 977 * seed
+    encoded, _ = malformed_frames.mute_of_encoded_size(link, size)
+    assert len(encoded) == size
+    assert 0 not in encoded
+
+
+class _Silent:
+    url = "silent://"
+
+    def now_ns(self):
+        return 0
