@@ -22,13 +22,13 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import Drive
+from haptogram.acoustics.reconstruct.patterns.foci_fit import FociFit, fit_foci, waves_of
 from haptogram.records.frame import Intended
 
 from ..status import frame_status_of, is_right, warning_of
 from ..tolerance import Tolerance, Uncertainty
 from ..verdict import FrameStatus, FrameVerdict, Vector
 from . import criteria
-from .foci_fit import FociFit, fit_foci, waves_of
 from .ideal_drive import LEAST_BALANCE, LEAST_EFFICIENCY, FociLevels, IdealDrive, meaningful
 from .peaks import LOST, WITHIN_LOBE_RAD, Floats
 from .target import Bools, TargetField

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel, TransducerArray
+from haptogram.acoustics.reconstruct.patterns.foci_fit import fit_foci, waves_of
 from haptogram.acoustics.solvers.several import METHODS, weights_for_foci
-from haptogram.verification.frame.foci_fit import fit_foci, waves_of
 from latched_drives import registers
 
 MODEL = AcousticModel.default()

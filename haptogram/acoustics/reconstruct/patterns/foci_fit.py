@@ -12,11 +12,12 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, focus_phases
+from haptogram.acoustics.arrays import BoolArray as Bools
+from haptogram.acoustics.arrays import ComplexArray as Complexes
+from haptogram.acoustics.arrays import FloatArray as Floats
 from haptogram.acoustics.field.reference import has_field, propagators
-
-from .peaks import Complexes, Floats
-from .target import Bools
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.solvers.focus import focus_phases
 
 Waves: TypeAlias = Callable[[Floats], Complexes]
 

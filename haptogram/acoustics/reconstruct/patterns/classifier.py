@@ -1,0 +1,241 @@
+"""From a drive to the pattern that it makes.
+
+A pattern is named if it explains the phases of all elements but a few to within half a step, in the
+root mean square, for a speed of sound that may differ a little from that of the model. The simplest
+one that does is named. Where none does, nothing is.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.field.reference import has_field, propagators
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.patterns.explain import (
+    Explanation,
+    explain_turning,
+    explain_twin,
+)
+from haptogram.acoustics.reconstruct.patterns.fit import Phases, fit_point, place_uncertainty, rms
+from haptogram.acoustics.reconstruct.patterns.found import (
+    Off,
+    OneFocus,
+    Pattern,
+    TwinTrap,
+    Uniform,
+    Unnamed,
+    Vector,
+    Vortex,
+)
+from haptogram.acoustics.reconstruct.patterns.search import PatternSearch, Start, sides_of
+from haptogram.acoustics.reconstruct.patterns.several import find_foci
+from haptogram.acoustics.solvers.focus import wrap
+from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_whole
+
+MIN_ACTIVE: Final = 12  # three for each unknown; fewer would agree on some point by chance
+_SILENT: Final = 1e-6
+_MOST_FITS: Final = 14
+_FINEST_STEPS: Final = 256  # finer codes are not told from these
+_PLANE_M: Final = 1e-4
+
+
+class PatternClassifier:
+    """Names the pattern of drive after drive of one array.
+
+    It remembers the last pattern, and looks there first.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air, in any pose.
+    steps : int
+        Phase steps in a period, 2 to 65 536: they say how well a pattern must fit.
+
+    Raises
+    ------
+    ConfigurationError
+        Steps out of range.
+
+    Examples
+    --------
+    >>> from haptogram.acoustics import AcousticModel, focus_phases
+    >>> model = AcousticModel.default()
+    >>> found = PatternClassifier(model, 256).classify(
+    ...     np.exp(1j * focus_phases(model, (0.02, 0.0, 0.15)))
+    ... )
+    >>> found.kind, [round(1e3 * value, 1) + 0.0 for value in found.position_m]
+    ('one focus', [20.0, 0.0, 150.0])
+    """
+
+    def __init__(self, model: AcousticModel, steps: int) -> None:
+        check_whole("steps", steps, 2, 65_536)
+        self._model = model
+        self._step_rad = 2.0 * math.pi / min(steps, _FINEST_STEPS)
+        self._local = model.array.local_m(model.array.positions_m)
+        self._sides = sides_of(model.array)
+        self._searches: dict[int, PatternSearch] = {}
+        self._last_m: FloatArray | None = None
+
+    def classify(self, weights: ArrayLike) -> Pattern:
+        """Return the pattern of (N,) complex *weights*; elements that are not finite are silent.
+
+        Raises
+        ------
+        ConfigurationError
+            Weights that are not one per element.
+        """
+        drive = self._radiated(weights)
+        active = np.abs(drive) > _SILENT
+        if not active.any():
+            return Off()
+        phases = Phases(self._local[active], np.angle(drive[active]), self._model.wavenumber)
+        in_phase = np.abs(wrap(phases.phases_rad - phases.phases_rad[0])).max() < self._limit_rad
+        if in_phase and self._is_plane:
+            return Uniform(int(active.sum()))
+        found = self._placed(drive, active, phases)
+        if found is not None:
+            return found
+        return Uniform(int(active.sum())) if in_phase else self._unnamed(drive, active)
+
+    def reset(self) -> None:
+        """Forget the last pattern: the next drive is searched for."""
+        self._last_m = None
+
+    @property
+    def _limit_rad(self) -> float:
+        """The largest RMS residual of a pattern whose phases are rounded or cut off."""
+        return self._step_rad / 2.0 + 1e-6
+
+    @cached_property
+    def _is_plane(self) -> bool:
+        return bool(np.ptp(self._local[:, 2]) < _PLANE_M)
+
+    def _radiated(self, weights: ArrayLike) -> ComplexArray:
+        drive = np.asarray(weights, dtype=np.complex128)
+        if drive.shape != (self._model.array.count,):
+            raise ConfigurationError(
+                f"weights have shape {drive.shape}, must be ({self._model.array.count},)"
+            )
+        radiated = self._model.radiated(np.where(np.isfinite(drive), drive, 0.0))
+        return radiated
+
+    def _placed(self, drive: ComplexArray, active: BoolArray, phases: Phases) -> Pattern | None:
+        """Return the pattern around one point or several, if the drive makes one."""
+        if len(phases.phases_rad) < MIN_ACTIVE:
+            return None
+        explained = self._near_the_last(phases)
+        if explained is None:
+            explained = self._searched(phases, self._search_for(active), active, drive)
+        if explained is not None:
+            return self._as_pattern(explained, drive, active, phases)
+        search = self._search_for(active)
+        return find_foci(self._model, drive, active, search.loudest, self._step_rad)
+
+    def _near_the_last(self, phases: Phases) -> Explanation | None:
+        if self._last_m is None:
+            return None
+        found = explain_turning(phases, self._last_m, self._limit_rad, near=True)
+        return found if found is not None and found.used.all() else None
+
+    def _search_for(self, active: BoolArray) -> PatternSearch:
+        """Return the search volume of the side of which most elements radiate."""
+        number = int(np.argmax([np.count_nonzero(active & side) for side in self._sides]))
+        if number not in self._searches:
+            self._searches[number] = PatternSearch(self._model, self._sides[number])
+        return self._searches[number]
+
+    def _searched(
+        self, phases: Phases, search: PatternSearch, active: BoolArray, drive: ComplexArray
+    ) -> Explanation | None:
+        """Return the explanation with the fewest outliers among those of the likeliest starts."""
+        arrivals = np.where(active, np.exp(1j * np.angle(drive)), 0.0)
+        best: Explanation | None = None
+        for below in (False, True):
+            for start in search.starts(arrivals, below=below)[:_MOST_FITS]:
+                found = self._from_start(phases, start, search, active)
+                if found is not None and (best is None or found.used.sum() > best.used.sum()):
+                    best = found
+                if best is not None and best.used.all():
+                    return best
+        return best
+
+    def _from_start(
+        self, phases: Phases, start: Start, search: PatternSearch, active: BoolArray
+    ) -> Explanation | None:
+        place = self._model.array.local_m(start.position_m)
+        axis = place[:2] if start.below else search.middle_m
+        side, limit_rad = search.side[active], self._limit_rad
+        if start.charge is None:
+            found = explain_twin(phases, place, limit_rad, axis, start.turn_rad, side)
+        else:
+            found = explain_turning(
+                phases, place, limit_rad, charge=start.charge, axis_m=axis, side=side
+            )
+        return found if found is None or self._is_usable(found) else None
+
+    def _is_usable(self, found: Explanation) -> bool:
+        place = self._model.array.world_m(found.fit.position_m)
+        return bool(has_field(self._model, place[None])[0])
+
+    def _as_pattern(
+        self, found: Explanation, drive: ComplexArray, active: BoolArray, phases: Phases
+    ) -> Pattern:
+        """Return an explanation as a pattern, its place fitted for the model's speed of sound."""
+        focused = phases.turned(-found.added_rad).part(found.used)
+        fit = fit_point(focused, found.fit.position_m)
+        local = fit.position_m
+        self._last_m = local if found.charge == 0 and found.normal is None else None
+        std, bound = place_uncertainty(focused, local, self._step_rad)
+        turn = np.zeros(len(drive))
+        turn[active] = found.added_rad
+        place = self._model.array.world_m(local)
+        pressure, coherence = self._arrival(drive * np.exp(-1j * turn), place)
+        common = {
+            "position_m": _vector(place),
+            "std_m": self._in_world(std),
+            "bound_m": self._in_world(bound),
+            "residual_rms_rad": rms(found.fit.residual_rad[found.used]),
+            "coherence": coherence,
+            "pressure_rms_pa": pressure,
+            "speed_share": -found.fit.speed_share,
+            "outliers": tuple(int(n) for n in np.flatnonzero(active)[~found.used]),
+        }
+        if found.normal is not None:
+            return TwinTrap(**common, normal=_vector(found.normal @ self._model.array.axes))
+        if found.charge:
+            axis = self._model.array.world_m(np.append(found.fit.axis_m, 0.0))
+            return Vortex(**common, charge=found.charge, axis_m=_vector(axis))
+        return OneFocus(**common)
+
+    def _in_world(self, spread: FloatArray) -> Vector:
+        """Return a spread along the array's axes along those of the world."""
+        if np.isfinite(spread).all():
+            return _vector(np.abs(spread @ np.abs(self._model.array.axes)))
+        lost = (np.abs(self._model.array.axes[~np.isfinite(spread)]) > 1e-6).any(axis=0)
+        seen = np.where(np.isfinite(spread), spread, 0.0) @ np.abs(self._model.array.axes)
+        return _vector(np.where(lost, np.inf, seen))
+
+    def _arrival(self, drive: ComplexArray, place: FloatArray) -> tuple[float, float]:
+        """Return the RMS pressure and the coherence at a point."""
+        response = self._model.response
+        waves = propagators(self._model, place[None])[0]
+        waves = waves if response is None else waves / np.where(response == 0.0, 1.0, response)
+        arrivals = drive * waves
+        total, most = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())
+        return total / math.sqrt(2.0), (total / most if most > 0.0 else 0.0)
+
+    def _unnamed(self, drive: ComplexArray, active: BoolArray) -> Unnamed:
+        loudest = self._search_for(active).loudest(drive, 1)[0]
+        return Unnamed(_vector(loudest), self._arrival(drive, loudest)[1])
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,179 @@
+"""Where to look for a pattern: points around which the phases turn a whole number of times.
+
+Seen from the right point, the phases of a focus are all alike, those of a vortex turn with the
+azimuth, and those of a twin trap jump by half a turn, which is a turn one way and the other added.
+So one product finds them all: the waves that arrive at each of many points, with the azimuth's turns
+taken out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.field.reference import in_front
+from haptogram.acoustics.model.geometry import TransducerArray
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells
+
+MAX_CHARGE: Final = 4
+CHARGES: Final = tuple(range(-MAX_CHARGE, MAX_CHARGE + 1))
+_SUBARRAY: Final = 100  # elements that are asked
+_STARTS: Final = 6  # of each charge
+_LOOKED_AT: Final = 48  # best cells of each charge
+_APART: Final = 0.25  # of their distance: a grating lobe lies further away
+_LEAST_SCORE: Final = 0.3  # chance reaches 0.35 with 100 elements, a corner of the right cell 0.5
+_TWIN_SCORE: Final = 1.1  # a twin trap reaches 0.9 where others reach 1
+_CLEARANCE_M: Final = 0.010  # of a point from the elements of the other board
+
+
+class Start(NamedTuple):
+    """A point to start a fit from.
+
+    Attributes
+    ----------
+    position_m : (3,) numpy.ndarray
+        In the world.
+    charge : int or None
+        Turns of the phase around its axis; None for a twin trap.
+    below : bool
+        Whether the axis goes through the point, and not through the middle of the array.
+    score : float
+        How well the phases agree there, 0 to 1.
+    turn_rad : float
+        Direction across the plane that splits a twin trap.
+    """
+
+    position_m: FloatArray
+    charge: int | None
+    below: bool
+    score: float
+    turn_rad: float
+
+
+class PatternSearch:
+    """The search volume of elements that look the same way.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        The whole array.
+    side : (N,) numpy.ndarray of bool
+        The elements that look the same way.
+    """
+
+    def __init__(self, model: AcousticModel, side: BoolArray) -> None:
+        array = model.array
+        self.side = side
+        self._axes, self._centre = array.axes, array.centre_m
+        own = TransducerArray.from_positions(array.positions_m[side], array.normals[side])
+        one_side = AcousticModel(own, model.medium, model.transducer)
+        distance = np.linalg.norm(own.positions_m - own.centre_m, axis=1)
+        nearest = np.sort(np.argsort(distance, kind="stable")[:_SUBARRAY])
+        self.elements: NDArray[np.intp] = np.flatnonzero(side)[nearest]
+        cells = search_cells(one_side, array.positions_m[self.elements])
+        self._cells = cells[_between(model, cells, side)]
+        positions = array.positions_m[self.elements]
+        self._phasors = cell_phasors(model, self._cells, positions)
+        self._local = (positions - self._centre) @ self._axes.T
+        self._feet = ((self._cells - self._centre) @ self._axes.T)[:, :2]
+        middle = self._local[:, :2].mean(axis=0)
+        self._turns = _phasor(self._local[:, :2] - middle)
+        self.middle_m = middle
+        self._reach = np.linalg.norm(self._cells - own.centre_m, axis=1)
+
+    def starts(self, arrivals: ComplexArray, *, below: bool) -> list[Start]:
+        """Return points to start from, the likeliest first.
+
+        Parameters
+        ----------
+        arrivals : (N,) numpy.ndarray
+            e^{j phi} of every element, 0 where it is silent.
+        below : bool
+            Whether axes go through the points, and not through the middle of the array.
+        """
+        heard = arrivals[self.elements].astype(np.complex64)
+        if not heard.any():
+            return []
+        sums = self._sums_below(heard) if below else self._sums_around_the_middle(heard)
+        sums /= np.abs(heard).sum()
+        twist = np.angle(sums[:, MAX_CHARGE - 1] * sums[:, MAX_CHARGE + 1].conj()) / 2.0
+        level = np.abs(sums)
+        both = np.hypot(level[:, MAX_CHARGE - 1], level[:, MAX_CHARGE + 1])
+        # Of a twin trap the two turns have 0.64 each: together 0.9, and each more than half.
+        twin = np.where(
+            2.0 * level[:, MAX_CHARGE - 1 : MAX_CHARGE + 2 : 2].min(axis=1) > both, both, 0.0
+        )
+        scores: list[tuple[int | None, FloatArray]] = [(None, _TWIN_SCORE * twin)]
+        scores += [(c, level[:, n]) for n, c in enumerate(CHARGES) if c or not below]
+        found = [
+            Start(self._cells[cell], charge, below, float(score[cell]), float(twist[cell]))
+            for charge, score in scores
+            for cell in self._leaders(score)
+            if score[cell] >= _LEAST_SCORE
+        ]
+        return sorted(found, key=lambda start: -start.score)
+
+    def loudest(self, weights: ComplexArray, count: int) -> list[FloatArray]:
+        """Return points where most arrives, the strongest of each region first."""
+        sums = self._phasors @ weights[self.elements].astype(np.complex64)
+        return [self._cells[cell] for cell in self._leaders(np.abs(sums), count)]
+
+    def _sums_around_the_middle(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        powers = np.stack([heard * self._turns.conj() ** charge for charge in CHARGES], axis=1)
+        return self._phasors @ powers
+
+    def _sums_below(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        sums = np.empty((len(self._cells), len(CHARGES)), dtype=np.complex64)
+        for first in range(0, len(self._cells), 1024):
+            part = slice(first, first + 1024)
+            turns = _phasor(self._local[None, :, :2] - self._feet[part, None, :])
+            waves = self._phasors[part] * heard
+            for column, charge in enumerate(CHARGES):
+                sums[part, column] = (waves * turns.conj() ** charge).sum(axis=1)
+        return sums
+
+    def _leaders(self, score: FloatArray, count: int = _STARTS) -> Iterator[int]:
+        """Yield the best cell of each region."""
+        looked_at = min(_LOOKED_AT * count // _STARTS, len(score))
+        best = np.argpartition(-score, looked_at - 1)[:looked_at]
+        best = best[np.argsort(-score[best])]
+        leaders: list[int] = []
+        for cell in best:
+            apart = _APART * self._reach[cell]
+            gaps = np.linalg.norm(self._cells[leaders] - self._cells[cell], axis=1)
+            if not leaders or gaps.min() > apart:
+                leaders.append(int(cell))
+                yield int(cell)
+                if len(leaders) == count:
+                    return
+
+
+def sides_of(array: TransducerArray) -> list[BoolArray]:
+    """Return the elements that look along the array's z and those that look against it."""
+    ahead = array.normals @ array.axes[2] >= 0.0
+    return [side for side in (ahead, ~ahead) if side.any()]
+
+
+def _between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolArray:
+    """Return which cells are in front of the elements of the other side as well, if there are any."""
+    if side.all():
+        return np.ones(len(cells), dtype=np.bool_)
+    normals = model.array.normals[~side]
+    planes = (normals * model.array.positions_m[~side]).sum(axis=1)
+    lowest = np.full(len(cells), np.inf)
+    for normal, plane in zip(normals, planes, strict=True):
+        lowest = np.minimum(lowest, cells @ normal - plane)
+    inside: BoolArray = (lowest > _CLEARANCE_M) & in_front(model, cells)
+    return inside
+
+
+def _phasor(offset: FloatArray) -> NDArray[np.complex64]:
+    """Return e^{j theta} of (..., 2) offsets, 1 where there is none."""
+    value = offset[..., 0] + 1j * offset[..., 1]
+    size = np.abs(value)
+    return np.where(size > 0.0, value / np.where(size > 0.0, size, 1.0), 1.0).astype(np.complex64)

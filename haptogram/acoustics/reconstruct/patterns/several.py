@@ -1,0 +1,159 @@
+"""Several foci in one drive, found one after the other without knowing how many there are."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.field.reference import has_field, propagators
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.patterns.foci_fit import FociFit, Waves, fit_foci, waves_of
+from haptogram.acoustics.reconstruct.patterns.found import SeveralFoci, Vector
+from haptogram.acoustics.solvers.focus import focus_phases
+
+MOST_FOCI: Final = 8
+_ELEMENTS_A_FOCUS: Final = 16  # three for each of its five unknowns
+_LOOKED_AT: Final = 24
+_APART: Final = 0.7  # of a wavelength: nearer ones are one focus
+_LEAST_SHARE: Final = 0.2  # of the strongest: fainter ones are side lobes
+_CLIMBS: Final = 6
+_CLIMB_M: Final = 4e-3
+_SLACK_RAD: Final = 0.06  # of air that differs a little
+_ROUNDING: Final = 0.36  # of a step: rounding and cutting off leave 0.29
+_EXPLAINED: Final = 0.6  # of the energy: phases alone of any foci leave 0.22, of foci nearby less
+_A_FOCUS_EXPLAINS: Final = 0.08  # of the energy, the first few of them: chance gives 0.05
+
+
+class Loudest(Protocol):
+    """Returns the points where most of a drive arrives, the strongest of each region first."""
+
+    def __call__(self, weights: ComplexArray, count: int) -> list[FloatArray]: ...
+
+
+def find_foci(
+    model: AcousticModel,
+    drive: ComplexArray,
+    active: BoolArray,
+    loudest: Loudest,
+    step_rad: float,
+) -> SeveralFoci | None:
+    """Return the several foci that explain the phases of *drive*; None if none do.
+
+    The loudest point comes first. What the foci so far do not explain says where the next one is.
+    """
+    phasors = np.where(active, np.exp(1j * np.angle(drive)), 0.0)
+    most = min(MOST_FOCI, int(active.sum()) // _ELEMENTS_A_FOCUS)
+    places = np.empty((0, 3))
+    rest = phasors
+    for _ in range(most):
+        place = _next_place(model, rest, places, loudest)
+        if place is None:
+            return None
+        places = np.concatenate([places, place[None]])
+        rest = _unexplained(model, phasors, active, places)
+        explained = 1.0 - float(np.mean(np.abs(rest[active]) ** 2))
+        if explained < _A_FOCUS_EXPLAINS * len(places):
+            return None
+        if len(places) > 1 and explained >= _EXPLAINED:
+            found = _fitted(model, drive, active, places, step_rad)
+            if found is not None:
+                return found
+    return None
+
+
+def _next_place(
+    model: AcousticModel, rest: ComplexArray, places: FloatArray, loudest: Loudest
+) -> FloatArray | None:
+    apart = _APART * model.wavelength_m
+    for cell in loudest(rest, _LOOKED_AT):
+        place = _climb(model, rest, cell)
+        if not len(places) or np.linalg.norm(places - place, axis=1).min() > apart:
+            return place
+    return None
+
+
+def _climb(model: AcousticModel, drive: ComplexArray, start_m: FloatArray) -> FloatArray:
+    """Return a point nearby where more of *drive* arrives in phase, by ever smaller steps."""
+    ways = np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
+    place, step_m = start_m, _CLIMB_M
+    for _ in range(3 * _CLIMBS):
+        tried = place + step_m * ways
+        level = np.abs(np.exp(-1j * focus_phases(model, tried)) @ drive)
+        best = int(level.argmax())
+        if best == len(ways) - 1:
+            step_m /= 2.0
+            if step_m < _CLIMB_M / 2**_CLIMBS:
+                break
+        place = tried[best]
+    return place
+
+
+def _unexplained(
+    model: AcousticModel, phasors: ComplexArray, active: BoolArray, places: FloatArray
+) -> ComplexArray:
+    """Return what remains of the phasors when the waves from all places are taken out."""
+    waves = np.exp(1j * focus_phases(model, places))[:, active].T
+    weights = np.linalg.lstsq(waves, phasors[active], rcond=1e-6)[0]
+    rest = np.zeros_like(phasors)
+    rest[active] = phasors[active] - waves @ weights
+    return rest
+
+
+def _fitted(
+    model: AcousticModel,
+    drive: ComplexArray,
+    active: BoolArray,
+    places: FloatArray,
+    step_rad: float,
+) -> SeveralFoci | None:
+    """Return the foci next to *places* if they explain the phases."""
+    if not has_field(model, places).all():
+        return None
+    limit_rad = _ROUNDING * step_rad + _SLACK_RAD
+    for superposed in (True, False):
+        waves = waves_of(model, superposed=superposed)
+        fit = _fit_or_none(model, waves, places, drive, active, step_rad / 2.0)
+        if fit is not None and fit.residual_rad <= limit_rad:
+            return _as_pattern(model, drive, places + fit.offsets_m, fit)
+    return None
+
+
+def _fit_or_none(
+    model: AcousticModel,
+    waves: Waves,
+    places: FloatArray,
+    drive: ComplexArray,
+    active: BoolArray,
+    limit_rad: float,
+) -> FociFit | None:
+    try:
+        return fit_foci(model, waves, places, drive, active, limit_rad)
+    except np.linalg.LinAlgError:  # an SVD that does not converge: no fit
+        return None
+
+
+def _as_pattern(
+    model: AcousticModel, drive: ComplexArray, places: FloatArray, fit: FociFit
+) -> SeveralFoci | None:
+    """Return the foci, the strongest first; None if they are not several after all."""
+    apart = np.linalg.norm(places[:, None] - places, axis=2) + 1e3 * np.eye(len(places))
+    if apart.min() < _APART * model.wavelength_m or not has_field(model, places).all():
+        return None
+    level = np.abs(propagators(model, places) @ drive)
+    order = np.argsort(-level)
+    shares = level[order] / level[order[0]]
+    if shares[-1] < _LEAST_SHARE:
+        return None
+    return SeveralFoci(
+        tuple(_vector(places[n]) for n in order),
+        tuple(_vector(fit.bound_m[n]) for n in order),
+        tuple(float(share) for share in shares),
+        fit.residual_rad,
+    )
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,202 @@
+"""Patterns of drives: every kind on every board, in any pose, with elements missing."""
+
+import doctest
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import pattern_drives as drives
+from haptogram.acoustics import AcousticModel, Calibration, CircularPiston, Medium, Transducer
+from haptogram.acoustics.model.boards.table import LAYOUTS
+from haptogram.acoustics.reconstruct.patterns import classifier
+from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
+from haptogram.acoustics.reconstruct.patterns.found import KINDS, as_dict
+from haptogram.errors import ConfigurationError
+
+DATA = Path(__file__).parents[4] / "data" / "dialects"
+EXPECTED = json.loads((DATA / "expected.json").read_text())
+BOARDS = {
+    "sonicsurface": 32,
+    "ultraino-flat8": 10,
+    "interactlab": 128,
+    "autd3": 256,
+    "sonicsurface-stack": 32,
+    "tinylev": 10,
+}
+PLACED = ("one focus", "twin trap", "vortex")
+_KEPT = {}
+
+
+def model_of(array, speed=drives.SPEED_M_S):
+    return AcousticModel(array, Medium(speed, 1.2), Transducer(CircularPiston(4.5e-3)))
+
+
+def classifier_of(board):
+    """One for each board: its search volume takes longer than a drive."""
+    if board not in _KEPT:
+        _KEPT[board] = PatternClassifier(model_of(LAYOUTS[board].array()), BOARDS[board])
+    return _KEPT[board]
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("kind", PLACED)
+def test_a_pattern_is_named_and_placed(board, kind):
+    """Air that is 1 % faster moves a focus, but makes no other pattern of it."""
+    rng = np.random.default_rng(len(board) + len(kind))
+    positions = LAYOUTS[board].array().positions_m
+    steps = BOARDS[board]
+    finder = classifier_of(board)
+    for speed in (drives.SPEED_M_S, 1.01 * drives.SPEED_M_S):
+        phases, wanted = drives.random_pattern(rng, positions, kind, drives.k_of(speed))
+        codes = drives.coded(phases, steps, cut_off=bool(rng.integers(2)))
+        finder.reset()
+        found = finder.classify(drives.radiated(codes, steps))
+        assert found.kind == kind
+        if kind == "vortex":
+            assert found.charge == wanted.charge
+        if speed == drives.SPEED_M_S:
+            off = np.abs(np.array(found.position_m) - wanted.places_m[0])
+            assert (off <= 1.1 * np.array(found.bound_m) + 1e-6).all()
+
+
+@pytest.mark.parametrize("board", ["sonicsurface", "interactlab"])
+def test_several_foci_are_counted_and_placed(board):
+    rng = np.random.default_rng(5)
+    positions, steps = LAYOUTS[board].array().positions_m, BOARDS[board]
+    for count in (2, 3):
+        places = np.array([[-0.03, 0.0, 0.12], [0.03, 0.01, 0.12], [0.0, 0.045, 0.13]])[:count]
+        phases = drives.several(positions, places, rng.uniform(0, 6, count), drives.k_of())
+        found = classifier_of(board).classify(drives.radiated(drives.coded(phases, steps), steps))
+        assert found.kind == "several foci"
+        assert len(found.positions_m) == count
+        for place in places:
+            assert np.linalg.norm(np.array(found.positions_m) - place, axis=1).min() < 2e-3
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_chance_makes_no_pattern(board):
+    rng = np.random.default_rng(11)
+    codes = rng.integers(0, BOARDS[board], LAYOUTS[board].array().count)
+    assert classifier_of(board).classify(drives.radiated(codes, BOARDS[board])).kind == KINDS[-1]
+
+
+@pytest.mark.parametrize("kind", PLACED)
+def test_a_pattern_turns_with_its_array(kind):
+    """In any pose of the array the same pattern is found, at the place that turned along."""
+    rng = np.random.default_rng(2)
+    array = LAYOUTS["sonicsurface"].array()
+    phases, _ = drives.random_pattern(rng, array.positions_m, kind)
+    weights = drives.radiated(drives.coded(phases, 32), 32)
+    before = classifier_of("sonicsurface").classify(weights)
+    turn, shift = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]).as_matrix(), np.array([1.0, 2, -3])
+    after = PatternClassifier(model_of(array.moved(turn, shift)), 32).classify(weights)
+    assert after.kind == before.kind == kind
+    assert np.array(after.position_m) == pytest.approx(
+        turn @ np.array(before.position_m) + shift, abs=1e-6
+    )
+
+
+def test_silent_and_wrong_elements_are_left_out():
+    positions = LAYOUTS["sonicsurface"].array().positions_m
+    phases = drives.focus(positions, np.array([0.02, 0.01, 0.14]), drives.k_of())
+    weights = drives.radiated(drives.coded(phases, 32), 32)
+    weights[10] = np.nan
+    weights[20:30] = 0.0
+    weights[[40, 200]] *= -1.0
+    found = classifier_of("sonicsurface").classify(weights)
+    assert found.kind == "one focus"
+    assert found.outliers == (40, 200)
+    assert np.array(found.position_m) == pytest.approx([0.02, 0.01, 0.14], abs=3e-3)
+
+
+def test_a_calibration_is_taken_out():
+    array = LAYOUTS["sonicsurface"].array()
+    rng = np.random.default_rng(4)
+    lags = rng.uniform(-1.0, 1.0, 256)
+    calibration = Calibration(np.ones(256), lags, array.positions_m)
+    phases = drives.focus(array.positions_m, np.array([0.0, 0.0, 0.1]), drives.k_of()) - lags
+    finder = PatternClassifier(model_of(array).calibrated(calibration), 256)
+    found = finder.classify(np.exp(1j * phases))
+    assert found.kind == "one focus"
+    assert found.coherence == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("weights", "kind"),
+    [
+        (np.zeros(256), "off"),
+        (np.full(256, np.nan), "off"),
+        (np.ones(256), "uniform"),
+        (np.where(np.arange(256) == 5, 1.0, 0.0), "uniform"),
+    ],
+)
+def test_silence_and_unison(weights, kind):
+    assert classifier_of("sonicsurface").classify(weights).kind == kind
+
+
+def test_bowls_in_unison_focus_on_their_middle():
+    found = classifier_of("tinylev").classify(np.ones(72))
+    assert found.kind == "one focus"
+    assert np.array(found.position_m) == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "board", "steps", "kind", "place_mm"),
+    [
+        ("sonicsurface/focus_0_120_0", "sonicsurface", 32, "one focus", (0, 120, 0)),
+        ("sonicsurface/focus_20_150_m15", "sonicsurface", 32, "one focus", (20, 150, -15)),
+        ("sonicsurface/twin_0_150_0_rot45", "sonicsurface", 32, "twin trap", (0, 150, 0)),
+        ("sonicsurface/ramp_phases", "sonicsurface", 32, "none of these", None),
+        ("sonicsurface/on", "sonicsurface", 32, "uniform", None),
+        ("sonicsurface/off", "sonicsurface", 32, "off", None),
+        (
+            "ultraino/simplefpga_ss_focus_0_120_0",
+            "ultraino-sonicsurface",
+            32,
+            "one focus",
+            (0, 120, 0),
+        ),
+        ("ultraino/mega_flat8x8_focus", "ultraino-flat8", 10, "one focus", (0, 50, 0)),
+    ],
+)
+def test_what_clients_sent_is_named(name, board, steps, kind, place_mm):
+    layout = LAYOUTS[board]
+    codes = np.array(EXPECTED[name]["codes"])
+    weights = np.where(codes < steps, drives.radiated(codes, steps), 0.0)
+    found = PatternClassifier(model_of(layout.array(), 346.0), steps).classify(weights)
+    assert found.kind == kind
+    if place_mm is not None:
+        place = layout.clients_m(np.array(found.position_m)) * 1e3
+        assert np.linalg.norm(place - place_mm) < 1.0
+    if kind == "twin trap":  # its client turned the plane by 45 degrees
+        assert abs(found.normal[0]) == pytest.approx(math.sqrt(0.5), abs=0.05)
+
+
+def test_the_same_place_again_is_found_from_the_last_one():
+    finder = classifier_of("interactlab")
+    positions = LAYOUTS["interactlab"].array().positions_m
+    for x in np.linspace(0.0, 0.02, 9):
+        phases = drives.focus(positions, np.array([x, 0.0, 0.15]), drives.k_of())
+        found = finder.classify(drives.radiated(drives.coded(phases, 128), 128))
+        assert found.kind == "one focus"
+        assert found.position_m[0] == pytest.approx(x, abs=found.bound_m[0])
+
+
+def test_patterns_are_plain_values_for_json():
+    found = classifier_of("sonicsurface").classify(np.ones(256))
+    assert json.loads(json.dumps(as_dict(found))) == {"kind": "uniform", "active": 256}
+
+
+def test_wrong_arguments_are_refused():
+    with pytest.raises(ConfigurationError, match=r"shape \(3,\), must be \(256,\)"):
+        classifier_of("sonicsurface").classify(np.ones(3))
+    with pytest.raises(ConfigurationError, match="steps is 1, must be 2 to 65536"):
+        PatternClassifier(model_of(LAYOUTS["sonicsurface"].array()), 1)
+
+
+def test_the_example_runs():
+    assert doctest.testmod(classifier).failed == 0
