@@ -1,4 +1,4 @@
-"""Drives of named patterns on real boards, from the bare formulas: nothing of the program is asked."""
+"""Drives of named patterns, from the bare formulas: nothing of the program is asked."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def random_place(rng, positions):
     if half[2] > 1e-3:
         return centre + rng.uniform(-0.4, 0.4, 3) * half
     height = max(0.04, rng.uniform(0.6, 3.0) * half.max())
-    return centre + [*(rng.uniform(-0.7, 0.7, 2) * half[:2]), height]
+    return centre + np.append(rng.uniform(-0.7, 0.7, 2) * half[:2], height)
 
 
 def random_pattern(rng, positions, kind, k=None):

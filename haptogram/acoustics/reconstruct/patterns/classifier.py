@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -197,7 +197,7 @@ class PatternClassifier:
         turn[active] = found.added_rad
         place = self._model.array.world_m(local)
         pressure, coherence = self._arrival(drive * np.exp(-1j * turn), place)
-        common = {
+        common: dict[str, Any] = {
             "position_m": _vector(place),
             "std_m": self._in_world(std),
             "bound_m": self._in_world(bound),

@@ -2,8 +2,8 @@
 
 Seen from the right point, the phases of a focus are all alike, those of a vortex turn with the
 azimuth, and those of a twin trap jump by half a turn, which is a turn one way and the other added.
-So one product finds them all: the waves that arrive at each of many points, with the azimuth's turns
-taken out.
+So one product finds them all: the waves that arrive at each of many points, less the turns of the
+azimuth.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ def sides_of(array: TransducerArray) -> list[BoolArray]:
 
 
 def _between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolArray:
-    """Return which cells are in front of the elements of the other side as well, if there are any."""
+    """Return which cells are in front of the elements of the other side as well."""
     if side.all():
         return np.ones(len(cells), dtype=np.bool_)
     normals = model.array.normals[~side]

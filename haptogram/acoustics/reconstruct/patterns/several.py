@@ -29,7 +29,9 @@ _A_FOCUS_EXPLAINS: Final = 0.08  # of the energy, the first few of them: chance 
 class Loudest(Protocol):
     """Returns the points where most of a drive arrives, the strongest of each region first."""
 
-    def __call__(self, weights: ComplexArray, count: int) -> list[FloatArray]: ...
+    def __call__(self, weights: ComplexArray, count: int) -> list[FloatArray]:
+        """Return at most *count* points for (N,) weights."""
+        ...
 
 
 def find_foci(
