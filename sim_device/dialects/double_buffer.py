@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics.model.pulses import Pulses
 from haptogram_protocol.dialects.codec import Operation, Reply
 from haptogram_protocol.dialects.fpga_bytes import (
+    Begin,
     ByteRules,
     Clocks,
     ModulationStep,
@@ -94,6 +95,7 @@ class DoubleBuffer:
         self._step = modulation_step
         self._latches: list[PulseLatch] = []
         self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
+            Begin: self._begin,
             SetPhases: self._set_phases,
             SetAmplitudes: self._set_amplitudes,
             Swap: self._swap,
@@ -120,6 +122,10 @@ class DoubleBuffer:
         """Return the latches since the last call, in order."""
         taken, self._latches = self._latches, []
         return taken
+
+    def _begin(self, _: Begin, __: int) -> None:
+        """Give all channels of the next frame the full amplitude, until they get another one."""
+        self._next_widths[:] = self._registers.width
 
     def _set_phases(self, operation: SetPhases, _: int) -> None:
         codes = np.frombuffer(operation.codes, np.uint8).astype(np.uint16)

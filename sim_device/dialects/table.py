@@ -15,10 +15,24 @@ from haptogram.settings.option import Settings, options_of
 
 from .emulation import INTERFACE, Emulation
 from .sonicsurface import SONICSURFACE, TACTILE
+from .ultraino_arduino import MEGA64, NANO8, NANO16
+from .ultraino_fpga import CHAINED, SIMPLE, SIMPLE_128
 
 GROUP: Final = "haptogram.dialects"
 EMULATIONS: Final[Mapping[str, Emulation]] = MappingProxyType(
-    {emulation.dialect.name: emulation for emulation in (SONICSURFACE, TACTILE)}
+    {
+        emulation.dialect.name: emulation
+        for emulation in (
+            SONICSURFACE,
+            TACTILE,
+            SIMPLE,
+            SIMPLE_128,
+            CHAINED,
+            MEGA64,
+            NANO8,
+            NANO16,
+        )
+    }
 )
 _LOG: Final = logging.getLogger(__name__)
 

@@ -74,6 +74,23 @@ class Pulses:
         nothing = np.zeros(channels, np.uint16)
         return cls(nothing, nothing, steps)
 
+    @classmethod
+    def of_levels(cls, levels: NDArray[np.bool_]) -> Self:
+        """Return the pulses of (N, C) *levels*: of each channel in each step of the period.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from haptogram.acoustics.model.pulses import Pulses
+        >>> found = Pulses.of_levels(np.array([[1, 0], [0, 0], [0, 0], [1, 0]], dtype=bool))
+        >>> found.rises.tolist(), found.widths.tolist()
+        ([3, 0], [2, 0])
+        """
+        starts = levels & ~np.roll(levels, 1, axis=0)
+        several = np.flatnonzero(starts.sum(axis=0) > 1)
+        others = {int(c): levels[:, c].astype(np.uint8).tobytes() for c in several}
+        return cls(starts.argmax(axis=0), levels.sum(axis=0), len(levels), MappingProxyType(others))
+
     @property
     def count(self) -> int:
         """Number of channels."""

@@ -1,0 +1,72 @@
+"""Boards of other dialects in virtual time, and what unmodified clients sent to them."""
+
+import json
+from pathlib import Path
+
+from haptogram.settings.board import BoardConfig
+from sim_device.blueprint import blueprint_of
+from sim_device.simulation import Simulation
+
+DATA = Path(__file__).parent / "data" / "dialects"
+EXPECTED = json.loads((DATA / "expected.json").read_text())
+# For each device of Ultraino the dialect and its options.
+DEVICES = {
+    "SimpleFPGA": ("ultraino-fpga", ()),
+    "SimpleFPGA_128": ("ultraino-fpga-128", ()),
+    "ChainedFPGA": ("ultraino-fpga-chained", ()),
+    "MEGA": ("ultraino-mega64", ()),
+    "MEGA_Anim": ("ultraino-mega64", ("firmware=animation",)),
+}
+
+
+def capture(name):
+    return (DATA / f"{name}.bin").read_bytes()
+
+
+def dialect_of(name):
+    """Return the dialect in which a capture was sent, and options."""
+    device = EXPECTED[name].get("device")
+    return DEVICES[device] if device else (name.split("/")[0], ())
+
+
+class DialectBoard:
+    """A board in virtual time, whose latches and notices are kept."""
+
+    def __init__(self, dialect, *options, **values):
+        config = BoardConfig.of(dialect=dialect, dialect_option=options, **values)
+        blueprint = blueprint_of(config)
+        self.settings = blueprint.settings
+        self.latches, self.notices, self.records = [], [], []
+        self.simulation = Simulation(
+            self.settings, self, parts=blueprint.parts, faults=blueprint.faults
+        )
+        self._collect()
+
+    def latch(self, latch):
+        self.latches.append(latch)
+
+    def notice(self, notice):
+        self.notices.append(notice)
+
+    @property
+    def remarks(self):
+        return [notice.text for notice in self.notices if hasattr(notice, "text")]
+
+    def send(self, data, pieces=None):
+        """Let the line carry *data*, in writes of these sizes, and wait until it has."""
+        for size in pieces or [len(data)]:
+            piece, data = data[:size], data[size:]
+            while piece:
+                piece = piece[self.simulation.host_write(piece, self.simulation.now_ns) :]
+                self._drain()
+        self._drain()
+
+    def pass_us(self, span_us):
+        self.simulation.advance_to(self.simulation.now_ns + 1000 * span_us)
+
+    def _drain(self):
+        while self.simulation.host_unsent:
+            self.simulation.advance_to(self.simulation.next_event_ns())
+
+    def _collect(self):
+        self.simulation.advance_to(0)
