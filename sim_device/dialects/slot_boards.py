@@ -154,7 +154,5 @@ class SlotBoards:
         """Return the (steps, channels of all boards) levels of (boards, steps, ports) *slots*."""
         if self._outputs.connected:
             slots = slots & np.frombuffer(self._outputs.connected, np.uint8)
-        bits = np.unpackbits(slots, axis=2, bitorder="little")[
-            :, :, list(self._outputs.layout.pins)
-        ]
-        return np.concatenate(list(bits), axis=1).astype(np.bool_)
+        outputs = np.unpackbits(slots, axis=2, bitorder="little").astype(np.bool_)
+        return np.concatenate(list(outputs[:, :, list(self._outputs.layout.pins)]), axis=1)

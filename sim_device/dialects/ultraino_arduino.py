@@ -6,6 +6,7 @@ published either: it is Nano16's here, with 24 slots of one port.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 from typing import Final
@@ -50,8 +51,8 @@ def _emulation(
     dialect: Dialect, outputs: Outputs, layout: BoardLayout, options: type[Chain] = Chain
 ) -> Emulation:
     def unit(options: Chain, now_us: int) -> SlotBoards:
-        shows_one = getattr(options, "firmware", _USUAL) == _ANIMATION
-        own = Outputs(outputs.firmware, outputs.layout, outputs.connected, shows_one)
+        animated = isinstance(options, Mega64Chain) and options.firmware == _ANIMATION
+        own = dataclasses.replace(outputs, shows_one=animated)
         return SlotBoards(own, options.boards, now_us)
 
     return Emulation(

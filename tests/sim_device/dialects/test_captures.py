@@ -1,4 +1,4 @@
-"""What unmodified clients sent, end to end: bytes on the line, latched codes, field at the target."""
+"""What unmodified clients sent, end to end: bytes, latched codes, the field at the target."""
 
 import re
 
@@ -7,9 +7,9 @@ import pytest
 
 from dialect_boards import EXPECTED, DialectBoard, capture, dialect_of
 from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
+from sim_device.dialects.table import EMULATIONS
 
-EMULATED = [name for name in EXPECTED if dialect_of(name)[0] in ("sonicsurface",) or "/" in name]
-EMULATED = [name for name in EMULATED if not name.startswith("interactlab")]
+EMULATED = [name for name in EXPECTED if dialect_of(name)[0] in EMULATIONS]
 SPEED_M_S = 346.0  # what these clients assume
 # A board that does what its client meant, where the usual one does not.
 MEANT = {"ultraino/simplefpga_ss_amp50_0_120_0": ("fb=amplitude",)}
@@ -31,7 +31,7 @@ def codes_of(latch):
 def expected_codes(name, latch):
     expected = EXPECTED[name]
     codes = np.array(expected["codes"])
-    if "amplitudes" in expected:
+    if "amplitudes" in expected:  # a channel without any is off
         codes = np.where(np.array(expected["amplitudes"]) > 0, codes, latch.pulses.steps)
     return codes[: latch.pulses.count]
 
