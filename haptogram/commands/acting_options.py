@@ -1,13 +1,13 @@
 """Where each option acts, for every command: one that does nothing in a mode is refused.
 
-A row that is None acts in every mode.  Files of settings are not judged: a file may hold settings
-for several modes, of which the command line chooses one.
+A row that is None acts in every mode.
 """
 
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from haptogram.errors import ConfigurationError
@@ -34,25 +34,33 @@ class Acting(NamedTuple):
 Rows: TypeAlias = Mapping[str, Acting | None]
 
 
-def refuse_idle_options(command: str, arguments: Namespace, settings: object = None) -> None:
-    """Refuse the first given option that does nothing in this mode.
+def refuse_idle_options(
+    command: str,
+    arguments: Namespace,
+    settings: object = None,
+    file: Path | None = None,
+    in_file: Iterable[str] = (),
+) -> None:
+    """Refuse the first given option, or key of a file, that does nothing in this mode.
 
     Parameters
     ----------
     settings : object, optional
         The settings that *arguments* and a file make together; by default *arguments*.
+    file : Path, optional
+        The file with the keys *in_file*.
 
     Raises
     ------
     ConfigurationError
         Names the option and the modes in which it acts.
     """
-    rows = ACTING[command]
-    for name in sorted(arguments.given):
-        row = rows[name]
+    words = {name: f"--{name.replace('_', '-')}" for name in sorted(arguments.given)}
+    keys = {name: f"{file}: {name}" for name in sorted(in_file) if name not in words}
+    for name, told in (words | keys).items():
+        row = ACTING[command][name]
         if row is not None and not row.is_there(arguments if settings is None else settings):
-            option = f"--{name.replace('_', '-')}"
-            raise ConfigurationError(f"{option} acts only {row.where}; leave it out")
+            raise ConfigurationError(f"{told} acts only {row.where}; leave it out")
 
 
 def _always(names: str) -> dict[str, Acting | None]:

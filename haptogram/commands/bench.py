@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any, Final
 
-from haptogram.settings.line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
+from haptogram.settings.command_line import add_options
+from haptogram.settings.option import options_of
 from haptogram.settings.parser import file_name, number, whole_number
+from haptogram.settings.verify_config import VerifyConfig
 
-from .shell.output_files import FILE_HELP, Outputs, check_picture, write_picture
+from .shell.output_files import FILE_HELP, Outputs, write_picture
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.measure import BenchRun
@@ -46,22 +48,9 @@ def set_up(parser: Parser) -> None:
     parser.add_argument(
         "--seconds", type=number(1e-3, 86_400.0, "s"), default=10.0, metavar="S", help="[10]"
     )
-    parser.add_argument(
-        "--baud",
-        type=whole_number(LEAST_BAUD, MAX_BAUD, "Bd"),
-        default=DEFAULT_BAUD,
-        metavar="BAUD",
-        help=f"[{DEFAULT_BAUD}]",
-    )
-    parser.add_argument(
-        "--phase-bits", type=whole_number(5, 8, "bits"), choices=(8, 6, 5), default=8, help="[8]"
-    )
-    parser.add_argument(
-        "--lead-ms",
-        type=number(1.0, 1000.0, "ms"),
-        metavar="MS",
-        help="[100, or 3/4 of the board's queue]",
-    )
+    rows = options_of(VerifyConfig)
+    add_options(parser, [rows[name] for name in ("baud", "phase_bits", "lead_ms")])
+    parser.set_defaults(baud=rows["baud"].default, phase_bits=rows["phase_bits"].default)
     parser.add_argument(
         "--trim", action="store_true", help="shorten the lead to what the arrival margins allow"
     )
@@ -96,11 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.campaigns.bench.measure import BenchConfig, run_bench
     from haptogram.campaigns.bench.result import as_dict, read_result
     from haptogram.report.bench.text import bench_text
-    from haptogram.report.html import check_page
 
-    if arguments.html is not None:
-        check_page()
-    check_picture(arguments.picture)
     outputs = Outputs(arguments, "json", "html", "picture")
     old = None if arguments.compare is None else read_result(arguments.compare)
     lead_us = None if arguments.lead_ms is None else round(arguments.lead_ms * 1e3)

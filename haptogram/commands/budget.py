@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from haptogram.settings.line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
+from haptogram.settings.command_line import add_options
+from haptogram.settings.option import options_of
 from haptogram.settings.parser import number, whole_number
+from haptogram.settings.verify_config import VerifyConfig
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.frame_budget import FrameBudget
@@ -42,26 +44,15 @@ def set_up(parser: Parser) -> None:
     parser.epilog = _EXAMPLES
     parser.rename(rate="rate_hz")
     parser.set_defaults(run=run)
-    parser.add_argument(
-        "--baud",
-        type=whole_number(LEAST_BAUD, MAX_BAUD, "Bd"),
-        default=DEFAULT_BAUD,
-        metavar="N",
-        help=f"speed of the line [{DEFAULT_BAUD}]",
-    )
+    rows = options_of(VerifyConfig)
+    add_options(parser, [rows[name] for name in ("baud", "phase_bits")])
+    parser.set_defaults(baud=rows["baud"].default, phase_bits=rows["phase_bits"].default)
     parser.add_argument(
         "--rate-hz",
         type=number(0.001, 40_000.0, "Hz"),
         default=1000.0,
         metavar="HZ",
         help="frames per second [1000]",
-    )
-    parser.add_argument(
-        "--phase-bits",
-        type=whole_number(5, 8, "bits"),
-        choices=(8, 6, 5),
-        default=8,
-        help="format asked for [8]",
     )
     parser.add_argument(
         "--transducers", type=whole_number(1, 1024), default=256, metavar="N", help="[256]"

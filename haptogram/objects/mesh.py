@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.text_file import plain_reason
 
 if TYPE_CHECKING:
     import trimesh
@@ -40,7 +42,10 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     _check_file(path)
     try:
         # Unprocessed: processing drops triangles that are not finite without a word.
-        mesh: Any = trimesh.load_mesh(path, process=False)  # a cloud of points has no faces
+        source = _as_text(path) if path.suffix.lower() == ".obj" else path
+        kind = path.suffix[1:].lower()
+        # A cloud of points has no faces.
+        mesh: Any = trimesh.load_mesh(source, file_type=kind, process=False)
     except Exception as error:  # the parsers of the formats raise whatever they meet
         raise ConfigurationError(
             f"{path}: not a mesh that can be read as {path.suffix[1:].upper()}; export it anew"
@@ -58,18 +63,20 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
 
 def _check_file(path: Path) -> None:
     """Refuse a path that is no readable file with content."""
-    if path.is_dir():
-        raise ConfigurationError(f"{path}: this is a folder; name a mesh file")
     try:
         with path.open("rb") as file:
             is_empty = not file.read(1)
-    except FileNotFoundError as error:
-        raise ConfigurationError(f"{path}: no such file") from error
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigurationError(f"{path}: cannot be read: {reason}") from error
+        raise ConfigurationError(
+            f"object '{path}' cannot be read: {plain_reason(error)}"
+        ) from error
     if is_empty:
         raise ConfigurationError(f"{path}: the file is empty")
+
+
+def _as_text(path: Path) -> io.StringIO:
+    """Return the text of an OBJ file, whose names and comments may be in any encoding."""
+    return io.StringIO(path.read_text(encoding="utf-8", errors="replace"))
 
 
 def even_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> Points:

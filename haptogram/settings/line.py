@@ -79,7 +79,7 @@ class LineSettings(Settings):
         super().__post_init__()
         if self.rx_poll_us is not None and self.rx_fifo is None:
             raise SettingError("rx_poll_us", "is the period that empties a FIFO: give rx_fifo too")
-        for name in ("baud_error_ppm", "rx_fifo"):
+        for name in ("baud_error_ppm", "rx_fifo", "latency_ms"):
             if self.baud is None and getattr(self, name):
                 raise SettingError(name, "needs a baud rate: without one, bytes take no time")
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from ..errors import ConfigurationError
+from .arguments import suggestion
 from .array import ArrayConfig, ElementConfig
 from .board import BoardConfig, FaultWords
 from .line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
-from .option import SettingError, Settings, group, option, options_of
+from .option import SettingError, Settings, group, option, options_of, unknown_text
 from .shape import ModulationConfig, ShapeConfig
+from .text_file import read_toml
 from .tolerance import ToleranceConfig, UncertaintyConfig
 
 MODES: Final = ("phases", "drives", "points", "sequence")
@@ -273,12 +274,13 @@ def load_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig
         If the file cannot be read, a key is not known, or a value has the wrong type or size; the
         text names the setting as it was written: the key in the file, or the option.
     """
-    in_file = _read_table(path) if path is not None else {}
+    in_file = read_table(path) if path is not None else {}
     given = {name: value for name, value in overrides.items() if value is not None}
     try:
         return VerifyConfig.of(**(in_file | given))
     except SettingError as error:
-        written = option_name(error.name) if error.name in given else f"{path}: {error.name}"
+        is_in_file = error.name in in_file and error.name not in given
+        written = f"{path}: {error.name}" if is_in_file else option_name(error.name)
         raise ConfigurationError(f"{written} {error.message}") from error
 
 
@@ -301,19 +303,27 @@ def option_name(setting: str) -> str:
     return f"--{setting.replace('_', '-')}"
 
 
-def _read_table(path: Path) -> dict[str, Any]:
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigurationError(f"{path}: {reason}") from error
+def read_table(path: Path) -> dict[str, Any]:
+    """Return the ``[verify]`` table of a TOML file.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, or a table or a key is not known.
+    """
+    document = read_toml(path, "config")
     table = document.get(_SECTION)
-    if not isinstance(table, dict) or len(document) > 1:
-        raise ConfigurationError(f"{path}: must have one table [{_SECTION}] and nothing else")
-    unknown = sorted(table.keys() - options_of(VerifyConfig).keys())
-    if unknown and (now := _RENAMED.get(unknown[0])):
-        raise ConfigurationError(f"{path}: {unknown[0]!r} is now {now!r}")
-    if unknown:
-        known = ", ".join(options_of(VerifyConfig))
-        raise ConfigurationError(f"{path}: {unknown[0]!r} is not a setting; known are {known}")
-    return dict(table)
+    for name in document:
+        if name != _SECTION:
+            guess = suggestion(name, (_SECTION,))
+            raise ConfigurationError(
+                f"{path}: [{name}] is not read; all settings are in one table [{_SECTION}]{guess}"
+            )
+    if not isinstance(table, dict):
+        raise ConfigurationError(f"{path}: must have one table [{_SECTION}]")
+    for name in table.keys() - options_of(VerifyConfig).keys():
+        if name in _RENAMED:
+            raise ConfigurationError(f"{path}: {name!r} is now {_RENAMED[name]!r}")
+        known = unknown_text(name, options_of(VerifyConfig))
+        raise ConfigurationError(f"{path}: {name!r} is not a setting{known}")
+    return table

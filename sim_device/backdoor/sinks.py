@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
+from pathlib import Path
 from typing import Final, Protocol
 
 from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.settings.text_file import plain_reason
 
 from ..line.socket_server import UnixListener
+
+_LOG: Final = logging.getLogger(__name__)
 
 UNIX_PREFIX: Final = "unix:"
 CLIENT_BUFFER: Final = 8 << 20  # bytes that a client may fall behind before it is dropped
@@ -54,9 +59,12 @@ class FileSink:
     def __init__(self, path: str) -> None:
         self._path = path
         try:
+            if not (folder := Path(path).parent).exists():
+                folder.mkdir(parents=True)
+                _LOG.info("%s: a new folder, made for what is written", folder)
             self._file = open(path, "ab", buffering=0)  # noqa: SIM115  closed by close()
         except OSError as error:
-            raise ConfigurationError(f"cannot write to {path}: {error.strerror}") from error
+            raise ConfigurationError(f"cannot write to {path}: {plain_reason(error)}") from error
 
     def write(self, line: bytes) -> None:
         """Append one line.

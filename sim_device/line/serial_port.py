@@ -8,6 +8,7 @@ import serial
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.posix import posix_module
+from haptogram.settings.text_file import plain_reason
 
 from .port import Port
 from .pty_link import INSTEAD_OF_PTY
@@ -26,7 +27,9 @@ class SerialPort(Port):
         try:
             self._serial = serial.Serial(name, baud, timeout=0, exclusive=True)
         except (OSError, ValueError) as error:
-            raise ConfigurationError(f"cannot open {name}: {error}") from error
+            raise ConfigurationError(
+                f"serial {name} cannot be opened: {plain_reason(error)}"
+            ) from error
         super().__init__(self._serial.fileno(), name)
         os.set_blocking(self._fd, False)
         _tell_end_from_silence(self._fd)

@@ -8,6 +8,7 @@ import socket
 from typing import Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.text_file import plain_reason
 
 from .port import Port
 from .socket_server import Doorman
@@ -34,7 +35,9 @@ class TcpPort(Port):
         try:
             self._server = socket.create_server((host, port))
         except (OSError, OverflowError) as error:
-            raise ConfigurationError(f"cannot listen on {host}:{port}: {error}") from error
+            raise ConfigurationError(
+                f"tcp {host}:{port}: cannot listen there: {plain_reason(error)}"
+            ) from error
         self._server.setblocking(False)
         self._client: socket.socket | None = None
         self._departed = False

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import suggestion
 
 from ..assembly import HEALTHY, Parts
 from . import framing, latching, output, replies, session
@@ -34,7 +35,9 @@ def parts_of(name: str | None) -> Parts:
     if name is None:
         return HEALTHY
     if name not in MUTANTS:
-        raise ConfigurationError(f"no mutant {name!r}; known: {', '.join(sorted(MUTANTS))}")
+        raise ConfigurationError(
+            f"mutant is {name!r}{suggestion(name, MUTANTS)}; docs/kill-matrix.md lists those known"
+        )
     return MUTANTS[name].parts
 
 

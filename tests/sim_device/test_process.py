@@ -130,7 +130,10 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
         ([], "one of --link --tcp --serial is missing"),
         (["--link", "/no/such/folder/board"], "cannot make the link /no/such/folder/board"),
         (["--tcp", "127.0.0.1:x"], "--tcp 127.0.0.1:x: must be HOST:PORT"),
-        (["--serial", "/dev/no-such-port"], "cannot open /dev/no-such-port"),
+        (
+            ["--serial", "/dev/no-such-port"],
+            "--serial /dev/no-such-port cannot be opened",
+        ),
         (
             ["--tcp", "0", "--array", "99x99"],
             "--array is '99x99', must be a grid of 1 to 1024 elements",

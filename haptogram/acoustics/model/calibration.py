@@ -132,7 +132,7 @@ class Calibration:
         ConfigurationError
             Names the file, and the line where there is one.
         """
-        rows = read_rows(Path(path), f"calibration '{path}' cannot be read")
+        rows = read_rows(Path(path), "calibration")
         found: dict[int, tuple[int, list[float]]] = {}
         for number, cells in _body(path, rows):
             element, values = _row(f"{path}:{number}", cells)

@@ -6,20 +6,22 @@ import csv
 from pathlib import Path
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.text_file import read_text
 
 
-def read_rows(path: Path, unreadable: str) -> list[tuple[int, list[str]]]:
+def read_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
     """Return number and stripped cells of each line that is neither blank nor a comment (``#``).
 
     Raises
     ------
     ConfigurationError
-        A file that cannot be read: *unreadable*, and why; a cell that is too long.
+        A file that cannot be read, with the *option* that names it; a cell that is too long.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f"{unreadable}: {error}") from error
+    if path.is_fifo():  # the second reader would find nothing
+        raise ConfigurationError(
+            f"{option} '{path}' is a pipe, and is read more than once; name a file"
+        )
+    lines = read_text(path, option).splitlines()
     return [
         (number, _cells(f"{path}:{number}", line))
         for number, line in enumerate(lines, start=1)

@@ -232,7 +232,7 @@ def _check_table(angles: FloatArray, gains: FloatArray) -> None:
 
 
 def _read_table(path: Path) -> tuple[Sequence[str], list[tuple[float, float]]]:
-    lines = read_rows(path, f"directivity '{path}' cannot be read")
+    lines = read_rows(path, "directivity")
     header = lines[0][1] if lines else []
     if header not in (["angle_deg", "gain"], ["angle_deg", "gain_db"]):
         raise ConfigurationError(

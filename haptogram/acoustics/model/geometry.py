@@ -350,7 +350,7 @@ def _check_spacing(positions: FloatArray) -> None:
 
 
 def _read_rows(path: Path) -> list[list[float]]:
-    lines = read_rows(path, f"array '{path}' is neither NXxNY nor a readable file")
+    lines = read_rows(path, "array")
     if not lines:
         raise ConfigurationError(f"{path}: no elements")
     (number, header), body = lines[0], lines[1:]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import Any, Final
 
 from haptogram.campaigns.bench.attribution import Misses
 from haptogram.campaigns.bench.measure import BenchRun
 from haptogram.errors import ConfigurationError
+from haptogram.settings.text_file import read_json
 
 FORMAT: Final = "haptogram-bench"
 VERSION: Final = 1
@@ -74,10 +74,7 @@ def read_result(path: Path) -> dict[str, Any]:
     ConfigurationError
         If the file cannot be read, holds something else, or has another format version.
     """
-    try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
+    result = read_json(path, "compare")
     if not isinstance(result, dict) or result.get("format") != FORMAT:
         raise ConfigurationError(
             f"{path}: not a result of haptogram bench: name a file that --json wrote"

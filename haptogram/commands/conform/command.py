@@ -59,11 +59,13 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
         return _compare(arguments)
     for name in arguments.clause:
         if not any(select(all_cases(), [name])):
-            raise ConfigurationError(f"--clause {name}: there is no such case")
+            raise ConfigurationError(
+                f"--clause {name}: there is no such case or clause; --list shows all cases"
+            )
     cases = tuple(select(all_cases(), arguments.clause))
     if arguments.list:
         return _list(cases)
-    outputs = Outputs(arguments, "json", "junit", "html", "write_baseline")
+    outputs = Outputs(arguments, "json", "junit", "html", "write_baseline", pictures=False)
     suite = _run_cases(arguments, cases, virtual)
     from haptogram.report.conformance.text import suite_text
 
@@ -158,12 +160,10 @@ def _compare(arguments: argparse.Namespace) -> int:
     from haptogram.errors import ConfigurationError
     from haptogram.report.conformance.page import write_comparison
     from haptogram.report.conformance.result import read_json
-    from haptogram.report.html import check_page
 
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
-    check_page(pictures=False)
-    outputs = Outputs(arguments, "html")
+    outputs = Outputs(arguments, "html", pictures=False)
     write_comparison(arguments.html, [read_json(path) for path in arguments.compare])
     outputs.announce()
     return 0

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import re
 from typing import Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
+from haptogram.settings.command_line import add_options as add_rows
+from haptogram.settings.option import options_of
 from haptogram.settings.parser import file_name, number, whole_number
+from haptogram.settings.verify_config import LinkConfig
 
 from ..shell.output_files import FILE_HELP
 
@@ -39,13 +42,9 @@ def _add_board(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--port", metavar="URL", help="any pyserial URL [the virtual board, in virtual time]"
     )
-    group.add_argument(
-        "--baud",
-        type=whole_number(LEAST_BAUD, MAX_BAUD, "Bd"),
-        default=DEFAULT_BAUD,
-        metavar="BAUD",
-        help=f"line rate [{DEFAULT_BAUD}]",
-    )
+    baud = options_of(LinkConfig)["baud"]
+    add_rows(group, [baud])
+    group.set_defaults(baud=baud.default)
     group.add_argument("--spawn", metavar="CMD", help="start this program; it says its port")
     group.add_argument(
         "--port-regex", metavar="REGEX", help="finds the port in what --spawn prints, first group"
@@ -133,28 +132,29 @@ def check(arguments: argparse.Namespace) -> None:
     ConfigurationError
         Before anything is run.
     """
-    _check_page(arguments)
-    _check_board(arguments)
-
-
-def _check_page(arguments: argparse.Namespace) -> None:
-    """Refuse a page before minutes of work where the extra for pages is missing."""
-    if arguments.html is not None:
-        from haptogram.report.html import check_page
-
-        check_page(pictures=False)
-
-
-def _check_board(arguments: argparse.Namespace) -> None:
-    """Refuse what does not go together, rather than leave a part of it out in silence."""
     if arguments.spawn is not None and arguments.port is not None:
         raise ConfigurationError("--spawn names its own port: --port is one too many")
     if arguments.port_regex is not None and arguments.spawn is None:
         raise ConfigurationError("--port-regex is about what --spawn prints; there is no --spawn")
+    if arguments.port_regex is not None:
+        _check_regex(arguments.port_regex)
     for name in ("reset_cmd", "dtr", "rts"):
         if getattr(arguments, name) is not None and not _is_port(arguments):
             option = name.replace("_", "-")
             raise ConfigurationError(f"--{option} is about a board at --port; there is none")
+
+
+def _check_regex(text: str) -> None:
+    try:
+        groups = re.compile(text).groups
+    except re.error as error:
+        raise ConfigurationError(
+            f"--port-regex {text!r} is no regular expression: {error}; an example is 'on (.*)'"
+        ) from error
+    if not groups:
+        raise ConfigurationError(
+            f"--port-regex {text!r} has no group; put the port in parentheses, as in 'on (.*)'"
+        )
 
 
 def _is_port(arguments: argparse.Namespace) -> bool:

@@ -16,7 +16,7 @@ from haptogram.settings.verify_config import DriveConfig, VerifyConfig
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options
 from ..shell.exit_status import PASS
-from ..shell.output_files import FILE_HELP, Outputs, check_picture, write_picture
+from ..shell.output_files import FILE_HELP, Outputs, write_picture
 from ..shell.positions import Position, position_mm
 
 if TYPE_CHECKING:
@@ -144,11 +144,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
     from .levels import describe_levels
     from .scene import Scene
-    from .views import describe, draw
+    from .views import check_size, describe, draw
 
     refuse_idle_options("field", arguments)
-    check_picture(arguments.picture)
     outputs = Outputs(arguments, "picture")
+    if arguments.picture is not None:
+        check_size(arguments)
     scene = Scene.from_arguments(arguments)
     levels = [] if arguments.quiet else list(describe_levels(arguments, scene))
     lines = [] if arguments.quiet else [*describe(scene), *levels]

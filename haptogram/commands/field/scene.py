@@ -109,7 +109,7 @@ def read_drive(path: Path, count: int, phase_bits: int) -> Drive:
     ConfigurationError
         Names the file, and the line where there is one.
     """
-    rows = read_rows(path, f"drive '{path}' cannot be read")
+    rows = read_rows(path, "drive")
     if not rows or rows[0][1] != ["phase", "amplitude"]:
         raise ConfigurationError(f"{path}: the first line must be phase,amplitude")
     codes = np.array([_codes(f"{path}:{number}", cells) for number, cells in rows[1:]], dtype=int)

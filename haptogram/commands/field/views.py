@@ -34,6 +34,8 @@ from haptogram.report.figures import (
     sample_mean,
     sample_plane,
 )
+from haptogram.report.figures.isosurface import MAX_VOXELS
+from haptogram.report.figures.planes import MAX_POINTS
 from haptogram.settings.arguments import Progress
 
 from ..shell.positions import place_text
@@ -43,7 +45,38 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_LEAST_STEP_MM: Final = 1.5  # of a surface
 _NO_FOCUS: Final = 0.25  # of the target's distance: a maximum that far off is not its focus
+
+
+def check_size(arguments: argparse.Namespace) -> None:
+    """Raise, before the work begins, if the picture would have too many samples or none.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the step, the half width and the limit.
+    """
+    step_mm, half_mm = arguments.step_mm, arguments.half_width_mm
+    sides: tuple[float, ...] = (2 * half_mm, 2 * half_mm)
+    most = MAX_POINTS
+    if arguments.view == "cuts":
+        return
+    if arguments.view == "isosurface":
+        step_mm, half_mm, most = max(step_mm, _LEAST_STEP_MM), half_mm / 2, MAX_VOXELS
+        sides = (2 * half_mm, 2 * half_mm, 4 * half_mm)
+    if step_mm >= half_mm:
+        raise ConfigurationError(
+            f"step_mm is {arguments.step_mm:g}, must be below {half_mm:g} mm with --half-width-mm "
+            f"{arguments.half_width_mm:g}"
+        )
+    samples = math.prod(side / step_mm + 1 for side in sides)
+    if samples > most:
+        raise ConfigurationError(
+            f"step_mm is {arguments.step_mm:g}; with --half-width-mm "
+            f"{arguments.half_width_mm:g} the picture has {samples:.3g} samples, must be at most "
+            f"{most}: take a larger step"
+        )
 
 
 def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
@@ -72,7 +105,7 @@ def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None)
             quantity=arguments.quantity,
             place="target" if len(scene.targets_m) else "loudest place",
         )
-    step = max(step_m, 1.5e-3)
+    step = max(step_m, _LEAST_STEP_MM / 1e3)
     return draw_isosurfaces(
         engine,
         scene.weights[0],

@@ -14,7 +14,7 @@ from haptogram.settings.verify_config import VerifyConfig, load_config
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options, array_model
 from ..shell.exit_status import PASS
-from ..shell.output_files import FILE_HELP, Outputs, check_picture, write_json, write_picture
+from ..shell.output_files import FILE_HELP, Outputs, write_json, write_picture
 from ..shell.positions import metres, position_mm
 
 if TYPE_CHECKING:
@@ -124,7 +124,6 @@ def run(arguments: argparse.Namespace) -> int:
     from .result import Felt, as_csv, as_dict, describe, draw
 
     refuse_idle_options("modulation", arguments)
-    check_picture(arguments.picture)
     outputs = Outputs(arguments, "picture", "csv", "json")
     config = _config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)

@@ -33,7 +33,10 @@ class Outputs:
     settings : object
         Has the options as attributes, those of :data:`INPUTS` among them.
     *names : str
-        The options that name a file.
+        The options that name a file; ``picture`` must be a format of pictures, and ``html`` needs
+        the extra for pages.
+    pictures : bool
+        Whether the page holds pictures.
 
     Attributes
     ----------
@@ -46,7 +49,7 @@ class Outputs:
         If two options name one file, an output names an input, or an output cannot be written.
     """
 
-    def __init__(self, settings: object, *names: str) -> None:
+    def __init__(self, settings: object, *names: str, pictures: bool = True) -> None:
         given = {_as_option(name): getattr(settings, name) for name in names}
         self.paths: dict[str, Path] = {
             option: Path(path) for option, path in given.items() if path is not None
@@ -60,6 +63,18 @@ class Outputs:
                     check_writable(path)
                 except ConfigurationError as error:
                     raise ConfigurationError(f"{option} {error}") from error
+        self._check_formats(pictures=pictures)
+        for folder in dict.fromkeys(path.parent for path in self.paths.values()):
+            if not folder.exists():
+                print(f"{folder}: a new folder, made for what is written", file=sys.stderr)
+
+    def _check_formats(self, *, pictures: bool) -> None:
+        if "--picture" in self.paths:
+            _check_picture(self.paths["--picture"])
+        if "--html" in self.paths:
+            from haptogram.report.html import check_page
+
+            check_page(pictures=pictures)
 
     @property
     def text(self) -> TextIO:
@@ -112,17 +127,11 @@ def write_json(path: Path | str, document: Mapping[str, Any]) -> None:
     write_atomically(Path(path), text.encode("ascii"))
 
 
-def check_picture(path: Path | None) -> None:
-    """Raise unless the suffix of *path* names a format of pictures.
-
-    Raises
-    ------
-    ConfigurationError
-        Names the suffix and what is possible.
-    """
+def _check_picture(path: Path) -> None:
+    """Raise unless the suffix of *path* names a format of pictures."""
     from haptogram.report.figures import check_picture_format
 
-    if path is not None and path != STANDARD_OUTPUT:
+    if path != STANDARD_OUTPUT:
         check_picture_format(path)
 
 

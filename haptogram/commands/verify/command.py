@@ -21,7 +21,7 @@ from haptogram.errors import (
 )
 from haptogram.machine.terminal import error_line, paint_verdicts
 from haptogram.settings.option import options_of
-from haptogram.settings.verify_config import OutputConfig, VerifyConfig, load_config
+from haptogram.settings.verify_config import OutputConfig, VerifyConfig, load_config, read_table
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
@@ -84,7 +84,6 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     """Run the job, write and print its result, and return the exit status."""
     from haptogram.evidence.run_record import measure
     from haptogram.report import run as report
-    from haptogram.report.html import check_page
     from haptogram.verification import tolerance_of, uncertainty_of, verify_run
 
     names = options_of(VerifyConfig)
@@ -93,10 +92,9 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     settings = argparse.Namespace(
         **config.values(), frame_kind=config.frame_kind, config=arguments.config
     )
-    refuse_idle_options("verify", arguments, settings)
+    file = arguments.config
+    refuse_idle_options("verify", arguments, settings, file, read_table(file) if file else ())
     outputs = Outputs(settings, *options_of(OutputConfig))
-    if config.outputs.html is not None:
-        check_page()
     virtual = prepare(config)
     planned = virtual.plan
     quiet = arguments.quiet

@@ -9,11 +9,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import write_atomically
+from haptogram.settings.text_file import read_toml
 
 from ..case import Case
 from ..verdict import Behaviour, SuiteResult
@@ -27,10 +27,7 @@ def load_baseline(path: Path, cases: tuple[Case, ...]) -> dict[str, str]:
     ConfigurationError
         If the file cannot be read, or names an unknown case or an unknown verdict.
     """
-    try:
-        found = tomllib.loads(path.read_text("utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
+    found = read_toml(path, "baseline")
     if set(found) != {"expected"} or not isinstance(found["expected"], dict):
         raise ConfigurationError(f"{path}: one table [expected] is due, found {sorted(found)}")
     known = {case.id for case in cases} | {case.clause for case in cases}

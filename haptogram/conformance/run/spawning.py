@@ -13,6 +13,7 @@ from typing import IO, Final
 
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, open_transport
 from haptogram.errors import ConfigurationError
+from haptogram.settings.text_file import plain_reason
 
 from .access import open_when_there
 
@@ -114,7 +115,9 @@ class SpawnAccess:
                 start_new_session=True,  # so that all of it can be ended
             )
         except (OSError, ValueError) as error:
-            raise ConfigurationError(f"--spawn {self._arguments[0]}: {error}") from error
+            raise ConfigurationError(
+                f"--spawn {self._arguments[0]} cannot be started: {plain_reason(error)}"
+            ) from error
         assert self._process.stdout is not None  # PIPE
         return _Output(self._process.stdout)
 

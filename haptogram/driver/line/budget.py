@@ -62,8 +62,8 @@ def check_rate(size: int, *, baudrate: int, rate_hz: float) -> None:
     highest_hz = highest_rate_hz(size, baudrate)
     if rate_hz > highest_hz:
         raise ConfigurationError(
-            f"{size} bytes a frame at {baudrate} baud carry {math.floor(highest_hz)} frames/s, "
-            f"{rate_hz:g} Hz asked"
+            f"rate_hz is {rate_hz:g}; {size} bytes a frame at {baudrate} baud carry "
+            f"{math.floor(highest_hz)} frames/s: lower the rate, raise baud, or send shorter frames"
         )
 
 

@@ -243,6 +243,9 @@ def _opening_error(url: str, error: OSError) -> LinkError:
         return PortNotFoundError(f"{url}: there is no such host")
     if codes & _ABSENT:
         return PortNotFoundError(f"{url}: there is no such port")
+    # termios.error is no OSError, and has its code as an argument.
+    if any(found.args[:1] == (errno.ENOTTY,) for found in _chain(error)):
+        return LinkError(f"{url}: it is no serial port; name one, such as /dev/ttyUSB0")
     named = next((os.strerror(code) for code in codes if code), _one_line(error))
     return LinkError(f"{url}: the port cannot be opened: {named}")
 

@@ -17,6 +17,7 @@ from haptogram.conformance.verdict import (
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import write_atomically
 from haptogram.records.frame import Evidence
+from haptogram.settings import text_file
 
 FORMAT: Final = "haptogram-conformance/1"
 
@@ -75,14 +76,16 @@ def read_json(path: Path) -> SuiteResult:
     ConfigurationError
         If the file cannot be read, or is no result of the conformance suite.
     """
+    found = text_file.read_json(path, "compare")
     try:
-        found = json.loads(path.read_text("utf-8"))
         if found["format"] != FORMAT:
             raise ValueError(f"format is {found['format']!r}, known is {FORMAT!r}")
         results = tuple(_result_from(item) for item in found["results"])
         return SuiteResult(results, found["device"], found["settings"], found["cut_short"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(f"{path}: not a result of conform: {error}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(
+            f"compare '{path}' is no result of conform: name a file that --json wrote"
+        ) from error
 
 
 def _result_from(item: Mapping[str, Any]) -> Result:

@@ -69,9 +69,9 @@ def check_report(path: Path) -> None:
         A suffix other than .html, a file where a folder is wanted, or no extra ``report``.
     """
     if path.suffix.lower() not in ("", ".html", ".htm"):
-        raise ConfigurationError(f"report '{path}' must end in .html, or be a folder")
+        raise ConfigurationError(f"html '{path}' must end in .html, or be a folder")
     if path.suffix == "" and path.exists() and not path.is_dir():
-        raise ConfigurationError(f"report '{path}' is a file; name a folder, or a file in .html")
+        raise ConfigurationError(f"html '{path}' is a file; name a folder, or a file in .html")
     check_page()
 
 

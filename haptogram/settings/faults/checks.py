@@ -7,6 +7,7 @@ from typing import Final
 
 from haptogram.errors import ConfigurationError
 
+from ..arguments import suggestion
 from .kinds import (
     FAULT_KINDS,
     NOWHERE,
@@ -31,7 +32,9 @@ def check_name(name: str) -> None:
         As all checks of this module.
     """
     if name not in FAULT_KINDS:
-        raise ConfigurationError(f"no fault {name!r}; known: {', '.join(FAULT_KINDS)}")
+        raise ConfigurationError(
+            f"{name!r} is no fault{suggestion(name, FAULT_KINDS)}; docs/faults.md has them all"
+        )
 
 
 def check_values(name: str, values: Mapping[str, float]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from typing import Any, Final, Self
 from haptogram.errors import ConfigurationError
 
 from ..arguments import shown
+from ..text_file import read_text
 from .checks import (
     FOR_EVER_NS,
     check_direction,
@@ -181,7 +183,8 @@ class FaultPlan:
         ConfigurationError
             If it is no TOML, or for what :meth:`Fault.parse` refuses.
         """
-        faults, own_seed = _from_toml(text)
+        with _named("fault plan:"):
+            faults, own_seed = _from_toml(text)
         return cls(faults, seed if own_seed is None else own_seed)
 
     def as_toml(self) -> str:
@@ -226,29 +229,37 @@ def read_faults(
     ConfigurationError
         If the file cannot be read, or a fault is refused.
     """
-    added = parse_faults(texts)
+    with _named("fault"):
+        added = parse_faults(texts)
     if file is None:
         return added, None
-    try:
-        faults, seed = _from_toml(Path(file).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigurationError(f"cannot read the fault plan {file}: {reason}") from error
+    text = read_text(Path(file), "fault_plan")
+    with _named(f"fault_plan '{file}':"):
+        faults, seed = _from_toml(text)
     return faults + added, seed
+
+
+@contextlib.contextmanager
+def _named(option: str) -> Iterator[None]:
+    """Begin the refusals of a fault with the option that holds it."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{option} {error}") from error
 
 
 def _from_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError(f"fault plan: {error}") from error
+        raise ConfigurationError(str(error)) from error
     tables, seed = document.pop("fault", []), document.pop("seed", None)
     if document:
-        raise ConfigurationError(f"fault plan: {', '.join(document)}; known: seed, [[fault]]")
+        raise ConfigurationError(f"{', '.join(document)}; known: seed, [[fault]]")
     if seed is not None and (type(seed) is not int or not 0 <= seed <= MOST_FAULT_SEED):
-        raise ConfigurationError(f"fault plan: seed = {seed}, must be 0 to {MOST_FAULT_SEED}")
+        raise ConfigurationError(f"seed = {seed}, must be 0 to {MOST_FAULT_SEED}")
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ConfigurationError("fault plan: must have tables [[fault]]")
+        raise ConfigurationError("must have tables [[fault]]")
     return tuple(map(_from_table, tables)), seed
 
 

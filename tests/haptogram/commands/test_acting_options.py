@@ -127,7 +127,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
     class Passed(Exception):
         pass
 
-    def stop(*_: object) -> None:
+    def stop(*_: object, **__: object) -> None:
         raise Passed
 
     # What comes after the check is no matter here.
@@ -139,7 +139,22 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         raise SystemExit(main([command, *acts.split(), *words]))
 
 
-def test_a_file_of_settings_may_hold_those_of_other_modes(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("", "job.toml: depth acts only with the modulation am; leave it out"),
+        ("--depth 0.5", "--depth acts only with the modulation am; leave it out"),
+    ],
+)
+def test_an_idle_key_of_a_file_is_refused_as_an_idle_option_is(
+    words: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "job.toml"
-    path.write_text('[verify]\nobject = "point"\ndepth = 0.5\nradius_mm = 20.0\narray = "6x6"\n')
-    assert main(["verify", "--virtual-time", "--quiet", "--config", str(path)]) == 0
+    path.write_text('[verify]\nobject = "point"\ndepth = 0.5\narray = "6x6"\n')
+    config = ["--config", str(path)]
+    assert main(["verify", "--virtual-time", "--quiet", *config, *words.split()]) == 2
+    said = capsys.readouterr().err
+    assert said.endswith(f"{told}\n")
+    assert said.count("\n") == 1
+    acting = ["--modulation", "am", "--mode", "points", "--repeat", "10"]
+    assert main(["verify", "--virtual-time", "--quiet", *config, *acting]) == 0

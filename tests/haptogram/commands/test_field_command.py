@@ -206,7 +206,7 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
         (("--ear-mm", "--modulation-hz", "900"), "half of"),
         (("--ear-mm", "--modulation-hz", "0"), "must be 0.01 to"),
         (("--temperature-c", "90"), "--temperature-c is 90, must be -20 to 50 degrees Celsius"),
-        (("--half-width-mm", "1e4", "--picture", "field.png"), "points"),
+        (("--half-width-mm", "1e4", "--picture", "field.png"), "samples, must be"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_with_the_reason(run, tmp_path, words, message):

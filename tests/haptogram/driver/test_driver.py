@@ -298,7 +298,7 @@ def test_what_cannot_be_is_refused_before_the_first_byte(driver, port, arguments
 
 def test_a_rate_that_the_line_cannot_carry_says_which_it_can():
     with Driver(BoardPort()) as driver:
-        text = "276 bytes a frame at 3000000 baud carry 1086 frames/s, 2000 Hz asked"
+        text = "rate_hz is 2000; 276 bytes a frame at 3000000 baud carry 1086 frames/s"
         with pytest.raises(ConfigurationError, match=text):
             driver.stream(CIRCLE, 2000)
 

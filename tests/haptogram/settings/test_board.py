@@ -24,7 +24,7 @@ from haptogram.settings.parser import Parser
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "board.md"
 TEXTS = st.text(st.characters(codec="utf-8", exclude_categories=("C",)), min_size=1)
 # An option that says nothing without another one.
-NEEDS = {"baud_error_ppm": "baud", "rx_fifo": "baud", "rx_poll_us": "rx_fifo"}
+NEEDS = {"baud_error_ppm": "baud", "rx_fifo": "baud", "latency_ms": "baud", "rx_poll_us": "rx_fifo"}
 
 
 def test_the_most_elements_of_a_grid_are_those_of_an_array():

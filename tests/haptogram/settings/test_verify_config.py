@@ -80,7 +80,7 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("[verify]\nspeed = 3\n", "'speed' is not a setting; known are object"),
+        ("[verify]\nspeed = 3\n", "'speed' is not a setting; did you mean seed"),
         ("[verify]\nrate_hz = 'fast'\n", "rate_hz is 'fast', must be a number"),
         ("[verify]\nrate_hz = 0\n", r"run\.toml: rate_hz is 0, must be 1 to 40000"),
         ("[verify]\nseed = -1\n", "seed is -1, must be 0 to 4294967295"),
@@ -88,8 +88,19 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
         ("[verify]\nfault = [3]\n", r"fault is \[3\], must be a list of texts"),
         ("[verify]\nrepeat = true\n", "repeat is True, must be a whole number"),
         ("[verify]\ncenter_mm = [1, 2]\n", r"center_mm is \[1, 2\]"),
-        ("[other]\n", r"one table \[verify\] and nothing else"),
-        ("not toml", "run.toml"),
+        (
+            "[verify]\nrate-hz = 500\n",
+            "'rate-hz' is not a setting; did you mean rate_hz",
+        ),
+        ("[verify]\nxyzzy = 500\n", "'xyzzy' is not a setting; known are object, resolution_mm"),
+        ("[verify]\nphase_bits = 8.0\n", r"run\.toml: phase_bits is 8\.0; known are 8, 6, 5"),
+        ("[verify]\njson = ''\n", r"run\.toml: json is '', must be the name of a file"),
+        ("[verify]\nlink_baud = 9600\n", "'link_baud' is now 'baud'"),
+        ("[verfy]\n", r"\[verfy\] is not read; .* one table \[verify\]; did you mean verify"),
+        ("[other]\n", r"\[other\] is not read; all settings are in one table \[verify\]"),
+        ("rate_hz = 5\n", r"\[rate_hz\] is not read"),
+        ("", r"must have one table \[verify\]"),
+        ("not toml", r"^config '.*run\.toml' is no TOML: .*line 1"),
     ],
 )
 def test_a_bad_file_is_named(tmp_path: Path, text: str, told: str) -> None:

@@ -176,7 +176,7 @@ def test_an_address_in_use_is_one_clear_line():
     first = TcpPort("127.0.0.1", 0)
     number = int(first.description.rpartition(":")[2])
     try:
-        with pytest.raises(ConfigurationError, match=f"cannot listen on 127.0.0.1:{number}"):
+        with pytest.raises(ConfigurationError, match=f"tcp 127.0.0.1:{number}: cannot listen"):
             TcpPort("127.0.0.1", number)
     finally:
         first.close()

@@ -37,7 +37,7 @@ def test_a_latency_timer_holds_back_the_answer():
 
 def test_a_rate_that_the_line_cannot_carry_is_refused_with_both_rates():
     check_rate(276, baudrate=3_000_000, rate_hz=1086)
-    text = "276 bytes a frame at 3000000 baud carry 1086 frames/s, 2000 Hz asked"
+    text = "rate_hz is 2000; 276 bytes a frame at 3000000 baud carry 1086 frames/s"
     with pytest.raises(ConfigurationError, match=text):
         check_rate(276, baudrate=3_000_000, rate_hz=2000)
 

@@ -147,7 +147,7 @@ def test_a_link_to_a_board_that_is_gone(tmp_path):
 def test_a_file_is_no_port(tmp_path):
     path = tmp_path / "file"
     path.write_text("not a port")
-    with pytest.raises(LinkError, match="cannot be opened") as caught:
+    with pytest.raises(LinkError, match="it is no serial port") as caught:
         open_transport(str(path))
     assert "\n" not in str(caught.value)
     assert path.read_text() == "not a port"

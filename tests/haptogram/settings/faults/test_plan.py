@@ -75,7 +75,7 @@ def test_a_file_and_the_command_line_add_up(tmp_path):
         (f"seed = {2**64}", f"seed = {2**64}, must be 0 to 18446744073709551615"),
         ("seed = true", "seed = True"),
         ("fault = 1", "must have tables"),
-        ("[[fault]]\nber = 1", "no fault ''"),
+        ("[[fault]]\nber = 1", "'' is no fault"),
         ('[[fault]]\nname = "line.flip"\nber = 2', "ber=2, must be 0 to 1"),
         ('[[fault]]\nname = "line.flip"\nber = [1]', "is not a number"),
         ('[[fault]]\nname = "line.flip"\nfrom = 2', "must be a time"),
@@ -189,7 +189,7 @@ def test_what_cannot_be_is_refused_with_fault_parameter_value_and_limit(text, pr
         (("frame.crc", {"p": 0.1}, 0, 9, "both"), "frame.crc direction=both, must be down"),
         (("line.disconnect", {"ms": 5.0}, 0, 9), "line.disconnect ms=5 until=9ns: say either"),
         (("line.slice", {"bytes": 1.5, "gap_us": 0}), "bytes=1.5, must be a whole number"),
-        (("line.flop", {}), "no fault 'line.flop'; known: "),
+        (("line.flop", {}), "'line.flop' is no fault; did you mean line.flip?"),
     ],
 )
 def test_a_fault_that_is_made_by_hand_is_refused_too(fault, problem):

@@ -1,0 +1,244 @@
+"""Every refusal comes before the work: one line with option, value and limit, and status 2."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from haptogram.cli import COMMANDS, command_parser, main
+from haptogram.commands.verify.options import GROUPS
+from haptogram.settings.option import options_of
+from haptogram.settings.verify_config import VerifyConfig
+
+#: What a command needs besides the option in question, to be a command line.
+NEEDED = {
+    "board": ["--link", "board"],
+    "soak": ["--hours", "0.01"],
+    "modulation": ["am"],
+}
+LIMITS = re.compile(r"must be (a number, |a whole number, )?(\S+) to (\S+)")
+CHOICES = re.compile(r"known are (.*)")
+COORDINATES = re.compile(r"must be X,Y,Z, each (\S+) to (\S+) mm")
+
+
+def actions_with_values(command: str) -> list[argparse.Action]:
+    """Return the options of a command that take a value."""
+    actions = {id(a): a for a in command_parser(command).option_actions.values()}
+    return [action for action in actions.values() if action.nargs != 0]
+
+
+def refusal(action: argparse.Action, value: str) -> str | None:
+    """Return what the parser says of a value; None: it takes it."""
+    try:
+        action.type(value) if callable(action.type) else None
+    except argparse.ArgumentTypeError as error:
+        return str(error)
+    return None
+
+
+def is_numeric(action: argparse.Action) -> bool:
+    told = refusal(action, "xyzzy") or ""
+    return LIMITS.search(told) is not None
+
+
+NUMERIC = [
+    (command, action.option_strings[0])
+    for command in COMMANDS
+    for action in actions_with_values(command)
+    if is_numeric(action)
+]
+POSITIONS = [
+    (command, action.option_strings[0])
+    for command in COMMANDS
+    for action in actions_with_values(command)
+    if action.metavar == "X,Y,Z"
+]
+CHOSEN = [
+    (command, action.option_strings[0])
+    for command in COMMANDS
+    for action in actions_with_values(command)
+    if action.choices or "known are" in (refusal(action, "xyzzy") or "")
+]
+
+
+def said(command: str, words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """Return the one line that a command ends with, after a look for files and status 2."""
+    is_instead = words[0] in (*NEEDED.get(command, []), "--serial")
+    needed = [] if is_instead else NEEDED.get(command, [])
+    assert main([command, *needed, *words]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    assert "Errno" not in err
+    assert list(folder.iterdir()) == []
+    name = f"haptogram {command}: {words[0].partition('=')[0]} "
+    assert err.startswith(name)
+    return err.removeprefix(name)
+
+
+def test_the_lists_are_those_of_the_commands() -> None:
+    assert {command for command, _ in NUMERIC} == {*COMMANDS} - {"presets", "paper"}
+    assert len(NUMERIC) > 60
+    assert ("verify", "--center-mm") in POSITIONS
+    assert ("conform", "--dtr") in CHOSEN
+
+
+def test_every_setting_of_a_run_is_in_one_group_of_the_help() -> None:
+    names = [name for group in GROUPS.values() for name in group]
+    assert sorted(names) == sorted(options_of(VerifyConfig))
+
+
+@pytest.mark.parametrize(("command", "word"), NUMERIC)
+def test_a_number_beyond_its_limits_or_none_is_refused_with_the_limits(
+    command: str,
+    word: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    told = said(command, [f"{word}=xyzzy"], tmp_path, capsys)
+    assert told.startswith("is 'xyzzy', ")
+    limits = LIMITS.search(told)
+    assert limits
+    low, high = float(limits[2]), float(limits[3])
+    assert math.isfinite(low)
+    assert low < high < math.inf
+    beyond = {
+        f"{low - 1 - abs(low):.17g}": "must be",
+        f"{high + 1 + abs(high):.20g}": "must be",
+        "nan": "is ",
+        "inf": "is ",
+        "-inf": "is ",
+        "": "is '', ",
+        " ": "is ' ', ",
+    }
+    for value, begins in beyond.items():
+        line = said(command, [f"{word}={value}"], tmp_path, capsys)
+        assert begins in line
+        assert f"{limits[2]} to {limits[3]}" in line
+
+
+@pytest.mark.parametrize(("command", "word"), POSITIONS)
+@pytest.mark.parametrize("value", ["", "1", "1,2", "1,2,3,4", "a,b,c", "nan,0,0", "0,0,1e9", "1;2"])
+def test_a_position_that_is_none_is_refused_with_its_form_and_limits(
+    command: str,
+    word: str,
+    value: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert COORDINATES.search(said(command, [f"{word}={value}"], tmp_path, capsys))
+
+
+@pytest.mark.parametrize(("command", "word"), CHOSEN)
+def test_a_choice_that_is_none_is_refused_with_those_that_are_known(
+    command: str,
+    word: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for value in ("xyzzy", "", "7.0"):
+        line = said(command, [f"{word}={value}"], tmp_path, capsys)
+        assert line.startswith(f"is '{value}'")
+        assert CHOICES.search(line)
+
+
+OTHERS = [
+    ("verify", "--array 0x0", "is '0x0', must be a grid of 1 to 1024 elements"),
+    ("verify", "--array nowhere.csv", "'nowhere.csv' cannot be read: there is no such file"),
+    ("verify", "--array .", "'.' cannot be read: it is a folder; name a file"),
+    ("verify", "--config nowhere.toml", "'nowhere.toml' cannot be read: there is no such file"),
+    ("verify", "--calibration nowhere.csv", "'nowhere.csv' cannot be read: there is no such"),
+    ("verify", "--fault-plan nowhere.toml", "'nowhere.toml' cannot be read: there is no such"),
+    ("verify", "--fault line.flop", "'line.flop' is no fault; did you mean line.flip?"),
+    ("verify", "--fault line.flip\xa0ber=7", "line.flip ber=7, must be 0 to 1"),
+    ("verify", "--object nowhere.stl", "'nowhere.stl' cannot be read: there is no such file"),
+    ("verify", "--json .", ".: is a folder; name a file"),
+    ("board", "--mutant crc-61", "is 'crc-61'; did you mean crc-16?"),
+    ("board", "--latency-ms 16", "needs a baud rate"),
+    ("board", "--serial /dev/null", "/dev/null cannot be opened: it is no serial port"),
+    ("soak", "--mutant crc-61", "is 'crc-61'; did you mean crc-16?"),
+    ("conform", "--clause HG-99", "HG-99: there is no such case or clause; --list shows all"),
+    ("conform", "--port-regex ( --spawn true", "'(' is no regular expression: "),
+    ("conform", "--port-regex x --spawn true", "'x' has no group; put the port in parentheses"),
+    ("conform", "--spawn ./nowhere", "./nowhere cannot be started: there is no such file"),
+    ("conform", "--baseline nowhere.toml", "'nowhere.toml' cannot be read: there is no such"),
+    ("conform", "--compare nowhere.json --html a.html", "'nowhere.json' cannot be read: there"),
+    ("bench", "--compare nowhere.json", "'nowhere.json' cannot be read: there is no such file"),
+    ("field", "--drive nowhere.csv", "'nowhere.csv' cannot be read: there is no such file"),
+    ("field", "--step-mm 0.01 --half-width-mm 900 --picture a.png", "is 0.01; with --half-width"),
+    ("field", "--step-mm 90 --picture a.png", "is 90, must be below 60 mm with --half-width-mm"),
+    ("field", "--step-mm 1 --half-width-mm 900 --view isosurface --picture a.png", "is 1; with"),
+]
+
+
+@pytest.mark.parametrize(("command", "line", "told"), OTHERS)
+def test_other_values_that_cannot_be_used_are_refused_as_plainly(
+    command: str,
+    line: str,
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = [word.replace("\xa0", " ") for word in line.split(" ")]
+    assert said(command, words, tmp_path, capsys).startswith(told)
+
+
+#: Options that read a file of text, and what a command needs to come to read it.
+TEXTS = [
+    ("verify", "--array"),
+    ("verify", "--calibration"),
+    ("verify", "--config"),
+    ("verify", "--fault-plan"),
+    ("conform", "--baseline"),
+    ("bench", "--compare"),
+    ("field", "--drive"),
+]
+
+
+@pytest.mark.parametrize(("command", "word"), TEXTS)
+def test_a_file_that_is_no_text_is_refused_in_plain_words(
+    command: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "latin"
+    path.write_bytes(b"a = \xe9\n")
+    assert main([command, word, str(path)]) == 2
+    told = capsys.readouterr().err
+    assert f"{word} '{path}' cannot be read: it is no text in UTF-8, from byte 4 on\n" in told
+    assert told.count("\n") == 1
+
+
+def test_a_calibration_in_a_pipe_is_refused_since_two_read_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    assert main(["verify", "--virtual-time", "--calibration", str(tmp_path / "pipe")]) == 2
+    assert "is a pipe, and is read more than once; name a file" in capsys.readouterr().err
+
+
+def test_names_in_an_obj_file_may_be_in_any_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "triangle.obj"
+    path.write_bytes(b"# \xe9\no T\xe9l\xe9\nv 0 0 0\nv 50 0 0\nv 0 50 0\nf 1 2 3\n")
+    assert main(["modulation", "dwell", "--object", str(path), "--array", "6x6"]) == 0
+
+
+def test_a_new_folder_is_told_before_the_work_and_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a" / "b" / "figures.json"
+    assert main(["presets", "paper", "--json", str(path)]) == 0
+    assert capsys.readouterr().err.startswith(f"{path.parent}: a new folder, made for what is")
+    assert path.exists()
