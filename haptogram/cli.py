@@ -38,6 +38,7 @@ COMMANDS: Final = {
     "verify": (".verify.command", "display a tactile object and verify where every focus is"),
     "conform": (".conform.command", "judge a board by every clause of the protocol"),
     _BOARD: ("sim_device.command", "start the virtual board on a pty, TCP or a serial port"),
+    "view": (".view", "show a running board in a browser: phases, field, focus, time line"),
     "soak": (".soak", "stream for hours over a bad line and account for every fault"),
     "bench": (".bench", "measure the 1 kHz loop: percentiles, every miss with its cause"),
     "budget": (".budget", "show where the time of a frame goes, and the highest rate that fits"),

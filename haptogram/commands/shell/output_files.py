@@ -20,6 +20,7 @@ FILE_HELP: Final = "With - a file is standard output, and the text goes to stand
 #: Every option that reads a file, of all commands, and which of its values are files.
 INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
     "array": lambda value: not is_grid(value),
+    "source": lambda value: not value.startswith("unix:"),
     "object": lambda value: value not in SHAPES,
     **dict.fromkeys(("baseline", "calibration", "compare", "config", "drive", "fault_plan"), bool),
 }

@@ -5,12 +5,11 @@ const SPEEDS = [1, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001]; // of the device's time
 class Viewer {
   constructor(root, scene) {
     Object.assign(this, { root, scene, frame: 0, playing: false });
-    this.field = new Field(scene);
-    this.picture = new Picture(this.part("picture"), scene, this.field);
+    this.picture = new Picture(this.part("picture"), scene);
     this.timeline = new Timeline(this.part("timeline"), scene);
     this.#fillControls();
     this.#fillLegends();
-    this.#fillTroubles();
+    this.#fillTroubles(0);
     this.#listen();
     this.#takeColours();
     this.show(0);
@@ -19,6 +18,20 @@ class Viewer {
 
   part(name) {
     return this.root.querySelector(`[data-part="${name}"]`);
+  }
+
+  // Take more frames of a board that runs; show the newest one, unless somebody looks at another.
+  append(batch) {
+    const { scene } = this;
+    const before = scene.frames;
+    this.frame -= scene.append(batch);
+    scene.header.counters = batch.header.counters;
+    this.picture.grow();
+    this.timeline.grow();
+    this.#fillTroubles(before);
+    this.#fillLegends();
+    this.part("timeline").setAttribute("aria-valuemax", scene.frames - 1);
+    this.show(this.part("newest").checked ? scene.frames - 1 : this.frame);
   }
 
   // --- what is shown ---------------------------------------------------------------------------
@@ -95,21 +108,35 @@ class Viewer {
     slider.setAttribute("aria-valuetext", `frame ${rows.frame}, ${rows.status}`);
   }
 
-  #fillTroubles() {
+  // List the frames from the first new one on that want attention; the first 500 are named.
+  #fillTroubles(first) {
     const { scene } = this;
     const list = this.part("troubles");
-    const frames = Array.from({ length: scene.frames }, (_, frame) => frame);
-    const odd = frames.filter((frame) => troubleOf(scene, frame).rank > 0);
-    this.part("trouble-count").textContent = odd.length ? `${odd.length} of ${scene.frames}` : "none";
-    for (const frame of odd.slice(0, 500)) {
+    const count = scene.frames - first;
+    const odd = Array.from({ length: count }, (_, at) => first + at).filter((at) => troubleOf(scene, at).rank > 0);
+    this.troubles = (this.troubles ?? 0) + odd.length;
+    this.part("trouble-count").textContent = this.troubles ? `${this.troubles}` : "none";
+    for (const frame of odd.slice(0, Math.max(0, 500 - list.children.length))) {
+      const number = scene.column("number")[frame];
       const button = document.createElement("button");
-      button.textContent = `${scene.column("number")[frame]}: ${scene.status(frame)}`;
-      button.addEventListener("click", () => this.show(frame));
+      button.textContent = `${number}: ${scene.status(frame)}`;
+      button.addEventListener("click", () => this.#jump(scene.column("number").indexOf(number)));
       const item = document.createElement("li");
       item.append(button);
       list.append(item);
     }
     fillTable(this.part("counters"), Object.entries(scene.header.counters));
+  }
+
+  #jump(frame) {
+    if (frame < 0) return; // it was so long ago that it is no longer kept
+    this.#stopFollowing();
+    this.show(frame);
+  }
+
+  #stopFollowing() {
+    this.part("newest").checked = false;
+    if (this.playing) this.play(false);
   }
 
   #fillLegends() {
@@ -120,7 +147,7 @@ class Viewer {
       : ["0", `${this.picture.scalePa} Pa RMS`];
     this.part("pressure-low").textContent = low;
     this.part("pressure-high").textContent = high;
-    this.part("no-field").hidden = this.field.isKnown;
+    this.part("no-field").hidden = this.picture.field.isKnown;
   }
 
   // --- controls ----------------------------------------------------------------------------------
@@ -145,6 +172,7 @@ class Viewer {
 
   play(playing) {
     this.playing = playing;
+    if (playing) this.part("newest").checked = false;
     this.part("play").textContent = playing ? "Pause" : "Play";
     if (!playing) {
       this.show(this.frame); // a plane that moved while it played is sharp again
@@ -167,7 +195,7 @@ class Viewer {
   }
 
   step(frames) {
-    if (this.playing) this.play(false);
+    this.#stopFollowing();
     this.show(this.frame + frames);
   }
 
@@ -179,6 +207,7 @@ class Viewer {
     on("axis", "change", (event) => this.#choosePlane(Number(event.target.value)));
     on("at", "input", () => this.#dropPlane(Number(this.part("at").value), true));
     on("at", "change", () => this.#dropPlane(Number(this.part("at").value), false));
+    on("newest", "change", () => this.show(this.scene.frames - 1));
     on("follow", "change", () => this.show(this.frame));
     on("trail", "change", () => this.draw());
     on("decibels", "change", () => { this.#fillLegends(); this.draw(); });
@@ -248,7 +277,7 @@ class Viewer {
   #listenToTimeline() {
     const canvas = this.part("timeline");
     const scrub = (event) => {
-      if (this.playing) this.play(false);
+      this.#stopFollowing();
       this.show(this.timeline.frameAt(event.clientX - canvas.getBoundingClientRect().left));
     };
     canvas.addEventListener("pointerdown", scrub);
@@ -301,16 +330,3 @@ function drag(element, move, end = () => {}) {
     });
   }
 }
-
-async function openViewer() {
-  const root = document.getElementById("viewer");
-  try {
-    const scene = await unpackEmbedded(document.getElementById("scene").textContent.trim());
-    window.haptogramViewer = new Viewer(root, scene); // for tests and for the curious
-  } catch (error) {
-    root.dataset.ready = "false";
-    root.querySelector("[data-part=failure]").textContent = `This browser cannot show the view: ${error.message}`;
-  }
-}
-
-openViewer();

@@ -49,8 +49,9 @@ function project(view, point) {
 }
 
 class Picture {
-  constructor(canvas, scene, field) {
-    Object.assign(this, { canvas, scene, field });
+  constructor(canvas, scene) {
+    Object.assign(this, { canvas, scene });
+    this.field = new Field(scene);
     this.context = canvas.getContext("2d");
     this.bounds = boundsOf(scene);
     const { low, high } = this.bounds;
@@ -60,6 +61,21 @@ class Picture {
     this.scalePa = pressureScale(scene);
     this.image = document.createElement("canvas");
     this.setPlane(2, null);
+  }
+
+  // Take in the frames that were appended; a focus beyond the bounds widens them.
+  grow() {
+    const { low, high } = boundsOf(this.scene);
+    const wider = low.some((value, axis) => value < this.bounds.low[axis] || high[axis] > this.bounds.high[axis]);
+    if (wider) {
+      this.bounds = {
+        low: low.map((value, axis) => Math.min(value, this.bounds.low[axis])),
+        high: high.map((value, axis) => Math.max(value, this.bounds.high[axis])),
+      };
+      this.setPlane(this.plane.axis, this.plane.at);
+    }
+    this.scalePa = Math.max(this.scalePa, pressureScale(this.scene));
+    this.painted = null; // the frames have moved
   }
 
   // Put the plane at a coordinate (mm) of an axis (0 x, 1 y, 2 z); coarse while it moves.

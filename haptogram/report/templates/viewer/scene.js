@@ -2,6 +2,9 @@
 
 const COLUMN_TYPES = { u1: Uint8Array, u4: Uint32Array, f4: Float32Array, f8: Float64Array };
 const ALIGNMENT = 8;
+const KEPT = 10000; // frames of a board that runs
+const FRAME_COLUMNS = ["number", "status", "timing", "due_us", "latched_us", "target_mm", "found_mm", "bound_mm",
+  "across_mm", "along_mm", "pressure_pa", "force_mn", "seen", "phases", "amplitudes"];
 
 async function unpackEmbedded(base64) {
   const bytes = Uint8Array.from(atob(base64), (character) => character.charCodeAt(0));
@@ -34,8 +37,32 @@ class Scene {
     this.header = header;
     this.columns = columns;
     this.elements = columns.positions_mm.rows;
-    const starts = this.column("due_us").map((due, frame) => this.timeOf(frame, due));
-    this.startUs = starts.reduce((least, t) => (t < least ? t : least), Infinity);
+    this.startUs = this.frames ? this.timeOf(0) : 0;
+  }
+
+  // Take the frames of another scene behind these; return how many of the oldest are dropped for it.
+  append(batch) {
+    const dropped = Math.max(0, this.frames + batch.frames - KEPT);
+    this.#tellAmplitudes();
+    batch.#tellAmplitudes();
+    for (const name of FRAME_COLUMNS) {
+      const [old, more] = [this.columns[name], batch.columns[name]];
+      const kept = old.values.subarray(dropped * old.width);
+      const values = new old.values.constructor(kept.length + more.values.length);
+      values.set(kept);
+      values.set(more.values, kept.length);
+      this.columns[name] = { values, width: old.width, rows: values.length / old.width };
+    }
+    return dropped;
+  }
+
+  // Amplitudes that are said once become a row for each frame.
+  #tellAmplitudes() {
+    const { values, width, rows } = this.columns.amplitudes;
+    if (rows === this.frames) return;
+    const told = new Uint8Array(this.frames * width);
+    for (let frame = 0; frame < this.frames; frame += 1) told.set(values, frame * width);
+    this.columns.amplitudes = { values: told, width, rows: this.frames };
   }
 
   get frames() {
@@ -59,7 +86,8 @@ class Scene {
   }
 
   // Device time of a frame: when it latched, else when it was due, else its number.
-  timeOf(frame, due = this.column("due_us")[frame]) {
+  timeOf(frame) {
+    const due = this.column("due_us")[frame];
     const latched = this.column("latched_us")[frame];
     return !Number.isNaN(latched) ? latched : !Number.isNaN(due) ? due : frame;
   }
@@ -82,7 +110,7 @@ class Scene {
   // Amplitudes that never change are said once.
   amplitudes(frame) {
     const { values, rows } = this.columns.amplitudes;
-    const row = rows === 1 ? 0 : frame;
+    const row = rows === this.frames ? frame : 0;
     return values.subarray(row * this.elements, (row + 1) * this.elements);
   }
 }

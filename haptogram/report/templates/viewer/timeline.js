@@ -4,10 +4,15 @@ class Timeline {
   constructor(canvas, scene) {
     Object.assign(this, { canvas, scene });
     this.context = canvas.getContext("2d");
-    const times = Array.from({ length: scene.frames }, (_, frame) => scene.timeOf(frame));
-    this.times = times;
-    this.start = scene.startUs;
-    this.end = times.reduce((most, t) => (t > most ? t : most), this.start + 1);
+    this.grow();
+  }
+
+  // Take in all frames that the scene holds now.
+  grow() {
+    const { scene } = this;
+    this.times = Array.from({ length: scene.frames }, (_, frame) => scene.timeOf(frame));
+    this.start = this.times.reduce((least, t) => Math.min(least, t), Infinity);
+    this.end = this.times.reduce((most, t) => Math.max(most, t), this.start + 1);
     this.limit = scene.column("across_mm").reduce((most, v) => (v > most ? v : most), 0) || 1;
   }
 

@@ -1,0 +1,175 @@
+"""``haptogram view``: a running board in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ipaddress
+import os
+import sys
+import time
+import webbrowser
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+from haptogram.errors import ConfigurationError
+from haptogram.settings.parser import checked_type, file_name
+
+from .shell.exit_status import PASS
+from .shell.output_files import Outputs
+
+if TYPE_CHECKING:
+    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.report.viewer.live import LiveScene
+    from haptogram.report.viewer.server import ViewServer
+    from haptogram.settings.parser import Parser
+
+_PERIOD_S: Final = 0.05  # between two looks at the back door: 20 pictures a second at most
+_NICENESS: Final = 10  # the 1 kHz loop comes first
+_PATIENCE_S: Final = 5.0
+_DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
+_EXAMPLES: Final = """\
+examples:
+  haptogram board --link /tmp/board --backdoor unix:/tmp/board.sock &
+  haptogram view unix:/tmp/board.sock
+      the array, its field and its focus, live, while any program drives /tmp/board
+  haptogram view /tmp/board.jsonl --html run.html
+      what a board has written to a file, as a page that needs no server
+
+exit status:
+  0    Ctrl-C, or the page was written
+  2    usage or environment error
+"""
+
+
+def set_up(parser: Parser) -> None:
+    """Describe the command and add its options."""
+    parser.description = (
+        "Show in a browser what a virtual board radiates: the phase and amplitude of each "
+        "transducer, the field on a plane, the focus that was found and its trail, late latches, "
+        "counters. Any number of browsers may look; one that is slow skips pictures, and none "
+        "holds the board up. A browser that draws on the processors of a 1 kHz loop disturbs it: "
+        "time in CI, look elsewhere."
+    )
+    parser.epilog = _EXAMPLES
+    parser.set_defaults(run=run)
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        help="back door of a board: unix:PATH, or the file that the board appends to",
+    )
+    parser.add_argument(
+        "--http",
+        type=checked_type(_address, "HOST:PORT"),
+        default=("127.0.0.1", 0),
+        metavar="HOST:PORT",
+        help="where browsers find the page; port 0 takes any. Others than this machine need the "
+        "token in the address that is printed [127.0.0.1:0]",
+    )
+    parser.add_argument(
+        "--open",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="open the page in a browser [where there is a desktop]",
+    )
+    parser.add_argument(
+        "--html",
+        type=file_name,
+        metavar="FILE",
+        help="write what the back door holds now as a page, and serve none [none]",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve or write the page; return the exit status."""
+    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.report.html import check_page
+    from haptogram.report.viewer.live import LiveScene
+
+    check_page(pictures=False)
+    outputs = Outputs(arguments, "html")
+    with BackdoorStream(arguments.source) as stream:
+        first, *others = _first_records(arguments.source, stream)
+        scene = LiveScene(first)
+        scene.take(others)
+        if arguments.html is None:
+            return _serve(arguments, scene, stream)
+        while records := stream.read():
+            scene.take(records)
+    _write(arguments, scene)
+    outputs.announce()
+    return PASS
+
+
+def _first_records(source: str, stream: BackdoorStream) -> list[dict[str, Any]]:
+    """Return the first records, as soon as there is one."""
+    end_s = time.monotonic() + _PATIENCE_S
+    while not (records := stream.read()):
+        if time.monotonic() > end_s or not stream.is_open:
+            raise ConfigurationError(f"{source}: no record of a back door came")
+        time.sleep(_PERIOD_S)
+    return records
+
+
+def _write(arguments: argparse.Namespace, scene: LiveScene) -> None:
+    from haptogram.report.viewer.live import KEPT
+    from haptogram.report.viewer.page import write_view
+
+    kept = f", of {scene.shown} the last {KEPT}" if scene.shown > KEPT else ""
+    write_view(
+        arguments.html,
+        scene.whole(),
+        title=scene.firmware,
+        lead=[f"{scene.model.array.count} transducers, {min(scene.shown, KEPT)} latches{kept}."],
+    )
+
+
+def _serve(arguments: argparse.Namespace, scene: LiveScene, stream: BackdoorStream) -> int:
+    from haptogram.report.viewer.server import ViewServer
+
+    host, port = arguments.http
+    server = ViewServer(scene, host, port)
+    with contextlib.suppress(OSError, AttributeError):  # a system without priorities
+        os.nice(_NICENESS)
+    print(f"view at {server.address}", flush=True)
+    if _wants_browser(arguments.open):
+        webbrowser.open(server.address)
+    try:
+        _follow(server, stream)
+    except KeyboardInterrupt:
+        return PASS
+    finally:
+        server.close()
+
+
+def _follow(server: ViewServer, stream: BackdoorStream) -> NoReturn:
+    """Hand on what comes, until Ctrl-C: a board that has ended can still be looked at."""
+    told = False
+    while True:
+        records = stream.read() if stream.is_open else []
+        if records:
+            server.take(records)
+        ended = server.scene.ended or not stream.is_open
+        if ended and not told:
+            print("the board has ended; Ctrl-C ends the view", file=sys.stderr)
+            server.end()
+            told = True
+        time.sleep(_PERIOD_S)
+
+
+def _wants_browser(wish: bool | None) -> bool:
+    """Return True if a page is to open: as wished, else where there is a desktop."""
+    if wish is None:
+        return sys.platform in ("darwin", "win32") or any(map(os.environ.get, _DESKTOPS))
+    return wish
+
+
+def _address(text: str) -> tuple[str, int]:
+    """Return host and port of HOST:PORT."""
+    host, _, port = text.rpartition(":")
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        raise ConfigurationError(f"is {text!r}, must be an IP address and a port") from None
+    if not (port.isdecimal() and int(port) < 1 << 16):
+        raise ConfigurationError(f"is {text!r}, the port must be 0 to 65535")
+    return host, int(port)

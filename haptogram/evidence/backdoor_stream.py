@@ -1,0 +1,188 @@
+"""The back door of a board that runs: its records as they come, from a file or a local socket."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+
+from haptogram.acoustics import (
+    AcousticModel,
+    Calibration,
+    CircularPiston,
+    Medium,
+    PointSource,
+    Transducer,
+    TransducerArray,
+)
+from haptogram.errors import ConfigurationError
+
+UNIX_PREFIX: Final = "unix:"
+_AT_A_TIME: Final = 1 << 20  # bytes: about a thousand latches
+_LONGEST_LINE: Final = 1 << 22
+_PISTON: Final = re.compile(r"CircularPiston\(radius_m=([0-9.e-]+)\)")
+
+
+class BackdoorStream:
+    """Reads the records of one board, and never waits for them.
+
+    Parameters
+    ----------
+    source : str
+        ``unix:PATH`` of the socket that a board listens on, or a file that it appends to.
+
+    Attributes
+    ----------
+    is_open : bool
+        Whether more records may come: a file may grow as long as it is read.
+
+    Raises
+    ------
+    ConfigurationError
+        There is no such socket or file.
+
+    Examples
+    --------
+    >>> BackdoorStream("unix:/nowhere")
+    Traceback (most recent call last):
+        ...
+    haptogram.errors.ConfigurationError: no board listens at unix:/nowhere (No such file or \
+directory): start one with haptogram board --backdoor unix:/nowhere
+    """
+
+    def __init__(self, source: str) -> None:
+        self.is_open = True
+        self._source = source
+        self._unread = b""
+        self._lines = 0
+        is_socket = source.startswith(UNIX_PREFIX)
+        self._input: _Socket | _File = _Socket(source) if is_socket else _File(source)
+
+    def read(self) -> list[dict[str, Any]]:
+        """Return the records that came since the last call, about a thousand at most.
+
+        Raises
+        ------
+        ConfigurationError
+            A line that is no record; it is named by its number.
+        """
+        data = self._input.receive()
+        if data is None:
+            self.is_open = False
+            return []
+        *lines, self._unread = (self._unread + data).split(b"\n")
+        if len(self._unread) > _LONGEST_LINE:
+            raise ConfigurationError(f"{self._source}: line {self._lines + 1} has no end")
+        return [self._record(line) for line in lines]
+
+    def close(self) -> None:
+        """Close the file or the connection."""
+        self.is_open = False
+        self._input.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _record(self, line: bytes) -> dict[str, Any]:
+        self._lines += 1
+        try:
+            record: dict[str, Any] = json.loads(line)
+            record["kind"]
+        except (ValueError, TypeError, KeyError) as error:
+            raise ConfigurationError(
+                f"{self._source}: line {self._lines} is no record of a back door"
+            ) from error
+        return record
+
+
+class _Socket:
+    def __init__(self, source: str) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self._socket.connect(source.removeprefix(UNIX_PREFIX))
+        except OSError as error:
+            self.close()
+            raise ConfigurationError(
+                f"no board listens at {source} ({error.strerror}): start one with "
+                f"haptogram board --backdoor {source}"
+            ) from error
+        self._socket.setblocking(False)
+
+    def receive(self) -> bytes | None:
+        """Return the bytes that have come; None: no more will come."""
+        try:
+            return self._socket.recv(_AT_A_TIME) or None
+        except BlockingIOError:
+            return b""
+        except OSError:
+            return None
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _File:
+    def __init__(self, path: str) -> None:
+        try:
+            self._file = open(path, "rb")  # noqa: SIM115  closed by close()
+        except OSError as error:
+            raise ConfigurationError(f"cannot read {path}: {error.strerror}") from error
+
+    def receive(self) -> bytes | None:
+        """Return the bytes that were appended."""
+        return self._file.read(_AT_A_TIME)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def model_of(board: Mapping[str, Any]) -> AcousticModel:
+    """Return the array, the air and the transducers of a ``board`` record.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no such record, or of a transducer that is not known here.
+    """
+    try:
+        positions, normals = np.array(board["positions_m"]), np.array(board["normals"])
+        shape = board["grid_shape"]
+        source = board["transducer"]
+        model = AcousticModel(
+            TransducerArray(positions, normals, shape and tuple(shape), board["pitch_m"]),
+            Medium(**board["medium"]),
+            Transducer(
+                _directivity(source["directivity"]),
+                source["source_strength_pa_m"],
+                source["frequency_hz"],
+            ),
+        )
+        measured = board["calibration"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigurationError(f"not a board record of a back door: {error!r}") from error
+    if measured is None:
+        return model
+    gain, phase_rad, places = (np.array(measured[n]) for n in ("gain", "phase_rad", "positions_m"))
+    return model.calibrated(Calibration(gain, phase_rad, places))
+
+
+def _directivity(written: str) -> CircularPiston | PointSource:
+    """Return the directivity that a record names by its repr."""
+    if written == repr(PointSource()):
+        return PointSource()
+    if (piston := _PISTON.fullmatch(written)) is None:
+        raise ConfigurationError(f"a back door names the directivity {written!r}, not known here")
+    return CircularPiston(float(piston[1]))

@@ -1,0 +1,57 @@
+// Opens the view: on the scene that the page holds, else on the frames of a board that runs.
+
+const PAUSE_MS = 50; // 20 pictures a second at most
+const RETRY_MS = 1000;
+
+async function openViewer() {
+  const root = document.getElementById("viewer");
+  const embedded = document.getElementById("scene");
+  try {
+    if (embedded) show(root, await unpackEmbedded(embedded.textContent.trim()));
+    else await follow(root);
+  } catch (error) {
+    root.dataset.ready = "false";
+    tell(root, `This browser cannot show the view: ${error.message}`);
+  }
+}
+
+function show(root, scene) {
+  window.haptogramViewer = new Viewer(root, scene); // for tests and for the curious
+}
+
+function tell(root, text) {
+  root.querySelector("[data-part=failure]").textContent = text;
+}
+
+// The next frames are asked for when the last ones are drawn: a slow page skips, and holds nobody up.
+async function follow(root) {
+  root.querySelector("[data-part=live]").hidden = false;
+  tell(root, "Nothing has been radiated yet.");
+  for (let shown = 0, ended = false; !ended; ) {
+    const scene = await framesAfter(shown);
+    if (scene) {
+      ({ shown, ended } = scene.header);
+      if (scene.frames) take(root, scene);
+      if (window.haptogramViewer) tell(root, ended ? "The board has ended." : "");
+    } else {
+      tell(root, "No connection to the board; what came is kept.");
+    }
+    await new Promise((resume) => { setTimeout(resume, scene ? PAUSE_MS : RETRY_MS); });
+  }
+}
+
+function take(root, scene) {
+  if (window.haptogramViewer) window.haptogramViewer.append(scene);
+  else show(root, scene);
+}
+
+async function framesAfter(shown) {
+  try {
+    const answer = await fetch(`frames?after=${shown}`);
+    return answer.ok ? unpackScene(await answer.arrayBuffer()) : null;
+  } catch {
+    return null;
+  }
+}
+
+openViewer();

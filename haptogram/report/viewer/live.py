@@ -1,0 +1,119 @@
+"""The scene of a board that runs: the latches that came out of its back door."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Iterable, Mapping
+from itertools import islice
+from typing import Any, Final
+
+from haptogram.acoustics import NotSingle, Reconstruction, SingleFocus
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.backdoor import observation_of
+from haptogram.evidence.backdoor_stream import model_of
+from haptogram.records.frame import Observation
+
+from .frames import LATE, TIMELY, ShownFrame
+from .scene import Scene
+
+KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
+_AT_ONCE: Final = 2_000  # frames in one answer: a megabyte
+
+
+class LiveScene:
+    """Keeps the last frames that a board radiated; a page asks for what it has not drawn yet.
+
+    Parameters
+    ----------
+    board : mapping
+        The ``board`` record, the first one of a back door.
+
+    Attributes
+    ----------
+    shown : int
+        Number of frames so far.
+    ended : bool
+        Whether the board has ended.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no such record.
+    """
+
+    def __init__(self, board: Mapping[str, Any]) -> None:
+        if board["kind"] != "board":
+            raise ConfigurationError("the first record of a back door must be of the board")
+        self.model = model_of(board)
+        self.firmware = str(board["firmware"])
+        self.shown = 0
+        self.ended = False
+        self._frames: deque[ShownFrame] = deque(maxlen=KEPT)
+        self._counters: Counter[str] = Counter()
+        self._state = ""
+
+    def take(self, records: Iterable[Mapping[str, Any]]) -> None:
+        """Take records as they come."""
+        for record in records:
+            if record["kind"] == "latch":
+                self._latch(observation_of(record))
+            elif record["kind"] == "output":
+                self._output(record)
+            elif record["kind"] == "end":
+                self.ended = True
+                self._counters["dropped by the back door"] += record["dropped"]
+
+    def since(self, frames: int) -> bytes:
+        """Return the scene of the frames after the first *frames*, the newest if they are many."""
+        scene = self._newest(min(self.shown - frames, _AT_ONCE))
+        header = {**scene.header, "shown": self.shown, "ended": self.ended}
+        return Scene(header, scene.columns).pack()
+
+    def whole(self) -> Scene:
+        """Return the scene of all frames that are kept."""
+        return self._newest(KEPT)
+
+    def _newest(self, count: int) -> Scene:
+        newest = list(islice(reversed(self._frames), max(0, count)))[::-1]
+        return Scene.of(self.model, newest, counters=self._told())
+
+    def _latch(self, seen: Observation) -> None:
+        drive = seen.radiated or seen.drive
+        self._frames.append(
+            ShownFrame(
+                number=self.shown,
+                timing=LATE if seen.late else TIMELY,
+                latched_us=seen.t_latch_us,
+                drive=drive,
+                **_found(seen.reconstruction),
+            )
+        )
+        self.shown += 1
+        self._counters["latched"] += 1
+        self._counters["late"] += seen.late
+        self._counters["muted"] += drive is not None and drive.is_muted
+        self._counters["no single focus"] += isinstance(seen.reconstruction, NotSingle)
+
+    def _output(self, record: Mapping[str, Any]) -> None:
+        if record["event"] == "state":
+            self._state = f"{record['state']} ({record['reason']})"
+        else:
+            self._counters[record["event"].replace("_", " ")] += 1
+
+    def _told(self) -> dict[str, Any]:
+        counted = {name: count for name, count in self._counters.items() if count}
+        return {"firmware": self.firmware, "state": self._state or "as at power-up"} | counted
+
+
+def _found(field: Reconstruction | None) -> dict[str, Any]:
+    if isinstance(field, NotSingle):
+        return {"pressure_pa": field.pressure_rms_pa}
+    if not isinstance(field, SingleFocus):
+        return {}
+    return {
+        "found_m": field.position_m,
+        "bound_mm": [1e3 * bound if math.isfinite(bound) else None for bound in field.bound_m],
+        "pressure_pa": field.pressure_rms_pa,
+        "force_n": field.force_n,
+    }

@@ -1,0 +1,174 @@
+"""Shows a running board in browsers: a page, and the frames that each page asks for.
+
+A page asks for the next frames when it has drawn the last ones, so one that is slow or gone costs
+nothing: no picture waits for it, and none is kept for it alone.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import http.server
+import ipaddress
+import re
+import secrets
+import threading
+from http import HTTPStatus
+from typing import Any, Final
+from urllib.parse import parse_qs, urlsplit
+
+from haptogram.errors import ConfigurationError
+
+from ..html import render_page
+from .live import LiveScene
+
+_PATIENCE_S: Final = 1.0  # of a page that waits for frames, before it is told that there are none
+_INLINE: Final = re.compile(r"<(script type=\"module\"|style)>(.*?)</(?:script|style)>", re.DOTALL)
+
+
+class ViewServer:
+    """Serves one live scene on a port of this machine.
+
+    On an address that others can reach, pages need the token that is in the address.
+
+    Parameters
+    ----------
+    scene : LiveScene
+        What is shown.
+    host : str
+        Address to listen on.
+    port : int
+        Port to listen on; 0 takes any.
+
+    Attributes
+    ----------
+    address : str
+        What a browser opens.
+
+    Raises
+    ------
+    ConfigurationError
+        If the port cannot be had.
+    """
+
+    def __init__(self, scene: LiveScene, host: str = "127.0.0.1", port: int = 0) -> None:
+        self.news = threading.Condition()
+        self.scene = scene
+        self.page = _page(scene)
+        self.headers = _headers(self.page)
+        try:
+            self._server = _Server((host, port), _Handler)
+        except OSError as error:
+            raise ConfigurationError(
+                f"cannot listen on {host}:{port} ({error.strerror}): choose another --http"
+            ) from error
+        self._server.view = self
+        self.is_local = ipaddress.ip_address(str(self._server.server_address[0])).is_loopback
+        self.path = "/" if self.is_local else f"/{secrets.token_urlsafe(16)}/"
+        self.hosts = {f"{name}:{self.port}" for name in (host, "localhost")}
+        self.address = f"http://{host}:{self.port}{self.path}"
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        """Port that it listens on."""
+        return int(self._server.server_address[1])
+
+    def take(self, records: list[dict[str, Any]]) -> None:
+        """Take records of the back door, and wake the pages that wait."""
+        with self.news:
+            self.scene.take(records)
+            self.news.notify_all()
+
+    def end(self) -> None:
+        """Tell the pages that no more frames will come."""
+        with self.news:
+            self.scene.ended = True
+            self.news.notify_all()
+
+    def frames_after(self, shown: int) -> bytes:
+        """Return the scene of the frames after the first *shown*, or of none if none comes."""
+        with self.news:
+            scene = self.scene
+            self.news.wait_for(lambda: scene.shown > shown or scene.ended, _PATIENCE_S)
+            return scene.since(shown)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._server.shutdown()
+        self._server.server_close()
+
+
+class _Server(http.server.ThreadingHTTPServer):
+    daemon_threads = True
+    view: ViewServer
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    server: _Server
+    protocol_version = "HTTP/1.1"
+    timeout = 30.0  # of a connection on which nothing comes
+
+    def do_GET(self) -> None:
+        """Answer a request for the page or for frames; refuse every other."""
+        view = self.server.view
+        target = urlsplit(self.path)
+        # A page of another name that leads here (DNS rebinding) must not read what is shown.
+        if view.is_local and self.headers.get("Host") not in view.hosts:
+            self.send_error(HTTPStatus.FORBIDDEN)
+        elif secrets.compare_digest(target.path.encode(), view.path.encode()):
+            self._answer(view.page.encode(), "text/html; charset=utf-8")
+        elif secrets.compare_digest(target.path.encode(), f"{view.path}frames".encode()):
+            self._answer(view.frames_after(_whole(target.query)), "application/octet-stream")
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
+
+    def _answer(self, content: bytes, kind: str) -> None:
+        self.send_response(HTTPStatus.OK)
+        for name, value in self.server.view.headers.items():
+            self.send_header(name, value)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, *_: Any) -> None:
+        """Say nothing: the terminal belongs to the board."""
+
+
+def _whole(query: str) -> int:
+    """Return the number of frames that a page has, as its request says; 0 if it says none."""
+    text = parse_qs(query).get("after", ["0"])[0]
+    return int(text) if text.isdecimal() and len(text) < 16 else 0
+
+
+def _page(scene: LiveScene) -> str:
+    return render_page(
+        "view.html",
+        title=f"Haptogram: {scene.firmware}",
+        heading="Live view",
+        tone="plain",
+        lead=[f"{scene.firmware}, {scene.model.array.count} transducers."],
+        scene=None,
+    )
+
+
+def _headers(page: str) -> dict[str, str]:
+    """Return headers that let the page run its own script and style, and load nothing else."""
+    sources: dict[str, list[str]] = {"script": [], "style": []}
+    for name, content in _INLINE.findall(page):
+        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
+        sources[name.split()[0]].append(f"'sha256-{digest}'")
+    policy = (
+        "default-src 'none'; connect-src 'self'; img-src data:; base-uri 'none'; "
+        "form-action 'none'; frame-ancestors 'none'; "
+        f"script-src {' '.join(sources['script'])}; style-src {' '.join(sources['style'])}"
+    )
+    return {
+        "Content-Security-Policy": policy,
+        "X-Content-Type-Options": "nosniff",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Referrer-Policy": "no-referrer",
+        "Cache-Control": "no-store",
+    }

@@ -1,0 +1,278 @@
+"""The live view: real records of a board in virtual time, a real server, real sockets."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import haptogram
+import sim_device
+from haptogram.driver.driver import Driver
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.backdoor_stream import BackdoorStream, model_of
+from haptogram.report.viewer.live import KEPT, LiveScene
+from haptogram.report.viewer.server import ViewServer
+
+from .test_scene import unpack
+
+PLACES = [(0.02, 0.0, 0.1), (0.0, 0.02, 0.12), (-0.02, 0.0, 0.1)]
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
+    """What a board of 8 x 8 told while it showed three foci."""
+    path = tmp_path_factory.mktemp("board") / "records"
+    sim_device.register_url_handler()
+    url = f"haptogram://?array=8x8&clock=virtual&reconstruct=1&seed=2&backdoor={path}"
+    with Driver(url, seed=1) as driver:
+        driver.arm()
+        driver.stream(PLACES, rate_hz=500)
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+@pytest.fixture
+def scene(records: list[dict[str, Any]]) -> LiveScene:
+    live = LiveScene(records[0])
+    live.take(records[1:])
+    return live
+
+
+@pytest.fixture
+def server(records: list[dict[str, Any]]) -> Iterator[ViewServer]:
+    started = ViewServer(LiveScene(records[0]))
+    yield started
+    started.close()
+
+
+class Answer(NamedTuple):
+    status: int
+    policy: str | None
+    body: bytes
+
+
+def ask(server: ViewServer, path: str, host: str | None = None) -> Answer:
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=20)
+    with contextlib.closing(connection):
+        connection.request("GET", path, headers={} if host is None else {"Host": host})
+        answer = connection.getresponse()
+        return Answer(answer.status, answer.headers["Content-Security-Policy"], answer.read())
+
+
+# --- records ------------------------------------------------------------------------------------
+
+
+def test_scene_holds_what_the_board_radiated(scene: LiveScene) -> None:
+    header, columns = unpack(scene.since(0))
+    assert header["shown"] == scene.shown == len(columns["number"]) >= len(PLACES)
+    found = columns["found_mm"][: len(PLACES)]
+    np.testing.assert_allclose(found, 1e3 * np.array(PLACES), atol=1.0)
+    assert (columns["phases"] != 0).any()
+    assert header["counters"]["latched"] == scene.shown
+    assert header["counters"]["state"].startswith("MUTED")
+
+
+def test_only_new_frames_are_told(scene: LiveScene) -> None:
+    every = unpack(scene.since(0))[1]["number"].tolist()
+    for shown in range(scene.shown + 3):
+        assert unpack(scene.since(shown))[1]["number"].tolist() == every[shown:]
+
+
+def test_memory_is_bounded(records: list[dict[str, Any]]) -> None:
+    live = LiveScene(records[0])
+    latches = [record for record in records if record["kind"] == "latch"]
+    while live.shown <= KEPT:
+        live.take(latches * 500)
+    assert len(unpack(live.whole().pack())[1]["number"]) == KEPT
+
+
+def test_model_is_that_of_the_board(records: list[dict[str, Any]]) -> None:
+    expected = haptogram.acoustics.AcousticModel.default(8, 8)
+    model = model_of(records[0])
+    np.testing.assert_array_equal(model.array.positions_m, expected.array.positions_m)
+    assert model.medium == expected.medium
+    assert model.transducer == expected.transducer
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [b"no json\n", b"[1]\n", b"{}\n", b'{"kind": "latch"}\n', b'{"kind": "board"}\n'],
+    ids=["text", "list", "no kind", "a latch first", "an empty board"],
+)
+def test_other_files_are_refused_in_one_line(lines: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "records"
+    path.write_bytes(lines)
+    with BackdoorStream(str(path)) as stream, pytest.raises(ConfigurationError) as refused:
+        LiveScene(stream.read()[0])
+    assert "\n" not in str(refused.value)
+
+
+def test_file_is_followed_line_by_line(records: list[dict[str, Any]], tmp_path: Path) -> None:
+    path = tmp_path / "records"
+    path.touch()
+    read = []
+    data = b"".join(json.dumps(record).encode() + b"\n" for record in records)
+    with BackdoorStream(str(path)) as stream, path.open("ab", buffering=0) as file:
+        for start in range(0, len(data), 700):  # lines are cut anywhere
+            file.write(data[start : start + 700])
+            read += stream.read()
+    assert read == records
+
+
+# --- server -------------------------------------------------------------------------------------
+
+
+def test_frames_come_as_a_page_asks_for_them(
+    server: ViewServer, records: list[dict[str, Any]]
+) -> None:
+    assert unpack(ask(server, "/frames?after=0").body)[0]["shown"] == 0
+    server.take(records[1:])
+    header, columns = unpack(ask(server, "/frames?after=1").body)
+    assert columns["number"].tolist() == list(range(1, header["shown"]))
+
+
+def test_only_this_machine_by_its_own_name_is_answered(server: ViewServer) -> None:
+    for host in (f"127.0.0.1:{server.port}", f"localhost:{server.port}"):
+        assert ask(server, "/", host).status == 200
+    for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1:1", ""):
+        assert ask(server, "/", host).status == 403
+    assert ask(server, "/etc/passwd").status == 404
+
+
+def test_other_machines_need_the_token(records: list[dict[str, Any]]) -> None:
+    server = ViewServer(LiveScene(records[0]), "0.0.0.0")
+    try:
+        token = re.fullmatch(r"http://0\.0\.0\.0:\d+(/[\w-]{22}/)", server.address)
+        assert token
+        assert ask(server, token[1]).status == 200
+        for path in ("/", "/frames", token[1][:-2] + "/", token[1].upper() + "x"):
+            assert ask(server, path).status == 404
+    finally:
+        server.close()
+
+
+def test_page_may_run_its_own_script_only(server: ViewServer) -> None:
+    policy = ask(server, "/").policy
+    assert policy is not None
+    assert "default-src 'none'" in policy
+    assert policy.count("sha256-") == 2
+    assert "unsafe" not in policy
+
+
+def test_readers_that_are_slow_or_gone_hold_nobody_up(
+    server: ViewServer, records: list[dict[str, Any]]
+) -> None:
+    deaf = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(20)]
+    for one in deaf:
+        one.sendall(b"GET /frames?after=0 HTTP/1.1\r\nHost: localhost\r\n\r\n")  # and never reads
+    server.take(records[1:])
+    assert unpack(ask(server, "/frames?after=0").body)[0]["shown"] > 0
+    for one in deaf:
+        one.close()
+
+
+def test_port_that_is_taken_is_named(server: ViewServer, records: list[dict[str, Any]]) -> None:
+    with pytest.raises(ConfigurationError, match=f"127.0.0.1:{server.port} .*choose another"):
+        ViewServer(LiveScene(records[0]), port=server.port)
+
+
+# --- browser ------------------------------------------------------------------------------------
+
+
+def test_page_follows_the_board(
+    server: ViewServer, records: list[dict[str, Any]], open_page: Callable[..., Any]
+) -> None:
+    latches = [record for record in records if record["kind"] == "latch"]
+    server.take(latches[:1])
+    page = open_page(server.address)
+    frames = "() => haptogramViewer.scene.frames"
+    for count in (2, 3):
+        server.take(latches[count - 1 : count])
+        page.wait_for_function(f"() => haptogramViewer.scene.frames === {count}")
+        assert page.evaluate("() => haptogramViewer.frame") == count - 1
+    page.click("[data-part=back]")  # who looks at a frame keeps it
+    server.take(latches[:1] * 5)
+    page.wait_for_function("() => haptogramViewer.scene.frames === 8")
+    assert page.evaluate("() => haptogramViewer.frame") == 1
+    assert page.evaluate(frames) == 8
+    server.end()
+    page.wait_for_function(
+        "() => document.querySelector('[data-part=failure]').textContent.includes('has ended')"
+    )
+
+
+# --- command ------------------------------------------------------------------------------------
+
+
+def view(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "haptogram", "view", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.fixture
+def file(records: list[dict[str, Any]], tmp_path: Path) -> Path:
+    path = tmp_path / "board.jsonl"
+    path.write_text("".join(json.dumps(record) + "\n" for record in records))
+    return path
+
+
+def test_command_writes_a_page(file: Path, tmp_path: Path) -> None:
+    done = view(str(file), "--html", str(tmp_path / "page.html"))
+    assert (done.returncode, done.stdout) == (0, "")
+    assert 'id="scene"' in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["unix:/nowhere/socket"], "no board listens at unix:/nowhere/socket"),
+        (["/nowhere/file"], "cannot read /nowhere/file"),
+        (["FILE", "--http", "localhost:1"], "--http is 'localhost:1', must be an IP address"),
+        (["FILE", "--http", "127.0.0.1:70000"], "the port must be 0 to 65535"),
+        (["FILE", "--html", "FILE"], "--html"),
+    ],
+)
+def test_command_refuses_in_one_line(arguments: list[str], told: str, file: Path) -> None:
+    before = file.read_bytes()
+    done = view(*[str(file) if word == "FILE" else word for word in arguments])
+    assert done.returncode == 2
+    assert told in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert file.read_bytes() == before
+
+
+def test_command_serves_until_it_is_interrupted(file: Path) -> None:
+    command = [sys.executable, "-m", "haptogram", "view", str(file), "--no-open"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().removeprefix("view at http://").strip(" /\n")
+        connection = http.client.HTTPConnection(address, timeout=20)
+        with contextlib.closing(connection):
+            shown = 0
+            while not shown:
+                connection.request("GET", "/frames?after=0")
+                shown = unpack(connection.getresponse().read())[0]["shown"]
+                time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode == 0
+        assert "Traceback" not in errors
