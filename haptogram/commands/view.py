@@ -36,8 +36,9 @@ examples:
       what a board has written to a file, as a page that needs no server
 
 exit status:
-  0    Ctrl-C, or the page was written
+  0    the page was written, or served until Ctrl-C
   2    usage or environment error
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP) before the page was served
 """
 
 
