@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from haptogram.cli import board_in_virtual_time
 from haptogram.errors import HaptogramError
-from haptogram.evidence.run_record import RunRecord, measure
+from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.settings.faults.kinds import FAULT_KINDS
 from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import FrameVerdict, RunVerdict, verify_run
@@ -134,7 +134,7 @@ def row(fault: str) -> Row:
     name = f"`{fault}`" if fault else "none"
     try:
         with board_in_virtual_time(config.virtual_board()) as board:
-            found = measure(config, board, None)
+            found = measure_run(config, board, None)
     except HaptogramError as error:
         return Row((name, *[_NOTHING] * (len(COLUMNS) - 3), "no result", str(error)))
     run = verify_run(

@@ -21,13 +21,13 @@ from haptogram.cli import access_in_program
 from haptogram.conformance.case import Case
 from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.clauses import load_clauses
-from haptogram.conformance.run.runner import Options, Runner
+from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.records.frame import Evidence
 from sim_device.mutants import MUTANTS, Mutant
 
 WORKERS = 2
-OPTIONS = Options(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={})
+OPTIONS = SuiteOptions(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={})
 HEAD = """\
 # Kill matrix
 
@@ -60,7 +60,9 @@ def failed_cases(name: str, *, full: bool) -> list[Case]:
     access = access_in_program(
         f"haptogram://?clock=virtual&mutant={name}", baudrate=3_000_000, seed=0
     )
-    failed = {r.case for r in Runner(access, OPTIONS).run(cases).results if is_failed(r.behaviour)}
+    failed = {
+        r.case for r in SuiteRunner(access, OPTIONS).run(cases).results if is_failed(r.behaviour)
+    }
     return [case for case in cases if case.id in failed]
 
 

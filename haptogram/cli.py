@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Final
 
 from . import __version__
 from .commands.shell.exit_status import EVERY_STATUS, INTERRUPTED, USAGE
-from .commands.shell.interrupts import heard_interrupts, leave_at_once
-from .commands.shell.standard_streams import patient_streams
+from .commands.shell.interrupts import exit_at_once, hear_interrupts_in_callbacks
+from .commands.shell.standard_streams import patient_standard_streams
 from .errors import HaptogramError
-from .machine.terminal import error_line
+from .machine.terminal import terminal_error_line
 from .settings.parser import Parser, UsageError
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return run_board(words[1:], f"haptogram {_BOARD}")
     # One thread each: two threads of a linear algebra library ruin the loop on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    leave_at_once()
-    with patient_streams():
+    exit_at_once()
+    with patient_standard_streams():
         return _run(words)
 
 
@@ -76,12 +76,14 @@ def _run(words: Sequence[str]) -> int:
     try:
         arguments = parser.parse_args(words)
         parser = arguments.parser
-        with _terminated_like_interrupted(), heard_interrupts():
+        with _terminated_like_interrupted(), hear_interrupts_in_callbacks():
             return int(arguments.run(arguments))
     except UsageError as error:
-        print(error_line(error.program, str(error), sys.stderr), file=sys.stderr)
+        print(terminal_error_line(error.program, str(error), sys.stderr), file=sys.stderr)
     except HaptogramError as error:
-        print(error_line(parser.prog, parser.named(str(error)), sys.stderr), file=sys.stderr)
+        print(
+            terminal_error_line(parser.prog, parser.named(str(error)), sys.stderr), file=sys.stderr
+        )
     except KeyboardInterrupt:  # before there was anything to keep
         print(f"{parser.prog}: interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -151,13 +153,13 @@ def _prepare_simulator(config: VerifyConfig) -> BoardConfig:
     ConfigurationError
         For a URL or a fault that is refused, or a plan that cannot be read.
     """
-    from .settings.board_url import SCHEME, read_url
+    from .settings.board_url import SCHEME, read_board_url
 
     if config.link.port is not None and config.link.port.startswith(SCHEME):
         import sim_device
 
         sim_device.register_url_handler()
-        return read_url(config.link.port).board
+        return read_board_url(config.link.port).board
     return config.virtual_board()
 
 
@@ -190,19 +192,23 @@ def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAcces
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import PyserialTransport
     from .settings.board import BoardConfig
-    from .settings.board_url import PortConfig, read_url, write_url
+    from .settings.board_url import PortConfig, read_board_url, write_board_url
 
     defaults = BoardConfig.of(baud=baudrate, seed=seed)
-    first = PortConfig(clock="virtual", board=defaults) if url is None else read_url(url, defaults)
+    first = (
+        PortConfig(clock="virtual", board=defaults)
+        if url is None
+        else read_board_url(url, defaults)
+    )
 
     def start(number: int) -> Transport:
         # Another seed gives another boot_id, as a reset does.
         board = dataclasses.replace(first.board, seed=first.board.seed + number)
         config = dataclasses.replace(first, board=board)
-        return PyserialTransport(open_port(config), write_url(config))
+        return PyserialTransport(open_port(config), write_board_url(config))
 
     return VirtualAccess(
-        url or write_url(first),
+        url or write_board_url(first),
         start,
         baudrate=first.board.line.baud or baudrate,
         virtual=first.is_virtual,
@@ -219,8 +225,8 @@ def board_without_a_line(mutant: str | None) -> MakeBoard:
     """
     import functools
 
-    from sim_device.mutants import parts_of
+    from sim_device.mutants import mutant_parts
     from sim_device.soak_board import SoakBoard
 
-    parts_of(mutant)
+    mutant_parts(mutant)
     return functools.partial(SoakBoard, mutant=mutant)

@@ -23,7 +23,7 @@ from .dialects.haptogram import OUTPUT_LIMIT, BoardDialect
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class BoardAssembly:
     """The parts of a board with its end of the link; each is healthy unless another is given."""
 
     board: type[Board] = Board
@@ -54,7 +54,7 @@ class Parts:
         return self.dialect(self.board(settings, parts), link, watch)
 
 
-HEALTHY: Final = Parts()
+HEALTHY: Final = BoardAssembly()
 
 
 class Assembly(Protocol):

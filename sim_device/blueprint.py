@@ -16,7 +16,7 @@ from haptogram.settings.faults.plan import FaultPlan
 from .assembly import Assembly, ForeignParts
 from .board.settings import BoardSettings
 from .dialects.table import emulation_of, read_options
-from .mutants import parts_of
+from .mutants import mutant_parts
 
 # Another board has no frames with a CRC, no reports, and no clock that it shows.
 _OF_HAPTOGRAM: Final = (*REPORTS, "clock.offset", "clock.wrap", "clock.step")
@@ -55,7 +55,7 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
             raise ConfigurationError(
                 f"dialect_option {config.dialect_option[0]} needs a dialect; give dialect too"
             )
-        return Blueprint(BoardSettings.of(config), parts_of(config.mutant), config.plan)
+        return Blueprint(BoardSettings.of(config), mutant_parts(config.mutant), config.plan)
     return _of_another_dialect(config, config.dialect)
 
 

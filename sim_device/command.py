@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError, HaptogramError
-from haptogram.machine.files import check_distinct
-from haptogram.machine.terminal import error_line
-from haptogram.settings.board import BOARD_OPTIONS, BoardConfig, is_grid
-from haptogram.settings.command_line import add_options, given
-from haptogram.settings.faults.kinds import described
+from haptogram.machine.files import check_distinct_files
+from haptogram.machine.terminal import terminal_error_line
+from haptogram.settings.board import BOARD_OPTIONS, BoardConfig, is_grid_of_elements
+from haptogram.settings.command_line import add_setting_options, given_options
+from haptogram.settings.faults.kinds import described_faults
 from haptogram.settings.line import LineSettings
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import Parser
@@ -25,7 +25,7 @@ from haptogram.settings.parser import Parser
 if TYPE_CHECKING:
     from .backdoor.worker import ReconstructionWorker
     from .board.settings import BoardSettings
-    from .line.port import Port
+    from .line.port import BoardPort
     from .simulation import Recorder
     from .wallclock import Heartbeat
 
@@ -73,8 +73,8 @@ def set_up(parser: Parser) -> None:
     )
     line = options_of(LineSettings)
     board = [row for name, row in BOARD_OPTIONS.items() if name not in line]
-    add_options(parser.add_argument_group("board"), board, seed="another one each time")
-    add_options(parser.add_argument_group("line"), line.values())
+    add_setting_options(parser.add_argument_group("board"), board, seed="another one each time")
+    add_setting_options(parser.add_argument_group("line"), line.values())
     parser.add_argument(
         "--backdoor", metavar="PATH|unix:PATH", help="radiated drives, as JSON lines"
     )
@@ -91,7 +91,7 @@ def set_up(parser: Parser) -> None:
 
 def _epilog(program: str) -> str:
     """Return examples, and the faults with their parameters."""
-    faults = "\n".join(f"  {text}" for text in described())
+    faults = "\n".join(f"  {text}" for text in described_faults())
     return (
         f"{_EPILOG.replace('PROGRAM', program)}\n"
         "faults, their parameters and defaults (all but those of the clock also take\n"
@@ -119,7 +119,7 @@ def main(words: Sequence[str], program: str = PROGRAM) -> int:
         _start_log(options)
         _run(options)
     except HaptogramError as error:
-        sys.stderr.write(error_line(program, parser.named(str(error)), sys.stderr) + "\n")
+        sys.stderr.write(terminal_error_line(program, parser.named(str(error)), sys.stderr) + "\n")
         return 2 if isinstance(error, ConfigurationError) else 1
     return 0
 
@@ -170,7 +170,7 @@ def _end(worker: ReconstructionWorker) -> None:
         _LOG.warning("the back door lacks %d latches", worker.dropped)
 
 
-def _serve(heartbeat: Heartbeat, port: Port) -> None:
+def _serve(heartbeat: Heartbeat, port: BoardPort) -> None:
     gc.collect()
     gc.freeze()  # what is there now stays: no later collection need look at it
     sys.stdout.write(f"listening on {port.description}\n")
@@ -182,7 +182,7 @@ def _config(options: argparse.Namespace) -> BoardConfig:
     if options.no_reconstruct and options.backdoor is None:
         raise ConfigurationError("--no-reconstruct acts only with --backdoor; leave it out")
     _check_files(options)
-    values = given(options, BOARD_OPTIONS)
+    values = given_options(options, BOARD_OPTIONS)
     line = [BOARD_OPTIONS[name].word for name in options_of(LineSettings) if name in values]
     if options.serial is not None:
         if imperfect := [word for word in line if word != "--baud"]:
@@ -199,16 +199,18 @@ def _check_files(options: argparse.Namespace) -> None:
         for option, path in (("--link", options.link), ("--backdoor", options.backdoor))
         if path is not None and not path.startswith(_SOCKET)
     }
-    array = None if options.array is None or is_grid(options.array) else options.array
+    array = None if options.array is None or is_grid_of_elements(options.array) else options.array
     inputs = (
         ("--array", array),
         ("--calibration", options.calibration),
         ("--fault-plan", options.fault_plan),
     )
-    check_distinct(outputs, [(option, Path(path)) for option, path in inputs if path is not None])
+    check_distinct_files(
+        outputs, [(option, Path(path)) for option, path in inputs if path is not None]
+    )
 
 
-def _open_port(options: argparse.Namespace, config: BoardConfig) -> Port:
+def _open_port(options: argparse.Namespace, config: BoardConfig) -> BoardPort:
     from .line.pty_port import PtyPort
     from .line.serial_port import SerialPort
     from .line.tcp_port import TcpPort

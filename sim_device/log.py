@@ -32,7 +32,7 @@ class NoticeLog:
 
     def notice(self, notice: Notice) -> None:
         """Log a change of the output."""
-        _LOG.info("%s, at %d us", describe(notice), notice.t_us)
+        _LOG.info("%s, at %d us", describe_notice(notice), notice.t_us)
 
 
 class CountLog:
@@ -64,7 +64,7 @@ class CountLog:
             _LOG.info("counts: %s", ", ".join(moved))
 
 
-def describe(notice: Notice) -> str:
+def describe_notice(notice: Notice) -> str:
     """Return *notice* in words."""
     if isinstance(notice, SessionOpened):
         return f"session {notice.session:#06x} opened"

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import serial
 
-from haptogram.settings.board_url import SCHEME, PortConfig, read_url
+from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url
 
 from .backdoor.recorder import InlineReconstruction
 from .backdoor.records import Record, to_line
@@ -90,7 +90,7 @@ class Serial(serial.SerialBase):
             raise serial.SerialException("Port must be configured before it can be used.")
         if self.is_open:
             raise serial.SerialException("Port is already open.")
-        config = self.config or read_url(self._port)
+        config = self.config or read_board_url(self._port)
         board, self._is_virtual = config.board, config.is_virtual
         blueprint = blueprint_of(board)
         settings = blueprint.settings

@@ -15,7 +15,7 @@ from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
-from .board.clock import NS_PER_US, earliest, whole_us
+from .board.clock import NS_PER_US, earliest_time, whole_us
 from .board.events import AnyLatch, LineCounted, Notice
 from .board.settings import BoardSettings
 from .dialects.endpoint import Endpoint
@@ -195,13 +195,13 @@ class Simulation:
         board_us = self.dialect.next_event_us()
         first_ns = None if board_us is None else self._clock.reached_ns(board_us)
         if (down_ns := self._down.next_event_ns(self.dialect.next_end)) is not None:
-            first_ns = earliest(first_ns, whole_us(down_ns))
+            first_ns = earliest_time(first_ns, whole_us(down_ns))
         if (up_ns := self._up.next_event_ns(end_of_frame)) is not None:
-            first_ns = earliest(first_ns, up_ns)
+            first_ns = earliest_time(first_ns, up_ns)
         if self._can_feed:
-            first_ns = earliest(first_ns, self._up.free_ns)
+            first_ns = earliest_time(first_ns, self._up.free_ns)
         if self._injector is not None:
-            first_ns = earliest(first_ns, self._injector.next_change_ns(self._now_ns))
+            first_ns = earliest_time(first_ns, self._injector.next_change_ns(self._now_ns))
         return None if first_ns is None else max(first_ns, self._now_ns)
 
     def advance_to(self, t_ns: int) -> None:

@@ -17,7 +17,7 @@ from haptogram_protocol.export.tables import description_hash
 from .board.events import Latch, StateChange
 from .board.settings import BOOT_US, board_settings
 from .faults.clock import faulty_clock
-from .mutants import parts_of
+from .mutants import mutant_parts
 
 #: The index of a stream frame that was taken, ``request``, or why a frame was dropped.
 Verdict: TypeAlias = int | str
@@ -51,7 +51,7 @@ class SoakBoard:
         running_us: int = 0,
         mutant: str | None = None,
     ) -> None:
-        parts = parts_of(mutant)
+        parts = mutant_parts(mutant)
         self._verdicts: list[Verdict] = []
         self._clock = faulty_clock(plan, parts.clock(BOOT_US + running_us))
         settings = dataclasses.replace(

@@ -9,11 +9,11 @@ import time
 from collections.abc import Iterator
 from typing import Final
 
-from haptogram.machine.waiter import Waiter
+from haptogram.machine.waiter import DescriptorWaiter
 
 from .backdoor.worker import ReconstructionWorker
-from .board.clock import earliest, whole_us
-from .line.port import Port
+from .board.clock import earliest_time, whole_us
+from .line.port import BoardPort
 from .log import CountLog
 from .simulation import Simulation
 
@@ -41,7 +41,7 @@ class Heartbeat:
     def __init__(
         self,
         simulation: Simulation,
-        port: Port,
+        port: BoardPort,
         worker: ReconstructionWorker | None = None,
         counts: CountLog | None = None,
     ) -> None:
@@ -52,7 +52,7 @@ class Heartbeat:
         self._parents: list[int] = []  # whose end is that of the board
         self._due_ns: int | None = None  # when it meant to wake
         self._hand_over_ns = 0
-        self._waiter = Waiter()
+        self._waiter = DescriptorWaiter()
         self._wake_read, self._wake_write = os.pipe()
         self._start_ns = time.monotonic_ns()
 
@@ -141,7 +141,7 @@ class Heartbeat:
         elif self._worker is not None and self._worker.pending:
             hand_over_ns = self._hand_over_ns
         self._due_ns = self._simulation.next_event_ns()
-        next_ns = earliest(self._due_ns, hand_over_ns, self._port_due_ns())
+        next_ns = earliest_time(self._due_ns, hand_over_ns, self._port_due_ns())
         wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
         if wait_ns is not None and wait_ns <= 0:
             return  # it is due already: the next turn looks at the port all the same

@@ -62,7 +62,7 @@ def make_result(run: RunVerdict, **changes: Any) -> dict[str, Any]:
         "host": None,
         "environment": None,
     }
-    return report.result_dict(run, **(arguments | changes))
+    return report.run_result_dict(run, **(arguments | changes))
 
 
 def aim(model: AcousticModel, point: np.ndarray) -> Change:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
 from haptogram.verification import Tolerance
-from haptogram.verification.frame.target import TargetField
+from haptogram.verification.frame.target import FrameTarget
 
 SESSION = 0x5EED
 
@@ -37,11 +37,11 @@ def intend(model: AcousticModel, target, bits=8, number=0, **changes) -> Intende
     return Intended(**(fields | changes))
 
 
-def field_of(model: AcousticModel, target, bits=8, amplitudes=1.0, **tolerance) -> TargetField:
+def field_of(model: AcousticModel, target, bits=8, amplitudes=1.0, **tolerance) -> FrameTarget:
     """What a target asks of the field, of phases that are rounded to *bits* and no more."""
     levels = np.broadcast_to(np.float64(amplitudes), model.array.count).copy()
     limit_rad = math.pi / 2**bits + 1e-9
-    return TargetField(
+    return FrameTarget(
         model, np.array(target, dtype=float), levels, limit_rad, Tolerance(**tolerance)
     )
 

@@ -9,12 +9,12 @@ from haptogram_protocol.dialects import sonicsurface
 from haptogram_protocol.dialects.autd3 import messages as link
 from haptogram_protocol.dialects.autd3 import operations as device
 from haptogram_protocol.dialects.autd3.frame import DeviceFrame, DeviceState
-from haptogram_protocol.dialects.autd3.payload import PAYLOAD_BYTES, pack_operation
+from haptogram_protocol.dialects.autd3.payload import PAYLOAD_BYTES, pack_autd3_operation
 from haptogram_protocol.dialects.codec import BoardEnd, Dialect, HostEnd, Operation
 from haptogram_protocol.dialects.fpga_bytes import (
     Begin,
     BeginAmplitudes,
-    ByteRules,
+    FpgaByteRules,
     Select,
     SetAmplitudes,
     SetPhases,
@@ -52,7 +52,7 @@ class Wire:
 
 
 @st.composite
-def of_fpga(draw: st.DrawFn, rules: ByteRules, boards: int = 1) -> list[Operation]:
+def of_fpga(draw: st.DrawFn, rules: FpgaByteRules, boards: int = 1) -> list[Operation]:
     """Commands in any order, with codes between them that fit where they would go."""
     listening, written = tuple(range(boards)), [0] * boards
     kind: type[SetPhases] | type[SetAmplitudes] = SetPhases
@@ -80,7 +80,7 @@ def of_fpga(draw: st.DrawFn, rules: ByteRules, boards: int = 1) -> list[Operatio
 
 
 @st.composite
-def of_arduinos(draw: st.DrawFn, firmware: arduino.Firmware, boards: int) -> list[Operation]:
+def of_arduinos(draw: st.DrawFn, firmware: arduino.ArduinoFirmware, boards: int) -> list[Operation]:
     """Frames of whole patterns and durations, some cut short by the swap."""
     made: list[Operation] = []
     for _ in range(draw(st.integers(1, 3))):
@@ -183,7 +183,7 @@ def of_autd3(draw: st.DrawFn) -> list[Operation]:
             for index in range(number):
                 operations = [draw(device_operations(foci[index]))]
                 second = draw(without_length)
-                size = sum(map(len, map(pack_operation, (operations[0], second))))
+                size = sum(map(len, map(pack_autd3_operation, (operations[0], second))))
                 if size <= PAYLOAD_BYTES and draw(st.booleans()):
                     operations.append(second)
                 start = getattr(operations[0], "start", None)
@@ -196,7 +196,7 @@ def of_autd3(draw: st.DrawFn) -> list[Operation]:
 device_states = st.builds(DeviceState, st.integers(0, 15), st.integers(0, 15), u8)
 
 
-def arduinos(name: str, firmware: arduino.Firmware, boards: int) -> Wire:
+def arduinos(name: str, firmware: arduino.ArduinoFirmware, boards: int) -> Wire:
     limit = boards * firmware.half_bytes + 4 * firmware.durations
     return Wire(name, {"boards": boards}, of_arduinos(firmware, boards), limit)
 

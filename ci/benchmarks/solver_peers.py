@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, quality, solve
-from haptogram.acoustics.solvers.several import spread_foci
+from haptogram.acoustics import AcousticModel, solve_foci, solver_quality
+from haptogram.acoustics.solvers.several import random_foci
 
 FOCI = (1, 2, 4, 8, 16, 32)
 SETS = 3
@@ -27,13 +27,13 @@ def main(arguments):
     if find_spec("levitate") is None:
         sys.exit("solver_peers: levitate is not installed in this interpreter, nothing to compare")
     board = AcousticModel.default()
-    solvers = {"wgs, 50 rounds": lambda points: solve(board, points)}
+    solvers = {"wgs, 50 rounds": lambda points: solve_foci(board, points)}
     solvers |= levitate_solvers(board)
     rng = np.random.default_rng(SEED)
-    solve(board, spread_foci(rng, 2))  # machine code is loaded outside of the timed window
+    solve_foci(board, random_foci(rng, 2))  # machine code is loaded outside of the timed window
     rows = []
     for count in FOCI:
-        sets = [spread_foci(rng, count) for _ in range(SETS)]
+        sets = [random_foci(rng, count) for _ in range(SETS)]
         rows += [row(board, name, solver, sets) for name, solver in solvers.items()]
     packages = {name: version(name) for name in ("levitate", "numpy", "scipy")}
     Path(arguments[0]).write_text(json.dumps({"packages": packages, "rows": rows}))
@@ -45,7 +45,7 @@ def row(board, name, solver, sets):
         started = time.thread_time_ns()
         drive = np.exp(1j * np.angle(solver(points)))
         elapsed_ms = (time.thread_time_ns() - started) / 1e6
-        reached = quality(board, drive, points, np.ones(len(points)))
+        reached = solver_quality(board, drive, points, np.ones(len(points)))
         found.append((reached.efficiency, reached.uniformity, elapsed_ms))
     efficiency, uniformity, time_ms = np.median(found, axis=0).tolist()
     return {

@@ -8,10 +8,10 @@ from haptogram_protocol.dialects.autd3 import messages as link
 from haptogram_protocol.dialects.autd3.frame import DeviceFrame
 from haptogram_protocol.dialects.autd3.operations import Gain
 from haptogram_protocol.dialects.interactlab import QueueFrame
-from haptogram_protocol.dialects.sonicsurface import frame
+from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.arduino import mega64_frame
-from haptogram_protocol.dialects.ultraino.fpga import chained_frame
+from haptogram_protocol.dialects.ultraino.fpga import chained_fpga_frame
 from haptogram_protocol.dialects.ultraino.operations import SetPattern, Swap
 
 CHUNK = 4096  # bytes, as a pseudo-terminal hands them out
@@ -24,11 +24,15 @@ source = random.Random(9)
 codes = bytes(source.randrange(33) for _ in range(256))
 # What a client sends over and over: options of both ends, the beginning, and a frame.
 CLIENTS = {
-    "sonicsurface": ({}, [], frame(codes)),
-    "sonicsurface-tactile": ({}, [], frame(codes)),
-    "ultraino-fpga": ({}, [], frame(codes)),
-    "ultraino-fpga-128": ({}, [], frame(source.randbytes(72).translate(bytes(range(128)) * 2))),
-    "ultraino-fpga-chained": ({"boards": 2}, [], chained_frame([codes, codes])),
+    "sonicsurface": ({}, [], sonicsurface_frame(codes)),
+    "sonicsurface-tactile": ({}, [], sonicsurface_frame(codes)),
+    "ultraino-fpga": ({}, [], sonicsurface_frame(codes)),
+    "ultraino-fpga-128": (
+        {},
+        [],
+        sonicsurface_frame(source.randbytes(72).translate(bytes(range(128)) * 2)),
+    ),
+    "ultraino-fpga-chained": ({"boards": 2}, [], chained_fpga_frame([codes, codes])),
     "ultraino-mega64": ({}, [], mega64_frame([source.randbytes(100)])),
     "ultraino-nano8": ({}, [], [SetPattern(0, 0, source.randbytes(24)), Swap()]),
     "ultraino-nano16": ({}, [], [SetPattern(0, 0, source.randbytes(32)), Swap()]),

@@ -17,8 +17,8 @@ from haptogram.acoustics import (
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.solvers.batch import FocusCodes
-from haptogram.acoustics.solvers.several import compare as compare_solvers
-from haptogram.acoustics.solvers.several import spread_foci, weighted_gerchberg_saxton
+from haptogram.acoustics.solvers.several import compare_solvers as compare_solvers
+from haptogram.acoustics.solvers.several import random_foci, weighted_gerchberg_saxton
 
 OFFSET_M = (1.5e-3, -1.2e-3, 3e-3)  # of the hint from the focus
 
@@ -145,7 +145,7 @@ def test_codes_of_one_focus_against_numpy(compare, board):
 @pytest.mark.parametrize("foci", [2, 4, 8, 16, 32])
 def test_weighted_gerchberg_saxton_against_numpy(foci, compare, board):
     rounds = 100
-    matrix = propagators(board, spread_foci(np.random.default_rng(foci), foci))
+    matrix = propagators(board, random_foci(np.random.default_rng(foci), foci))
     matrix = (matrix / np.abs(matrix).max()).astype(np.complex64)
     wanted, start = np.ones(foci, dtype=np.float32), np.ones(256, dtype=np.complex64)
     re, im = np.ascontiguousarray(matrix.real), np.ascontiguousarray(matrix.imag)

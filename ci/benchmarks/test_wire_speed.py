@@ -8,7 +8,7 @@ import pytest
 from wire_references import BytewiseDecoder
 
 from haptogram_protocol.connection import BoardConnection, HostConnection
-from haptogram_protocol.export.vectors.samples import sample
+from haptogram_protocol.export.vectors.samples import vector_sample
 from haptogram_protocol.framing import PURE_PYTHON, FrameDecoder, encode_frame, fastest_cobs
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -60,7 +60,7 @@ class Pair:
         self.host.send_hello(0)
         hello = self.carry_to_board()
         self.board.open_session(1)
-        greeting = dataclasses.replace(sample(HelloReply, "random"), major=1, nonce=1)
+        greeting = dataclasses.replace(vector_sample(HelloReply, "random"), major=1, nonce=1)
         self.board.reply(hello, greeting, 0)
         self.carry_to_host()
 
@@ -89,7 +89,7 @@ class Pair:
 def test_message(direction, message, measure):
     """From message to line, or from line to message."""
     kind = next(kind for kind in MESSAGES.values() if kind.TYPE.name == message)
-    subject = CONTENTS["random"] if kind is Phases else sample(kind, "random")
+    subject = CONTENTS["random"] if kind is Phases else vector_sample(kind, "random")
     cobs = fastest_cobs()
     wire = encode_frame(build_body(subject, **HEADER))
     decoder = FrameDecoder(cobs)

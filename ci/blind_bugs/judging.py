@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from haptogram.conformance.cases import all_cases, select
-from haptogram.conformance.run.runner import Options, Runner
+from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.run.stepping import SteppedAccess
-from haptogram.report.conformance.result import as_dict
+from haptogram.report.conformance.result import suite_dict
 
 _LONGEST_RUN_S: Final = 3600
 _SHOWN: Final = 160  # characters of the reason of a failure
@@ -78,7 +78,7 @@ def _reason(item: dict[str, Any]) -> str:
 def _in_virtual_time(programs: Path, way: Way) -> dict[str, Any]:
     access = SteppedAccess([str(programs / "board_steps"), way.grid])
     cases = tuple(select(all_cases(), way.clauses))
-    return as_dict(Runner(access, Options(seed=way.seed)).run(cases))
+    return suite_dict(SuiteRunner(access, SuiteOptions(seed=way.seed)).run(cases))
 
 
 def _on_pty(programs: Path, way: Way) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from haptogram.errors import ConfigurationError
-from haptogram.report.run import write_json
+from haptogram.report.run import write_run_json
 
 from .measure import measure_goals
 
@@ -32,7 +32,7 @@ def main() -> int:
         return 2
     print(found.as_text())
     if arguments.json is not None:
-        write_json(arguments.json, found.as_dict())
+        write_run_json(arguments.json, found.as_dict())
     return 0
 
 

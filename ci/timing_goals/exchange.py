@@ -15,21 +15,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.campaigns.bench.measure import circle
+from haptogram.campaigns.bench.measure import bench_circle
 from haptogram.driver.frames.builder import FrameBuilder
-from haptogram.driver.frames.targets import as_foci
+from haptogram.driver.frames.targets import as_frame_foci
 from haptogram.driver.handshake import open_session
-from haptogram.driver.identity import model_of, read_array
+from haptogram.driver.identity import model_of_identity, read_array
 from haptogram.driver.line.link import Link
 from haptogram.driver.line.port import open_transport
-from haptogram.driver.stream import Pacing, Streamer
+from haptogram.driver.stream import Streamer, StreamPacing
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.errors import NoAnswerError
-from haptogram.machine.process import real_time
+from haptogram.machine.process import real_time_process
 from haptogram.records.frame import Intended
-from haptogram.records.kept import Kept
+from haptogram.records.kept import KeptRecords
 from haptogram_protocol import HostConnection
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
 from haptogram_protocol.export.tables import description_hash
@@ -101,16 +101,16 @@ class Exchanger:
     def __init__(self, link: Link, frames: int = 256) -> None:
         self._link = link
         identity = open_session(link)
-        model = model_of(read_array(link, identity), identity)
+        model = model_of_identity(read_array(link, identity), identity)
         config: Config = link.request(GetConfig(), ConfigReply).config
         wanted = SetConfig(dataclasses.replace(config, trace_mode=TraceMode.CRC))
         link.request(wanted, SetConfigReply)
         self._clock = ClockEstimate(identity.clock_ppm)
         self._pinger = Pinger(link, self._clock)
         self._frames = FrameBuilder(model, identity, 8).build(
-            as_foci(circle(frames, 1000.0)), "phases"
+            as_frame_foci(bench_circle(frames, 1000.0)), "phases"
         )
-        self._intended = Kept[Intended](None)
+        self._intended = KeptRecords[Intended](None)
         self._streamer = Streamer(
             link, self._pinger, identity, intended=self._intended, status=lambda: None
         )
@@ -124,7 +124,7 @@ class Exchanger:
     def round_trips_us(self, count: int) -> NDArray[np.float64]:
         """Return (count,) round trips of a ping through the whole driver, in microseconds."""
         link, trips = self._link, np.zeros(count)
-        with real_time():
+        with real_time_process():
             for number in range(count):
                 begin_ns = link.now_ns()
                 link.request(Ping(number), Pong)
@@ -141,7 +141,7 @@ class Exchanger:
         """
         link = self._begin()
         trips_ns = []
-        with real_time():
+        with real_time_process():
             begin_ns = link.now_ns()
             for number in range(count):
                 sent_ns = link.now_ns()
@@ -158,7 +158,7 @@ class Exchanger:
         latch the later one only.
         """
         link, due_us = self._begin(), 0
-        with real_time():
+        with real_time_process():
             begin_ns = link.now_ns()
             for number in range(count):
                 soon_us = self._clock.to_device_us(link.now_ns()) + _LEAD_US
@@ -184,7 +184,7 @@ class Exchanger:
         frames = [self._frames[number % len(self._frames)] for number in range(count)]
         schedule = Schedule.at_rate(rate_hz, None, queue_depth=self._depth)
         begin_ns = link.now_ns()
-        self._streamer.stream(frames, schedule, Pacing(), None)
+        self._streamer.stream(frames, schedule, StreamPacing(), None)
         link.run_until(link.now_ns() + _SETTLING_NS)
         seconds = (link.now_ns() - begin_ns) / 1e9
         return Exchange(count, self._verified(), seconds, np.zeros(0))

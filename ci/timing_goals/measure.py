@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.campaigns.bench.measure import BenchConfig, BenchRun, run_bench
-from haptogram.campaigns.bench.percentiles import with_missed_ticks
+from haptogram.campaigns.bench.percentiles import percentiles_with_missed_ticks
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.machine.fingerprint import cpu_share, cpu_times, fingerprint
+from haptogram.machine.fingerprint import cpu_share, cpu_times, machine_fingerprint
 
 from .c_programs import CPrograms, c_programs
 from .exchange import Exchange, exchanger, fastest_pipeline, highest_verified_rate_hz
@@ -44,7 +44,7 @@ def measure_goals(*, seconds: float = 30.0, trips: int = 5000, step_s: float = 0
     before = cpu_times()
     with c_programs() as programs:
         lines = _loop_goals(programs, seconds) + _line_goals(programs, trips, step_s)
-    return Goals(lines, fingerprint(), cpu_share(before, cpu_times()))
+    return Goals(lines, machine_fingerprint(), cpu_share(before, cpu_times()))
 
 
 def _loop_goals(programs: CPrograms | None, seconds: float) -> list[Goal]:
@@ -69,7 +69,7 @@ def _beside_c(
     ) as lateness:
         run = run_bench(config)
     # The stream counts every frame; so the C loop has to count every tick.
-    return run, with_missed_ticks(lateness[0], period_ns / 1e3)
+    return run, percentiles_with_missed_ticks(lateness[0], period_ns / 1e3)
 
 
 def _lateness_goals(run: BenchRun, beside: NDArray[np.float64] | None) -> list[Goal]:

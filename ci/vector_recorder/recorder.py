@@ -15,9 +15,9 @@ from typing import Any, Final
 from haptogram.conformance.case import Case
 from haptogram.conformance.client.board_client import BoardClient
 from haptogram.conformance.run.access import VirtualAccess
-from haptogram.conformance.run.runner import Options, Runner
+from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
-from haptogram_protocol.export.vectors import document_text
+from haptogram_protocol.export.vectors import vector_document_text
 from haptogram_protocol.messages import MessageType
 from haptogram_protocol.state import MuteReason
 
@@ -144,7 +144,7 @@ def _spoken(
         span[1] = len(ports[-1].steps)
 
     access = VirtualAccess(LockstepPort.url, start, baudrate=_BAUDRATE, virtual=True)
-    runner = Runner(access, Options(seed=_SEED))
+    runner = SuiteRunner(access, SuiteOptions(seed=_SEED))
     (result,) = runner.run([dataclasses.replace(case, body=body)]).results
     if different := next((port.disagreement for port in ports if port.disagreement), ""):
         raise ValueError(f"{case.id}: {different}")
@@ -190,6 +190,6 @@ def _with_options(steps: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def text(found: Sequence[Dialogue]) -> str:
     """Return the text of ``protocol/vectors/dialogues.json``."""
-    return document_text(
+    return vector_document_text(
         "Dialogues of host and board, by the board's clock, recorded from conformance cases.", found
     )

@@ -27,7 +27,7 @@ from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine,
 from haptogram.acoustics.field.reference import (
     FieldEngine,
     NumpyEngine,
-    in_front,
+    points_in_front,
     pressure,
     propagators,
 )
@@ -41,7 +41,7 @@ from haptogram.acoustics.model.drive import (
     dequantise_phase,
     phase_step_rad,
     quantise_phase,
-    saturated,
+    saturated_weights,
 )
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.medium import Medium, iso_9613_absorption_np_m
@@ -61,10 +61,10 @@ from haptogram.acoustics.reconstruct.estimates import (
 from haptogram.acoustics.reconstruct.reconstruction import Reconstructor
 from haptogram.acoustics.solvers.focus import (
     PhaseFit,
-    check_target,
+    check_focus_target,
     fit_focus,
     focus_phases,
-    superpose,
+    superpose_foci,
 )
 
 if TYPE_CHECKING:
@@ -81,14 +81,14 @@ if TYPE_CHECKING:
         Resonator,
         amplitude_to_duty,
         duty_to_amplitude,
-        hop_response,
+        pressure_after_hop,
     )
     from haptogram.acoustics.levels.exposure import (
         Exposure,
         a_weighting_db,
         exposure_at,
         switching_level_db_a,
-        worst_place,
+        worst_exposure,
     )
     from haptogram.acoustics.levels.lobes import (
         GratingLobe,
@@ -98,16 +98,21 @@ if TYPE_CHECKING:
     )
     from haptogram.acoustics.levels.shift import (
         FocalShift,
-        find_peak,
-        paraxial_shift_m,
+        find_pressure_peak,
+        paraxial_focal_shift_m,
         predict_focal_shift,
     )
-    from haptogram.acoustics.levels.spot import FocalSpot, measure_spot, predict_width_m
+    from haptogram.acoustics.levels.spot import FocalSpot, measure_spot, predict_spot_width_m
     from haptogram.acoustics.model.calibration import Calibration
     from haptogram.acoustics.model.directivities import MeasuredDirectivity, RectangularPiston
     from haptogram.acoustics.reconstruct.tracking import Fix, FocusTracker
     from haptogram.acoustics.solvers.batch import FocusCodes
-    from haptogram.acoustics.solvers.several import Quality, quality, solve, weights_for_foci
+    from haptogram.acoustics.solvers.several import (
+        SolverQuality,
+        solve_foci,
+        solver_quality,
+        weights_for_foci,
+    )
 
 __all__ = [
     "AcousticModel",
@@ -134,55 +139,55 @@ __all__ = [
     "PhaseFit",
     "PlaneField",
     "PointSource",
-    "Quality",
     "Reconstruction",
     "Reconstructor",
     "RectangularPiston",
     "Resonator",
     "SecondaryLobe",
     "SingleFocus",
+    "SolverQuality",
     "Transducer",
     "TransducerArray",
     "a_weighting_db",
     "amplitude_to_duty",
     "box_points_m",
-    "check_target",
+    "check_focus_target",
     "choose_engine",
     "demodulated_level_db_a",
     "demodulated_lines",
     "dequantise_phase",
     "duty_to_amplitude",
     "exposure_at",
-    "find_peak",
+    "find_pressure_peak",
     "fit_focus",
     "focus_phases",
     "force_on_disc_n",
     "grating_lobes",
-    "hop_response",
-    "in_front",
     "instantaneous_pressure",
     "iso_9613_absorption_np_m",
     "largest_secondary_lobe",
     "level_db_spl",
     "mean_square_pressure",
     "measure_spot",
-    "paraxial_shift_m",
+    "paraxial_focal_shift_m",
     "phase_step_rad",
+    "points_in_front",
     "predict_focal_shift",
-    "predict_width_m",
+    "predict_spot_width_m",
     "pressure",
+    "pressure_after_hop",
     "propagators",
-    "quality",
     "quantise_phase",
     "radiated_power_w",
     "radiation_pressure_pa",
     "rms_pressure",
-    "saturated",
-    "solve",
-    "superpose",
+    "saturated_weights",
+    "solve_foci",
+    "solver_quality",
+    "superpose_foci",
     "switching_level_db_a",
     "weights_for_foci",
-    "worst_place",
+    "worst_exposure",
 ]
 
 _LATER: Final = {
@@ -197,7 +202,7 @@ _LATER: Final = {
     "GridField": "field.grid",
     "MeasuredDirectivity": "model.directivities",
     "PlaneField": "field.plane",
-    "Quality": "solvers.several",
+    "SolverQuality": "solvers.several",
     "RectangularPiston": "model.directivities",
     "Resonator": "levels.dynamics",
     "SecondaryLobe": "levels.lobes",
@@ -208,23 +213,23 @@ _LATER: Final = {
     "demodulated_lines": "levels.demodulation",
     "duty_to_amplitude": "levels.dynamics",
     "exposure_at": "levels.exposure",
-    "find_peak": "levels.shift",
+    "find_pressure_peak": "levels.shift",
     "grating_lobes": "levels.lobes",
-    "hop_response": "levels.dynamics",
+    "pressure_after_hop": "levels.dynamics",
     "instantaneous_pressure": "field.waveform",
     "largest_secondary_lobe": "levels.lobes",
     "mean_square_pressure": "levels.average",
     "measure_spot": "levels.spot",
-    "paraxial_shift_m": "levels.shift",
+    "paraxial_focal_shift_m": "levels.shift",
     "predict_focal_shift": "levels.shift",
-    "predict_width_m": "levels.spot",
-    "quality": "solvers.several",
+    "predict_spot_width_m": "levels.spot",
+    "solver_quality": "solvers.several",
     "radiated_power_w": "levels.demodulation",
     "rms_pressure": "field.waveform",
-    "solve": "solvers.several",
+    "solve_foci": "solvers.several",
     "switching_level_db_a": "levels.exposure",
     "weights_for_foci": "solvers.several",
-    "worst_place": "levels.exposure",
+    "worst_exposure": "levels.exposure",
 }
 
 

@@ -16,16 +16,16 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 _Kind = TypeVar("_Kind", bound=np.generic)
 
 MAX_TRANSDUCERS: Final = 1024  # per array, and so per drive
-MAX_COMPUTED: Final = 1e15  # no memory holds as many, and a float still counts them one by one
+_MAX_COMPUTED: Final = 1e15  # no memory holds as many, and a float still counts them one by one
 MAX_POINT_M: Final = 1e6  # of any coordinate: nothing overflows, in single precision neither
 
 
-def check_computed(name: str, number: float) -> float:
+def check_computed_number(name: str, number: float) -> float:
     """Return a *number* of things that was computed, or raise if it overflowed: to be rounded."""
-    return check_number(name, number, 0.0, MAX_COMPUTED)
+    return check_number(name, number, 0.0, _MAX_COMPUTED)
 
 
-def as_vector(name: str, values: ArrayLike, length: int) -> FloatArray:
+def as_float_vector(name: str, values: ArrayLike, length: int) -> FloatArray:
     """Return *values* as a finite float64 vector of *length*, or raise."""
     vector = as_float_array(name, values)
     if vector.shape != (length,):
@@ -33,26 +33,26 @@ def as_vector(name: str, values: ArrayLike, length: int) -> FloatArray:
     return vector
 
 
-def as_place(name: str, values: ArrayLike) -> FloatArray:
+def as_coordinates(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as a (3,) float64 vector of coordinates within 1000 km, or raise."""
-    place = as_vector(name, values, 3)
-    check_magnitudes(name, place, MAX_POINT_M)
+    place = as_float_vector(name, values, 3)
+    check_array_magnitudes(name, place, MAX_POINT_M)
     return place
 
 
-def as_points(name: str, values: ArrayLike) -> FloatArray:
+def as_point_array(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as an (M, 3) float64 array of coordinates within 1000 km, or raise."""
     points = _as_array(name, values, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ConfigurationError(f"{name} has shape {points.shape}, must be (M, 3)")
-    check_magnitudes(name, points, MAX_POINT_M)
+    check_array_magnitudes(name, points, MAX_POINT_M)
     return points
 
 
 def as_float_array(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as finite float64 of any shape, or raise."""
     array = _as_array(name, values, np.float64)
-    check_finite(name, array)
+    _check_finite(name, array)
     return array
 
 
@@ -63,26 +63,26 @@ def _as_array(name: str, values: ArrayLike, kind: type[_Kind]) -> NDArray[_Kind]
         raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
 
 
-def as_phasors(name: str, values: ArrayLike) -> ComplexArray:
+def as_phasor_array(name: str, values: ArrayLike) -> ComplexArray:
     """Return *values* as finite complex128 of any shape, or raise."""
-    phasors = as_complex(name, values)
-    check_finite(name, phasors)
+    phasors = as_complex_array(name, values)
+    _check_finite(name, phasors)
     return phasors
 
 
-def as_complex(name: str, values: ArrayLike) -> ComplexArray:
+def as_complex_array(name: str, values: ArrayLike) -> ComplexArray:
     """Return *values* as complex128 of any shape, NaN included, or raise."""
     return _as_array(name, values, np.complex128)
 
 
-def check_magnitudes(
+def check_array_magnitudes(
     name: str, array: FloatArray | ComplexArray | NDArray[np.complex64], limit: float
 ) -> None:
     """Raise, naming the first one, if *array* holds a NaN or a magnitude above *limit*."""
     values = array.ravel()
     if np.vdot(values, values).real <= limit * limit:  # a quarter of the time; NaN is not
         return
-    check_finite(name, array)
+    _check_finite(name, array)
     beyond = np.argwhere(np.abs(array) > limit)
     if len(beyond):
         index = tuple(int(i) for i in beyond[0])
@@ -91,7 +91,7 @@ def check_magnitudes(
         )
 
 
-def check_finite(name: str, array: NDArray[np.generic]) -> None:
+def _check_finite(name: str, array: NDArray[np.generic]) -> None:
     """Raise, naming the first one, if *array* holds a NaN or an infinity."""
     finite = np.isfinite(array)
     if np.count_nonzero(finite) < finite.size:  # a tenth of the time of all() for a small array
@@ -99,6 +99,6 @@ def check_finite(name: str, array: NDArray[np.generic]) -> None:
         raise ConfigurationError(f"{name}{list(index)} is {array[index]}, must be finite")
 
 
-def read_only(array: NDArray[np.generic]) -> None:
+def read_only_array(array: NDArray[np.generic]) -> None:
     """Freeze *array*, so that a frozen dataclass cannot change through it."""
     array.flags.writeable = False

@@ -13,7 +13,7 @@ _SHARE: Final = 0.5  # of the machine's memory that one result may take
 _ALWAYS_BYTES: Final = 1 << 14  # not worth asking the system
 
 
-def check_memory(what: str, shape: Sequence[int], item_bytes: int) -> None:
+def check_array_memory(what: str, shape: Sequence[int], item_bytes: int) -> None:
     """Raise if an array of this shape takes more than half of the memory of this machine.
 
     Raises
@@ -32,6 +32,6 @@ def check_memory(what: str, shape: Sequence[int], item_bytes: int) -> None:
         )
 
 
-def chunks(count: int, size: int) -> Iterator[slice]:
+def memory_chunks(count: int, size: int) -> Iterator[slice]:
     """Return the slices that divide *count* items into parts of at most *size*."""
     return (slice(start, min(start + size, count)) for start in range(0, count, size))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.board import is_grid
+from haptogram.settings.board import is_grid_of_elements
 
 _URL: Final = "haptogram://"
 
@@ -78,7 +78,7 @@ def _has_size(settings: Any) -> bool:
 
 
 def _has_grid(settings: Any) -> bool:
-    return settings.array is None or is_grid(settings.array)
+    return settings.array is None or is_grid_of_elements(settings.array)
 
 
 _PITCH: Final = Acting("on an --array that is a grid (a file has its own positions)", _has_grid)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from haptogram.errors import ConfigurationError
 from haptogram.settings.array import ArrayConfig
 from haptogram.settings.board import DEFAULT_ARRAY
-from haptogram.settings.command_line import add_options
+from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
-from haptogram.settings.verify_config import from_options, option_name
+from haptogram.settings.verify_config import config_from_options, setting_option_name
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
@@ -25,8 +25,8 @@ def add_array_options(group: argparse._ArgumentGroup) -> None:
         "--preset", metavar="NAME", help="a known system; 'haptogram presets' lists them"
     )
     rows = options_of(ArrayConfig)
-    add_options(system, [rows["array"]], array=DEFAULT_ARRAY)
-    add_options(group, [rows[name] for name in _OWN])
+    add_setting_options(system, [rows["array"]], array=DEFAULT_ARRAY)
+    add_setting_options(group, [rows[name] for name in _OWN])
 
 
 def array_model(arguments: argparse.Namespace) -> AcousticModel:
@@ -37,16 +37,16 @@ def array_model(arguments: argparse.Namespace) -> AcousticModel:
     ConfigurationError
         An unknown preset, or settings beside one; a grid, a file or air that cannot be used.
     """
-    from haptogram.evidence.run_record import host_model
+    from haptogram.evidence.run_record import host_model_of_run
     from haptogram.published.presets import find_preset
 
     if not arguments.preset:
         given = {name: getattr(arguments, name) for name in ("array", *_OWN)}
-        return host_model(from_options(ArrayConfig, given))
+        return host_model_of_run(config_from_options(ArrayConfig, given))
     for name in _OWN:
         if getattr(arguments, name) is not None:
             raise ConfigurationError(
-                f"{option_name(name)} is {getattr(arguments, name):g}; --preset "
+                f"{setting_option_name(name)} is {getattr(arguments, name):g}; --preset "
                 f"{arguments.preset} brings its own array and air"
             )
     return find_preset(arguments.preset).build()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any, Final
 
-from haptogram.settings.command_line import add_options
+from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name, number, whole_number
+from haptogram.settings.parser import file_name_option, number_option, whole_number_option
 from haptogram.settings.verify_config import VerifyConfig
 
 from .shell.output_files import FILE_HELP, Outputs, write_picture
@@ -43,20 +43,24 @@ def set_up(parser: Parser) -> None:
     parser.set_defaults(run=run)
     parser.add_argument("--port", metavar="URL", help="a board on any pyserial URL [virtual board]")
     parser.add_argument(
-        "--rate-hz", type=number(100.0, 10_000.0, "Hz"), default=1000.0, metavar="HZ", help="[1000]"
+        "--rate-hz",
+        type=number_option(100.0, 10_000.0, "Hz"),
+        default=1000.0,
+        metavar="HZ",
+        help="[1000]",
     )
     parser.add_argument(
-        "--seconds", type=number(1e-3, 86_400.0, "s"), default=10.0, metavar="S", help="[10]"
+        "--seconds", type=number_option(1e-3, 86_400.0, "s"), default=10.0, metavar="S", help="[10]"
     )
     rows = options_of(VerifyConfig)
-    add_options(parser, [rows[name] for name in ("baud", "phase_bits", "lead_ms")])
+    add_setting_options(parser, [rows[name] for name in ("baud", "phase_bits", "lead_ms")])
     parser.set_defaults(baud=rows["baud"].default, phase_bits=rows["phase_bits"].default)
     parser.add_argument(
         "--trim", action="store_true", help="shorten the lead to what the arrival margins allow"
     )
     parser.add_argument(
         "--spin-us",
-        type=whole_number(0, 10_000, "us"),
+        type=whole_number_option(0, 10_000, "us"),
         default=0,
         metavar="US",
         help="watch the clock so long before a deadline; a quarter of the period at most [0]",
@@ -67,27 +71,34 @@ def set_up(parser: Parser) -> None:
         help="ask for fixed priority, locked memory and a frozen garbage collector",
     )
     result = parser.add_argument_group("result", FILE_HELP)
-    result.add_argument("--json", type=file_name, metavar="FILE", help="write the result as JSON")
-    result.add_argument("--html", type=file_name, metavar="FILE", help="write it with histograms")
+    result.add_argument(
+        "--json", type=file_name_option, metavar="FILE", help="write the result as JSON"
+    )
+    result.add_argument(
+        "--html", type=file_name_option, metavar="FILE", help="write it with histograms"
+    )
     result.add_argument(
         "--picture",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="write the histogram alone: .png, .svg or .pdf",
     )
     result.add_argument(
-        "--compare", type=file_name, metavar="OLD.json", help="say what changed beyond the noise"
+        "--compare",
+        type=file_name_option,
+        metavar="OLD.json",
+        help="say what changed beyond the noise",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
     from haptogram.campaigns.bench.measure import BenchConfig, run_bench
-    from haptogram.campaigns.bench.result import as_dict, read_result
+    from haptogram.campaigns.bench.result import bench_dict, read_bench_result
     from haptogram.report.bench.text import bench_text
 
     outputs = Outputs(arguments, "json", "html", "picture")
-    old = None if arguments.compare is None else read_result(arguments.compare)
+    old = None if arguments.compare is None else read_bench_result(arguments.compare)
     lead_us = None if arguments.lead_ms is None else round(arguments.lead_ms * 1e3)
     config = BenchConfig(
         port=arguments.port,
@@ -101,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
         trim=arguments.trim,
     )
     found = run_bench(config)  # without a progress bar: it would draw between the ticks
-    result = as_dict(found)
+    result = bench_dict(found)
     changes = [] if old is None else _changes(old, result)
     print(bench_text(result), file=outputs.text)
     if changes:
@@ -112,27 +123,27 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    from haptogram.campaigns.bench.compare import compare, differences
+    from haptogram.campaigns.bench.compare import bench_differences, compare_benches
 
-    changes = compare(old, new)
+    changes = compare_benches(old, new)
     lines = [f"changed beyond the noise: {change}" for change in changes if change.beyond_noise]
     quiet = sum(not change.beyond_noise for change in changes)
     lines.append(f"unchanged within the noise: {quiet} of {len(changes)} comparisons")
-    return lines + differences(old, new)
+    return lines + bench_differences(old, new)
 
 
 def _write(
     arguments: argparse.Namespace, found: BenchRun, result: dict[str, Any], changes: list[str]
 ) -> None:
-    from haptogram.report.run import write_json
+    from haptogram.report.run import write_run_json
 
     if arguments.json is not None:
-        write_json(arguments.json, result)
+        write_run_json(arguments.json, result)
     if arguments.html is not None:
         from haptogram.report.bench.page import write_bench_page
 
         write_bench_page(arguments.html, found, changes)
     if arguments.picture is not None:
-        from haptogram.report.bench.pictures import draw_histograms
+        from haptogram.report.bench.pictures import draw_bench_histograms
 
-        write_picture(arguments.picture, draw_histograms(found.stages_us))
+        write_picture(arguments.picture, draw_bench_histograms(found.stages_us))

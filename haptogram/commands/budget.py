@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from haptogram.settings.command_line import add_options
+from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import number, whole_number
+from haptogram.settings.parser import number_option, whole_number_option
 from haptogram.settings.verify_config import VerifyConfig
 
 if TYPE_CHECKING:
@@ -45,24 +45,24 @@ def set_up(parser: Parser) -> None:
     parser.rename(rate="rate_hz")
     parser.set_defaults(run=run)
     rows = options_of(VerifyConfig)
-    add_options(parser, [rows[name] for name in ("baud", "phase_bits")])
+    add_setting_options(parser, [rows[name] for name in ("baud", "phase_bits")])
     parser.set_defaults(baud=rows["baud"].default, phase_bits=rows["phase_bits"].default)
     parser.add_argument(
         "--rate-hz",
-        type=number(0.001, 40_000.0, "Hz"),
+        type=number_option(0.001, 40_000.0, "Hz"),
         default=1000.0,
         metavar="HZ",
         help="frames per second [1000]",
     )
     parser.add_argument(
-        "--transducers", type=whole_number(1, 1024), default=256, metavar="N", help="[256]"
+        "--transducers", type=whole_number_option(1, 1024), default=256, metavar="N", help="[256]"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
     from haptogram.campaigns.bench.frame_budget import (
-        frame_formats,
+        bench_frame_formats,
         measure_frame_budget,
         measure_wake_ns,
     )
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     wake_ns = measure_wake_ns(arguments.rate_hz)
     budgets = [
         measure_frame_budget(name, message, baudrate=arguments.baud)
-        for name, message in frame_formats(arguments.transducers).items()
+        for name, message in bench_frame_formats(arguments.transducers).items()
     ]
     asked = next(b for b in budgets if b.name == f"phases, {arguments.phase_bits} bit")
     print(_one_frame(asked, wake_ns, arguments))
@@ -127,13 +127,13 @@ def _all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
 
 def _answers(baudrate: int) -> str:
     """Return what a USB adapter's latency timer costs, on the way from the board alone."""
-    from haptogram.driver.line.budget import frame_bytes, round_trip_ns
+    from haptogram.driver.line.budget import frame_bytes_on_line, line_round_trip_ns
     from haptogram_protocol.messages import Ping, Pong
 
-    ping, pong = [frame_bytes(message.LAYOUT.size) for message in (Ping, Pong)]
+    ping, pong = [frame_bytes_on_line(message.LAYOUT.size) for message in (Ping, Pong)]
     lines = ["", "an answer (PING, PONG), at most:     round trip   the board's clock is known to"]
     for name, timer_ms in _TIMERS_MS.items():
-        trip_us = round_trip_ns(ping, pong, baudrate, timer_ms * 1_000_000) / 1e3
+        trip_us = line_round_trip_ns(ping, pong, baudrate, timer_ms * 1_000_000) / 1e3
         lines.append(f"  {name:<36}{trip_us:>9.1f} us{trip_us / 2:>15.1f} us")
     note = "frames to the board do not wait for that timer; the lead covers the clock's uncertainty"
     return "\n".join([*lines, note])

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.machine.files import STANDARD_OUTPUT
-from haptogram.settings.parser import file_name
+from haptogram.settings.parser import file_name_option
 
 from .shell.exit_status import FAIL, PASS
 from .shell.output_files import Outputs, write_json
 
 if TYPE_CHECKING:
-    from haptogram.published.paper.document import Paper
+    from haptogram.published.paper.document import PaperReproduction
     from haptogram.settings.parser import Parser
 
 _PAGE: Final = Path("paper.html")
@@ -51,13 +51,13 @@ def set_up(parser: Parser) -> None:
     )
     parser.add_argument(
         "--json",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="write everything as JSON; - is standard output [none]",
     )
     parser.add_argument(
         "--html",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE.html|DIR",
         help="write a page with pictures, or a folder with the page and the pictures [none]",
     )
@@ -68,14 +68,14 @@ def set_up(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Compute, write and print; return the exit status."""
     from haptogram.published.paper.document import reproduce_paper
-    from haptogram.published.presets import PRESETS, compare
+    from haptogram.published.presets import PRESETS, compare_preset
     from haptogram.report.paper.text import paper_text
     from haptogram.report.presets import presets_text
 
     outputs = _outputs(arguments)
     paper = reproduce_paper()
     wanted = arguments.presets or outputs.paths
-    compared = [(preset, compare(preset)) for preset in PRESETS] if wanted else []
+    compared = [(preset, compare_preset(preset)) for preset in PRESETS] if wanted else []
     presets = [row for _, rows in compared for row in rows]
     # Before the files: a full disk must not cost the result.
     print(paper_text(paper), file=outputs.text, end="")
@@ -90,22 +90,22 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _outputs(arguments: argparse.Namespace) -> Outputs:
     """Return the files, after a check that they can be written."""
-    from haptogram.report.paper.page import check_report
+    from haptogram.report.paper.page import check_paper_report
 
     page: Path | None = arguments.html
     if page is not None and page != STANDARD_OUTPUT:
-        check_report(page)
+        check_paper_report(page)
         page = page if page.suffix else page / "index.html"
     return Outputs(argparse.Namespace(json=arguments.json, html=page), "json", "html")
 
 
-def _write_report(paper: Paper, presets: list[dict[str, Any]], place: Path) -> None:
-    from haptogram.machine.files import write_atomically
-    from haptogram.report.paper.page import report_files
+def _write_report(paper: PaperReproduction, presets: list[dict[str, Any]], place: Path) -> None:
+    from haptogram.machine.files import write_file_atomically
+    from haptogram.report.paper.page import paper_report_files
 
     if place == STANDARD_OUTPUT:
-        ((_, page),) = report_files(paper, presets, _PAGE)
-        write_atomically(place, page)
+        ((_, page),) = paper_report_files(paper, presets, _PAGE)
+        write_file_atomically(place, page)
         return
-    for path, content in report_files(paper, presets, place):
-        write_atomically(path, content)
+    for path, content in paper_report_files(paper, presets, place):
+        write_file_atomically(path, content)

@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Final
 
-from haptogram.settings.parser import file_name
+from haptogram.settings.parser import file_name_option
 
 from .shell.exit_status import PASS
 from .shell.output_files import Outputs, write_json
@@ -41,7 +41,7 @@ def set_up(parser: Parser) -> None:
     )
     parser.add_argument(
         "--json",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="write the figures as JSON instead of text; - is standard output [none]",
     )
@@ -50,12 +50,12 @@ def set_up(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute and print; return the exit status."""
-    from haptogram.published.presets import PRESETS, compare, find_preset
+    from haptogram.published.presets import PRESETS, compare_preset, find_preset
     from haptogram.report.presets import presets_text
 
     Outputs(arguments, "json")
     chosen = [find_preset(name) for name in arguments.names] or PRESETS
-    compared = [(preset, compare(preset)) for preset in chosen]
+    compared = [(preset, compare_preset(preset)) for preset in chosen]
     if arguments.json:
         write_json(arguments.json, {"presets": [row for _, rows in compared for row in rows]})
     else:

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
-from haptogram.machine.terminal import paint_verdicts
-from haptogram.settings.parser import file_name, number, whole_number
+from haptogram.machine.terminal import paint_terminal_verdicts
+from haptogram.settings.parser import file_name_option, number_option, whole_number_option
 
 from .shell.exit_status import FAIL, INTERRUPTED, PASS
 from .shell.output_files import FILE_HELP, Outputs
 
 if TYPE_CHECKING:
-    from haptogram.campaigns.soak import Campaign, MakeBoard
+    from haptogram.campaigns.soak import MakeBoard, SoakCampaign
     from haptogram.campaigns.soak.campaign import Progress
     from haptogram.settings.parser import Parser
 
@@ -53,39 +53,46 @@ def set_up(
     parser.set_defaults(run=functools.partial(run, board_maker=board_maker))
     parser.add_argument(
         "--hours",
-        type=number(1e-6, 100_000.0, "h"),
+        type=number_option(1e-6, 100_000.0, "h"),
         required=True,
         metavar="H",
         help="virtual time to stream; an hour takes minutes",
     )
     parser.add_argument(
         "--fault-rate",
-        type=number(0.0, 0.2),
+        type=number_option(0.0, 0.2),
         default=1e-2,
         metavar="P",
         help="share of frames hit [0.01]",
     )
     parser.add_argument(
-        "--seed", type=whole_number(0, 2**63 - 1), default=0, metavar="N", help="of all chance [0]"
+        "--seed",
+        type=whole_number_option(0, 2**63 - 1),
+        default=0,
+        metavar="N",
+        help="of all chance [0]",
     )
     parser.add_argument(
         "--segment-minutes",
-        type=number(0.01, 60.0, "min"),
+        type=number_option(0.01, 60.0, "min"),
         default=10.0,
         metavar="M",
         help="virtual time from one checkpoint to the next [10]",
     )
     parser.add_argument(
-        "--jobs", type=whole_number(1, 256), default=1, metavar="N", help="processes [1]"
+        "--jobs", type=whole_number_option(1, 256), default=1, metavar="N", help="processes [1]"
     )
     parser.add_argument(
         "--resume",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="checkpoint: written after every segment, and gone on from if it is there",
     )
     parser.add_argument(
-        "--json", type=file_name, metavar="FILE", help=f"write the account as JSON. {FILE_HELP}"
+        "--json",
+        type=file_name_option,
+        metavar="FILE",
+        help=f"write the account as JSON. {FILE_HELP}",
     )
     parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -112,7 +119,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     except Interrupted:
         interrupted = True
     # Before the file: a full disk must not cost the account.
-    print(paint_verdicts(soak_text(campaign), outputs.text), file=outputs.text)
+    print(paint_terminal_verdicts(soak_text(campaign), outputs.text), file=outputs.text)
     if interrupted:
         print(_how_to_resume(arguments, campaign), file=sys.stderr)
     if arguments.json is not None:
@@ -122,20 +129,24 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     return INTERRUPTED if interrupted else PASS
 
 
-def _campaign(arguments: argparse.Namespace) -> Campaign:
-    from haptogram.campaigns.soak import Campaign, Setup
+def _campaign(arguments: argparse.Namespace) -> SoakCampaign:
+    from haptogram.campaigns.soak import SoakCampaign, SoakSetup
 
-    setup = Setup(
+    setup = SoakSetup(
         hours=arguments.hours,
         fault_rate=arguments.fault_rate,
         seed=arguments.seed,
         segment_s=arguments.segment_minutes * 60,
         mutant=arguments.mutant,
     )
-    return Campaign(setup) if arguments.resume is None else Campaign.load(arguments.resume, setup)
+    return (
+        SoakCampaign(setup)
+        if arguments.resume is None
+        else SoakCampaign.load(arguments.resume, setup)
+    )
 
 
-def _how_to_resume(arguments: argparse.Namespace, campaign: Campaign) -> str:
+def _how_to_resume(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
     if not campaign.done:
         minutes = campaign.setup.segment_s / 60
         return (
@@ -148,7 +159,7 @@ def _how_to_resume(arguments: argparse.Namespace, campaign: Campaign) -> str:
 
 
 @contextlib.contextmanager
-def _progress(campaign: Campaign, *, quiet: bool) -> Iterator[Progress | None]:
+def _progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
     """Show how far it has come: a bar on a terminal, a line for each segment elsewhere."""
     if quiet:
         yield None
@@ -160,7 +171,7 @@ def _progress(campaign: Campaign, *, quiet: bool) -> Iterator[Progress | None]:
 
 
 @contextlib.contextmanager
-def _bar(campaign: Campaign) -> Iterator[Progress]:
+def _bar(campaign: SoakCampaign) -> Iterator[Progress]:
     from tqdm import tqdm
 
     tqdm.monitor_interval = 0
@@ -182,7 +193,7 @@ def _bar(campaign: Campaign) -> Iterator[Progress]:
         yield show
 
 
-def _lines(campaign: Campaign) -> Progress:
+def _lines(campaign: SoakCampaign) -> Progress:
     told = campaign.done
 
     def show(_: float) -> None:

@@ -12,7 +12,7 @@ import webbrowser
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.parser import checked_type, file_name
+from haptogram.settings.parser import checked_type, file_name_option
 
 from .shell.exit_status import PASS
 from .shell.output_files import Outputs
@@ -74,7 +74,7 @@ def set_up(parser: Parser) -> None:
     )
     parser.add_argument(
         "--html",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="write what the back door holds now as a page, and serve none [none]",
     )
@@ -83,10 +83,10 @@ def set_up(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve or write the page; return the exit status."""
     from haptogram.evidence.backdoor_stream import BackdoorStream
-    from haptogram.report.html import check_page
+    from haptogram.report.html import check_html_page
     from haptogram.report.viewer.live import LiveScene
 
-    check_page(pictures=False)
+    check_html_page(pictures=False)
     outputs = Outputs(arguments, "html")
     with BackdoorStream(arguments.source) as stream:
         first, *others = _first_records(arguments.source, stream)

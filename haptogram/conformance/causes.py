@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from .verdict import Result
+from .verdict import CaseResult
 
 #: Clauses, sections and chapters from the ground up; the longest name that fits a clause counts.
 FOUNDATIONS: Final = (
@@ -61,7 +61,7 @@ FOUNDATIONS: Final = (
 )
 
 
-def rank(clause: str) -> int:
+def cause_rank(clause: str) -> int:
     """Return the place of a clause in :data:`FOUNDATIONS`: 0 is the ground."""
     fits = [
         (len(name), -place)
@@ -71,6 +71,6 @@ def rank(clause: str) -> int:
     return -max(fits)[1]
 
 
-def by_cause(results: Iterable[Result]) -> list[Result]:
+def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
     """Return the failures among *results*, the likeliest cause first."""
-    return sorted((r for r in results if r.is_failure), key=lambda r: rank(r.clause))
+    return sorted((r for r in results if r.is_failure), key=lambda r: cause_rank(r.clause))

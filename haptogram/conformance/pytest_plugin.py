@@ -19,7 +19,7 @@ import pytest
 if TYPE_CHECKING:
     from haptogram.conformance.client.request_client import RequestClient
     from haptogram.conformance.run.access import Access
-    from haptogram.conformance.run.runner import Runner
+    from haptogram.conformance.run.runner import SuiteRunner
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -54,25 +54,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(scope="session")
 def haptogram_board(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Runner]:
+) -> Iterator[SuiteRunner]:
     """Give the board under test: ``result(case)`` judges it, ``session()`` opens a board."""
     import os
 
-    from haptogram.conformance.run.runner import Options, Runner
+    from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 
     option = request.config.getoption
     seed = option("--haptogram-seed")
-    options = Options(
+    options = SuiteOptions(
         timeout_s=option("--haptogram-timeout"),
         seed=int.from_bytes(os.urandom(4)) if seed is None else seed,
         strict=option("--haptogram-strict"),
     )
-    with Runner(_access(option, tmp_path_factory), options) as runner:
+    with SuiteRunner(_access(option, tmp_path_factory), options) as runner:
         yield runner
 
 
 @pytest.fixture
-def haptogram_link(haptogram_board: Runner) -> RequestClient:
+def haptogram_link(haptogram_board: SuiteRunner) -> RequestClient:
     """Give an open session: raw frames in and out, on a board that is DISARMED and quiet."""
     return haptogram_board.session().link
 

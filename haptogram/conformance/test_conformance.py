@@ -10,11 +10,11 @@ from haptogram.conformance.cases import all_cases
 
 if TYPE_CHECKING:
     from haptogram.conformance.case import Case
-    from haptogram.conformance.run.runner import Runner
+    from haptogram.conformance.run.runner import SuiteRunner
 
 
 @pytest.mark.parametrize("case", all_cases(), ids=lambda case: case.id)
-def test_clause(case: Case, haptogram_board: Runner) -> None:
+def test_clause(case: Case, haptogram_board: SuiteRunner) -> None:
     """Judge the board under test by one case."""
     from haptogram.conformance.verdict import MEANINGS
 

@@ -86,7 +86,7 @@ class Recovery:
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class CaseResult:
     """Result of one case.
 
     Attributes
@@ -169,7 +169,7 @@ class SuiteResult:
         Whether Ctrl-C ended the run.
     """
 
-    results: tuple[Result, ...]
+    results: tuple[CaseResult, ...]
     device: dict[str, object] = field(default_factory=dict)
     settings: dict[str, object] = field(default_factory=dict)
     cut_short: str = ""
@@ -178,7 +178,7 @@ class SuiteResult:
     @property
     def exit_status(self) -> int:
         """0, 1 or 3 by the table; 1 beats 3, which is 130 if the run was interrupted."""
-        status = exit_status(self.results)
+        status = suite_exit_status(self.results)
         return INTERRUPTED if self.is_interrupted and status == INCONCLUSIVE_STATUS else status
 
     @property
@@ -191,7 +191,7 @@ class SuiteResult:
         return sum(result.behaviour is behaviour for result in self.results)
 
 
-def exit_status(results: Iterable[Result]) -> int:
+def suite_exit_status(results: Iterable[CaseResult]) -> int:
     """Return the exit status of a run: :data:`FAIL` beats :data:`INCONCLUSIVE_STATUS`."""
     status = PASS
     for result in results:
@@ -202,7 +202,7 @@ def exit_status(results: Iterable[Result]) -> int:
     return status
 
 
-def meaning_table() -> str:
+def verdict_meaning_table() -> str:
     """Return the table verdict -> JUnit -> exit status, as text."""
     rows = [
         f"  {behaviour.value:<14} {meaning.junit or 'passes':<8} {meaning.exit_status}   "

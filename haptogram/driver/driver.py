@@ -13,22 +13,22 @@ from haptogram.acoustics import AcousticModel, Calibration, Medium, TransducerAr
 from haptogram.acoustics.solvers.several import Method
 from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.frame import REGISTER_BITS, Frame, Mode
-from haptogram.driver.frames.targets import Targets, as_foci
-from haptogram.driver.identity import check_air, read_geometry
+from haptogram.driver.frames.targets import Targets, as_frame_foci
+from haptogram.driver.identity import check_model_air, read_geometry
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port
 from haptogram.driver.output import HostOutput
-from haptogram.driver.playback import MOST_PLAYED, PlayReport, Timing, playback_period_us
-from haptogram.driver.session import Session, Sink, choose_nonce
-from haptogram.driver.stream import Pacing, StreamReport
+from haptogram.driver.playback import MOST_PLAYED, PlaybackTiming, PlayReport, playback_period_us
+from haptogram.driver.session import DriverSession, Sink, choose_session_nonce
+from haptogram.driver.stream import StreamPacing, StreamReport
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.driver.upload import upload_correction
 from haptogram.errors import HaptogramError
 from haptogram.records.frame import Focus, Intended, Observation
-from haptogram.records.kept import MOST_KEPT, Kept, check_keep
+from haptogram.records.kept import MOST_KEPT, KeptRecords, check_kept_records
 from haptogram.settings.arguments import (
     Progress,
+    check_argument_kind,
     check_callable,
-    check_kind,
     check_number,
     check_whole,
 )
@@ -139,14 +139,14 @@ class Driver:
     ) -> None:
         check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
         check_port(port, baudrate, timeout_s)
-        check_air(model, medium)
+        check_model_air(model, medium)
         if trace is not None:
-            check_kind("trace", trace, TraceMode, "a TraceMode, or None")
-        check_keep(keep)
+            check_argument_kind("trace", trace, TraceMode, "a TraceMode, or None")
+        check_kept_records(keep)
         check_callable("sink", sink)
         elements = None if calibration is None else Calibration.of(calibration)
-        self.session = choose_nonce(nonce, seed)
-        self._session = Session.open(
+        self.session = choose_session_nonce(nonce, seed)
+        self._session = DriverSession.open(
             port,
             baudrate=baudrate,
             timeout_s=timeout_s,
@@ -158,7 +158,7 @@ class Driver:
         self.identity, self.clock = self._session.identity, self._session.clock
         self.observations, self.events = self._session.observations, self._session.events
         self.warnings = self._session.warnings
-        self.intended = Kept[Intended](keep, sink)
+        self.intended = KeptRecords[Intended](keep, sink)
         self._link, self._pinger, self._phase_bits = link, pinger, phase_bits
         self._closed = False
         try:
@@ -319,7 +319,7 @@ class Driver:
 
         Parameters and errors as in :meth:`stream`.
         """
-        return self._builder().build(as_foci(targets), mode, solver)
+        return self._builder().build(as_frame_foci(targets), mode, solver)
 
     def stream(
         self,
@@ -382,7 +382,7 @@ class Driver:
         check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
         check_number("miss_share", miss_share, 0.0, 1.0)
         for name, value in (("trim", trim), ("realtime", realtime)):
-            check_kind(name, value, bool, "True or False")
+            check_argument_kind(name, value, bool, "True or False")
         check_callable("progress", progress)
         once = self._builder().frames_of(targets, mode, solver)
         check_whole("number of frames, all loops of them", loops * len(once), 1, _MOST_STREAMED)
@@ -390,7 +390,7 @@ class Driver:
             once,
             loops,
             schedule,
-            Pacing(spin_us, realtime),
+            StreamPacing(spin_us, realtime),
             trim_to=miss_share if trim else None,
             progress=progress,
         )
@@ -422,7 +422,7 @@ class Driver:
         """
         check_callable("progress", progress)
         period_us = playback_period_us(rate_hz, self.identity)
-        timing = Timing(period_us, loops, lead_us, unattended_ms)
+        timing = PlaybackTiming(period_us, loops, lead_us, unattended_ms)
         timing.check(self.identity)
         frames = self._builder().frames_of(targets, mode, solver)
         check_whole("number of frames, all loops of them", loops * len(frames), 1, MOST_PLAYED)

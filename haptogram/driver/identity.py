@@ -9,7 +9,7 @@ import numpy as np
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.driver.line.link import Link
 from haptogram.errors import ConfigurationError, WrongProtocolError
-from haptogram.settings.arguments import check_kind
+from haptogram.settings.arguments import check_argument_kind
 from haptogram_protocol.messages import Element, GeometryReply, GetGeometry, HelloReply
 
 
@@ -41,7 +41,7 @@ def read_geometry(link: Link, identity: HelloReply) -> TransducerArray:
                 f"transducers from {reply.first}"
             )
         elements += reply.elements
-    array = array_of(elements)
+    array = array_of_geometry(elements)
     if array.digest() != identity.geometry_hash:
         raise WrongProtocolError(
             f"{link.url}: geometry hash {array.digest():08x} of what was read; HELLO named "
@@ -50,7 +50,7 @@ def read_geometry(link: Link, identity: HelloReply) -> TransducerArray:
     return array
 
 
-def array_of(elements: Sequence[Element]) -> TransducerArray:
+def array_of_geometry(elements: Sequence[Element]) -> TransducerArray:
     """Return the array of which GET_GEOMETRY shows *elements*."""
     positions = np.array([(e.x_um, e.y_um, e.z_um) for e in elements]) / 1e6
     normals = np.array([(e.nx, e.ny, e.nz) for e in elements]) / 32767
@@ -60,16 +60,16 @@ def array_of(elements: Sequence[Element]) -> TransducerArray:
 def assumed_model(
     link: Link, identity: HelloReply, model: AcousticModel | None, medium: Medium | None
 ) -> tuple[AcousticModel, list[str]]:
-    """Return the model that the host assumes, and the warnings of :func:`check_model`.
+    """Return the model that the host assumes, and the warnings of :func:`_check_model`.
 
     Without *model* it is that of the board's own array in *medium*.
     """
     if model is None:
-        model = model_of(read_array(link, identity), identity, medium)
-    return model, check_model(model, identity)
+        model = model_of_identity(read_array(link, identity), identity, medium)
+    return model, _check_model(model, identity)
 
 
-def model_of(
+def model_of_identity(
     array: TransducerArray, identity: HelloReply, medium: Medium | None = None
 ) -> AcousticModel:
     """Return the model of a board's array in *medium*, by default air of 20 C."""
@@ -78,7 +78,7 @@ def model_of(
     return AcousticModel(array, air, transducer)
 
 
-def check_model(model: AcousticModel, identity: HelloReply) -> list[str]:
+def _check_model(model: AcousticModel, identity: HelloReply) -> list[str]:
     """Return the differences of model and board with which both can still work together.
 
     Raises
@@ -102,7 +102,7 @@ def check_model(model: AcousticModel, identity: HelloReply) -> list[str]:
     return []
 
 
-def check_air(model: AcousticModel | None, medium: Medium | None) -> None:
+def check_model_air(model: AcousticModel | None, medium: Medium | None) -> None:
     """Refuse a *medium* that is not the one of *model*.
 
     Raises
@@ -111,9 +111,9 @@ def check_air(model: AcousticModel | None, medium: Medium | None) -> None:
         Naming both speeds of sound; or if either argument is of another type.
     """
     if model is not None:
-        check_kind("model", model, AcousticModel, "an AcousticModel, or None")
+        check_argument_kind("model", model, AcousticModel, "an AcousticModel, or None")
     if medium is not None:
-        check_kind("medium", medium, Medium, "a Medium, or None")
+        check_argument_kind("medium", medium, Medium, "a Medium, or None")
     if model is not None and medium is not None and model.medium != medium:
         raise ConfigurationError(
             f"medium has a speed of sound of {medium.sound_speed_m_s:g} m/s, that of the model "

@@ -9,15 +9,15 @@ from dataclasses import replace
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import NS_PER_S
-from haptogram.driver.playback import Player, PlayReport, Timing
-from haptogram.driver.session import Session
-from haptogram.driver.stream import Pacing, Streamer, StreamReport, preparation_ns
+from haptogram.driver.playback import PlaybackTiming, PlayReport, SequencePlayer
+from haptogram.driver.session import DriverSession
+from haptogram.driver.stream import Streamer, StreamPacing, StreamReport, stream_preparation_ns
 from haptogram.driver.timing.realtime import next_deadline_ns
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.driver.upload import SequenceData
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
-from haptogram.records.kept import Kept
+from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import GetStatus, StatusReply
 
@@ -33,7 +33,7 @@ class HostOutput:
         Grows by every frame that is sent or due.
     """
 
-    def __init__(self, session: Session, intended: Kept[Intended]) -> None:
+    def __init__(self, session: DriverSession, intended: KeptRecords[Intended]) -> None:
         link, pinger, identity = session.link, session.pinger, session.identity
         self._session = session
         self._link = link
@@ -43,7 +43,7 @@ class HostOutput:
         self._streamer = Streamer(
             link, pinger, identity, intended=intended, status=lambda: session.last_status
         )
-        self._player = Player(link, pinger, identity, events=session.events)
+        self._player = SequencePlayer(link, pinger, identity, events=session.events)
         self._held: Frame | None = None
 
     def focus(self, frame: Frame) -> Intended:
@@ -81,7 +81,7 @@ class HostOutput:
         frames: list[Frame],
         loops: int,
         schedule: Schedule,
-        pacing: Pacing,
+        pacing: StreamPacing,
         *,
         trim_to: float | None,
         progress: Progress | None,
@@ -94,14 +94,16 @@ class HostOutput:
             trim = schedule.lead_trim(frames, known, baudrate, trim_to)
             pacing = replace(pacing, trim=trim)
         every = frames * loops
-        self._make_ready(frames, schedule.lead_us + preparation_ns(len(every)) // 1000)
+        self._make_ready(frames, schedule.lead_us + stream_preparation_ns(len(every)) // 1000)
         done = self._streamer.stream(every, schedule, pacing, progress)
         self._session.collect_ring()
         for text in done.not_permitted:
             self._session.warn(text)
         return done.report(self._session.clock.uncertainty_us, self._status())
 
-    def play(self, frames: list[Frame], timing: Timing, progress: Progress | None) -> PlayReport:
+    def play(
+        self, frames: list[Frame], timing: PlaybackTiming, progress: Progress | None
+    ) -> PlayReport:
         """Upload *frames*, play them on the board's clock, and wait for the end."""
         data = SequenceData.of(frames)
         data.check(self._session.identity)

@@ -7,18 +7,18 @@ from typing import Final
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
-from haptogram.driver.timing.clock import next_boundary_us
+from haptogram.driver.timing.clock import next_carrier_boundary_us
 from haptogram.driver.timing.pings import PING_PERIOD_NS, Pinger
 from haptogram.driver.timing.schedule import LEAST_RATE_HZ
 from haptogram.driver.upload import SequenceData, upload
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey, Intended
-from haptogram.records.kept import Kept
+from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress, check_number, check_whole
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.messages import HelloReply, Play, PlaybackEnded, PlayReply, StatusReply
 
-SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
+_SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
 US_PER_S: Final = 1_000_000
 _TURN_NS: Final = 100_000_000
 MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz
@@ -49,7 +49,7 @@ def playback_period_us(rate_hz: float, identity: HelloReply) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Timing:
+class PlaybackTiming:
     """When the frames of a sequence are due.
 
     Attributes
@@ -107,10 +107,10 @@ class _Score:
     """A playback under way: the time of each frame, and the number recorded as intended."""
 
     frames: list[Frame]
-    timing: Timing
+    timing: PlaybackTiming
     t0_us: int
     session: int
-    intended: Kept[Intended]
+    intended: KeptRecords[Intended]
     noted: int = 0
 
     @property
@@ -126,13 +126,13 @@ class _Score:
         """Note the first *due* frames, but for those that are."""
         while self.noted < due:
             loop, index = divmod(self.noted, len(self.frames))
-            key = FrameKey(self.session, SEQUENCE_ID, loop, index)
+            key = FrameKey(self.session, _SEQUENCE_ID, loop, index)
             due_us, number = self.due_us(self.noted), self.intended.total
             self.noted += 1
             self.intended.append(self.frames[index].intended(number, key, due_us))
 
 
-class Player:
+class SequencePlayer:
     """Uploads and plays over a link.
 
     Parameters
@@ -147,7 +147,12 @@ class Player:
     """
 
     def __init__(
-        self, link: Link, pinger: Pinger, identity: HelloReply, *, events: Kept[EventReceived]
+        self,
+        link: Link,
+        pinger: Pinger,
+        identity: HelloReply,
+        *,
+        events: KeptRecords[EventReceived],
     ) -> None:
         self._link = link
         self._pinger = pinger
@@ -158,13 +163,13 @@ class Player:
     def store(self, data: SequenceData) -> None:
         """Upload the sequence to play."""
         points = data.points_per_frame
-        upload(self._link, data.kind, SEQUENCE_ID, data.data, points_per_frame=points)
+        upload(self._link, data.kind, _SEQUENCE_ID, data.data, points_per_frame=points)
 
     def play(
         self,
         frames: list[Frame],
-        timing: Timing,
-        intended: Kept[Intended],
+        timing: PlaybackTiming,
+        intended: KeptRecords[Intended],
         progress: Progress | None,
     ) -> tuple[int, PlaybackEnded | None]:
         """Play what was stored and wait for the end; return t0 and the board's own account.
@@ -182,11 +187,11 @@ class Player:
         score.note(score.total)
         return score.t0_us, end
 
-    def _start(self, timing: Timing) -> int:
+    def _start(self, timing: PlaybackTiming) -> int:
         """Start playback and return when: unwrapped device time."""
         now_us = self._pinger.clock.to_device_us(self._link.now_ns())
-        t0_us = next_boundary_us(now_us + timing.lead_us, self._identity.carrier_hz)
-        play = Play(SEQUENCE_ID, timing.period_us, timing.loops, timing.unattended_ms)
+        t0_us = next_carrier_boundary_us(now_us + timing.lead_us, self._identity.carrier_hz)
+        play = Play(_SEQUENCE_ID, timing.period_us, timing.loops, timing.unattended_ms)
         self._link.request(play, PlayReply, t_apply_us=t0_us)
         return t0_us
 

@@ -19,8 +19,8 @@ from haptogram.driver.timing.pings import Pinger
 from haptogram.driver.trace import TraceReader
 from haptogram.errors import HaptogramError, LinkError, WrongProtocolError
 from haptogram.records.frame import Intended, Observation
-from haptogram.records.kept import Kept
-from haptogram.settings.arguments import MOST_SEED, check_kind, check_whole
+from haptogram.records.kept import KeptRecords
+from haptogram.settings.arguments import MOST_SEED, check_argument_kind, check_whole
 from haptogram_protocol import HostConnection
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
 from haptogram_protocol.export.tables import description_hash
@@ -34,7 +34,7 @@ _MOST_WARNINGS: Final = 100
 _MUTE_TIMEOUT_NS: Final = NS_PER_S  # of close: the board's own timers mute it soon after
 
 
-def choose_nonce(nonce: int | None, seed: int | None) -> int:
+def choose_session_nonce(nonce: int | None, seed: int | None) -> int:
     """Return *nonce*, else one drawn with *seed*, else one at random.
 
     Raises
@@ -49,7 +49,7 @@ def choose_nonce(nonce: int | None, seed: int | None) -> int:
     return secrets.randbelow(0xFFFF) + 1
 
 
-class Session:
+class DriverSession:
     """One session on an open link.
 
     Parameters
@@ -81,8 +81,8 @@ class Session:
         self.clock = ClockEstimate(self.identity.clock_ppm)
         self.pinger = Pinger(link, self.clock)
         self._traces = TraceReader(nonce, self.identity.transducers, self.clock)
-        self.observations = Kept[Observation](keep, sink)
-        self.events = Kept[EventReceived](keep)
+        self.observations = KeptRecords[Observation](keep, sink)
+        self.events = KeptRecords[EventReceived](keep)
         self.last_status: Status | None = None
 
     @classmethod
@@ -95,7 +95,7 @@ class Session:
         nonce: int,
         keep: int | None,
         sink: Sink | None,
-    ) -> Session:
+    ) -> DriverSession:
         """Open *port* and a session on it; close the port again if that fails."""
         connection = HostConnection(
             nonce=nonce, description_hash=description_hash(), cobs=fastest_cobs()
@@ -148,7 +148,7 @@ class Session:
 
     def read_drive(self, kind: DriveKind) -> Observation:
         """Return the present drive at the transducers; see :class:`TraceReader`."""
-        check_kind("kind", kind, DriveKind, "a DriveKind")
+        check_argument_kind("kind", kind, DriveKind, "a DriveKind")
         return self._traces.read_drive(self.link, kind)
 
     def collect_ring(self) -> None:

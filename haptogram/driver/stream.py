@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
-from haptogram.driver.timing.clock import next_boundary_us
-from haptogram.driver.timing.lead import LeadTrim, SafetyMargin
+from haptogram.driver.timing.clock import next_carrier_boundary_us
+from haptogram.driver.timing.lead import LeadMargin, LeadTrim
 from haptogram.driver.timing.pings import Pinger
-from haptogram.driver.timing.realtime import PeriodicLoop, TickLog, can_arrive
+from haptogram.driver.timing.realtime import PeriodicLoop, TickLog, can_arrive_in_time
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.errors import LinkError
-from haptogram.machine.process import real_time
+from haptogram.machine.process import real_time_process
 from haptogram.records.frame import FrameKey, Intended
-from haptogram.records.kept import Kept
+from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import HelloReply, Status, StatusReply
 
@@ -96,7 +96,7 @@ class StreamReport:
 
 
 @dataclass(frozen=True, slots=True)
-class Pacing:
+class StreamPacing:
     """How the loop keeps its deadlines.
 
     Attributes
@@ -168,7 +168,7 @@ class Streamer:
         pinger: Pinger,
         identity: HelloReply,
         *,
-        intended: Kept[Intended],
+        intended: KeptRecords[Intended],
         status: Callable[[], Status | None],
     ) -> None:
         self._link = link
@@ -192,7 +192,7 @@ class Streamer:
         self,
         frames: list[Frame],
         schedule: Schedule,
-        pacing: Pacing,
+        pacing: StreamPacing,
         progress: Progress | None,
     ) -> Streamed:
         """Send *frames*.
@@ -203,7 +203,7 @@ class Streamer:
             The link broke, or the board's clock jumped: the frames would come at wrong times.
         """
         stalls = self._link.stalls
-        with real_time(strict=pacing.strict) as refused:
+        with real_time_process(strict=pacing.strict) as refused:
             run = _Run(self._link, self._pinger, schedule, pacing, self._status, len(frames))
             t0_us = self._start_us(schedule, len(frames))
             coming = self._encoded(frames, schedule, t0_us)
@@ -236,9 +236,9 @@ class Streamer:
 
     def _start_us(self, schedule: Schedule, count: int) -> int:
         """Return when the first frame is due: after the time to encode the first 256 frames."""
-        begin_ns = self._link.now_ns() + preparation_ns(count)
+        begin_ns = self._link.now_ns() + stream_preparation_ns(count)
         begin_us = self._pinger.clock.to_device_us(begin_ns)
-        return next_boundary_us(begin_us + schedule.lead_us, self._identity.carrier_hz)
+        return next_carrier_boundary_us(begin_us + schedule.lead_us, self._identity.carrier_hz)
 
     def _encoded(self, frames: list[Frame], schedule: Schedule, t0_us: int) -> Iterator[_Encoded]:
         for number, frame in enumerate(frames):
@@ -253,7 +253,7 @@ class Streamer:
         return intended
 
 
-def preparation_ns(count: int) -> int:
+def stream_preparation_ns(count: int) -> int:
     """Return how long before its lead a stream of *count* frames begins."""
     return _START_NS + min(count, _AHEAD) * _ENCODING_NS
 
@@ -266,7 +266,7 @@ class _Run:
         link: Link,
         pinger: Pinger,
         schedule: Schedule,
-        pacing: Pacing,
+        pacing: StreamPacing,
         status: Callable[[], Status | None],
         ticks: int,
     ) -> None:
@@ -282,7 +282,7 @@ class _Run:
             period_ns=int(schedule.period_us * 1000),
             spin_ns=pacing.spin_us * 1000,
         )
-        self._safety = SafetyMargin(pinger.clock.uncertainty_us)
+        self._safety = LeadMargin(pinger.clock.uncertainty_us)
         self._deadline_ns = self._wake_ns = 0
         self._lead_changed = True  # until the first report that began with this stream
 
@@ -310,7 +310,7 @@ class _Run:
         """Send the frame due at *due_us*; return False if the frame can no longer be in time."""
         link = self._link
         ready_ns = room_ns = link.now_ns()
-        in_time = can_arrive(
+        in_time = can_arrive_in_time(
             now_ns=ready_ns,
             line_free_ns=link.line.free_ns,
             transmission_ns=link.transmission_ns(wire),

@@ -9,7 +9,7 @@ from typing import Final
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import Progress, check_kind
+from haptogram.settings.arguments import Progress, check_argument_kind
 from haptogram_protocol.messages import (
     Feature,
     HelloReply,
@@ -81,7 +81,7 @@ class SequenceData:
 
     def check(self, identity: HelloReply) -> None:
         """Refuse a sequence that the board cannot hold, before the first byte is sent."""
-        check_upload(identity, self.kind, len(self.data))
+        _check_upload(identity, self.kind, len(self.data))
         if self.frames > identity.max_sequence_frames:
             raise ConfigurationError(
                 f"a sequence of {self.frames} frames; the board holds "
@@ -89,7 +89,7 @@ class SequenceData:
             )
 
 
-def check_upload(identity: HelloReply, kind: UploadKind, size: int) -> None:
+def _check_upload(identity: HelloReply, kind: UploadKind, size: int) -> None:
     """Refuse an upload that the board does not take.
 
     Raises
@@ -129,12 +129,12 @@ def upload(
 
 def upload_correction(link: Link, identity: HelloReply, codes: bytes) -> None:
     """Set the phase correction of every transducer, in 1/256 turns."""
-    check_kind("codes", codes, bytes, "bytes")
+    check_argument_kind("codes", codes, bytes, "bytes")
     if len(codes) != identity.transducers:
         raise ConfigurationError(
             f"{len(codes)} phase corrections; the board has {identity.transducers} transducers"
         )
-    check_upload(identity, UploadKind.CORRECTION, len(codes))
+    _check_upload(identity, UploadKind.CORRECTION, len(codes))
     upload(link, UploadKind.CORRECTION, 0, codes)
 
 

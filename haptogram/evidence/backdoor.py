@@ -65,7 +65,7 @@ class BackdoorFile:
         return len(found)
 
 
-def observation_of(record: Mapping[str, Any]) -> Observation:
+def _observation_of(record: Mapping[str, Any]) -> Observation:
     """Return the observation in a ``latch`` record.
 
     Raises
@@ -88,18 +88,18 @@ def observation_of(record: Mapping[str, Any]) -> Observation:
         raise ConfigurationError(f"not a latch record of a back door: {error!r}") from error
 
 
-def observations_of(
+def backdoor_observations(
     records: Iterable[Mapping[str, Any]], session: int | None = None
 ) -> list[Observation]:
     """Return the latches among *records*, of one session or of all, in order."""
     return [
-        observation_of(record)
+        _observation_of(record)
         for record in records
         if record["kind"] == "latch" and session in (None, record["session"])
     ]
 
 
-def fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
+def backdoor_fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
     """Return how often each fault has fired; None: the board has not ended, or had no faults."""
     if not records or records[-1]["kind"] != _END:
         return None
@@ -107,7 +107,7 @@ def fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
     return counts
 
 
-def silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
+def _silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
     """Return when the output fell silent: device times as the board counts them."""
     return [
         record["t_us"]
@@ -120,7 +120,7 @@ def silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
     ]
 
 
-def why_incomplete(
+def why_backdoor_incomplete(
     records: Sequence[Mapping[str, Any]], session: int | None = None, last: FrameKey | None = None
 ) -> str | None:
     """Return why latches of *session* may be missing among *records*; None: none is.
@@ -142,17 +142,17 @@ def why_incomplete(
         return f"the back door lacks {missing} latches that found its queue full"
     if end is not None:
         return None if end["clean"] else "the board was killed before its last latches were told"
-    if last is not None and any(is_latch_of(record, last) for record in records):
+    if last is not None and any(is_latch_record_of(record, last) for record in records):
         return None
     return "the back door fell silent before the last frame"
 
 
-def is_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
+def is_latch_record_of(record: Mapping[str, Any], key: FrameKey) -> bool:
     """Tell whether *record* is of the latch with this *key*."""
     return record["kind"] == "latch" and key == _key(record)
 
 
-def on_the_clock_of(
+def observations_on_clock_of(
     intended: Sequence[Intended], observations: Sequence[Observation]
 ) -> list[Observation]:
     """Return *observations* with their times counted as those of *intended* are.
@@ -167,10 +167,10 @@ def on_the_clock_of(
 def silences_on_the_clock_of(
     intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]
 ) -> list[int]:
-    """Return :func:`silences_of` *records*, counted as the times of *intended* are."""
+    """Return :func:`_silences_of` *records*, counted as the times of *intended* are."""
     latches = (record for record in records if record["kind"] == "latch")
     shift_us = _shift_us(intended, ((_key(latch), latch["t_latch_us"]) for latch in latches))
-    return [t_us + shift_us for t_us in silences_of(records)]
+    return [t_us + shift_us for t_us in _silences_of(records)]
 
 
 def _shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:

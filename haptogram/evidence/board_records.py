@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.evidence.backdoor import BackdoorFile, is_latch_of, why_incomplete
+from haptogram.evidence.backdoor import BackdoorFile, is_latch_record_of, why_backdoor_incomplete
 from haptogram.records.frame import FrameKey
 
 _POLL_S: Final = 0.01
@@ -58,10 +58,10 @@ class BoardRecords:
             nonlocal looked_at
             new = self._file.records[looked_at:]
             looked_at += len(new)
-            return any(is_latch_of(record, key) for record in new)
+            return any(is_latch_record_of(record, key) for record in new)
 
         self._read_until(is_there)
-        return why_incomplete(self._file.records, key.session, key)
+        return why_backdoor_incomplete(self._file.records, key.session, key)
 
     def read_to_the_end(self, progress: Callable[[int], None] | None = None) -> None:
         """Read until the end record, or until the board falls silent.

@@ -9,15 +9,15 @@ from typing import Any, Final, Protocol
 
 from haptogram.acoustics import AcousticModel
 from haptogram.driver.driver import Driver
-from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes
+from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes_on_line
 from haptogram.driver.line.port import Transport
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
-    fault_counts,
-    observations_of,
-    on_the_clock_of,
+    backdoor_fault_counts,
+    backdoor_observations,
+    observations_on_clock_of,
     silences_on_the_clock_of,
-    why_incomplete,
+    why_backdoor_incomplete,
 )
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import Observation
@@ -131,10 +131,10 @@ class ProcessBoard:
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
         self._board.finish(show, skip_fields=skip_fields)
-        self.unseen = why_incomplete(self._board.records(), driver.session)
+        self.unseen = why_backdoor_incomplete(self._board.records(), driver.session)
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
-        return on_the_clock_of(driver.intended, self._board.observations(driver.session))
+        return observations_on_clock_of(driver.intended, self._board.observations(driver.session))
 
     def silences(self, driver: Driver) -> list[int]:
         """Return what came out of the back door."""
@@ -198,8 +198,8 @@ class InProcessBoard:
         skip_fields: bool = False,  # noqa: ARG002  nor to leave out
     ) -> list[Observation]:
         """Return what came out of the back door."""
-        found = observations_of(self._records(), driver.session)
-        return on_the_clock_of(driver.intended, found)
+        found = backdoor_observations(self._records(), driver.session)
+        return observations_on_clock_of(driver.intended, found)
 
     def silences(self, driver: Driver) -> list[int]:
         """Return what came out of the back door."""
@@ -208,7 +208,7 @@ class InProcessBoard:
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """What the board told when its port was closed."""
-        return fault_counts(self._records())
+        return backdoor_fault_counts(self._records())
 
 
 def _last_ns(driver: Driver, now_ns: int) -> int:
@@ -293,7 +293,7 @@ class PortBoard:
 
     def _divider(self, identity: HelloReply) -> int:
         """Return k so that every k-th drive in full leaves half of the line free."""
-        size = frame_bytes(TraceDrive.LAYOUT.size + 2 * identity.transducers)
+        size = frame_bytes_on_line(TraceDrive.LAYOUT.size + 2 * identity.transducers)
         carried_hz = self._baudrate * _TRACE_SHARE / BITS_PER_BYTE / size
         return max(1, math.ceil(self._rate_hz / carried_hz))
 

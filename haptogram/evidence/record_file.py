@@ -20,7 +20,7 @@ import numpy as np
 from haptogram.acoustics.model.drive import Drive
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
-from haptogram.settings.arguments import check_kind
+from haptogram.settings.arguments import check_argument_kind
 
 _SLOTS: Final = 4096  # frames that are remembered: some 5 MB
 _Content: TypeAlias = tuple[tuple[Focus, ...], Drive, int, bool, str]
@@ -55,7 +55,7 @@ class RecordFile:
     """
 
     def __init__(self, path: str | Path) -> None:
-        check_kind("path", path, (str, Path), "the name of a file")
+        check_argument_kind("path", path, (str, Path), "the name of a file")
         try:
             self._file = Path(path).open("w", encoding="utf-8")  # noqa: SIM115  closed by close()
         except OSError as error:
@@ -155,7 +155,7 @@ def read_records(path: str | Path) -> Records:
     >>> len(records.intended), len(records.observations)
     (1, 0)
     """
-    check_kind("path", path, (str, Path), "the name of a file")
+    check_argument_kind("path", path, (str, Path), "the name of a file")
     reader = _Reader()
     try:
         with Path(path).open(encoding="utf-8") as file:

@@ -21,12 +21,12 @@ from haptogram.evidence.boards import BoardUnderTest
 from haptogram.objects import shapes as tactile
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.records.frame import STREAM, Focus, Intended, Observation
-from haptogram.records.kept import only
+from haptogram.records.kept import only_kept_records
 from haptogram.settings.arguments import Progress
 from haptogram.settings.array import ArrayConfig
 from haptogram.settings.shape import UNITS_M, ModulationConfig, ShapeConfig
 from haptogram.settings.verify_config import PaceConfig, VerifyConfig
-from haptogram.verification import Cut, check_tolerance, tolerance_of
+from haptogram.verification import Cut, check_frame_tolerance, tolerance_of
 from haptogram_protocol.messages import Counters, HelloReply, StateChanged
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class RunRecord:
     troubles: dict[str, dict[str, int]] = field(default_factory=dict)
 
 
-def host_model(config: ArrayConfig, array: TransducerArray | None = None) -> AcousticModel:
+def host_model_of_run(config: ArrayConfig, array: TransducerArray | None = None) -> AcousticModel:
     """Return the array and the air that the host assumes; by default the virtual board's array."""
     if array is None:
         array = TransducerArray.parse(config.virtual_array, pitch_m=config.pitch_mm / 1e3)
@@ -99,15 +99,13 @@ def host_model(config: ArrayConfig, array: TransducerArray | None = None) -> Aco
     return AcousticModel(array, air, transducer)
 
 
-def frames_to_show(
-    shape: ShapeConfig, pace: PaceConfig, modulated: ModulationConfig
-) -> FocusFrames:
+def frames_of_run(shape: ShapeConfig, pace: PaceConfig, modulated: ModulationConfig) -> FocusFrames:
     """Return the frames of one pass: the object's points, modulated and held as the settings say.
 
     Raises
     ------
     ConfigurationError
-        As :func:`sample_object` and :meth:`haptogram.objects.modulation.Modulation.frames`.
+        As :func:`sample_object_of_run` and :meth:`haptogram.objects.modulation.Modulation.frames`.
     """
     x, y, z = (coordinate / 1e3 for coordinate in modulated.shift_mm)
     modulation = Modulation(
@@ -117,12 +115,12 @@ def frames_to_show(
         (x, y, z),
         None if modulated.dwell_ms is None else modulated.dwell_ms / 1e3,
     )
-    frames = modulation.frames(sample_object(shape, pace.repeat), pace.rate_hz)
+    frames = modulation.frames(sample_object_of_run(shape, pace.repeat), pace.rate_hz)
     _check_kept(pace.repeat, frames.count, "frames")
     return frames
 
 
-def sample_object(config: ShapeConfig, repeat: int = 1) -> NDArray[np.float64]:
+def sample_object_of_run(config: ShapeConfig, repeat: int = 1) -> NDArray[np.float64]:
     """Return the (T, 3) points to display, in metres, in the order of one pass.
 
     Raises
@@ -179,7 +177,7 @@ def _check_size(mesh: tactile.MeshSurface, config: ShapeConfig) -> None:
     )
 
 
-def measure(
+def measure_run(
     config: VerifyConfig,
     board: BoardUnderTest,
     progress: Progress | None,
@@ -200,8 +198,8 @@ def measure(
     faulty : bool
         Whether faults are planned: then a refusal of the board ends the run as a broken link does.
     """
-    shown = frames_to_show(config.shape, config.pace, config.modulation)
-    model = host_model(config.array)
+    shown = frames_of_run(config.shape, config.pace, config.modulation)
+    model = host_model_of_run(config.array)
     own_array = config.link.port is not None and config.array.array is None
     file = config.elements.calibration
     elements = None if file is None else Calibration.from_file(file)
@@ -222,7 +220,7 @@ def measure(
     try:
         if elements is not None:
             _calibrate(found, elements, driver)
-        check_tolerance(found.model, shown.points_m, tolerance_of(config.tolerance))
+        check_frame_tolerance(found.model, shown.points_m, tolerance_of(config.tolerance))
         with _cut_short(found, driver, board, total, faulty=faulty):
             before = driver.status().counters
             board.prepare(driver)
@@ -367,7 +365,9 @@ def _at_once(foci: list[Focus], count: int) -> list[list[Focus]]:
 def _until_the_cut(found: RunRecord) -> Sequence[Observation]:
     """Leave out what a sequence played on by itself between the cut and the MUTE."""
     wanted = {intended.key for intended in found.intended}
-    return only(found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted)
+    return only_kept_records(
+        found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted
+    )
 
 
 def _state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:

@@ -18,18 +18,23 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.evidence.backdoor import (
-    fault_counts,
-    observations_of,
-    on_the_clock_of,
+    backdoor_fault_counts,
+    backdoor_observations,
+    observations_on_clock_of,
     silences_on_the_clock_of,
 )
 from haptogram.evidence.board_process import BoardProcess
 from haptogram.evidence.board_records import BoardRecords
 from haptogram.machine.working_folder import WorkingFolder
 from haptogram.records.frame import Intended, Observation
-from haptogram.settings.arguments import check_callable, check_kind, check_number, check_whole
+from haptogram.settings.arguments import (
+    check_argument_kind,
+    check_callable,
+    check_number,
+    check_whole,
+)
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
-from haptogram.settings.command_line import written
+from haptogram.settings.command_line import written_options
 from haptogram.settings.faults.plan import parse_faults
 from haptogram.settings.line import MAX_BAUD, LineSettings
 
@@ -104,7 +109,7 @@ class VirtualBoard:
     ) -> None:
         if baudrate is not None:
             check_whole("baudrate", baudrate, 1, MAX_BAUD)
-        check_kind("reconstruct", reconstruct, bool, "True or False")
+        check_argument_kind("reconstruct", reconstruct, bool, "True or False")
         elements = None if calibration is None else Calibration.of(calibration)
         config = BoardConfig.of(
             array=array,
@@ -148,7 +153,7 @@ class VirtualBoard:
             port.append("--no-reconstruct")
         # Without a seed the process takes a random one.
         values = {"seed": config.seed} | config.non_default()
-        arguments = [*port, *written(values, BOARD_OPTIONS)]
+        arguments = [*port, *written_options(values, BOARD_OPTIONS)]
         self._process = BoardProcess(arguments, self._folder.path / "log")
         self._records = BoardRecords(records, is_running=self._process.is_running)
         try:
@@ -173,12 +178,12 @@ class VirtualBoard:
         """Return what was latched, in one session or in all of them."""
         if session is not None:
             check_whole("session", session, 0, 0xFFFF)
-        return observations_of(self.records(), session)
+        return backdoor_observations(self.records(), session)
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """How often each fault has fired; None before the board has ended, or without faults."""
-        return fault_counts(self._records.read())
+        return backdoor_fault_counts(self._records.read())
 
     def wait_idle(self, intended: Sequence[Intended]) -> str | None:
         """Wait until the back door shows the last of *intended*, is closed, or falls silent.
@@ -210,7 +215,7 @@ class VirtualBoard:
             True: the last records come at once, without their fields.
         """
         check_callable("progress", progress)
-        check_kind("skip_fields", skip_fields, bool, "True or False")
+        check_argument_kind("skip_fields", skip_fields, bool, "True or False")
         if skip_fields:
             self._process.close_pipe()
         else:
@@ -244,8 +249,8 @@ class VirtualBoard:
         Returns
         -------
         RunVerdict
-            Of the frames in *intended*.  Where it is a :class:`~haptogram.records.kept.Kept` that
-            had to drop some, it can fail, but not pass, and ``counts["not_kept"]`` says how many.
+            Of the frames in *intended*.  A :class:`~haptogram.records.kept.KeptRecords` that
+            dropped some can fail, but not pass, and ``counts["not_kept"]`` says how many.
 
         Raises
         ------
@@ -255,17 +260,17 @@ class VirtualBoard:
         _check_intended(intended)
         check_number("min_verified", min_verified, 0.0, 1.0)
         if model is not None:
-            check_kind("model", model, AcousticModel, "an AcousticModel, or None")
+            check_argument_kind("model", model, AcousticModel, "an AcousticModel, or None")
         # Late, because it is much: whoever only wants a board does not pay for it.
         from haptogram.verification import Tolerance, Uncertainty, verify_run
 
         if tolerance is not None:
-            check_kind("tolerance", tolerance, Tolerance, "a Tolerance, or None")
+            check_argument_kind("tolerance", tolerance, Tolerance, "a Tolerance, or None")
         if uncertainty is not None:
-            check_kind("uncertainty", uncertainty, Uncertainty, "an Uncertainty, or None")
+            check_argument_kind("uncertainty", uncertainty, Uncertainty, "an Uncertainty, or None")
         unseen = self.wait_idle(intended)
         session = intended[0].key.session if intended else None
-        observations = on_the_clock_of(intended, self.observations(session))
+        observations = observations_on_clock_of(intended, self.observations(session))
         return verify_run(
             intended,
             observations,
@@ -331,7 +336,11 @@ class VirtualBoard:
 
 
 def _check_intended(intended: Sequence[Intended]) -> None:
-    check_kind("intended", intended, Sequence, "a sequence of Intended, such as Driver.intended")
+    check_argument_kind(
+        "intended", intended, Sequence, "a sequence of Intended, such as Driver.intended"
+    )
     for number, entry in enumerate(intended):
         if not isinstance(entry, Intended):
-            check_kind(f"intended[{number}]", entry, Intended, "an Intended, as of the driver")
+            check_argument_kind(
+                f"intended[{number}]", entry, Intended, "an Intended, as of the driver"
+            )

@@ -15,7 +15,7 @@ from haptogram.errors import ConfigurationError
 STANDARD_OUTPUT: Final = Path("-")
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+def write_file_atomically(path: Path, content: bytes) -> None:
     """Write *content* to *path*: a reader meets the old file or the new one, never a part.
 
     The folder is created where there is none.  What exists and is no regular file (``/dev/stdout``,
@@ -40,8 +40,8 @@ def write_atomically(path: Path, content: bytes) -> None:
         raise _refusal(path, error) from error
 
 
-def check_writable(path: Path) -> None:
-    """Raise, without a trace on the disk, if :func:`write_atomically` could not write *path*.
+def check_file_writable(path: Path) -> None:
+    """Raise, without a trace on the disk, if :func:`write_file_atomically` could not write *path*.
 
     Raises
     ------
@@ -69,7 +69,9 @@ def check_writable(path: Path) -> None:
         raise
 
 
-def check_distinct(outputs: Mapping[str, Path], inputs: Iterable[tuple[str, Path]] = ()) -> None:
+def check_distinct_files(
+    outputs: Mapping[str, Path], inputs: Iterable[tuple[str, Path]] = ()
+) -> None:
     """Raise if two outputs are one file, or if an output would replace an input.
 
     Parameters

@@ -16,7 +16,7 @@ _PROC: Final = Path("/proc")
 _CPU0: Final = Path("/sys/devices/system/cpu/cpu0")
 
 
-def fingerprint() -> dict[str, Any]:
+def machine_fingerprint() -> dict[str, Any]:
     """Return CPU, kernel, governor, virtualisation, load and versions; no name of host or user."""
     return {
         "cpu": _cpu_model(),

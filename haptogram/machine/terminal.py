@@ -11,7 +11,7 @@ _COLOURS: Final = {"PASS": "32", "FAIL": _RED, "INCONCLUSIVE": "33"}
 _VERDICT: Final = re.compile(rf"^((?:verdict +)?)({'|'.join(_COLOURS)})\b", re.MULTILINE)
 
 
-def has_colour(stream: TextIO) -> bool:
+def terminal_has_colour(stream: TextIO) -> bool:
     """Return True if *stream* takes colours.
 
     NO_COLOR and FORCE_COLOR decide, in this order; else a terminal does, unless it is dumb.
@@ -23,14 +23,15 @@ def has_colour(stream: TextIO) -> bool:
     return os.environ.get("TERM") != "dumb" and stream.isatty()
 
 
-def error_line(program: str, message: str, stream: TextIO) -> str:
+def terminal_error_line(program: str, message: str, stream: TextIO) -> str:
     """Return the line of an error on *stream*, the name of the program in red."""
-    return f"{_painted(f'{program}:', _RED) if has_colour(stream) else f'{program}:'} {message}"
+    name = f"{program}:"
+    return f"{_painted(name, _RED) if terminal_has_colour(stream) else name} {message}"
 
 
-def paint_verdicts(text: str, stream: TextIO) -> str:
+def paint_terminal_verdicts(text: str, stream: TextIO) -> str:
     """Return *text* with the verdicts at the beginnings of its lines in their colours."""
-    if not has_colour(stream):
+    if not terminal_has_colour(stream):
         return text
     return _VERDICT.sub(lambda match: match[1] + _painted(match[2], _COLOURS[match[2]]), text)
 

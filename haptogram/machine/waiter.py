@@ -14,7 +14,7 @@ _POLL_STEP_S: Final = 1e-3  # in which poll(2) counts, rounded up
 _NAP_S: Final = 1e-4
 
 
-class Waiter:
+class DescriptorWaiter:
     """Waits again and again, mostly for the same descriptors, and keeps its selector."""
 
     def __init__(self) -> None:

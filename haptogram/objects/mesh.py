@@ -79,7 +79,7 @@ def _as_text(path: Path) -> io.StringIO:
     return io.StringIO(path.read_text(encoding="utf-8", errors="replace"))
 
 
-def even_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> Points:
+def even_mesh_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> Points:
     """Return about *count* points of the surface, none much nearer than a resolution to another.
 
     Random points, always the same ones, are taken in turn, unless one that is already there is too
@@ -100,7 +100,7 @@ def even_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> Point
     return candidates[kept]
 
 
-def round_trip(points: Points) -> Indices:
+def round_trip_order(points: Points) -> Indices:
     """Return an order of (T, 3) points without long jumps, back to the first one at the end.
 
     Going through a tree, visiting the nodes of even depth before what hangs on them and those of

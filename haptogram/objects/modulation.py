@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, focus_phases
-from haptogram.acoustics.arrays import FloatArray, as_place, as_points
+from haptogram.acoustics.arrays import FloatArray, as_coordinates, as_point_array
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_positive, check_whole
 
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
 KINDS: Final = ("am", "lm", "stm")
-DEFAULT_MODULATION_HZ: Final = 200.0  # skin feels vibration best around 200 Hz
-DEFAULT_SHIFT_M: Final = (3e-3, 0.0, 0.0)
-MAX_SHIFT_M: Final = 0.1
+_DEFAULT_MODULATION_HZ: Final = 200.0  # skin feels vibration best around 200 Hz
+_DEFAULT_SHIFT_M: Final = (3e-3, 0.0, 0.0)
+_MAX_SHIFT_M: Final = 0.1
 MAX_FRAMES: Final = 200_000
 
 # How far off, in periods, a pass may end, and how many frames it may have: exactly, if that is not
@@ -99,9 +99,9 @@ class Modulation:
     """
 
     kind: str | None = "am"
-    frequency_hz: float = DEFAULT_MODULATION_HZ
+    frequency_hz: float = _DEFAULT_MODULATION_HZ
     depth: float = 1.0
-    shift_m: tuple[float, float, float] = DEFAULT_SHIFT_M
+    shift_m: tuple[float, float, float] = _DEFAULT_SHIFT_M
     dwell_s: float | None = None
 
     def frames(self, points_m: ArrayLike, rate_hz: float) -> FocusFrames:
@@ -124,7 +124,7 @@ class Modulation:
         if self.kind == "stm":
             return self._along(points_m, rate_hz)
         held_s = 1.0 / rate_hz if self.dwell_s is None else self.dwell_s
-        held = dwell(points_m, dwell_s=held_s, rate_hz=rate_hz)
+        held = dwell_modulation(points_m, dwell_s=held_s, rate_hz=rate_hz)
         if self.kind is None:
             return held
         passes, frequency_hz = self._seamless(held.count, rate_hz)
@@ -148,7 +148,7 @@ class Modulation:
 
         The frequency is the one asked for, but for the rounding.
         """
-        frequency_hz = check_frequency(self.frequency_hz, rate_hz)
+        frequency_hz = _check_frequency(self.frequency_hz, rate_hz)
         most = MAX_FRAMES // count
         passes = np.arange(1, most + 1)
         periods = passes * (count * frequency_hz / rate_hz)
@@ -166,7 +166,7 @@ class Modulation:
 
 
 def modulate_amplitude(
-    frames: FocusFrames, *, frequency_hz: float = DEFAULT_MODULATION_HZ, depth: float = 1.0
+    frames: FocusFrames, *, frequency_hz: float = _DEFAULT_MODULATION_HZ, depth: float = 1.0
 ) -> FocusFrames:
     """Return the frames with a radiation pressure that varies as a sine.
 
@@ -192,8 +192,8 @@ def modulate_amplitude(
 def modulate_place(
     frames: FocusFrames,
     *,
-    frequency_hz: float = DEFAULT_MODULATION_HZ,
-    shift_m: ArrayLike = DEFAULT_SHIFT_M,
+    frequency_hz: float = _DEFAULT_MODULATION_HZ,
+    shift_m: ArrayLike = _DEFAULT_SHIFT_M,
 ) -> FocusFrames:
     """Return the frames with a focus that swings by *shift_m* (3,) to both sides of its point.
 
@@ -204,12 +204,12 @@ def modulate_place(
     ConfigurationError
         A shift of no length or of more than 100 mm, or a frequency above half the rate.
     """
-    shift = as_place("shift_m", shift_m)
+    shift = as_coordinates("shift_m", shift_m)
     length_m = float(np.linalg.norm(shift))
-    if not 0.0 < length_m <= MAX_SHIFT_M:
+    if not 0.0 < length_m <= _MAX_SHIFT_M:
         raise ConfigurationError(
             f"the shift is {length_m * 1e3:g} mm long, must be above 0, at most "
-            f"{MAX_SHIFT_M * 1e3:g} mm"
+            f"{_MAX_SHIFT_M * 1e3:g} mm"
         )
     swing = np.cos(_phase_rad(frames, frequency_hz))[:, None] * shift
     return FocusFrames(frames.points_m + swing, frames.amplitudes, frames.rate_hz)
@@ -237,7 +237,7 @@ def spatio_temporal_modulation(
         Fewer than two points, a path of no length, a frequency above half the rate, or frames out
         of range.
     """
-    corners = as_points("path_m", path_m)
+    corners = as_point_array("path_m", path_m)
     if len(corners) < 2:
         raise ConfigurationError(
             f"number of points on the path is {len(corners)}, must be 2 at least"
@@ -247,14 +247,14 @@ def spatio_temporal_modulation(
     travelled = np.concatenate([[0.0], np.cumsum(lengths)])
     check_positive("length of the path", travelled[-1])
     rate_hz = check_positive("rate_hz", rate_hz)
-    frequency_hz = check_frequency(frequency_hz, rate_hz)
+    frequency_hz = _check_frequency(frequency_hz, rate_hz)
     count = _whole_frames(check_positive("duration_s", duration_s) * rate_hz)
     place = np.mod(frequency_hz * (np.arange(count) / rate_hz), 1.0) * travelled[-1]
     points = np.stack([np.interp(place, travelled, closed[:, axis]) for axis in range(3)], axis=1)
     return FocusFrames(points, np.ones(count), rate_hz)
 
 
-def dwell(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> FocusFrames:
+def dwell_modulation(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> FocusFrames:
     """Return each point held for *dwell_s*, rounded to whole frames, at full amplitude.
 
     Raises
@@ -262,7 +262,7 @@ def dwell(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> FocusFrames
     ConfigurationError
         Points that are not (K, 3), a dwell of half a frame or less, or frames out of range.
     """
-    points = as_points("points_m", points_m)
+    points = as_point_array("points_m", points_m)
     check_whole("number of points", len(points), 1, MAX_FRAMES)
     rate_hz = check_positive("rate_hz", rate_hz)
     frames = check_positive("dwell_s", dwell_s) * rate_hz
@@ -277,7 +277,7 @@ def dwell(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> FocusFrames
     return FocusFrames(held, np.ones(len(held)), rate_hz)
 
 
-def check_frequency(frequency_hz: float, rate_hz: float) -> float:
+def _check_frequency(frequency_hz: float, rate_hz: float) -> float:
     """Return a modulation's frequency as a float if it is above 0, at most half the rate.
 
     Raises
@@ -303,7 +303,7 @@ def _whole_frames(frames: float) -> int:
 
 
 def _phase_rad(frames: FocusFrames, frequency_hz: float) -> FloatArray:
-    periods = check_frequency(frequency_hz, frames.rate_hz) / frames.rate_hz
+    periods = _check_frequency(frequency_hz, frames.rate_hz) / frames.rate_hz
     turns = np.arange(frames.count) * periods
     phase: FloatArray = 2.0 * np.pi * np.mod(turns, 1.0)
     return phase

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M
 from haptogram.errors import ConfigurationError
-from haptogram.objects.mesh import even_points, read_mesh, round_trip
-from haptogram.settings.arguments import check_kind, check_number, shown
+from haptogram.objects.mesh import even_mesh_points, read_mesh, round_trip_order
+from haptogram.settings.arguments import check_argument_kind, check_number, shown_argument
 
 if TYPE_CHECKING:
     import trimesh
@@ -166,7 +166,7 @@ class Hemisphere:
     def __post_init__(self) -> None:
         _check_radius(self.radius_m)
         _check_finite("center_m", self.center_m)
-        check_kind("lower", self.lower, bool, "True or False")
+        check_argument_kind("lower", self.lower, bool, "True or False")
 
     def sample(self, resolution_m: float) -> Points:
         """Return the (T, 3) points, in metres."""
@@ -212,7 +212,7 @@ class MeshSurface:
         ConfigurationError
             If the file cannot be read, holds no surface, or the extra ``mesh`` is not installed.
         """
-        check_kind("path", path, (str, Path), "the name of a file")
+        check_argument_kind("path", path, (str, Path), "the name of a file")
         check_number("unit_m", unit_m, 1e-9, 1e3)
         if center_m is not None:
             _check_finite("center_m", center_m)
@@ -229,8 +229,8 @@ class MeshSurface:
         """
         _check_resolution(resolution_m, float(np.ptp(self.mesh.bounds, axis=0).max()))
         count = _count(float(self.mesh.area) / resolution_m**2)
-        points = even_points(self.mesh, count, resolution_m)
-        return points[round_trip(points)]
+        points = even_mesh_points(self.mesh, count, resolution_m)
+        return points[round_trip_order(points)]
 
 
 def _there_and_back(count: int) -> list[int]:
@@ -300,8 +300,11 @@ def _check_finite(name: str, point: Point3) -> None:
     except ValueError:  # rows of different lengths
         values = np.empty(0)
     if values.shape != (3,) or values.dtype.kind not in "iuf":
-        raise ConfigurationError(f"{name} is {shown(point)}, must be three numbers, in metres")
+        raise ConfigurationError(
+            f"{name} is {shown_argument(point)}, must be three numbers, in metres"
+        )
     if not (np.abs(values) <= MAX_COORDINATE_M).all():  # NaN is not, either
         raise ConfigurationError(
-            f"{name} is {shown(point)}, must be within {MAX_COORDINATE_M:g} m of the origin"
+            f"{name} is {shown_argument(point)}, "
+            f"must be within {MAX_COORDINATE_M:g} m of the origin"
         )

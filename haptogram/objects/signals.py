@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine, focus_phases, radiation_pressure_pa
-from haptogram.acoustics.arrays import FloatArray, as_place
+from haptogram.acoustics.arrays import FloatArray, as_coordinates
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.objects.modulation import FocusFrames
 
@@ -20,7 +20,7 @@ _FOCI_AT_A_TIME: Final = 2048  # their weights: 8 MB over 256 elements
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class FocusSignal:
+class FeltSignal:
     """Radiation pressure on a reflecting wall at a point, and its spectrum.
 
     Attributes
@@ -75,13 +75,13 @@ class FocusSignal:
         return float(power[self.frequency_hz > frequency_hz].sum()) / whole if whole else 0.0
 
 
-def signal_at(
+def felt_signal_at(
     engine: FieldEngine,
     frames: FocusFrames,
     point_m: ArrayLike,
     resonator: Resonator | None = None,
     samples_per_frame: int = 16,
-) -> FocusSignal:
+) -> FeltSignal:
     """Return the radiation pressure of repeated frames at a point, in time and in frequency.
 
     Parameters
@@ -96,7 +96,7 @@ def signal_at(
     samples_per_frame : int
         Samples per frame; they resolve the build-up within one.
     """
-    settled = _settled(engine, frames, as_place("point_m", point_m))
+    settled = _settled(engine, frames, as_coordinates("point_m", point_m))
     follow = resonator or Resonator(0.0)
     frame_s = 1.0 / frames.rate_hz
     # The field is linear in the drives, so its envelope is theirs; from rest, the state after one
@@ -110,7 +110,7 @@ def signal_at(
     frequency_hz = np.asarray(np.fft.rfftfreq(len(pressure), step_s), dtype=np.float64)
     spectrum: FloatArray = np.abs(np.fft.rfft(pressure)) / len(pressure)
     spectrum[1 : (len(pressure) + 1) // 2] *= 2.0
-    return FocusSignal(time_s, pressure, frequency_hz, spectrum)
+    return FeltSignal(time_s, pressure, frequency_hz, spectrum)
 
 
 def _settled(engine: FieldEngine, frames: FocusFrames, point_m: FloatArray) -> ComplexArray:

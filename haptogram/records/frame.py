@@ -17,7 +17,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import check_number, shown
+from haptogram.settings.arguments import check_number, shown_argument
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -123,7 +123,7 @@ def _as_position(position_m: Any) -> tuple[float, float, float]:
         x, y, z = (_as_coordinate(value) for value in position_m)
     except (TypeError, OverflowError) as error:
         raise ConfigurationError(
-            f"target {shown(position_m)} is not x, y, z: three finite numbers, in metres"
+            f"target {shown_argument(position_m)} is not x, y, z: three finite numbers, in metres"
         ) from error
     return x, y, z
 
@@ -156,7 +156,7 @@ class Intended:
         True if the board computes the drive from the foci (as rounded on the wire).
     solver : str
         Method by which the host made the drive of several foci, see
-        :func:`haptogram.acoustics.solvers.several.solve`.
+        :func:`haptogram.acoustics.solvers.several.solve_foci`.
 
     Examples
     --------

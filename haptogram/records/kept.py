@@ -19,13 +19,13 @@ MOST_KEPT: Final = 200_000
 _MOST_EVER: Final = 10**9  # entries that a caller can ask to be kept
 
 
-def check_keep(keep: int | None) -> None:
+def check_kept_records(keep: int | None) -> None:
     """Refuse a number of entries to keep that is neither None nor 1 to 1e9."""
     if keep is not None:
         check_whole("keep", keep, 1, _MOST_EVER)
 
 
-class Kept(Sequence[_T]):
+class KeptRecords(Sequence[_T]):
     """The newest entries of a record; to be read like a list.
 
     Parameters
@@ -97,11 +97,11 @@ class Kept(Sequence[_T]):
         return f"<{len(self)} of {self.total} entries>"
 
 
-def only(entries: Sequence[_T], wanted: Callable[[_T], bool]) -> Sequence[_T]:
-    """Return the *entries* that are *wanted*; those of a :class:`Kept` keep its dropped ones."""
-    if not isinstance(entries, Kept):
+def only_kept_records(entries: Sequence[_T], wanted: Callable[[_T], bool]) -> Sequence[_T]:
+    """Return the *entries* that are *wanted*; a :class:`KeptRecords` keeps its count."""
+    if not isinstance(entries, KeptRecords):
         return [entry for entry in entries if wanted(entry)]
-    some: Kept[_T] = Kept(None)
+    some: KeptRecords[_T] = KeptRecords(None)
     some.extend(entry for entry in entries if wanted(entry))
     some.total += entries.dropped
     return some

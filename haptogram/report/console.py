@@ -10,7 +10,7 @@ WIDTH: Final = 98
 _GAP: Final = "  "
 
 
-def table(
+def console_table(
     head: Sequence[str],
     rows: Iterable[Sequence[object]],
     *,
@@ -42,7 +42,7 @@ def table(
     ]
 
 
-def paragraph(text: str, *, indent: int = 0, bullet: str = "", hang: int = 2) -> list[str]:
+def console_paragraph(text: str, *, indent: int = 0, bullet: str = "", hang: int = 2) -> list[str]:
     """Return *text* in lines of at most 98 columns; those after the first are indented further."""
     first = " " * indent
     return textwrap.wrap(

@@ -7,7 +7,7 @@ import importlib.util
 from haptogram.errors import ConfigurationError
 
 
-def require(result: str, *packages: str) -> None:
+def require_report_packages(result: str, *packages: str) -> None:
     """Raise unless *packages* are installed; call this before the work begins.
 
     Parameters

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from haptogram.machine.files import write_atomically
+from haptogram.machine.files import write_file_atomically
 
-from .extra import require
+from .extra import require_report_packages
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -25,7 +25,7 @@ _CODE: Final = re.compile("`([^`]+)`")
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class PagePicture:
     """A picture for a page.
 
     Attributes
@@ -48,14 +48,14 @@ class Picture:
         return f"data:image/png;base64,{base64.b64encode(self.png).decode('ascii')}"
 
 
-def embed(figure: Figure, title: str, caption: str = "") -> Picture:
+def embed_picture(figure: Figure, title: str, caption: str = "") -> PagePicture:
     """Return *figure* as a picture for a page."""
     from .figures import style  # brings numpy along, which a page without pictures does not need
 
-    return Picture(style.encode(figure, ".png", style.PAGE_DPI), title, caption)
+    return PagePicture(style.encode_figure(figure, ".png", style.PAGE_DPI), title, caption)
 
 
-def check_page(*, pictures: bool = True) -> None:
+def check_html_page(*, pictures: bool = True) -> None:
     """Raise, before the work begins, unless a page can be written.
 
     Parameters
@@ -68,10 +68,10 @@ def check_page(*, pictures: bool = True) -> None:
     ConfigurationError
         If the extra ``report`` is not installed.
     """
-    require("HTML pages", "jinja2", *(["matplotlib"] if pictures else []))
+    require_report_packages("HTML pages", "jinja2", *(["matplotlib"] if pictures else []))
 
 
-def write_page(path: Path, template: str, **content: Any) -> None:
+def write_html_page(path: Path, template: str, **content: Any) -> None:
     """Write one page, as a whole or not at all.
 
     Parameters
@@ -87,14 +87,14 @@ def write_page(path: Path, template: str, **content: Any) -> None:
     ConfigurationError
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
-    page = render_page(template, **content)
+    page = render_html_page(template, **content)
     # A port may be named by bytes that are no text; they become question marks.
-    write_atomically(path, page.encode("utf-8", errors="replace"))
+    write_file_atomically(path, page.encode("utf-8", errors="replace"))
 
 
-def render_page(template: str, **content: Any) -> str:
-    """Return one page; parameters and errors are those of :func:`write_page`."""
-    check_page(pictures=False)
+def render_html_page(template: str, **content: Any) -> str:
+    """Return one page; parameters and errors are those of :func:`write_html_page`."""
+    check_html_page(pictures=False)
     return _environment().get_template(template).render(content)
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-from haptogram.machine.files import write_atomically
+from haptogram.machine.files import write_file_atomically
 
 _ILLEGAL: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -92,7 +92,7 @@ def write_junit(path: Path, suite: JUnitSuite) -> None:
     root = _root(suite)
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-    write_atomically(path, content + b"\n")
+    write_file_atomically(path, content + b"\n")
 
 
 def _root(suite: JUnitSuite) -> ElementTree.Element:

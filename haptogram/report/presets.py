@@ -7,7 +7,7 @@ from typing import Any
 
 from haptogram.published.presets import Preset
 
-from .console import paragraph, table
+from .console import console_paragraph, console_table
 
 
 def presets_text(compared: Iterable[tuple[Preset, list[dict[str, Any]]]]) -> str:
@@ -22,12 +22,12 @@ def presets_text(compared: Iterable[tuple[Preset, list[dict[str, Any]]]]) -> str
 
 
 def _section(preset: Preset, rows: list[dict[str, Any]]) -> Iterator[str]:
-    yield from paragraph(f"{preset.name}: {preset.title}")
-    yield from paragraph(f"source: {preset.source}", indent=2)
-    yield from paragraph(f"geometry: {preset.array_source}", indent=2)
+    yield from console_paragraph(f"{preset.name}: {preset.title}")
+    yield from console_paragraph(f"source: {preset.source}", indent=2)
+    yield from console_paragraph(f"geometry: {preset.array_source}", indent=2)
     place = ", ".join(f"{value * 1e3:g}" for value in preset.focus_m)
     yield f"  typical focus: ({place}) mm"
-    head, *lines = table(
+    head, *lines = console_table(
         ("", "published", "ours"),
         [
             (row["quantity"], row["published"], f"{row['ours']:.4g} {row['unit']}".rstrip())
@@ -38,4 +38,6 @@ def _section(preset: Preset, rows: list[dict[str, Any]]) -> Iterator[str]:
     yield head
     for line, row in zip(lines, rows, strict=True):
         yield line
-        yield from paragraph("; ".join(filter(None, (row["source"], row["remark"]))), indent=8)
+        yield from console_paragraph(
+            "; ".join(filter(None, (row["source"], row["remark"]))), indent=8
+        )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from haptogram.campaigns.soak import Campaign, Tally
+from haptogram.campaigns.soak import SoakCampaign, SoakTally
 
-from .console import table
+from .console import console_table
 
 _COUNTED: tuple[tuple[str, str], ...] = (  # {s}: of a plural
     ("frames", "stream frame{s}"),
@@ -29,7 +29,7 @@ _TRAFFIC: dict[str, str] = {
 }
 
 
-def soak_text(campaign: Campaign) -> str:
+def soak_text(campaign: SoakCampaign) -> str:
     """Return totals, the faults of every kind and how they were found, counters and verdict."""
     return "\n".join(
         [
@@ -46,7 +46,7 @@ def soak_text(campaign: Campaign) -> str:
     )
 
 
-def _head(campaign: Campaign) -> list[str]:
+def _head(campaign: SoakCampaign) -> list[str]:
     setup = campaign.setup
     what = f"seed {setup.seed}, {setup.fault_rate:g} of the frames hit, 1 kHz"
     grown = f"{campaign.memory.growth_bytes / 2**20:.1f}"
@@ -58,12 +58,12 @@ def _head(campaign: Campaign) -> list[str]:
     ]
 
 
-def _totals(tally: Tally) -> list[str]:
+def _totals(tally: SoakTally) -> list[str]:
     counts = ((tally.totals[name], text) for name, text in _COUNTED)
     return [f"{count:>12} {text.format(s='' if count == 1 else 's')}" for count, text in counts]
 
 
-def _faults(tally: Tally) -> list[str]:
+def _faults(tally: SoakTally) -> list[str]:
     """Return a table of the kinds of faults: how many were injected, detected and harmless."""
     rows = []
     for kind, count in sorted(tally.injected.items()):
@@ -72,10 +72,10 @@ def _faults(tally: Tally) -> list[str]:
         )
         rows.append((kind, count, tally.detected[kind], tally.harmless[kind], found))
     head = ("fault", "injected", "detected", "harmless", "found as")
-    return table(head, rows, numbers=(1, 2, 3))
+    return console_table(head, rows, numbers=(1, 2, 3))
 
 
-def _counters(tally: Tally) -> list[str]:
+def _counters(tally: SoakTally) -> list[str]:
     """Return the board's counters, each with the faults that explain it."""
     by_name: dict[str, Counter[str]] = {}
     for (kind, name), count in tally.outcomes.items():
@@ -91,7 +91,7 @@ def _counters(tally: Tally) -> list[str]:
     return lines
 
 
-def _verdict(campaign: Campaign) -> list[str]:
+def _verdict(campaign: SoakCampaign) -> list[str]:
     failures = campaign.failures
     if not campaign.done:
         return ["INCONCLUSIVE: no segment came to its end, so nothing was judged"]

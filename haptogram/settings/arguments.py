@@ -24,8 +24,8 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str = "")
         number = _as_float(value)
         if low <= number <= high:  # NaN is not
             return number
-        raise ConfigurationError(f"{name} is {shown(value)}, must be {limits}")
-    raise ConfigurationError(f"{name} is {shown(value)}, must be a number, {limits}")
+        raise ConfigurationError(f"{name} is {shown_argument(value)}, must be {limits}")
+    raise ConfigurationError(f"{name} is {shown_argument(value)}, must be a number, {limits}")
 
 
 def check_positive(name: str, value: Any) -> float:
@@ -34,8 +34,8 @@ def check_positive(name: str, value: Any) -> float:
         number = _as_float(value)
         if math.isfinite(number) and number > 0.0:
             return number
-        raise ConfigurationError(f"{name} is {shown(value)}, must be finite and above 0")
-    raise ConfigurationError(f"{name} is {shown(value)}, must be a number")
+        raise ConfigurationError(f"{name} is {shown_argument(value)}, must be finite and above 0")
+    raise ConfigurationError(f"{name} is {shown_argument(value)}, must be a number")
 
 
 def _as_float(value: numbers.Real) -> float:
@@ -51,13 +51,13 @@ def check_whole(name: str, value: Any, low: int, high: int, unit: str = "") -> i
     if isinstance(value, numbers.Integral) and not isinstance(value, bool):
         if low <= int(value) <= high:
             return int(value)
-        raise ConfigurationError(f"{name} is {shown(value)}, must be {limits}")
+        raise ConfigurationError(f"{name} is {shown_argument(value)}, must be {limits}")
     raise ConfigurationError(f"{name} is {_typed(value)}, must be a whole number, {limits}")
 
 
 def _typed(value: Any) -> str:
-    """Return *value* as :func:`shown` does, but 8.0, not 8, where the type is wrong."""
-    return repr(float(value)) if isinstance(value, float) else shown(value)
+    """Return *value* as :func:`shown_argument` does, but 8.0, not 8, where the type is wrong."""
+    return repr(float(value)) if isinstance(value, float) else shown_argument(value)
 
 
 def read_number(kind: Callable[[str], float], text: str) -> float | str:
@@ -72,11 +72,11 @@ def check_choice(name: str, value: Any, known: Collection[Any]) -> None:
     """Raise unless *value* is one of *known*, which are texts or whole numbers."""
     if not isinstance(value, str | int) or isinstance(value, bool) or value not in known:
         texts = [str(choice) for choice in known]
-        guess = suggestion(value, texts) if isinstance(value, str) else ""
+        guess = did_you_mean(value, texts) if isinstance(value, str) else ""
         raise ConfigurationError(f"{name} is {_typed(value)}; known are {', '.join(texts)}{guess}")
 
 
-def suggestion(word: str, known: Collection[str]) -> str:
+def did_you_mean(word: str, known: Collection[str]) -> str:
     """Return "; did you mean ...?" with the word of *known* that resembles *word*, or nothing."""
     import difflib
 
@@ -85,19 +85,21 @@ def suggestion(word: str, known: Collection[str]) -> str:
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def check_kind(name: str, value: Any, kind: type[_T] | tuple[type[_T], ...], told: str) -> None:
+def check_argument_kind(
+    name: str, value: Any, kind: type[_T] | tuple[type[_T], ...], told: str
+) -> None:
     """Raise unless *value* is of *kind*, which is called *told* in the message."""
     if not isinstance(value, kind):
-        raise ConfigurationError(f"{name} is {shown(value)}, must be {told}")
+        raise ConfigurationError(f"{name} is {shown_argument(value)}, must be {told}")
 
 
 def check_callable(name: str, value: Any) -> None:
     """Raise unless *value* can be called, or is None."""
     if value is not None and not callable(value):
-        raise ConfigurationError(f"{name} is {shown(value)}, must be callable, or None")
+        raise ConfigurationError(f"{name} is {shown_argument(value)}, must be callable, or None")
 
 
-def shown(value: Any) -> str:
+def shown_argument(value: Any) -> str:
     """Return *value* as a message shows it: on one line, not too long."""
     text = f"{value:.10g}" if isinstance(value, float) else " ".join(repr(value).split())
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -12,14 +12,23 @@ from typing import Any, Final, Self
 
 from .faults.plan import MOST_FAULT_SEED, Fault, FaultPlan, read_faults
 from .line import LineSettings
-from .option import Option, SettingError, Settings, build, group, option, options_of, unknown_text
+from .option import (
+    Option,
+    SettingError,
+    Settings,
+    build_settings,
+    option,
+    option_group,
+    options_of,
+    unknown_text,
+)
 
 DEFAULT_ARRAY: Final = "16x16"
 MOST_TRANSDUCERS: Final = 1024  # that of haptogram.acoustics, which takes numpy
 _GRID: Final = re.compile(r"\s*(\d+)x(\d+)\s*")
 
 
-def is_grid(array: str) -> bool:
+def is_grid_of_elements(array: str) -> bool:
     """Return True if *array* is a grid (NXxNY), False if it names a file."""
     return _GRID.fullmatch(array) is not None
 
@@ -105,7 +114,7 @@ class BoardConfig(Settings):
         help="seed of the faults",
         absent="that of fault_plan, else of the board",
     )
-    line: LineSettings = group(LineSettings)
+    line: LineSettings = option_group(LineSettings)
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
@@ -136,7 +145,7 @@ class BoardConfig(Settings):
         faults, seed = read_faults(words.fault, words.fault_plan)
         if values.get("fault_seed") is None:
             values["fault_seed"] = seed
-        return dataclasses.replace(build(cls, values), faults=faults)
+        return dataclasses.replace(build_settings(cls, values), faults=faults)
 
     def non_default(self) -> dict[str, Any]:
         """Return the options whose value is not the default; :meth:`of` takes them."""

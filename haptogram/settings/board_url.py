@@ -47,7 +47,7 @@ URL_OPTIONS: Final[Mapping[str, Option]] = MappingProxyType(
 )
 
 
-def read_url(url: str, default: BoardConfig | None = None) -> PortConfig:
+def read_board_url(url: str, default: BoardConfig | None = None) -> PortConfig:
     """Return the port that a ``haptogram://`` URL names.
 
     Parameters
@@ -78,8 +78,8 @@ def read_url(url: str, default: BoardConfig | None = None) -> PortConfig:
     return PortConfig(**port, board=BoardConfig.of(**values))
 
 
-def write_url(port: PortConfig) -> str:
-    """Return the URL that :func:`read_url` takes, without the options that have their default."""
+def write_board_url(port: PortConfig) -> str:
+    """Return the URL that :func:`read_board_url` takes, without the options at their default."""
     values = port.non_default() | port.board.non_default()
     words = [(name, text) for name, value in values.items() for text in _texts(name, value)]
     return f"{SCHEME}?{urlencode(words)}" if words else SCHEME

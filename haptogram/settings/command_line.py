@@ -12,7 +12,9 @@ from .parser import checked_type
 _FLAG: Final = argparse.BooleanOptionalAction
 
 
-def add_options(group: argparse._ActionsContainer, rows: Iterable[Option], **defaults: str) -> None:
+def add_setting_options(
+    group: argparse._ActionsContainer, rows: Iterable[Option], **defaults: str
+) -> None:
     """Add the options; one that is not given is None, so that a file or a default can set it.
 
     *defaults* are the texts of those that this command sets in a way of its own.
@@ -32,14 +34,14 @@ def add_options(group: argparse._ActionsContainer, rows: Iterable[Option], **def
             )
 
 
-def given(arguments: argparse.Namespace, rows: Iterable[str]) -> dict[str, Any]:
+def given_options(arguments: argparse.Namespace, rows: Iterable[str]) -> dict[str, Any]:
     """Return the options that *arguments* hold, by name."""
     values = {name: getattr(arguments, name) for name in rows}
     return {name: value for name, value in values.items() if value is not None}
 
 
-def written(values: Mapping[str, Any], rows: Mapping[str, Option]) -> list[str]:
-    """Return the words of a command line that say *values*, which :func:`given` returns."""
+def written_options(values: Mapping[str, Any], rows: Mapping[str, Option]) -> list[str]:
+    """Return the words of a command line that say *values*, which :func:`given_options` returns."""
     words = []
     for name, value in values.items():
         row = rows[name]

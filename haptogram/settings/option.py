@@ -18,13 +18,13 @@ from typing import Any, Final, Self, TypeVar, get_args, get_origin, get_type_hin
 from haptogram.errors import ConfigurationError
 
 from .arguments import (
+    check_argument_kind,
     check_choice,
-    check_kind,
     check_number,
     check_whole,
+    did_you_mean,
     read_number,
-    shown,
-    suggestion,
+    shown_argument,
 )
 
 _S = TypeVar("_S", bound="Settings")
@@ -131,7 +131,9 @@ class Option:
             return self._checked_item(value)
         is_list = isinstance(value, list | tuple)
         if not is_list or self.count not in (0, len(value)) or not all(map(self._fits, value)):
-            raise ConfigurationError(f"{self.name} is {shown(value)}, must be {self._list_text}")
+            raise ConfigurationError(
+                f"{self.name} is {shown_argument(value)}, must be {self._list_text}"
+            )
         return tuple(map(self._checked_item, value))
 
     @property
@@ -162,7 +164,7 @@ class Option:
             return check_number(self.name, value, self.low, self.high, self.sign)
         else:
             kinds = (str, Path) if self.kind is Path else self.kind
-            check_kind(self.name, value, kinds, _KIND_TEXTS[self.kind])
+            check_argument_kind(self.name, value, kinds, _KIND_TEXTS[self.kind])
             if value == "":  # Path("") is the current folder
                 raise ConfigurationError(f"{self.name} is '', must be {_KIND_TEXTS[self.kind]}")
         return Path(value) if self.kind is Path else value
@@ -229,7 +231,7 @@ def option(
     return dataclasses.field(default=default, metadata={"option": row | {"absent": absent}})
 
 
-def group(kind: type[Settings]) -> Any:
+def option_group(kind: type[Settings]) -> Any:
     """Return a dataclass field that holds a settings class of its own."""
     return dataclasses.field(default_factory=kind, metadata={"group": kind})
 
@@ -268,12 +270,12 @@ def _row(field: dataclasses.Field[Any], hint: Any) -> Option:
     )
 
 
-def build(kind: type[_S], values: Mapping[str, Any]) -> _S:
+def build_settings(kind: type[_S], values: Mapping[str, Any]) -> _S:
     """Return the settings with those of *values* that are its options, or those of its groups."""
     given: dict[str, Any] = {}
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]  # subclasses are dataclasses
         if (part := field.metadata.get("group")) is not None:
-            given[field.name] = build(part, values)
+            given[field.name] = build_settings(part, values)
         elif field.name in values:
             given[field.name] = values[field.name]
     return kind(**given)
@@ -281,7 +283,7 @@ def build(kind: type[_S], values: Mapping[str, Any]) -> _S:
 
 def unknown_text(name: str, known: Collection[str]) -> str:
     """Return the end of a message about an unknown *name*: a guess at the right one, or all."""
-    return suggestion(name, known) or f"; known are {', '.join(known)}"
+    return did_you_mean(name, known) or f"; known are {', '.join(known)}"
 
 
 class Settings:
@@ -319,7 +321,7 @@ class Settings:
         """
         for name in sorted(values.keys() - options_of(cls).keys()):
             raise SettingError(name, f"is not a setting{unknown_text(name, options_of(cls))}")
-        return build(cls, values)
+        return build_settings(cls, values)
 
     def values(self) -> dict[str, Any]:
         """Return every option with its value, those of the groups as well."""

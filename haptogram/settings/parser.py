@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn, TypeVar
 
 from ..errors import ConfigurationError
-from .arguments import check_choice, check_number, check_whole, read_number, suggestion
+from .arguments import check_choice, check_number, check_whole, did_you_mean, read_number
 
 _T = TypeVar("_T")
 _SHOWN: Final = 40  # characters of a value that are printed
@@ -105,7 +105,7 @@ class Parser(argparse.ArgumentParser):
         if action.choices is None or value in action.choices:
             return
         if isinstance(action.choices, dict):  # of parsers: those of the commands
-            guess = suggestion(str(value), action.choices)
+            guess = did_you_mean(str(value), action.choices)
             known = f"; known are {', '.join(action.choices)}"
             self.error(f"there is no command {_shown(value)}{guess or known}")
         try:
@@ -121,7 +121,7 @@ class Parser(argparse.ArgumentParser):
             if word in self.refused:
                 self.error(f"{word} {self.refused[word]}")
             if word not in self.option_actions and not self._is_short(word):
-                guess = suggestion(word, self.option_actions)
+                guess = did_you_mean(word, self.option_actions)
                 self.error(f"there is no option {_shown(word)}{guess}")
 
     def _is_short(self, word: str) -> bool:
@@ -177,19 +177,19 @@ def _shown(value: object) -> str:
 # --- Values ----------------------------------------------------------------------------------
 
 
-def file_name(text: str) -> Path:
+def file_name_option(text: str) -> Path:
     """Return the path of an argument that names a file or a folder."""
     if not text:  # Path("") is the current folder
         raise argparse.ArgumentTypeError("is '', must be the name of a file")
     return Path(text)
 
 
-def whole_number(low: int, high: int, unit: str = "") -> Callable[[str], int]:
+def whole_number_option(low: int, high: int, unit: str = "") -> Callable[[str], int]:
     """Return the type of an argument that is a whole number within [low, high]."""
     return checked_type(lambda text: check_whole("", read_number(int, text), low, high, unit))
 
 
-def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
+def number_option(low: float, high: float, unit: str = "") -> Callable[[str], float]:
     """Return the type of an argument that is a number within [low, high]."""
     return checked_type(lambda text: check_number("", read_number(float, text), low, high, unit))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from .arguments import suggestion
+from .arguments import did_you_mean
 from .option import SettingError, Settings, option
 
 SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
@@ -46,7 +46,7 @@ class ShapeConfig(Settings):
             raise SettingError(
                 "object",
                 f"is {self.object!r}; known are {', '.join(SHAPES)} and a mesh file "
-                f"({', '.join(MESH_SUFFIXES)}){suggestion(self.object, SHAPES)}",
+                f"({', '.join(MESH_SUFFIXES)}){did_you_mean(self.object, SHAPES)}",
             )
 
 

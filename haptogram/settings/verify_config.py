@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from ..errors import ConfigurationError
-from .arguments import suggestion
+from .arguments import did_you_mean
 from .array import ArrayConfig, ElementConfig
 from .board import BoardConfig, FaultWords
 from .line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
-from .option import SettingError, Settings, group, option, options_of, unknown_text
+from .option import SettingError, Settings, option, option_group, options_of, unknown_text
 from .shape import ModulationConfig, ShapeConfig
 from .text_file import read_toml
 from .tolerance import ToleranceConfig, UncertaintyConfig
@@ -130,18 +130,18 @@ class VerifyConfig(Settings):
         If a value is outside its limits, or contradicts another one.
     """
 
-    shape: ShapeConfig = group(ShapeConfig)
-    pace: PaceConfig = group(PaceConfig)
-    modulation: ModulationConfig = group(ModulationConfig)
-    drive: DriveConfig = group(DriveConfig)
-    array: ArrayConfig = group(ArrayConfig)
-    elements: ElementConfig = group(ElementConfig)
-    tolerance: ToleranceConfig = group(ToleranceConfig)
-    uncertainty: UncertaintyConfig = group(UncertaintyConfig)
-    link: LinkConfig = group(LinkConfig)
-    limits: LimitConfig = group(LimitConfig)
-    faults: FaultWords = group(FaultWords)
-    outputs: OutputConfig = group(OutputConfig)
+    shape: ShapeConfig = option_group(ShapeConfig)
+    pace: PaceConfig = option_group(PaceConfig)
+    modulation: ModulationConfig = option_group(ModulationConfig)
+    drive: DriveConfig = option_group(DriveConfig)
+    array: ArrayConfig = option_group(ArrayConfig)
+    elements: ElementConfig = option_group(ElementConfig)
+    tolerance: ToleranceConfig = option_group(ToleranceConfig)
+    uncertainty: UncertaintyConfig = option_group(UncertaintyConfig)
+    link: LinkConfig = option_group(LinkConfig)
+    limits: LimitConfig = option_group(LimitConfig)
+    faults: FaultWords = option_group(FaultWords)
+    outputs: OutputConfig = option_group(OutputConfig)
 
     def __post_init__(self) -> None:
         """Check the settings against each other."""
@@ -258,7 +258,7 @@ def _for_json(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def load_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig:
+def load_verify_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig:
     """Return the settings: defaults, then the ``[verify]`` table of *path*, then *overrides*.
 
     Parameters
@@ -280,11 +280,11 @@ def load_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig
         return VerifyConfig.of(**(in_file | given))
     except SettingError as error:
         is_in_file = error.name in in_file and error.name not in given
-        written = f"{path}: {error.name}" if is_in_file else option_name(error.name)
+        written = f"{path}: {error.name}" if is_in_file else setting_option_name(error.name)
         raise ConfigurationError(f"{written} {error.message}") from error
 
 
-def from_options(kind: type[_S], overrides: Mapping[str, Any]) -> _S:
+def config_from_options(kind: type[_S], overrides: Mapping[str, Any]) -> _S:
     """Return the settings of *kind* from a command line; None is an option that was not given.
 
     Raises
@@ -295,10 +295,10 @@ def from_options(kind: type[_S], overrides: Mapping[str, Any]) -> _S:
     try:
         return kind.of(**{name: value for name, value in overrides.items() if value is not None})
     except SettingError as error:
-        raise ConfigurationError(f"{option_name(error.name)} {error.message}") from error
+        raise ConfigurationError(f"{setting_option_name(error.name)} {error.message}") from error
 
 
-def option_name(setting: str) -> str:
+def setting_option_name(setting: str) -> str:
     """Return how *setting* is written on the command line."""
     return f"--{setting.replace('_', '-')}"
 
@@ -315,7 +315,7 @@ def read_table(path: Path) -> dict[str, Any]:
     table = document.get(_SECTION)
     for name in document:
         if name != _SECTION:
-            guess = suggestion(name, (_SECTION,))
+            guess = did_you_mean(name, (_SECTION,))
             raise ConfigurationError(
                 f"{path}: [{name}] is not read; all settings are in one table [{_SECTION}]{guess}"
             )

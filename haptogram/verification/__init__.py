@@ -7,15 +7,15 @@ verified, and never passes.
 
 from .consequences.effect import RunConsequences
 from .faults import name_drive_faults
-from .frame.judge import Judge
-from .frame.target import check_tolerance
+from .frame.judge import FrameJudge
+from .frame.target import check_frame_tolerance
 from .run import verify_run
-from .run_verdict import RunVerdict, cut_text
+from .run_verdict import RunVerdict, cut_run_text
 from .tolerance import (
     REAL_BOARD,
-    PlaceUncertainty,
     Tolerance,
     Uncertainty,
+    VerdictUncertainty,
     tolerance_of,
     tolerance_text,
     uncertainty_of,
@@ -34,18 +34,18 @@ __all__ = [
     "REAL_BOARD",
     "Consequence",
     "Cut",
+    "FrameJudge",
     "FrameStatus",
     "FrameVerdict",
-    "Judge",
-    "PlaceUncertainty",
     "RunConsequences",
     "RunVerdict",
     "Tolerance",
     "Uncertainty",
     "Verdict",
-    "check_tolerance",
+    "VerdictUncertainty",
+    "check_frame_tolerance",
     "consequence_text",
-    "cut_text",
+    "cut_run_text",
     "name_drive_faults",
     "tolerance_of",
     "tolerance_text",

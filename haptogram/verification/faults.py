@@ -79,10 +79,10 @@ def _by_line(model: AcousticModel, wrong: NDArray[np.bool_], what: str) -> Itera
                 yield f"{name} {number} {what}"
                 lines[number] = False
     if left.any():
-        yield f"{named_elements(model, np.flatnonzero(left))} {what}"
+        yield f"{faulty_elements_text(model, np.flatnonzero(left))} {what}"
 
 
-def named_elements(model: AcousticModel, numbers: Sequence[int] | NDArray[np.intp]) -> str:
+def faulty_elements_text(model: AcousticModel, numbers: Sequence[int] | NDArray[np.intp]) -> str:
     """Return "element 17 (1, 1)", with the place in the grid where there is one."""
     if len(numbers) > _NAMED_ELEMENTS:
         return f"{len(numbers)} elements"
@@ -236,7 +236,7 @@ def _swapped(
         return []
     first, second = numbers
     if found[first] == wanted[second] and found[second] == wanted[first]:
-        return [f"{named_elements(model, numbers)} swapped"]
+        return [f"{faulty_elements_text(model, numbers)} swapped"]
     return []
 
 

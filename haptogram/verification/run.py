@@ -10,12 +10,17 @@ from typing import Final, TypeVar
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import STREAM, FrameKey, Intended, Observation
-from haptogram.records.kept import Kept
+from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress
 
 from .consequences.effect import RunConsequences
-from .consequences.held import Held, consequence, due_frames, still_held
-from .frame.judge import Judge, lost
+from .consequences.held import (
+    HeldFocus,
+    consequence_of_held_focus,
+    due_frames_of_run,
+    focus_still_held,
+)
+from .frame.judge import FrameJudge, lost_frame_verdict
 from .run_verdict import RunVerdict
 from .tolerance import Tolerance, Uncertainty
 from .verdict import JUDGED, Cut, FrameStatus, FrameVerdict, Verdict
@@ -41,7 +46,7 @@ def verify_run(
     Parameters
     ----------
     intended : sequence of Intended
-        One that had to drop entries, a :class:`~haptogram.records.kept.Kept`, can fail, but not
+        One that dropped entries, a :class:`~haptogram.records.kept.KeptRecords`, can fail, but not
         pass; ``counts["not_kept"]`` says how many frames are not judged.
     observations : iterable of Observation
         Where entries of it were dropped, a frame without an observation is not verified.
@@ -91,35 +96,39 @@ def verify_run(
         seen[observation.key].append(observation)
     for latches in seen.values():
         latches.sort(key=lambda latch: latch.t_latch_us)
-    judge = Judge(
+    judge = FrameJudge(
         model,
         carrier_us=max(1, round(1e6 / model.frequency_hz)),
         tolerance=tolerance,
         uncertainty=uncertainty,
     )
     frames: list[FrameVerdict] = []
-    held: Held | None = None
+    held: HeldFocus | None = None
     quiet_us = sorted(silences)
-    for number, (wanted, due) in enumerate(zip(intended, due_frames(intended, seen), strict=True)):
+    for number, (wanted, due) in enumerate(
+        zip(intended, due_frames_of_run(intended, seen), strict=True)
+    ):
         latches = seen.pop(wanted.key, [])
         verdict = judge.judge(wanted, latches[0]) if latches else _missing(wanted, unseen, cut)
         if verdict.late or verdict.status is FrameStatus.LOST:
-            effect = consequence(model, wanted, still_held(held, due, quiet_us))
+            effect = consequence_of_held_focus(model, wanted, focus_still_held(held, due, quiet_us))
             verdict = dataclasses.replace(verdict, consequence=effect)
         frames.append(dataclasses.replace(verdict, latches=len(latches)))
         if latches:
-            held = Held.after(wanted, latches[0], verdict)
+            held = HeldFocus.after(wanted, latches[0], verdict)
         elif unseen is not None:
-            held = Held(None, verdict.target_m, due.latest_us)  # who knows whether it was latched?
+            held = HeldFocus(
+                None, verdict.target_m, due.latest_us
+            )  # who knows whether it was latched?
         if progress is not None:
             progress(number + 1, len(intended))
     run = _conclude(frames, sorted(seen), min_verified, cut, quiet_us, not_kept)
     return dataclasses.replace(run, tolerance=judge.tolerance, uncertainty=judge.uncertainty)
 
 
-def _kept(entries: Iterable[_T]) -> Kept[_T]:
+def _kept(entries: Iterable[_T]) -> KeptRecords[_T]:
     """Return *entries* if they are a record in bounded memory, else an empty one."""
-    return entries if isinstance(entries, Kept) else Kept()
+    return entries if isinstance(entries, KeptRecords) else KeptRecords()
 
 
 def _of_kept(
@@ -139,7 +148,7 @@ def _of_kept(
 
 def _missing(wanted: Intended, unseen: str | None, cut: Cut | None) -> FrameVerdict:
     """Return the verdict of a frame that nobody saw latched."""
-    verdict = lost(wanted)
+    verdict = lost_frame_verdict(wanted)
     if cut is not None and cut.cancelled(wanted.t_apply_us):
         return dataclasses.replace(verdict, status=FrameStatus.CANCELLED)
     if unseen is None:

@@ -14,8 +14,15 @@ from haptogram.errors import VerificationError
 from haptogram.records.frame import FrameKey
 
 from .consequences.effect import RunConsequences
-from .tolerance import PlaceUncertainty, Tolerance, Uncertainty, tolerance_text
-from .verdict import NOTHING_WRONG, FrameStatus, FrameVerdict, Verdict, frame_verdict_line, measures
+from .tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
+from .verdict import (
+    NOTHING_WRONG,
+    FrameStatus,
+    FrameVerdict,
+    Verdict,
+    frame_measures,
+    frame_verdict_line,
+)
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 _NAMED_FRAMES: Final = 8  # the JSON names all
@@ -118,7 +125,7 @@ class RunVerdict:
         return max(known) if known and len(known) == len(misses) else None
 
     @property
-    def place_uncertainty(self) -> PlaceUncertainty | None:
+    def place_uncertainty(self) -> VerdictUncertainty | None:
         """How well the place of the least known focus is known; None: no frame tells."""
         found = [f.uncertainty_mm for f in self.frames if f.uncertainty_mm is not None]
         return max(found, key=lambda one: one.total, default=None)
@@ -170,7 +177,7 @@ def _summary(run: RunVerdict) -> Iterator[str]:
     yield (
         f"  frames    {counts['sent']} sent, {counts['latched']} latched, "
         f"{counts['verified']} verified, {counts['lost']} lost, {counts['late']} late"
-        f"{cut_text(counts)}"
+        f"{cut_run_text(counts)}"
     )
     if result["lateral_error_mm"]["max"] is not None:
         yield _error_line(result)
@@ -186,7 +193,7 @@ def _summary(run: RunVerdict) -> Iterator[str]:
     yield from (f"  {line}" for line in _named(odd))
 
 
-def cut_text(counts: Mapping[str, int]) -> str:
+def cut_run_text(counts: Mapping[str, int]) -> str:
     """Return the fate of the frames that a run did not reach; an empty text if there are none."""
     parts = {"cancelled": "cancelled by its MUTE", "not_sent": "not sent"}
     said = (f", {counts[name]} {text}" for name, text in parts.items() if counts[name])
@@ -273,7 +280,7 @@ def _group_line(what: tuple[str, ...], frames: list[FrameVerdict]) -> str:
     """Return the common fault of frames, and its worst consequence."""
     numbers = ", ".join(str(frame.number) for frame in frames[:_NAMED_FRAMES])
     more = ", ..." if len(frames) > _NAMED_FRAMES else ""
-    worst = "; ".join(measures(max(frames, key=_damage)))
+    worst = "; ".join(frame_measures(max(frames, key=_damage)))
     at_worst = [f"at the worst {worst}"] if worst else []
     return f"{len(frames)} frames ({numbers}{more}): {'; '.join([*what, *at_worst])}"
 

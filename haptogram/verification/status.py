@@ -37,12 +37,12 @@ def frame_status_of(
     return FrameStatus.WRONG_DRIVE
 
 
-def is_right(status: FrameStatus) -> bool:
+def is_right_status(status: FrameStatus) -> bool:
     """Return True if no fault was found."""
     return status in (FrameStatus.ON_TARGET, FrameStatus.NOT_VERIFIED)
 
 
-def warning_of(
+def frame_warning_of(
     verdicts: Mapping[str, bool], error_rad: float | None, limit_rad: float
 ) -> Iterator[str]:
     """Yield the warnings of S1 for a frame that the tolerance lets pass."""

@@ -153,7 +153,7 @@ def uncertainty_of(config: UncertaintyConfig, *, at_port: bool) -> Uncertainty:
     return replace(guess, **{name: value for name, value in said.items() if value is not None})
 
 
-class PlaceUncertainty(NamedTuple):
+class VerdictUncertainty(NamedTuple):
     """Standard uncertainty of the place of a focus, in mm, by its source.
 
     Attributes

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 from haptogram.records.frame import Evidence, FrameKey
 
-from .tolerance import PlaceUncertainty
+from .tolerance import VerdictUncertainty
 
 Vector: TypeAlias = tuple[float, float, float]
 Observed: TypeAlias = tuple[float | None, float | None, float | None]
@@ -171,7 +171,7 @@ class FrameVerdict:
     axial_error_mm: float | None = None
     bound_mm: Observed | None = None
     smallest_miss_mm: float | None = None
-    uncertainty_mm: PlaceUncertainty | None = None
+    uncertainty_mm: VerdictUncertainty | None = None
     phase_error_rad: float | None = None
     coherence: float | None = None
     balance: float | None = None
@@ -248,7 +248,7 @@ def frame_verdict_line(frame: FrameVerdict) -> str:
         parts.append(f"{abs(frame.lateness_us)} us {'late' if frame.late else 'early'}")
     if frame.latches > 1:
         parts.append(f"latched {frame.latches} times")
-    parts += [*frame.faults, *measures(frame)]
+    parts += [*frame.faults, *frame_measures(frame)]
     if frame.note and (frame.status is FrameStatus.NOT_VERIFIED or not frame.faults):
         parts += [frame.note] if frame.status in (FrameStatus.NOT_VERIFIED, *WRONG) else []
     return "; ".join(parts)
@@ -282,7 +282,7 @@ def _place(frame: FrameVerdict) -> str | None:
     return ", ".join(filter(None, parts)) or None
 
 
-def measures(frame: FrameVerdict) -> Iterator[str]:
+def frame_measures(frame: FrameVerdict) -> Iterator[str]:
     """Yield the millimetres and pascals of the faults."""
     if frame.status in WRONG and (place := _place(frame)) is not None:
         yield place

@@ -32,7 +32,7 @@ from .records import (
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
 
 
-class Estimator:
+class DriveEstimator:
     """Rebuilds the field of latch after latch; a drive that was seen lately costs nothing.
 
     Each drive is judged by the rounding of the phases that it was commanded with.
@@ -101,7 +101,7 @@ class InlineReconstruction:
         reconstruct: bool = True,
     ) -> None:
         self._write = write
-        self._estimator = Estimator(settings.truth) if reconstruct else None
+        self._estimator = DriveEstimator(settings.truth) if reconstruct else None
         self._latched = self._reconstructed = 0
         self._faults: FaultsCounted | None = None
         self._line: LineCounted | None = None

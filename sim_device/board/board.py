@@ -24,15 +24,15 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-from .configuration import check_config, config_crc
-from .counters import BoardCounters, Drop, Margins
+from .configuration import board_config_crc, check_board_config
+from .counters import ArrivalMargins, BoardCounters, Drop
 from .events import Latch, Notice, PlaybackEnd, SessionOpened
 from .output import Due, OutputStage
 from .playback import Playback
 from .refusal import RefusalError
 from .registers import PointFocuser
 from .settings import BoardSettings
-from .stream_queue import Entry, StreamFrame, StreamQueue
+from .stream_queue import QueueEntry, StreamFrame, StreamQueue
 from .timers import OutputTimers
 from .uploads import Upload, Uploads
 
@@ -73,7 +73,7 @@ class Board:
     def __init__(self, settings: BoardSettings, parts: BoardParts = _HEALTHY) -> None:
         self.settings = settings
         self.output = parts.output(settings, self._stop_sources, timers=parts.timers)
-        self.margins = Margins()
+        self.margins = ArrivalMargins()
         self.last_stream_index = 0
         self._queue = parts.queue(settings.queue_depth)
         self._focuser = PointFocuser(settings, self.output.config.sound_speed_mm_s)
@@ -238,10 +238,10 @@ class Board:
             return Drop.FUTURE
         return Drop.LATE if -margin_us > self.output.config.late_window_us else None
 
-    def _entry(self, frame: StreamFrame) -> Entry:
+    def _entry(self, frame: StreamFrame) -> QueueEntry:
         drive, bits = self._focuser.registers(frame.content)
         t_apply_us = self.output.now_us if frame.t_apply_us is None else frame.t_apply_us
-        return Entry(
+        return QueueEntry(
             index=frame.index,
             t_apply_us=t_apply_us,
             t_latch_us=self.output.boundary_us(t_apply_us),
@@ -269,7 +269,7 @@ class Board:
     @property
     def config_crc(self) -> int:
         """CRC-32 of configuration and phase correction."""
-        return config_crc(self.output.config, self.output.correction)
+        return board_config_crc(self.output.config, self.output.correction)
 
     def configure(self, config: Config) -> None:
         """Put *config* in force, timers included.
@@ -279,7 +279,7 @@ class Board:
         RefusalError
             BAD_VALUE with the offset of the first value out of its bounds.
         """
-        check_config(config, self.settings)
+        check_board_config(config, self.settings)
         if config.sound_speed_mm_s != self.output.config.sound_speed_mm_s:
             self._focuser = PointFocuser(self.settings, config.sound_speed_mm_s)
         self.output.configure(config)

@@ -13,7 +13,7 @@ NS_PER_US: Final = 1_000
 _PER_US: Final = _MILLION * NS_PER_US  # parts of a microsecond in which it counts: exact at any ppm
 
 
-def earliest(*times: int | None) -> int | None:
+def earliest_time(*times: int | None) -> int | None:
     """Return the first of *times*; None stands for never."""
     first = None
     for t in times:

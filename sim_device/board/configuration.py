@@ -31,7 +31,7 @@ _FRAMING_BYTES: Final = 3  # two delimiters and the code byte of COBS
 _BITS_PER_BYTE: Final = 10  # start, 8 data, stop
 
 
-def least_status_period_ms(baud: int | None) -> int:
+def _least_status_period_ms(baud: int | None) -> int:
     """Return the shortest status period that leaves nine tenths of the line to others."""
     size = Header.LAYOUT.size + Status.LAYOUT.size + CRC_BYTES + _FRAMING_BYTES
     if baud is None:
@@ -39,16 +39,16 @@ def least_status_period_ms(baud: int | None) -> int:
     return max(_LEAST_STATUS_MS, -(-size * _BITS_PER_BYTE * _STATUS_SHARE * 1000 // baud))
 
 
-def initial_config(settings: BoardSettings) -> Config:
+def initial_board_config(settings: BoardSettings) -> Config:
     """Return the configuration after power-up: the defaults, as far as the line allows."""
-    period_ms = max(Config().status_period_ms, least_status_period_ms(settings.line.baud))
+    period_ms = max(Config().status_period_ms, _least_status_period_ms(settings.line.baud))
     return Config(
         sound_speed_mm_s=round(settings.model.medium.sound_speed_m_s * 1000),
         status_period_ms=min(period_ms, 0xFFFF),
     )
 
 
-def check_config(config: Config, settings: BoardSettings) -> None:
+def check_board_config(config: Config, settings: BoardSettings) -> None:
     """Raise :class:`RefusalError` (BAD_VALUE with the field's offset) for a value out of bounds."""
     if int(_TRACE_FEATURE[config.trace_mode]) & ~int(settings.features):
         text = f"no trace of mode {config.trace_mode.name}"
@@ -56,11 +56,11 @@ def check_config(config: Config, settings: BoardSettings) -> None:
     for name, (low, high) in _BOUNDS.items():
         _check(name, getattr(config, name), low, high)
     if config.status_period_ms:
-        least_ms = least_status_period_ms(settings.line.baud)
+        least_ms = _least_status_period_ms(settings.line.baud)
         _check("status_period_ms", config.status_period_ms, least_ms, 0xFFFF)
 
 
-def config_crc(config: Config, correction: bytes) -> int:
+def board_config_crc(config: Config, correction: bytes) -> int:
     """Return the CRC-32 that names a configuration and a phase correction."""
     return zlib.crc32(config.pack() + correction)
 

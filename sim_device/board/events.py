@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from haptogram.acoustics import Drive
 from haptogram.acoustics.arrays import ComplexArray
-from haptogram.acoustics.model.pulses import Pulses
+from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.messages import LatchKey
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -100,7 +100,7 @@ class PulseLatch:
     """
 
     t_latch_us: int
-    pulses: Pulses
+    pulses: PulseDrive
     cause: str
     index: int = 0
     modulation: Modulation | None = None

@@ -14,7 +14,7 @@ from haptogram_protocol.errors import LocalProtocolError
 from haptogram_protocol.messages import Config, ErrorCode, Feature, LatchKey, TraceMode
 from haptogram_protocol.state import MuteReason, OutputInput, OutputState, next_output_state
 
-from .configuration import initial_config
+from .configuration import initial_board_config
 from .counters import BoardCounters
 from .events import Latch, Notice, RampBegan, RampEnded, StateChange
 from .refusal import RefusalError
@@ -66,7 +66,7 @@ class OutputStage:
     ) -> None:
         self.settings = settings
         self.now_us = settings.boot_us
-        self.config = initial_config(settings)
+        self.config = initial_board_config(settings)
         self.correction = bytes(settings.count)
         self.state = OutputState.DISARMED
         self.reason = MuteReason.NEVER_ARMED

@@ -52,7 +52,7 @@ _READ_FEATURE: Final = {
 }
 
 
-def identity(board: Board, description_hash: int) -> HelloReply:
+def board_identity(board: Board, description_hash: int) -> HelloReply:
     """Return what the board is and can, for the session that is open."""
     settings, array = board.settings, board.settings.model.array
     nx, ny = array.grid_shape or (0, 0)
@@ -83,14 +83,14 @@ def identity(board: Board, description_hash: int) -> HelloReply:
     )
 
 
-def counters(board: Board, link: Mapping[str, int], trace_dropped: int) -> dict[str, int]:
+def board_counters(board: Board, link: Mapping[str, int], trace_dropped: int) -> dict[str, int]:
     """Return every counter by its name on the wire, modulo 2^32."""
     own = dataclasses.asdict(board.counters)
     merged = {**link, **own, "trace_dropped": trace_dropped}
     return {name: merged[name] & _U32 for name in Counters.WIRE}
 
 
-def status(board: Board, counts: Mapping[str, int], *, free_bytes: int) -> StatusFields:
+def board_status(board: Board, counts: Mapping[str, int], *, free_bytes: int) -> StatusFields:
     """Return the fields of a status, in their order; the margins start anew."""
     margins, least_us, mean_us = board.margins.take()
     latched = board.latched
@@ -109,7 +109,7 @@ def status(board: Board, counts: Mapping[str, int], *, free_bytes: int) -> Statu
     )
 
 
-def geometry(settings: BoardSettings, request: GetGeometry) -> GeometryReply:
+def board_geometry(settings: BoardSettings, request: GetGeometry) -> GeometryReply:
     """Return positions and normals of some transducers, as many as fit one frame."""
     first, stop = _span(request, settings.count, GeometryReply, Element.LAYOUT.size)
     positions_um = settings.model.array.positions_um()[first:stop].tolist()
@@ -119,7 +119,7 @@ def geometry(settings: BoardSettings, request: GetGeometry) -> GeometryReply:
     return GeometryReply(total=settings.count, first=first, elements=elements)
 
 
-def drive(board: Board, request: ReadDrive) -> DriveReply:
+def board_drive(board: Board, request: ReadDrive) -> DriveReply:
     """Return the codes of some transducers, latched or radiated, as many as fit one frame."""
     if not _READ_FEATURE[request.kind] & board.settings.features:
         text = f"no read-back of the {request.kind.name} drive"
@@ -136,11 +136,11 @@ def drive(board: Board, request: ReadDrive) -> DriveReply:
         key=latch.key if latch else _NO_LATCH,
         t_latch_us=latch.t_latch_us & _U32 if latch else 0,
         first=first,
-        data=codes(shown, first, stop),
+        data=register_codes(shown, first, stop),
     )
 
 
-def trace(board: Board, request: ReadTrace) -> TraceReply:
+def board_trace(board: Board, request: ReadTrace) -> TraceReply:
     """Return latches of the trace ring, from the number asked for on, as many as fit one frame."""
     ring = board.output.ring
     oldest = ring[0].number if ring else board.output.latches
@@ -153,7 +153,7 @@ def trace(board: Board, request: ReadTrace) -> TraceReply:
     )
 
 
-def codes(shown: Drive, first: int = 0, stop: int | None = None) -> bytes:
+def register_codes(shown: Drive, first: int = 0, stop: int | None = None) -> bytes:
     """Return the phase codes, then the amplitude codes, of transducers *first* to *stop*."""
     phases, amplitudes = shown.phase_codes[first:stop], shown.amplitude_codes[first:stop]
     return phases.tobytes() + amplitudes.tobytes()

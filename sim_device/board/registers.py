@@ -11,7 +11,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import Drive, saturated, superpose
+from haptogram.acoustics import Drive, saturated_weights, superpose_foci
 from haptogram_protocol.messages import Feature, FocalPoint
 
 from .settings import BoardSettings
@@ -23,7 +23,7 @@ _TURN: Final = 65_536  # HG-5.4: steps of its phase
 Content: TypeAlias = Drive | Sequence[FocalPoint]
 
 
-def full_amplitude(phase_codes: bytes, bits: int) -> Drive:
+def full_amplitude_registers(phase_codes: bytes, bits: int) -> Drive:
     """Return the drive of a PHASES frame: every amplitude 255.  HG-5.2."""
     codes = np.frombuffer(phase_codes, dtype=np.uint8)
     return Drive(codes, _all_full(len(codes)), bits)
@@ -36,7 +36,7 @@ def _all_full(count: int) -> NDArray[np.uint8]:
     return codes
 
 
-def split_codes(data: bytes) -> Drive:
+def split_register_codes(data: bytes) -> Drive:
     """Return the drive of N phase codes followed by N amplitude codes.  HG-5.3."""
     codes = np.frombuffer(data, dtype=np.uint8)
     return Drive(codes[: len(codes) // 2], codes[len(codes) // 2 :])
@@ -64,9 +64,13 @@ class PointFocuser:
         positions_m = np.array([(p.x_um, p.y_um, p.z_um) for p in points]) * 1e-6
         amplitudes = np.array([p.amplitude for p in points]) / _FULL_POINT
         phases_rad = np.array([p.phase for p in points]) * (2 * math.pi / _TURN)
-        weights = superpose(self._model, positions_m, amplitudes, phases_rad)
-        drive = Drive.from_weights(saturated(weights))
-        return drive if self._graded else full_amplitude(drive.phase_codes.tobytes(), REGISTER_BITS)
+        weights = superpose_foci(self._model, positions_m, amplitudes, phases_rad)
+        drive = Drive.from_weights(saturated_weights(weights))
+        return (
+            drive
+            if self._graded
+            else full_amplitude_registers(drive.phase_codes.tobytes(), REGISTER_BITS)
+        )
 
     def registers(self, content: Content) -> tuple[Drive, int]:
         """Return the register codes of *content*, and the resolution it was commanded in."""

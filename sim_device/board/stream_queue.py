@@ -30,7 +30,7 @@ class StreamFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class QueueEntry:
     """A stream frame whose drive is ready to be latched.
 
     Attributes
@@ -61,13 +61,13 @@ class StreamQueue:
 
     def __init__(self, depth: int) -> None:
         self._depth = depth
-        self._entries: deque[Entry] = deque()
+        self._entries: deque[QueueEntry] = deque()
 
     def __len__(self) -> int:
         return len(self._entries)
 
     @property
-    def head(self) -> Entry | None:
+    def head(self) -> QueueEntry | None:
         """The entry that is latched next."""
         return self._entries[0] if self._entries else None
 
@@ -80,7 +80,7 @@ class StreamQueue:
         """Return whether *t_apply_us* is after that of every queued frame."""
         return not self._entries or self._entries[-1].t_apply_us < t_apply_us
 
-    def push(self, entry: Entry) -> int:
+    def push(self, entry: QueueEntry) -> int:
         """Queue *entry*; return how many frames it replaced on its carrier boundary (0 or 1)."""
         replaced = 0
         if self._entries and self._entries[-1].t_latch_us == entry.t_latch_us:
@@ -89,7 +89,7 @@ class StreamQueue:
         self._entries.append(entry)
         return replaced
 
-    def pop(self) -> Entry:
+    def pop(self) -> QueueEntry:
         """Take the head off the queue."""
         return self._entries.popleft()
 

@@ -17,7 +17,7 @@ NEVER_US: Final = 1 << 62  # deadline of a timer that does not run
 
 
 @dataclass(slots=True)
-class Timer:
+class OutputTimer:
     """Full output until ``deadline_us``, silence from ``end_us`` on."""
 
     reason: MuteReason
@@ -52,8 +52,8 @@ class OutputTimers:
 
     def __init__(self, *, graded: bool) -> None:
         self._graded = graded
-        self._lease = Timer(MuteReason.HOST_SILENT)
-        self._hold = Timer(MuteReason.HOLD_EXPIRED)
+        self._lease = OutputTimer(MuteReason.HOST_SILENT)
+        self._hold = OutputTimer(MuteReason.HOLD_EXPIRED)
 
     def disarm(self) -> None:
         """Stop both timers: the output is off anyway."""
@@ -77,12 +77,12 @@ class OutputTimers:
             renewed_us = max(now_us, last_latch_us + config.hold_ms * 1000)
             self._hold.restart(renewed_us, self._ramp_us(config))
 
-    def first_deadline(self) -> Timer:
+    def first_deadline(self) -> OutputTimer:
         """Return the timer that runs out first."""
         lease, hold = self._lease, self._hold
         return lease if lease.deadline_us <= hold.deadline_us else hold
 
-    def first_end(self) -> Timer:
+    def first_end(self) -> OutputTimer:
         """Return the timer that silences the output first."""
         lease, hold = self._lease, self._hold
         return lease if lease.end_us <= hold.end_us else hold

@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
 )
 
 from .refusal import RefusalError
-from .registers import Content, full_amplitude
+from .registers import Content, full_amplitude_registers
 from .settings import BoardSettings
 
 _FEATURE = {
@@ -71,7 +71,7 @@ class Upload:
     def __getitem__(self, index: int) -> Content:
         piece = self.data[index * self.frame_size : (index + 1) * self.frame_size]
         if self.begin.kind is UploadKind.PHASES:
-            return full_amplitude(piece, 8)
+            return full_amplitude_registers(piece, 8)
         return _points(piece)
 
 

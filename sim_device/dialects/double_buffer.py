@@ -10,12 +10,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.model.pulses import Pulses
+from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
 from haptogram_protocol.dialects.fpga_bytes import (
     Begin,
-    ByteRules,
     Clocks,
+    FpgaByteRules,
     ModulationStep,
     SetAmplitudes,
     SetPhases,
@@ -47,7 +47,7 @@ class Registers:
         From a :class:`ModulationStep` to the modulation that all channels have.
     """
 
-    rules: ByteRules
+    rules: FpgaByteRules
     steps: int
     width: int
     at_power_up: int = 0
@@ -168,14 +168,14 @@ class DoubleBuffer:
         modulation = None if make is None else make(self._step)
         self._latches.append(PulseLatch(t_us, self._pulses(), cause, modulation=modulation))
 
-    def _pulses(self) -> Pulses:
+    def _pulses(self) -> PulseDrive:
         """Return the pulses that the outputs have now."""
         registers = self._registers
         codes, widths = self._shown.ravel(), self._shown_widths.ravel()
         if not self._clocked:  # the shift registers stand still, and so do their outputs
-            return Pulses.off(len(codes), registers.steps)
+            return PulseDrive.off(len(codes), registers.steps)
         off = registers.rules.off
-        return Pulses(
+        return PulseDrive(
             _where_on(codes, codes * registers.steps // off, off),
             _where_on(codes, widths.astype(np.uint16), off),
             registers.steps,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram_protocol.dialects.codec import BoardEnd, Dialect, Reply
-from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like
+from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_dialect
 
 from ..board.events import Notice, PulseLatch, Remark
 from .unit import Unit
@@ -178,7 +178,7 @@ class ForeignDialect:
         if self._first_bytes is None:
             return
         self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
-        names = looks_like(bytes(self._first_bytes)) if self.counters else ()
+        names = looks_like_dialect(bytes(self._first_bytes)) if self.counters else ()
         if names and self._dialect.name not in names:
             self._own["other_wires"] += 1
             self._remark(

@@ -68,10 +68,10 @@ from haptogram_protocol.messages import (
 
 from ..board import readout
 from ..board.board import Board
-from ..board.clock import earliest
+from ..board.clock import earliest_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange
 from ..board.refusal import RefusalError
-from ..board.registers import REGISTER_BITS, Content, full_amplitude, split_codes
+from ..board.registers import REGISTER_BITS, Content, full_amplitude_registers, split_register_codes
 from ..board.stream_queue import StreamFrame
 
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
@@ -142,9 +142,9 @@ class BoardDialect:
             GetStatus: lambda _, __: StatusReply(*self._status()),
             GetConfig: lambda _, __: ConfigReply(board.config_crc, board.config),
             SetConfig: self._set_config,
-            GetGeometry: lambda message, _: readout.geometry(board.settings, message),
-            ReadDrive: lambda message, _: readout.drive(board, message),
-            ReadTrace: lambda message, _: readout.trace(board, message),
+            GetGeometry: lambda message, _: readout.board_geometry(board.settings, message),
+            ReadDrive: lambda message, _: readout.board_drive(board, message),
+            ReadTrace: lambda message, _: readout.board_trace(board, message),
             UploadBegin: self._begin_upload,
             UploadChunk: self._store_chunk,
             UploadCommit: self._commit_upload,
@@ -165,7 +165,7 @@ class BoardDialect:
 
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
-        return earliest(self.board.next_event_us(), self._next_status_us)
+        return earliest_time(self.board.next_event_us(), self._next_status_us)
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, and say so on the line."""
@@ -217,7 +217,7 @@ class BoardDialect:
     @property
     def counters(self) -> dict[str, int]:
         """Every counter of HG-9.2 by name."""
-        return readout.counters(self.board, self._link.counters, self._trace_dropped)
+        return readout.board_counters(self.board, self._link.counters, self._trace_dropped)
 
     # --- events of the link --------------------------------------------------------------------
 
@@ -252,17 +252,19 @@ class BoardDialect:
         if isinstance(message, Drives):
             _demand(message.bits is PhaseFormat.BITS_8, f"drives of {message.bits} bits")
             _demand(len(message.data) == 2 * count, "not 2 N codes", "bad_length")
-            return split_codes(message.data)
+            return split_register_codes(message.data)
         known = message.bits in self.board.settings.phase_formats
         _demand(known, f"phases of {message.bits} bits")
-        return full_amplitude(unpack_phases(message.data, message.bits, count), message.bits)
+        return full_amplitude_registers(
+            unpack_phases(message.data, message.bits, count), message.bits
+        )
 
     def _greet(self, hello: Hello, request: RequestReceived) -> None:
         self.board.open_session(hello.nonce)
         self._link.open_session(hello.nonce)
         self._traced = 0
         self._schedule_status()
-        reply = readout.identity(self.board, self._link.description_hash)
+        reply = readout.board_identity(self.board, self._link.description_hash)
         self._link.reply(request, reply, self._first_byte_us)  # before any event of the session
 
     def _answer(self, request: RequestReceived) -> None:
@@ -364,7 +366,7 @@ class BoardDialect:
         if config.trace_mode is TraceMode.DRIVE:
             self._traced += 1
             due = (self._traced - 1) % config.trace_divider == 0
-            data = readout.codes(latch.drive)
+            data = readout.register_codes(latch.drive)
             return TraceDrive(key=key, bits=REGISTER_BITS, data=data) if due else None
         if config.trace_mode is not TraceMode.CRC:
             return None
@@ -383,7 +385,7 @@ class BoardDialect:
 
     def _status(self) -> readout.StatusFields:
         free = self.board.settings.rx_window
-        return readout.status(self.board, self.counters, free_bytes=free)
+        return readout.board_status(self.board, self.counters, free_bytes=free)
 
 
 def _unsupported(features: Feature) -> frozenset[type[Message]]:

@@ -10,9 +10,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.model.pulses import Pulses
+from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
-from haptogram_protocol.dialects.ultraino.arduino import Firmware
+from haptogram_protocol.dialects.ultraino.arduino import ArduinoFirmware
 from haptogram_protocol.dialects.ultraino.operations import (
     CommitDurations,
     Forward,
@@ -20,7 +20,7 @@ from haptogram_protocol.dialects.ultraino.operations import (
     SetPattern,
     Swap,
 )
-from haptogram_protocol.dialects.ultraino.slots import Layout
+from haptogram_protocol.dialects.ultraino.slots import SlotLayout
 
 from ..board.events import PulseLatch
 from .playlist import PERIOD_US, Playlist
@@ -45,8 +45,8 @@ class Outputs:
         not for how long patterns last.
     """
 
-    firmware: Firmware
-    layout: Layout
+    firmware: ArduinoFirmware
+    layout: SlotLayout
     connected: bytes = b""
     shows_one: bool = False
 
@@ -147,7 +147,7 @@ class SlotBoards:
 
     def _latch(self, cause: str, t_us: int) -> None:
         pattern = self._playlist.pointer
-        pulses = Pulses.of_levels(self._levels(self._shown[:, pattern]))
+        pulses = PulseDrive.of_levels(self._levels(self._shown[:, pattern]))
         self._latches.append(PulseLatch(t_us, pulses, cause, index=pattern))
 
     def _levels(self, slots: NDArray[np.uint8]) -> NDArray[np.bool_]:

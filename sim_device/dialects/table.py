@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import suggestion
+from haptogram.settings.arguments import did_you_mean
 from haptogram.settings.option import Settings, options_of
 
 from .emulation import INTERFACE, Emulation
@@ -51,7 +51,7 @@ def emulation_of(name: str) -> Emulation:
     if name not in others:
         known = (*EMULATIONS, *others)
         raise ConfigurationError(
-            f"dialect is {name!r}; known are {', '.join(known)}{suggestion(name, known)}"
+            f"dialect is {name!r}; known are {', '.join(known)}{did_you_mean(name, known)}"
         )
     return others[name]
 

@@ -24,21 +24,23 @@ from haptogram_protocol.framing import (
 )
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header
 
-from .line import Chunk, LineFault, Values
+from .line import FaultChunk, LineFault, Values
 
 # A body in, what follows the first delimiter out (COBS and the last delimiter); None: unchanged.
 Rewrite: TypeAlias = Callable[[bytes, Values, random.Random], bytes | None]
 _Change: TypeAlias = Callable[[Header, Values], dict[str, int]]
 
 
-def on_frames(rewrite: Rewrite) -> LineFault:
+def fault_on_frames(rewrite: Rewrite) -> LineFault:
     """Return a fault of chunks that applies *rewrite* to each frame, with probability ``p``."""
 
-    def act(chunks: list[Chunk], values: Values, source: random.Random) -> tuple[list[Chunk], int]:
+    def act(
+        chunks: list[FaultChunk], values: Values, source: random.Random
+    ) -> tuple[list[FaultChunk], int]:
         changed, fired = [], 0
         for chunk in chunks:
             data, count = _on_frames_of(chunk.data, rewrite, values, source)
-            changed.append(Chunk(chunk.t_ns, data))
+            changed.append(FaultChunk(chunk.t_ns, data))
             fired += count
         return changed, fired
 
@@ -61,7 +63,7 @@ def _on_frames_of(
     return DELIMITER.join(pieces), fired
 
 
-def sealed(body: bytes) -> bytes:
+def sealed_by_fault(body: bytes) -> bytes:
     """Return what is between the delimiters, for *body*."""
     return encode_frame(body)[1:-1]
 
@@ -75,8 +77,8 @@ def _length(body: bytes, values: Values, source: random.Random) -> bytes | None:
     more = round(values["bytes"])
     if more < 0:
         cut = body[: max(HEADER_BYTES, len(body) + more)]
-        return sealed(cut) if cut != body else None
-    return sealed(body + source.randbytes(more)) if more else None
+        return sealed_by_fault(cut) if cut != body else None
+    return sealed_by_fault(body + source.randbytes(more)) if more else None
 
 
 def _header(change: _Change) -> Rewrite:
@@ -84,7 +86,7 @@ def _header(change: _Change) -> Rewrite:
         header, payload = Header.unpack(body[:HEADER_BYTES]), body[HEADER_BYTES:]
         fields = {name: getattr(header, name) for name in Header.WIRE}
         changed = Header(**{**fields, **change(header, values)})
-        return None if changed == header else sealed(changed.pack() + payload)
+        return None if changed == header else sealed_by_fault(changed.pack() + payload)
 
     return rewrite
 
@@ -96,21 +98,25 @@ def _shifted(by_us: float, header: Header) -> dict[str, int]:
 
 FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
     {
-        "frame.crc": on_frames(_crc),
-        "frame.length": on_frames(_length),
-        "frame.sequence": on_frames(
+        "frame.crc": fault_on_frames(_crc),
+        "frame.length": fault_on_frames(_length),
+        "frame.sequence": fault_on_frames(
             _header(lambda header, values: {"seq": (header.seq + round(values["by"])) & 0xFFFF})
         ),
-        "frame.session": on_frames(
+        "frame.session": fault_on_frames(
             _header(
                 lambda header, values: {"session": (header.session + round(values["by"])) & 0xFFFF}
             )
         ),
-        "frame.flags": on_frames(
+        "frame.flags": fault_on_frames(
             _header(lambda header, values: {"flags": header.flags | round(values["bits"])})
         ),
-        "frame.type": on_frames(_header(lambda _, values: {"type": round(values["type"])})),
-        "frame.past": on_frames(_header(lambda header, values: _shifted(-values["us"], header))),
-        "frame.future": on_frames(_header(lambda header, values: _shifted(values["us"], header))),
+        "frame.type": fault_on_frames(_header(lambda _, values: {"type": round(values["type"])})),
+        "frame.past": fault_on_frames(
+            _header(lambda header, values: _shifted(-values["us"], header))
+        ),
+        "frame.future": fault_on_frames(
+            _header(lambda header, values: _shifted(values["us"], header))
+        ),
     }
 )

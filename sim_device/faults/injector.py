@@ -14,25 +14,25 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.settings.faults.kinds import is_of_transducers
+from haptogram.settings.faults.kinds import is_transducer_fault
 from haptogram.settings.faults.plan import Fault, FaultPlan
 
-from ..board.clock import DeviceClock, earliest
+from ..board.clock import DeviceClock, earliest_time
 from ..board.events import AnyLatch, FaultsCounted
 from ..board.settings import BoardSettings
 from .clock import clock_changes
 from .frames import FRAME_FAULTS
-from .line import LINE_FAULTS, Chunk
+from .line import LINE_FAULTS, FaultChunk
 from .phasors import Phasors
 from .reports import REPORT_FAULTS
-from .transducers import FaultContext, faulty, place_of
+from .transducers import FaultContext, fault_place, faulty_drive
 
 _ON_CHUNKS: Final = {**LINE_FAULTS, **FRAME_FAULTS, **REPORT_FAULTS}
 
 
-def on_line(
+def inject_on_line(
     plan: FaultPlan, direction: str, t_ns: int, data: bytes
-) -> tuple[list[Chunk], dict[str, int]]:
+) -> tuple[list[FaultChunk], dict[str, int]]:
     """Return the chunks that *data*, sent at *t_ns*, becomes, and how often each fault fired.
 
     Parameters
@@ -40,7 +40,7 @@ def on_line(
     direction : str
         ``down`` to the board or ``up`` from it.
     """
-    chunks, fired = [Chunk(t_ns, data)] if data else [], dict[str, int]()
+    chunks, fired = [FaultChunk(t_ns, data)] if data else [], dict[str, int]()
     for number, fault in enumerate(plan.faults):
         act = _ON_CHUNKS.get(fault.name)
         if act is None or fault.direction not in ("both", direction):
@@ -56,7 +56,7 @@ def on_line(
 def _on_transducers(plan: FaultPlan, t_ns: int) -> Iterator[tuple[int, Fault, random.Random]]:
     """Yield the faults of transducers that are there at *t_ns*, each with its source of chance."""
     for number, fault in enumerate(plan.faults):
-        if is_of_transducers(fault.name) and fault.is_there(t_ns):
+        if is_transducer_fault(fault.name) and fault.is_there(t_ns):
             yield number, fault, _random(plan, number, "device", t_ns, b"")
 
 
@@ -87,19 +87,19 @@ class FaultInjector:
         self._counts = {fault.name: 0 for fault in plan.faults}
         self._on_clock = list(clock_changes(plan, clock))
         self._places = [
-            place_of(fault, settings) if is_of_transducers(fault.name) else slice(0, 0)
+            fault_place(fault, settings) if is_transducer_fault(fault.name) else slice(0, 0)
             for fault in plan.faults
         ]
         self._disconnects = list(plan.named("line.disconnect"))
         self._away: Fault | None = None
-        self._acts_on_transducers = any(is_of_transducers(fault.name) for fault in plan.faults)
+        self._acts_on_transducers = any(is_transducer_fault(fault.name) for fault in plan.faults)
         self._before: Phasors | None = None
         self._before_us = 0
         self._reached: dict[int, NDArray[np.complex128]] = {}
 
-    def line(self, direction: str, t_ns: int, data: bytes) -> list[Chunk]:
+    def line(self, direction: str, t_ns: int, data: bytes) -> list[FaultChunk]:
         """Return the chunks that *data* becomes on the line, and count the faults."""
-        chunks, fired = on_line(self.plan, direction, t_ns, data)
+        chunks, fired = inject_on_line(self.plan, direction, t_ns, data)
         for name, count in fired.items():
             self._counts[name] += count
         return chunks
@@ -123,7 +123,7 @@ class FaultInjector:
     def next_change_ns(self, t_ns: int) -> int | None:
         """Return when the port next goes or comes back after *t_ns*."""
         times = [t for fault in self._disconnects for t in (fault.from_ns, fault.until_ns)]
-        return earliest(*(t for t in times if t > t_ns))
+        return earliest_time(*(t for t in times if t > t_ns))
 
     # --- transducers ---------------------------------------------------------------------------
 
@@ -141,7 +141,7 @@ class FaultInjector:
                 place=self._places[number],
                 reached=self._reached.get(number),
             )
-            changed = faulty(fault, now, source)
+            changed = faulty_drive(fault, now, source)
             if now.reached is not None:
                 self._reached[number] = now.reached
             # In the latch's own codes; the phase of what is silent is no difference.

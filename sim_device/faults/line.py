@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
-from ..line.sampling import sample
+from ..line.sampling import sample_characters
 
 _NS_PER_US: Final = 1_000
 _NS_PER_MS: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Chunk:
+class FaultChunk:
     """Bytes that are sent in one go, at ``t_ns``."""
 
     t_ns: int
@@ -26,7 +26,9 @@ class Chunk:
 
 Values: TypeAlias = Mapping[str, float]
 # Chunks, parameters and a source of chance in; chunks and how often it fired out.
-LineFault: TypeAlias = Callable[[list[Chunk], Values, random.Random], tuple[list[Chunk], int]]
+LineFault: TypeAlias = Callable[
+    [list[FaultChunk], Values, random.Random], tuple[list[FaultChunk], int]
+]
 _Edit: TypeAlias = Callable[[bytearray, Values, random.Random], int]
 
 
@@ -44,12 +46,14 @@ def _places(count: int, chance: float, source: random.Random) -> Iterator[int]:
 
 
 def _bytewise(edit: _Edit) -> LineFault:
-    def act(chunks: list[Chunk], values: Values, source: random.Random) -> tuple[list[Chunk], int]:
+    def act(
+        chunks: list[FaultChunk], values: Values, source: random.Random
+    ) -> tuple[list[FaultChunk], int]:
         changed, fired = [], 0
         for chunk in chunks:
             data = bytearray(chunk.data)
             fired += edit(data, values, source)
-            changed.append(Chunk(chunk.t_ns, bytes(data)))
+            changed.append(FaultChunk(chunk.t_ns, bytes(data)))
         return changed, fired
 
     return act
@@ -106,59 +110,71 @@ def _break(data: bytearray, values: Values, source: random.Random) -> int:
     return int(fires)
 
 
-def _baud(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:
+def _baud(
+    chunks: list[FaultChunk], values: Values, _: random.Random
+) -> tuple[list[FaultChunk], int]:
     ratio = 1 + values["ppm"] / 1e6
-    received = [Chunk(chunk.t_ns, sample(chunk.data, ratio)[0]) for chunk in chunks]
+    received = [FaultChunk(chunk.t_ns, sample_characters(chunk.data, ratio)[0]) for chunk in chunks]
     changed = sum(new != old for new, old in zip(received, chunks, strict=True))
     return received, changed
 
 
-def _nothing(chunks: list[Chunk], _: Values, __: random.Random) -> tuple[list[Chunk], int]:
+def _nothing(
+    chunks: list[FaultChunk], _: Values, __: random.Random
+) -> tuple[list[FaultChunk], int]:
     return [], len(chunks)
 
 
-def _gone(_: list[Chunk], __: Values, ___: random.Random) -> tuple[list[Chunk], int]:
+def _gone(_: list[FaultChunk], __: Values, ___: random.Random) -> tuple[list[FaultChunk], int]:
     return [], 0  # it fires once, when the port goes: see FaultInjector.has_left
 
 
 def _duplicate(
-    chunks: list[Chunk], values: Values, source: random.Random
-) -> tuple[list[Chunk], int]:
-    doubled: list[Chunk] = []
+    chunks: list[FaultChunk], values: Values, source: random.Random
+) -> tuple[list[FaultChunk], int]:
+    doubled: list[FaultChunk] = []
     for chunk in chunks:
         doubled += [chunk] * (1 + (source.random() < values["p"]))
     return doubled, len(doubled) - len(chunks)
 
 
-def _delay(chunks: list[Chunk], values: Values, source: random.Random) -> tuple[list[Chunk], int]:
+def _delay(
+    chunks: list[FaultChunk], values: Values, source: random.Random
+) -> tuple[list[FaultChunk], int]:
     late_us = values["us"] + values["jitter_us"] * source.random()
     late_ns = round(late_us * _NS_PER_US)
-    late = [Chunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks]
+    late = [FaultChunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks]
     return late, len(late) if late_ns else 0
 
 
-def _slice(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:
+def _slice(
+    chunks: list[FaultChunk], values: Values, _: random.Random
+) -> tuple[list[FaultChunk], int]:
     size, gap_ns = round(values["bytes"]), round(values["gap_us"] * _NS_PER_US)
     cut = [
-        Chunk(chunk.t_ns + k * gap_ns, chunk.data[start : start + size])
+        FaultChunk(chunk.t_ns + k * gap_ns, chunk.data[start : start + size])
         for chunk in chunks
         for k, start in enumerate(range(0, len(chunk.data), size))
     ]
     return cut, len(cut) - len(chunks)
 
 
-def _held(grid_ns: int, chunks: list[Chunk]) -> tuple[list[Chunk], int]:
+def _held(grid_ns: int, chunks: list[FaultChunk]) -> tuple[list[FaultChunk], int]:
     if grid_ns == 0:
         return chunks, 0
     held = [dataclasses.replace(c, t_ns=-(-c.t_ns // grid_ns) * grid_ns) for c in chunks]
     return held, sum(new != old for new, old in zip(held, chunks, strict=True))
 
 
-def _coalesce(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:
+def _coalesce(
+    chunks: list[FaultChunk], values: Values, _: random.Random
+) -> tuple[list[FaultChunk], int]:
     return _held(round(values["us"] * _NS_PER_US), chunks)
 
 
-def _batch(chunks: list[Chunk], values: Values, _: random.Random) -> tuple[list[Chunk], int]:
+def _batch(
+    chunks: list[FaultChunk], values: Values, _: random.Random
+) -> tuple[list[FaultChunk], int]:
     return _held(round(values["ms"] * _NS_PER_MS), chunks)
 
 

@@ -23,7 +23,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-from .frames import on_frames, sealed
+from .frames import fault_on_frames, sealed_by_fault
 from .line import LineFault, Values
 
 _TRUE_COUNTERS: Final = ("frames", "latched", "requests")  # those that rise when all is well
@@ -51,7 +51,7 @@ def _status(body: bytes, _: Values, __: random.Random) -> bytes | None:
 
 
 def _rebuilt(header: Header, message: Message, by_us: int) -> bytes:
-    return sealed(
+    return sealed_by_fault(
         build_body(
             message,
             flags=header.flags,
@@ -65,5 +65,5 @@ def _rebuilt(header: Header, message: Message, by_us: int) -> bytes:
 _PONG_TIMES: Final = ("t_rx_us", "t_tx_us")
 
 REPORT_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
-    {"device.clock": on_frames(_clock), "device.status": on_frames(_status)}
+    {"device.clock": fault_on_frames(_clock), "device.status": fault_on_frames(_status)}
 )

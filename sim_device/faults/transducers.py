@@ -122,7 +122,7 @@ _DEVICE_FAULTS: Final[Mapping[str, _Act]] = MappingProxyType(
 )
 
 
-def faulty(fault: Fault, now: FaultContext, source: random.Random) -> Phasors:
+def faulty_drive(fault: Fault, now: FaultContext, source: random.Random) -> Phasors:
     """Return what is radiated instead of ``now.drive``."""
     turns, amplitudes = now.drive.turns.copy(), now.drive.amplitudes.copy()
     act = _DEVICE_FAULTS[fault.name]
@@ -130,7 +130,7 @@ def faulty(fault: Fault, now: FaultContext, source: random.Random) -> Phasors:
     return Phasors(turns, amplitudes)
 
 
-def place_of(fault: Fault, settings: BoardSettings) -> slice:
+def fault_place(fault: Fault, settings: BoardSettings) -> slice:
     """Return the transducers that *fault* is in.
 
     Raises

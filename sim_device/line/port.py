@@ -17,7 +17,7 @@ class PortLostError(HaptogramError):
     """The port went away and will not come back: a cable was pulled."""
 
 
-class Port:
+class BoardPort:
     """A file descriptor that bytes go through.
 
     Attributes

@@ -10,13 +10,13 @@ from typing import Final
 
 from haptogram.machine.posix import posix_module
 
-from .port import Port
+from .port import BoardPort
 from .pty_link import INSTEAD_OF_PTY, PtyLink
 
 _CLOSED: Final = -1
 
 
-class PtyPort(Port):
+class PtyPort(BoardPort):
     """A pseudo-terminal with a stable name.
 
     The board keeps one descriptor of the slave side open, so that clients may come and go: without

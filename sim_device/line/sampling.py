@@ -16,12 +16,12 @@ FRAMING_ERROR: Final = 0  # what a raw terminal reads in place of such a charact
 _STOP_MIDDLE: Final = BITS_PER_BYTE - 0.5
 
 
-def is_understood(ratio: float) -> bool:
-    """Return whether every character arrives whole; see :func:`sample`."""
+def is_baud_understood(ratio: float) -> bool:
+    """Return whether every character arrives whole; see :func:`sample_characters`."""
     return abs(_STOP_MIDDLE * (ratio - 1)) < 0.5
 
 
-def sample(data: bytes, ratio: float) -> tuple[bytes, int]:
+def sample_characters(data: bytes, ratio: float) -> tuple[bytes, int]:
     """Return what is received of *data*, sent back to back on an idle line.
 
     Parameters
@@ -38,7 +38,7 @@ def sample(data: bytes, ratio: float) -> tuple[bytes, int]:
     errors : int
         How many stop bits were missing.
     """
-    if is_understood(ratio):
+    if is_baud_understood(ratio):
         return data, 0
     levels = _levels(data)
     received, errors, at = bytearray(), 0, 1

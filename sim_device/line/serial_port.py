@@ -10,11 +10,11 @@ from haptogram.errors import ConfigurationError
 from haptogram.machine.posix import posix_module
 from haptogram.settings.text_file import plain_reason
 
-from .port import Port
+from .port import BoardPort
 from .pty_link import INSTEAD_OF_PTY
 
 
-class SerialPort(Port):
+class SerialPort(BoardPort):
     """A real serial port: the board sits at the far end of a cable.
 
     Raises

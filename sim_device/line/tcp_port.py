@@ -10,14 +10,14 @@ from typing import Final
 from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import plain_reason
 
-from .port import Port
+from .port import BoardPort
 from .socket_server import Doorman
 
 _LOG: Final = logging.getLogger(__name__)
 _GONE: Final = (errno.EIO, errno.EPIPE, errno.ECONNRESET, errno.ENXIO, errno.ENODEV)
 
 
-class TcpPort(Port):
+class TcpPort(BoardPort):
     """A TCP server for one client at a time; another one is turned away.
 
     Parameters

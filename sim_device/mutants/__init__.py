@@ -1,7 +1,7 @@
 """Boards that are wrong in exactly one way: what a conformance suite has to find.
 
 ``MUTANTS`` names them all. Each is the healthy board with one part replaced (see
-:class:`~sim_device.assembly.Parts`) and names the requirement of SPEC.md that it violates.
+:class:`~sim_device.assembly.BoardAssembly`) and names the requirement of SPEC.md that it violates.
 """
 
 from __future__ import annotations
@@ -11,20 +11,20 @@ from types import MappingProxyType
 from typing import Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import suggestion
+from haptogram.settings.arguments import did_you_mean
 
-from ..assembly import HEALTHY, Parts
+from ..assembly import HEALTHY, BoardAssembly
 from . import framing, latching, output, replies, session
-from .mutant import Mutant, by_name
+from .mutant import Mutant, mutants_by_name
 
 _PARTS: Final = (framing, session, replies, latching, output)
 
 MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(
-    by_name(mutant for part in _PARTS for mutant in part.MUTANTS)
+    mutants_by_name(mutant for part in _PARTS for mutant in part.MUTANTS)
 )
 
 
-def parts_of(name: str | None) -> Parts:
+def mutant_parts(name: str | None) -> BoardAssembly:
     """Return the parts of the mutant *name*; None: of the healthy board.
 
     Raises
@@ -36,9 +36,10 @@ def parts_of(name: str | None) -> Parts:
         return HEALTHY
     if name not in MUTANTS:
         raise ConfigurationError(
-            f"mutant is {name!r}{suggestion(name, MUTANTS)}; docs/kill-matrix.md lists those known"
+            f"mutant is {name!r}{did_you_mean(name, MUTANTS)}; "
+            "docs/kill-matrix.md lists those known"
         )
     return MUTANTS[name].parts
 
 
-__all__ = ["MUTANTS", "Mutant", "parts_of"]
+__all__ = ["MUTANTS", "Mutant", "mutant_parts"]

@@ -16,7 +16,7 @@ from ..board.board import Board
 from ..board.counters import Drop
 from ..board.output import OutputStage
 from ..board.registers import Content, to_registers
-from ..board.stream_queue import Entry, StreamFrame, StreamQueue
+from ..board.stream_queue import QueueEntry, StreamFrame, StreamQueue
 from ..board.uploads import Uploads
 from ..dialects.haptogram import BoardDialect
 from .mutant import Mutant
@@ -25,7 +25,7 @@ from .mutant import Mutant
 class LatchesEarly(Board):
     """Latches on the last carrier boundary before t_apply."""
 
-    def _entry(self, frame: StreamFrame) -> Entry:
+    def _entry(self, frame: StreamFrame) -> QueueEntry:
         entry = super()._entry(frame)
         early_us = self.output.boundary_us(entry.t_apply_us - self.settings.carrier_us)
         return dataclasses.replace(entry, t_latch_us=early_us)
@@ -34,7 +34,7 @@ class LatchesEarly(Board):
 class LatchesOnePeriodLate(Board):
     """Latches one carrier period after the right one."""
 
-    def _entry(self, frame: StreamFrame) -> Entry:
+    def _entry(self, frame: StreamFrame) -> QueueEntry:
         entry = super()._entry(frame)
         late_us = entry.t_latch_us + self.settings.carrier_us
         return dataclasses.replace(entry, t_latch_us=late_us)
@@ -43,7 +43,7 @@ class LatchesOnePeriodLate(Board):
 class LatchesOffTheCarrier(Board):
     """Latches at t_apply itself, in the middle of a carrier period."""
 
-    def _entry(self, frame: StreamFrame) -> Entry:
+    def _entry(self, frame: StreamFrame) -> QueueEntry:
         entry = super()._entry(frame)
         soon_us = max(entry.t_apply_us, self.now_us)
         return dataclasses.replace(entry, t_latch_us=soon_us)
@@ -71,7 +71,7 @@ class LateWindowInMilliseconds(Board):
 class LateUnmarked(Board):
     """Latches late frames without saying that they were late."""
 
-    def _entry(self, frame: StreamFrame) -> Entry:
+    def _entry(self, frame: StreamFrame) -> QueueEntry:
         return dataclasses.replace(super()._entry(frame), late=False)
 
 
@@ -100,7 +100,7 @@ class OffByOneBank(OutputStage):
 class TwoInOnePeriod(StreamQueue):
     """Latches both of two frames that fall on one carrier period."""
 
-    def push(self, entry: Entry) -> int:
+    def push(self, entry: QueueEntry) -> int:
         """Queue *entry* behind whatever is there."""
         self._entries.append(entry)
         return 0

@@ -11,11 +11,11 @@ from typing import Any, Final, Self, TypeAlias
 
 from haptogram.records.frame import Evidence
 
-from ..assembly import Parts
+from ..assembly import BoardAssembly
 
 Part: TypeAlias = type[Any]
-#: The part of :class:`~sim_device.assembly.Parts` that a subclass of its healthy class replaces.
-_NAMES: Final = {field.default: field.name for field in dataclasses.fields(Parts)}
+#: The part of :class:`~sim_device.assembly.BoardAssembly` that a subclass of its class replaces.
+_NAMES: Final = {field.default: field.name for field in dataclasses.fields(BoardAssembly)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class Mutant:
     clause: str
     evidence: Evidence
     docstring: str
-    parts: Parts
+    parts: BoardAssembly
 
     @classmethod
     def of(cls, part: Part, clause: str, evidence: Evidence) -> Self:
@@ -49,11 +49,11 @@ class Mutant:
         return cls(name, clause, evidence, inspect.getdoc(part) or "", _parts(part))
 
 
-def by_name(mutants: Iterable[Mutant]) -> dict[str, Mutant]:
+def mutants_by_name(mutants: Iterable[Mutant]) -> dict[str, Mutant]:
     """Return *mutants* by their names."""
     return {mutant.name: mutant for mutant in mutants}
 
 
-def _parts(part: Part) -> Parts:
+def _parts(part: Part) -> BoardAssembly:
     name = next(_NAMES[kind] for kind in part.__mro__ if kind in _NAMES)
-    return Parts(**{name: part})
+    return BoardAssembly(**{name: part})

@@ -17,7 +17,7 @@ from haptogram_protocol.record import Record, record, wire
 
 
 def test_the_description_is_json_and_complete() -> None:
-    described = json.loads(json.dumps(export.description()))
+    described = json.loads(json.dumps(export.wire_description()))
     assert {m["type"] for m in described["messages"].values()} == set(MESSAGES)
     for name, number in (("HELLO", 8), ("HELLO_REPLY", 104), ("PLAY", 14)):
         message = described["messages"][name]
@@ -41,7 +41,7 @@ def test_the_description_is_json_and_complete() -> None:
 
 
 def test_every_nested_record_is_described() -> None:
-    described = export.description()
+    described = export.wire_description()
     used = {
         field["type"]
         for group in ("records", "messages")
@@ -55,18 +55,20 @@ def test_every_nested_record_is_described() -> None:
 def test_the_hash_is_of_the_wire_and_not_of_the_words(monkeypatch: pytest.MonkeyPatch) -> None:
     before = export.description_hash()
     assert before == export.description_hash()
-    plain = export.description()
+    plain = export.wire_description()
     reworded = json.loads(json.dumps(plain).replace("Open a session", "Say hello"))
     rewired = json.loads(json.dumps(plain).replace('"u16"', '"i16"'))
     assert reworded != plain != rewired
-    monkeypatch.setattr(export, "description", lambda: reworded)
+    monkeypatch.setattr(export, "wire_description", lambda: reworded)
     assert export.description_hash() == before
-    monkeypatch.setattr(export, "description", lambda: rewired)
+    monkeypatch.setattr(export, "wire_description", lambda: rewired)
     assert export.description_hash() != before
 
 
 def test_the_hash_is_a_crc_of_canonical_json(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(export, "description", lambda: {"b": [1, {"doc": "x", "a": 2}], "a": None})
+    monkeypatch.setattr(
+        export, "wire_description", lambda: {"b": [1, {"doc": "x", "a": 2}], "a": None}
+    )
     assert export.description_hash() == zlib.crc32(b'{"a":null,"b":[1,{"a":2}]}')
 
 
@@ -108,7 +110,7 @@ def test_the_command_rewrites_a_file(tmp_path: Path) -> None:
 
 def test_the_command_prints_the_description(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == export.description()
+    assert json.loads(capsys.readouterr().out) == export.wire_description()
 
 
 def test_the_command_runs_as_a_module() -> None:

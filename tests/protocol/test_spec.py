@@ -16,7 +16,7 @@ from haptogram_protocol.connection import (
 from haptogram_protocol.connection.events import FrameDropped, ReplyReceived
 from haptogram_protocol.export.tables import ENUMERATIONS, RECORDS
 from haptogram_protocol.export.tables.spec import update_spec
-from haptogram_protocol.export.tables.worked import EXCHANGE, WORKED_FRAMES, Step
+from haptogram_protocol.export.tables.worked import EXCHANGE, WORKED_FRAMES, WorkedStep
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -193,7 +193,7 @@ def test_the_worked_exchange_as_printed_is_what_a_host_says_and_takes() -> None:
     ]
 
 
-def _say(host: HostConnection, step: Step) -> None:
+def _say(host: HostConnection, step: WorkedStep) -> None:
     if isinstance(step.message, Hello):
         host.send_hello(step.t_us)
     elif isinstance(step.message, Mute):

@@ -10,7 +10,7 @@ import pytest
 from haptogram_protocol.errors import LocalProtocolError
 from haptogram_protocol.export.c import HEADERS
 from haptogram_protocol.export.c.__main__ import main
-from haptogram_protocol.export.c.names import enumerated, member_name
+from haptogram_protocol.export.c.names import c_enumerated, c_member_name
 from haptogram_protocol.messages import DriveKind, GeometryReply, Message
 from haptogram_protocol.record import Record, record, repeated, wire
 from protocol_c.building import FOLDER, compiler, compilers, run, spoilt
@@ -72,7 +72,7 @@ def test_a_layout_that_is_not_the_wire_does_not_compile(tmp_path, old, new):
 
 
 def test_a_field_is_never_called_by_a_keyword():
-    assert [member_name(name) for name in ("short", "shorter", "crc")] == [
+    assert [c_member_name(name) for name in ("short", "shorter", "crc")] == [
         "short_",
         "shorter",
         "crc",
@@ -89,9 +89,9 @@ def test_enumerations_that_c_could_not_check_are_refused():
         items: tuple[Inner, ...] = repeated(Inner, "items")
 
     with pytest.raises(LocalProtocolError):
-        list(enumerated(Outer))
-    assert list(enumerated(Inner)) == [(0, 0b11)]
-    assert list(enumerated(GeometryReply)) == []
+        list(c_enumerated(Outer))
+    assert list(c_enumerated(Inner)) == [(0, 0b11)]
+    assert list(c_enumerated(GeometryReply)) == []
 
 
 def test_values_without_a_bit_are_refused():
@@ -103,7 +103,7 @@ def test_values_without_a_bit_are_refused():
         value: Wide = wire("B", "value", enum=Wide)
 
     with pytest.raises(LocalProtocolError):
-        list(enumerated(Odd))
+        list(c_enumerated(Odd))
 
 
 def test_the_example_of_the_readme_compiles(tmp_path):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.export.vectors import FILES, text, write_vectors
+from haptogram_protocol.export.vectors import FILES, vector_file_text, write_vectors
 from haptogram_protocol.export.vectors.__main__ import main
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES, pack_phases, unpack_phases
@@ -30,7 +30,7 @@ DIALOGUES = vectors(*DIALOGUE_FILES)
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_is_what_the_messages_make_of_it(name):
-    assert (FOLDER / name).read_text("utf-8") == text(name), (
+    assert (FOLDER / name).read_text("utf-8") == vector_file_text(name), (
         "run: python -m haptogram_protocol.export.vectors"
     )
 

@@ -11,14 +11,14 @@ import pytest
 import sim_device
 from haptogram.conformance.cases import all_cases
 from haptogram.conformance.run.access import VirtualAccess
-from haptogram.conformance.run.runner import Options, Runner
+from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.line.port import open_transport
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
 from sim_device.board.clock import ClockChange, DeviceClock
 from sim_device.command import main
-from sim_device.mutants import MUTANTS, parts_of
+from sim_device.mutants import MUTANTS, mutant_parts
 
 ROOT = Path(__file__).parents[2]
 SPEC = ROOT / "protocol" / "SPEC.md"
@@ -38,7 +38,7 @@ def behaviours(clause, mutant=""):
         url, lambda boot: open_transport(f"{url}&seed={boot}"), baudrate=3_000_000, virtual=True
     )
     cases = [case for case in all_cases() if case.clause == clause]
-    return [result.behaviour for result in Runner(access, Options()).run(cases).results]
+    return [result.behaviour for result in SuiteRunner(access, SuiteOptions()).run(cases).results]
 
 
 @functools.cache
@@ -84,13 +84,15 @@ def test_each_says_in_its_own_words_what_is_wrong_and_changes_one_part():
     assert len(set(words)) == len(words)
     for mutant in MUTANTS.values():
         fields = [field.name for field in dataclasses.fields(mutant.parts)]
-        changed = [f for f in fields if getattr(mutant.parts, f) is not getattr(parts_of(None), f)]
+        changed = [
+            f for f in fields if getattr(mutant.parts, f) is not getattr(mutant_parts(None), f)
+        ]
         assert len(changed) == 1
 
 
 def test_an_unknown_mutant_is_refused_with_the_names_of_the_others(capsys, tmp_path):
     with pytest.raises(ConfigurationError, match=r"no mutant 'x'; known: .*crc-unchecked"):
-        parts_of("x")
+        mutant_parts("x")
     assert main(["--link", str(tmp_path / "b"), "--mutant", "x"]) == 2
     assert "known: " in capsys.readouterr().err
 
@@ -103,7 +105,7 @@ def test_an_unknown_mutant_is_refused_with_the_names_of_the_others(capsys, tmp_p
         DeviceClock(7, ppm=-999),
         DeviceClock(7, changes=(ClockChange(300_000, step_us=50), ClockChange(300_500, ppm=9_000))),
         DeviceClock(7, -300, (ClockChange(0, step_us=5), ClockChange(900_001, -900_000, 70))),
-        parts_of("clock-steps").clock(7),
+        mutant_parts("clock-steps").clock(7),
     ],
 )
 def test_a_clock_and_its_inverse_agree(clock):

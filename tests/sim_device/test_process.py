@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import serial
 
-from haptogram.acoustics import Drive, superpose
+from haptogram.acoustics import Drive, superpose_foci
 from haptogram_protocol.connection import NEED_DATA, EventReceived, HostConnection, ReplyReceived
 from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import GetStatus, Ping, Trace, TraceMode
@@ -204,7 +204,9 @@ def test_every_latch_reaches_the_back_door_before_the_board_ends(start, tmp_path
     host = open_host(board.url)
     now_us = host.arm(hold_ms=5000)
     model = board_settings(array="4x4").model
-    codes = Drive.from_weights(superpose(model, [(0, 0.002, 0.05)], [1], [0])).phase_codes.tobytes()
+    codes = Drive.from_weights(
+        superpose_foci(model, [(0, 0.002, 0.05)], [1], [0])
+    ).phase_codes.tobytes()
     sent = [host.stream(codes, now_us + 400_000 + 1_000 * k)[0] for k in range(20)]
     wait_for(lambda: host.ask(GetStatus()).message.counters.latched == 20, "20 latches")
     assert board.end() == 0

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sim_device
-from haptogram.acoustics import Drive, SingleFocus, superpose
+from haptogram.acoustics import Drive, SingleFocus, superpose_foci
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.connection import RequestRefused
 from haptogram_protocol.messages import (
@@ -156,7 +156,7 @@ def test_streamed_frames_are_latched_traced_and_reconstructed(open_host):
     targets = [(0.003, 0.011, 0.08), (-0.02, 0.004, 0.1), (0.001, -0.012, 0.06)]
     sent = []
     for k, target in enumerate(targets):
-        drive = Drive.from_weights(superpose(model, [target], [1.0], [0.0]))
+        drive = Drive.from_weights(superpose_foci(model, [target], [1.0], [0.0]))
         sent.append(
             (host.stream(drive.phase_codes.tobytes(), now_us + 5_000 + 1_000 * k)[0], drive)
         )
@@ -206,7 +206,7 @@ def test_points_are_computed_by_the_board(open_host):
     host.port.write(wire)
     let_pass(host, 0.001)
     reply = host.ask(ReadDrive(DriveKind.LATCHED, 0, 16)).message
-    want = Drive.from_weights(superpose(model, [(0.01, -0.003, 0.08)], [1.0], [0.0]))
+    want = Drive.from_weights(superpose_foci(model, [(0.01, -0.003, 0.08)], [1.0], [0.0]))
     assert reply.data == want.phase_codes.tobytes() + want.amplitude_codes.tobytes()
 
 

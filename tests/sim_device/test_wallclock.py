@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sim_device.board.settings import board_settings
-from sim_device.line.port import Port, PortLostError
+from sim_device.line.port import BoardPort, PortLostError
 from sim_device.line.pty_port import PtyPort
 from sim_device.simulation import Simulation
 from sim_device.wallclock import Heartbeat
@@ -22,7 +22,7 @@ ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 HIGH = 1500  # beyond FD_SETSIZE
 
 
-class End(Port):
+class End(BoardPort):
     """A port that ends a board in one way, on its second turn."""
 
     def __init__(self, act):

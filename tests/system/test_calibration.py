@@ -23,7 +23,7 @@ from haptogram.driver.driver import Driver
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoard
-from haptogram.evidence.run_record import measure
+from haptogram.evidence.run_record import measure_run
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import verify_run
@@ -168,7 +168,7 @@ def test_a_board_at_a_port_is_judged_by_the_calibration(tmp_path: Path, compensa
     )  # fmt: skip
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort()  # of equal elements: it shows what it latched, nothing else counts
-    found = measure(config, board, None)
+    found = measure_run(config, board, None)
     run = verify_run(found.intended, found.observations, model=found.model, unseen=found.unseen)
     assert run.counts["on_target"] == (FRAMES if compensate else 0)
     assert run.counts["off_target"] == (0 if compensate else FRAMES)
@@ -183,7 +183,7 @@ def test_a_calibration_of_another_array_leaves_the_port_closed(tmp_path: Path) -
         board.port = port = BoardPort()
         config = VerifyConfig.of(port="virtual://", calibration=path, compensate=compensate)
         with pytest.raises(ConfigurationError, match="element 64 is missing; the array has the"):
-            measure(config, board, None)
+            measure_run(config, board, None)
         assert port.closed
 
 

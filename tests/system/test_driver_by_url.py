@@ -10,7 +10,7 @@ import pytest
 import sim_device
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import BackdoorFile, observations_of
+from haptogram.evidence.backdoor import BackdoorFile, backdoor_observations
 from haptogram.verification import verify_run
 from haptogram_protocol.messages import TraceMode
 
@@ -30,7 +30,7 @@ def run(backdoor, seed, points=CIRCLE, rate_hz=1000):
         report = driver.stream(points, rate_hz)
     file = BackdoorFile(backdoor)
     file.read()
-    return driver, report, observations_of(file.records, driver.session)
+    return driver, report, backdoor_observations(file.records, driver.session)
 
 
 def test_a_run_in_virtual_time_is_exact_and_passes(tmp_path):

@@ -16,7 +16,7 @@ import pytest
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoard, ProcessBoard
-from haptogram.evidence.run_record import measure
+from haptogram.evidence.run_record import measure_run
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import FrameStatus, Verdict, verify_run
@@ -139,7 +139,7 @@ def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
             if done * 2 >= total:
                 board.kill()
 
-        found = measure(config, ProcessBoard(board), kill_at_half)
+        found = measure_run(config, ProcessBoard(board), kill_at_half)
     assert found.cut is not None
     run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)
     assert run.verdict is Verdict.INCONCLUSIVE
@@ -162,7 +162,7 @@ def test_a_board_without_trace_is_read_back_and_the_rest_is_not_verified() -> No
     config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, seed=3)
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=ALL_FEATURES & ~traces)
-    found = measure(config, board, None)
+    found = measure_run(config, board, None)
     run = verify_run(found.intended, found.observations, model=found.model, unseen=found.unseen)
     assert run.verdict is Verdict.INCONCLUSIVE
     assert run.counts["sent"] == 63
@@ -178,4 +178,4 @@ def test_a_board_that_can_show_nothing_is_refused() -> None:
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=Feature.AMPLITUDE)
     with pytest.raises(ConfigurationError, match="neither trace nor read-back"):
-        measure(config, board, None)
+        measure_run(config, board, None)

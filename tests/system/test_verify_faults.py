@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from haptogram.cli import main
-from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, Parameter, words_of
+from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, Parameter, fault_words
 
 _CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "2", "--quiet"]
 _FEW = ["--resolution-mm", "10"]
@@ -340,7 +340,7 @@ def _value(limits: Parameter, source: random.Random) -> float:
 
 def _at_random(source: random.Random) -> str:
     name = source.choice(list(FAULT_KINDS))
-    kind, known = FAULT_KINDS[name], words_of(name)
+    kind, known = FAULT_KINDS[name], fault_words(name)
     numbers = [key for key in kind if key not in PLACES and source.random() < 0.7]
     words = [f"{key}={_value(kind[key], source)!r}" for key in numbers]
     if PLACES[0] in kind:

@@ -7,10 +7,15 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics.arrays import FloatArray, as_place, as_points, check_computed
+from haptogram.acoustics.arrays import (
+    FloatArray,
+    as_coordinates,
+    as_point_array,
+    check_computed_number,
+)
 from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine, choose_engine
 from haptogram.acoustics.field.reference import propagators
-from haptogram.acoustics.memory import check_memory
+from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import as_single_drives
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -44,9 +49,9 @@ class GridField:
     """
 
     def __init__(self, model: AcousticModel, points_m: ArrayLike) -> None:
-        points = as_points("points_m", points_m)
+        points = as_point_array("points_m", points_m)
         count = model.array.count
-        check_memory("a matrix", (len(points), count), 8)
+        check_array_memory("a matrix", (len(points), count), 8)
         engine = choose_engine(model)
         if isinstance(engine, NumbaEngine | Numpy32Engine):
             self._matrix = engine.propagators(points)
@@ -85,7 +90,7 @@ class GridField:
         points, count = self._matrix.shape
         drives = as_single_drives(weights, count)
         shape = (*drives.shape[:-1], points)
-        check_memory("a field", shape, 8)
+        check_array_memory("a field", shape, 8)
         if out is not None and (out.shape != shape or out.dtype != np.complex64):
             raise ConfigurationError(
                 f"out is {out.dtype} of shape {out.shape}, must be complex64 of shape {shape}"
@@ -114,14 +119,14 @@ def box_points_m(low_m: ArrayLike, high_m: ArrayLike, step_m: float) -> FloatArr
     [[0.0, 0.0, 0.1], [0.005, 0.0, 0.1], [0.01, 0.0, 0.1]]
     """
     step_m = check_positive("step_m", step_m)
-    low, high = as_place("low_m", low_m), as_place("high_m", high_m)
+    low, high = as_coordinates("low_m", low_m), as_coordinates("high_m", high_m)
     if (low > high).any():
         raise ConfigurationError(f"the box ends at {high}, before its start at {low}")
     counts = [
-        math.ceil(check_computed("length of the box in steps", length / step_m) - 1e-9) + 1
+        math.ceil(check_computed_number("length of the box in steps", length / step_m) - 1e-9) + 1
         for length in (high - low).tolist()
     ]
-    check_memory("a grid", counts, 48)
+    check_array_memory("a grid", counts, 48)
     axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 

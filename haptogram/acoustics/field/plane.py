@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics.arrays import MAX_POINT_M, FloatArray
 from haptogram.acoustics.field.reference import propagators
-from haptogram.acoustics.memory import check_memory
+from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.lattice import Lattice, find_lattice
@@ -27,7 +27,7 @@ from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_whole
 
-MAX_OVERSAMPLING: Final = 64
+_MAX_OVERSAMPLING: Final = 64
 _MIN_HALF_WIDTH_M: Final = 1e-6
 _KERNEL_POINTS: Final = 1 << 18  # one element's field is computed in parts of 12 MB
 _LONGEST_PRODUCT: Final = 32  # nodes of a set along an axis; beyond, a fast transform is faster
@@ -71,7 +71,7 @@ class PlaneField:
     ) -> None:
         check_number("half_width_m", half_width_m, _MIN_HALF_WIDTH_M, MAX_POINT_M)
         check_number("height_m", height_m, -MAX_POINT_M, MAX_POINT_M)
-        check_whole("oversampling", oversampling, 1, MAX_OVERSAMPLING)
+        check_whole("oversampling", oversampling, 1, _MAX_OVERSAMPLING)
         self._model = model
         self._height_m = float(height_m)
         self._lattice = _regular_lattice(model.array)
@@ -79,7 +79,7 @@ class PlaneField:
         self._m = m
         axes = [_Axis(levels, half_width_m, m) for levels in (lattice.x_m, lattice.y_m)]
         self._axes = axes
-        check_memory("a plane", [m * axis.period for axis in axes], 48)
+        check_array_memory("a plane", [m * axis.period for axis in axes], 48)
         self.x_m, self.y_m = axes[0].nodes_m(), axes[1].nodes_m()
         self._spectrum = self._kernel_spectrum()
         self._buffer = np.empty_like(self._spectrum)
@@ -174,7 +174,7 @@ class _Axis:
         self._low = math.floor((-half_width_m - self._start_m) / self._step_m + 1e-9)
         high = math.ceil((half_width_m - self._start_m) / self._step_m - 1e-9)
         self._count = high + 1 - self._low
-        check_memory("an axis", (self._count + self._sources * m,), 64)
+        check_array_memory("an axis", (self._count + self._sources * m,), 64)
         self.per_set = -(-self._count // m)  # nodes in the largest set
         self.whole = self.per_set * m
         self.period = int(next_fast_len(self.per_set + self._sources - 1))

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray, as_points
-from haptogram.acoustics.memory import check_memory, chunks
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray, as_point_array
+from haptogram.acoustics.memory import check_array_memory, memory_chunks
 from haptogram.acoustics.model.drive import as_drive, as_drives
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -95,9 +95,9 @@ def propagators(model: AcousticModel, points_m: ArrayLike) -> ComplexArray:
     >>> bool(np.allclose(field, pressure(model, weights, [target])))
     True
     """
-    points = as_points("points_m", points_m)
-    check_memory("a matrix", (len(points), model.array.count), 16)
-    check_points(model, points)
+    points = as_point_array("points_m", points_m)
+    check_array_memory("a matrix", (len(points), model.array.count), 16)
+    check_field_points(model, points)
     return _propagators(model, points)
 
 
@@ -144,11 +144,11 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
     '5393 Pa'
     """
     drives = as_drives(weights, model.array.count)
-    points = as_points("points_m", points_m)
-    check_memory("a field", (*drives.shape[:-1], len(points)), 16)
-    check_points(model, points)
+    points = as_point_array("points_m", points_m)
+    check_array_memory("a field", (*drives.shape[:-1], len(points)), 16)
+    check_field_points(model, points)
     result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
-    for chunk in chunks(len(points), _points_at_a_time(model)):
+    for chunk in memory_chunks(len(points), _points_at_a_time(model)):
         result[..., chunk] = drives @ _propagators(model, points[chunk]).T
     return result
 
@@ -170,7 +170,7 @@ def _points_at_a_time(model: AcousticModel) -> int:
     return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 
-def fronts(model: AcousticModel) -> FloatArray:
+def sounding_half_spaces(model: AcousticModel) -> FloatArray:
     """Return the (U, 4) half-spaces n x + d >= 0, in metres, that have sound: the union of them.
 
     See :attr:`TransducerArray.fronts`; all of space if the elements are not baffled.
@@ -178,7 +178,7 @@ def fronts(model: AcousticModel) -> FloatArray:
     return model.array.fronts if model.transducer.directivity.baffled else np.zeros((1, 4))
 
 
-def in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
+def points_in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
     """Return which of (M, 3) points are not behind every element, if the elements are baffled.
 
     There the model has no sound: what is behind depends on a housing that it does not know.
@@ -189,34 +189,38 @@ def in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
 
     Examples
     --------
-    >>> in_front(model, [target, (0.0, 0.0, -0.15)]).tolist()
+    >>> points_in_front(model, [target, (0.0, 0.0, -0.15)]).tolist()
     [True, False]
     """
-    points = as_points("points_m", points_m)
+    points = as_point_array("points_m", points_m)
     front = np.ones(len(points), dtype=np.bool_)
-    for part in chunks(len(points), _POINTS_PER_CHUNK):
+    for part in memory_chunks(len(points), _POINTS_PER_CHUNK):
         front[part][_behind(model, points[part])] = False
     return front
 
 
-def has_field(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
+def points_with_field(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
     """Return which of (M, 3) points have a field, (M,): in front, and 1 mm off every element."""
-    points = as_points("points_m", points_m)
-    result: BoolArray = in_front(model, points) & clear_of_elements(model, points, MIN_DISTANCE_M)
+    points = as_point_array("points_m", points_m)
+    result: BoolArray = points_in_front(model, points) & points_clear_of_elements(
+        model, points, MIN_DISTANCE_M
+    )
     return result
 
 
-def level_in_front(engine: FieldEngine, weights: ArrayLike, points_m: ArrayLike) -> FloatArray:
+def pressure_level_in_front(
+    engine: FieldEngine, weights: ArrayLike, points_m: ArrayLike
+) -> FloatArray:
     """Return |p| of one drive, (M,), and 0 where no field is defined: for a search there."""
     drive = as_drive(weights, engine.model.array.count)
-    points = as_points("points_m", points_m)
+    points = as_point_array("points_m", points_m)
     level = np.zeros(len(points))
-    known = has_field(engine.model, points)
+    known = points_with_field(engine.model, points)
     level[known] = np.abs(engine.pressure(drive, points[known]))
     return level
 
 
-def check_points(model: AcousticModel, points: FloatArray) -> None:
+def check_field_points(model: AcousticModel, points: FloatArray) -> None:
     """Raise, before any work, unless the field of *model* is defined at all of (M, 3) points.
 
     Raises
@@ -224,10 +228,10 @@ def check_points(model: AcousticModel, points: FloatArray) -> None:
     ConfigurationError
         A point within 1 mm of an element, or behind all of them if they are baffled.
     """
-    for part in chunks(len(points), _POINTS_PER_CHUNK):
+    for part in memory_chunks(len(points), _POINTS_PER_CHUNK):
         behind = part.start + _behind(model, points[part])
         if len(behind):
-            ahead_m = (fronts(model) @ np.append(points[behind[0]], 1.0)).max()
+            ahead_m = (sounding_half_spaces(model) @ np.append(points[behind[0]], 1.0)).max()
             raise ConfigurationError(
                 f"point {behind[0]} is {-ahead_m * 1e3:.3g} mm behind the baffle of the array, "
                 "must be in front of an element"
@@ -241,9 +245,11 @@ def check_points(model: AcousticModel, points: FloatArray) -> None:
             )
 
 
-def clear_of_elements(model: AcousticModel, points_m: ArrayLike, distance_m: float) -> BoolArray:
+def points_clear_of_elements(
+    model: AcousticModel, points_m: ArrayLike, distance_m: float
+) -> BoolArray:
     """Return which of (M, 3) points keep a distance from every element, (M,)."""
-    points = as_points("points_m", points_m)
+    points = as_point_array("points_m", points_m)
     clear = np.ones(len(points), dtype=np.bool_)
     for near, distance in _distances(model, points, distance_m):
         clear[near] = distance.min(axis=1) >= distance_m
@@ -252,7 +258,7 @@ def clear_of_elements(model: AcousticModel, points_m: ArrayLike, distance_m: flo
 
 def _behind(model: AcousticModel, points: FloatArray) -> NDArray[np.intp]:
     """Return the indices of the points behind every baffled element: one pass for most arrays."""
-    first, *others = fronts(model)
+    first, *others = sounding_half_spaces(model)
     behind = np.flatnonzero(points @ first[:3] + first[3] < 0.0)
     for front in others:
         if not len(behind):
@@ -269,9 +275,9 @@ def _distances(
     All others are further than *reach_m* from every element: outside the box around them.
     """
     low, high = model.array.bounds_m
-    for part in chunks(len(points), _POINTS_PER_CHUNK):
+    for part in memory_chunks(len(points), _POINTS_PER_CHUNK):
         outside = np.maximum(low - points[part], points[part] - high) >= reach_m
         about = part.start + np.flatnonzero(~outside.any(axis=1))
-        for chunk in chunks(len(about), _points_at_a_time(model)):
+        for chunk in memory_chunks(len(about), _points_at_a_time(model)):
             offsets = points[about[chunk]][:, None, :] - model.array.positions_m
             yield about[chunk], np.sqrt(np.einsum("mni,mni->mn", offsets, offsets))

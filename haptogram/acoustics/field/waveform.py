@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import FloatArray, as_float_array, as_phasors
-from haptogram.acoustics.memory import check_memory
+from haptogram.acoustics.arrays import FloatArray, as_float_array, as_phasor_array
+from haptogram.acoustics.memory import check_array_memory
 from haptogram.settings.arguments import check_positive
 
 
@@ -20,7 +20,7 @@ def rms_pressure(pressure_peak: ArrayLike) -> FloatArray:
     >>> rms_pressure([100.0 + 100.0j]).round(1).tolist()
     [100.0]
     """
-    result: FloatArray = np.abs(as_phasors("pressure_peak", pressure_peak)) / math.sqrt(2.0)
+    result: FloatArray = np.abs(as_phasor_array("pressure_peak", pressure_peak)) / math.sqrt(2.0)
     return result
 
 
@@ -54,9 +54,9 @@ def instantaneous_pressure(
     >>> instantaneous_pressure([100.0], 40e3, [0.0, 12.5e-6]).round(1).tolist()
     [[100.0, -100.0]]
     """
-    phasors = as_phasors("pressure_peak", pressure_peak)
+    phasors = as_phasor_array("pressure_peak", pressure_peak)
     times = np.atleast_1d(as_float_array("times_s", times_s))
-    check_memory("a waveform", (*phasors.shape, *times.shape), 32)
+    check_array_memory("a waveform", (*phasors.shape, *times.shape), 32)
     turns = check_positive("frequency_hz", frequency_hz) * times
     result: FloatArray = (phasors[..., None] * np.exp(-2j * np.pi * (turns - np.rint(turns)))).real
     return result

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_points
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_point_array
 from haptogram.acoustics.field.reference import FieldEngine
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.model.drive import as_sequence
@@ -70,7 +70,7 @@ def mean_square_pressure(
     """
     drives = as_sequence(weights, engine.model.array.count)
     check_positive("frame_s", frame_s)
-    points = as_points("points_m", points_m)
+    points = as_point_array("points_m", points_m)
     size = max(1, _VALUES_PER_CHUNK // len(drives))
     result = np.empty(len(points))
     for start in range(0, len(points), size):
@@ -87,7 +87,7 @@ def _mean_square(settled: ComplexArray, frame_s: float, resonator: Resonator | N
         return plain
     left = resonator.decay(frame_s)
     share = resonator.time_constant_s / frame_s
-    state = periodic_start(settled, left)
+    state = periodic_resonator_start(settled, left)
     total = np.zeros(settled.shape[1])
     for field in settled:
         gap = state - field
@@ -98,7 +98,7 @@ def _mean_square(settled: ComplexArray, frame_s: float, resonator: Resonator | N
     return 0.5 * total / len(settled)
 
 
-def periodic_start(settled: ComplexArray, left: float) -> ComplexArray:
+def periodic_resonator_start(settled: ComplexArray, left: float) -> ComplexArray:
     """Return the state before the first frame that the last frame leads back to."""
     state = np.zeros(settled.shape[1], dtype=np.complex128)
     for field in settled:

@@ -23,23 +23,23 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import ComplexArray, FloatArray, check_computed
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, check_computed_number
 from haptogram.acoustics.field.reference import FieldEngine
-from haptogram.acoustics.levels.average import periodic_start
+from haptogram.acoustics.levels.average import periodic_resonator_start
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.exposure import (
     AUDIBLE_LIMIT_HZ,
     LOWEST_AUDIBLE_HZ,
     MAX_DIRECTIONS,
     a_weighting_db,
-    half_sphere,
+    half_sphere_directions,
 )
 from haptogram.acoustics.levels.force import level_db_spl
-from haptogram.acoustics.memory import check_memory
+from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import as_sequence
 from haptogram.settings.arguments import check_positive, check_whole
 
-NONLINEARITY: Final = 1.2  # beta of air: (gamma + 1) / 2
+_NONLINEARITY: Final = 1.2  # beta of air: (gamma + 1) / 2
 _APERTURES: Final = 4.0  # radius of the sphere over the array's: the beam's power is radial there
 _DIRECTIONS: Final = 16_384  # 0.7 degrees apart: a few on the main lobe of 16 x 16 elements
 _VALUES_PER_CHUNK: Final = 1 << 20
@@ -128,13 +128,13 @@ def demodulated_lines(
     check_positive("absorption_np_m", medium.absorption_np_m)
     check_positive("time_constant_s", resonator.time_constant_s)
     period_s = len(drives) * check_positive("frame_s", frame_s)
-    highest = check_computed("highest line", AUDIBLE_LIMIT_HZ * period_s)
-    check_memory("lines", (math.ceil(highest),), 64)
+    highest = check_computed_number("highest line", AUDIBLE_LIMIT_HZ * period_s)
+    check_array_memory("lines", (math.ceil(highest),), 64)
     orders = np.arange(max(1, math.ceil(LOWEST_AUDIBLE_HZ * period_s)), math.floor(highest) + 1)
     rate = 2.0 * np.pi * orders / period_s
     power = _power_lines(engine, drives, frame_s, resonator, orders, directions)
     spread = 8.0 * np.pi * medium.sound_speed_m_s**3 * medium.absorption_np_m
-    law = NONLINEARITY / (spread * check_positive("distance_m", distance_m))
+    law = _NONLINEARITY / (spread * check_positive("distance_m", distance_m))
     pressure_rms_pa = np.abs(law * rate**2 * math.sqrt(2.0) * power).astype(np.float64)
     return orders / period_s, pressure_rms_pa
 
@@ -199,7 +199,7 @@ def _frame_sums(
     sums = np.zeros((3, len(drives)))
     for part in _parts(places, len(drives)):
         settled = engine.pressure(drives, part)
-        state = periodic_start(settled, left)
+        state = periodic_resonator_start(settled, left)
         for index, field in enumerate(settled):
             gap = state - field
             sums[0, index] += np.vdot(field, field).real
@@ -217,7 +217,9 @@ def _sphere(engine: FieldEngine, directions: int) -> tuple[FloatArray, float]:
     radius_m = max(_APERTURES * aperture_m, 10.0 * model.wavelength_m)
     area_m2 = 2.0 * np.pi * radius_m**2 / directions
     undone = math.exp(2.0 * model.medium.absorption_np_m * radius_m)
-    places = array.centre_m + radius_m * half_sphere(array.facing, directions, array.axes[0])
+    places = array.centre_m + radius_m * half_sphere_directions(
+        array.facing, directions, array.axes[0]
+    )
     return places, undone * area_m2 / (2.0 * model.medium.impedance)
 
 

@@ -18,7 +18,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_float_array, as_place
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates, as_float_array
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.model.drive import as_weights
 from haptogram.acoustics.model.model import AcousticModel
@@ -28,7 +28,7 @@ from haptogram.settings.arguments import check_number, check_positive
 
 DEFAULT_BANDWIDTH_HZ: Final = 2000.0  # at -6 dB: ProWave 400PT120, a common 10 mm, 40 kHz part
 FULL_DUTY: Final = 0.5
-MAX_BANDWIDTH_HZ: Final = 1e6
+_MAX_BANDWIDTH_HZ: Final = 1e6
 
 
 def duty_to_amplitude(duty: ArrayLike) -> FloatArray:
@@ -93,7 +93,7 @@ class Resonator:
     @classmethod
     def from_bandwidth(cls, bandwidth_hz: float = DEFAULT_BANDWIDTH_HZ) -> Self:
         """Return the resonator of a full -6 dB bandwidth: tau = sqrt(3) / (pi B)."""
-        check_number("bandwidth_hz", bandwidth_hz, 1.0, MAX_BANDWIDTH_HZ)
+        check_number("bandwidth_hz", bandwidth_hz, 1.0, _MAX_BANDWIDTH_HZ)
         return cls(math.sqrt(3.0) / (math.pi * bandwidth_hz))
 
     def quality_factor(self, frequency_hz: float) -> float:
@@ -161,7 +161,7 @@ class Resonator:
         return np.concatenate(parts)
 
 
-def hop_response(
+def pressure_after_hop(
     model: AcousticModel,
     resonator: Resonator,
     targets_m: tuple[ArrayLike, ArrayLike],
@@ -187,10 +187,10 @@ def hop_response(
     Examples
     --------
     >>> lag = Resonator.from_bandwidth(2000.0)
-    >>> hop_response(model, lag, (target, (0.03, 0.0, 0.15)), [1e-4, 1e-3]).round(1).tolist()
+    >>> pressure_after_hop(model, lag, (target, (0.03, 0.0, 0.15)), [1e-4, 1e-3]).round(1).tolist()
     [0.0, 0.8]
     """
-    old, new = (as_place("target_m", target) for target in targets_m)
+    old, new = (as_coordinates("target_m", target) for target in targets_m)
     times = as_float_array("times_s", times_s)
     propagator = propagators(model, new[None])[0]
     before, after = (np.exp(1j * focus_phases(model, target)) for target in (old, new))
@@ -215,16 +215,16 @@ def hop_mean_square(
 ) -> float:
     """Return the share of the static force that a dwell after a hop delivers at the new target.
 
-    The mean of :func:`hop_response` squared over *dwell_s*, from the command on or from the first
-    arrival of the new sound on.
+    The mean of :func:`pressure_after_hop` squared over *dwell_s*, from the command on or from the
+    first arrival of the new sound on.
     """
     check_positive("dwell_s", dwell_s)
-    new = as_place("target_m", targets_m[1])
+    new = as_coordinates("target_m", targets_m[1])
     nearest = float(np.linalg.norm(new - model.array.positions_m, axis=1).min())
     start = nearest / model.medium.sound_speed_m_s if from_first_arrival else 0.0
     # Midpoints; arrivals are 256 small steps, so 4000 of them leave an error below 1e-4.
     times = start + dwell_s * (np.arange(4000) + 0.5) / 4000
-    return float(np.mean(hop_response(model, resonator, targets_m, times) ** 2))
+    return float(np.mean(pressure_after_hop(model, resonator, targets_m, times) ** 2))
 
 
 def _check_within(name: str, values: FloatArray, limit: float) -> None:

@@ -21,20 +21,20 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics.arrays import (
     ComplexArray,
     FloatArray,
+    as_coordinates,
     as_float_array,
-    as_place,
-    as_points,
-    check_computed,
+    as_point_array,
+    check_computed_number,
 )
-from haptogram.acoustics.field.reference import FieldEngine, has_field
+from haptogram.acoustics.field.reference import FieldEngine, points_with_field
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.force import level_db_spl
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
-from haptogram.acoustics.memory import check_memory
+from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import as_sequence
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.model.own_axes import axes_about, plane_axes
+from haptogram.acoustics.model.own_axes import axes_about_normal, plane_axes
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_positive, check_whole
 
@@ -113,7 +113,10 @@ def exposure_at(
     >>> f"{ear.maximum_db_spl:.0f} dB SPL"
     '125 dB SPL'
     """
-    drives, places = as_sequence(weights, engine.model.array.count), as_points("places_m", places_m)
+    drives, places = (
+        as_sequence(weights, engine.model.array.count),
+        as_point_array("places_m", places_m),
+    )
     mean = mean_square_pressure(engine, drives, places, frame_s, resonator)
     settled = np.abs(engine.pressure(drives, places)).max(axis=0) / math.sqrt(2.0)
     return [
@@ -126,7 +129,7 @@ def exposure_at(
     ]
 
 
-def worst_place(
+def worst_exposure(
     engine: FieldEngine,
     weights: ArrayLike,
     distance_m: float,
@@ -146,7 +149,7 @@ def worst_place(
 
     Examples
     --------
-    >>> loudest = worst_place(engine, weights[None], 0.5, 1e-3, directions=256)
+    >>> loudest = worst_exposure(engine, weights[None], 0.5, 1e-3, directions=256)
     >>> f"{loudest.equivalent_db_spl:.0f} dB SPL"
     '139 dB SPL'
     """
@@ -162,11 +165,11 @@ def worst_place(
     def level(directions: FloatArray) -> FloatArray:
         places = places_m(directions)
         square = np.zeros(len(places))
-        known = has_field(engine.model, places)
+        known = points_with_field(engine.model, places)
         square[known] = mean_square_pressure(engine, weights, places[known], frame_s)
         return square
 
-    spiral = half_sphere(array.facing, directions, array.axes[0])
+    spiral = half_sphere_directions(array.facing, directions, array.axes[0])
     best = spiral[np.argsort(level(spiral))[-_CLIMBED:]]
     loudest, _ = climb_to_maximum(
         level, best, math.sqrt(2.0 * math.pi / directions), STEPS @ array.axes
@@ -256,7 +259,7 @@ def switching_level_db_a(
     True
     """
     drives = as_sequence(weights, engine.model.array.count)
-    settled = engine.pressure(drives, as_place("place_m", place_m)[None])[:, 0]
+    settled = engine.pressure(drives, as_coordinates("place_m", place_m)[None])[:, 0]
     period_s = len(drives) * check_positive("frame_s", frame_s)
     if len(drives) == 1:
         return -math.inf
@@ -273,9 +276,9 @@ def _audible_lines(
     With e^{-j w t} a component e^{+j 2 pi m t / T} of the envelope lies at f0 - m / T; below zero
     it is the conjugate of the line at the opposite frequency, to which it adds.
     """
-    highest = check_computed("highest line", (carrier_hz + AUDIBLE_LIMIT_HZ) * period_s)
+    highest = check_computed_number("highest line", (carrier_hz + AUDIBLE_LIMIT_HZ) * period_s)
     first, last = math.ceil((carrier_hz - AUDIBLE_LIMIT_HZ) * period_s), math.floor(highest)
-    check_memory("lines", (last + 1 - first,), 128)
+    check_array_memory("lines", (last + 1 - first,), 128)
     orders = np.arange(first, last + 1)
     offset_hz = orders / period_s
     lines = _step_series(settled, orders) / (
@@ -304,7 +307,9 @@ def _step_series(values: ComplexArray, orders: NDArray[np.int64]) -> ComplexArra
     return series
 
 
-def half_sphere(axis: FloatArray, count: int, side: FloatArray | None = None) -> FloatArray:
+def half_sphere_directions(
+    axis: FloatArray, count: int, side: FloatArray | None = None
+) -> FloatArray:
     """Return unit vectors, of nearly equal spacing, at less than 90 degrees to a unit vector.
 
     The spiral starts towards *side*, by default the axis of the world that is furthest off *axis*.
@@ -314,7 +319,7 @@ def half_sphere(axis: FloatArray, count: int, side: FloatArray | None = None) ->
     angle = np.pi * (1.0 + math.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
     local = np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
-    axes = axes_about(axis) if side is None else plane_axes(axis, side)
+    axes = axes_about_normal(axis) if side is None else plane_axes(axis, side)
     assert axes is not None  # *side* has a part across *axis*
     directions: FloatArray = local @ axes
     return directions

@@ -12,18 +12,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_complex, as_place
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_complex_array, as_coordinates
 from haptogram.acoustics.field.reference import FieldEngine, NumpyEngine
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.medium import Medium
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.model.own_axes import axes_about
+from haptogram.acoustics.model.own_axes import axes_about_normal
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_positive
 
-REFERENCE_PRESSURE_PA: Final = 20e-6
-TOTAL_REFLECTION: Final = 2.0
-DISC_RADIUS_M: Final = 0.010
+_REFERENCE_PRESSURE_PA: Final = 20e-6
+_TOTAL_REFLECTION: Final = 2.0
+_DISC_RADIUS_M: Final = 0.010
 _STENCIL_RAD: Final = 0.05  # half the span of a difference, as a phase: cos^2 is off by 0.05 %
 _COARSE: Final = 3.0  # the mean direction of the flow needs this much less than the force
 _NO_FLOW: Final = 1e-3  # of that of a plane wave: standing waves have no direction
@@ -39,11 +39,11 @@ def level_db_spl(pressure_rms_pa: float) -> float:
     (0.0, 160.0)
     """
     pressure = check_number("pressure_rms_pa", pressure_rms_pa, 0.0, 1e12)
-    return 20.0 * math.log10(pressure / REFERENCE_PRESSURE_PA) if pressure > 0.0 else -math.inf
+    return 20.0 * math.log10(pressure / _REFERENCE_PRESSURE_PA) if pressure > 0.0 else -math.inf
 
 
 def radiation_pressure_pa(
-    pressure_peak_pa: ArrayLike, medium: Medium, reflection: float = TOTAL_REFLECTION
+    pressure_peak_pa: ArrayLike, medium: Medium, reflection: float = _TOTAL_REFLECTION
 ) -> FloatArray:
     """Return the mean radiation pressure alpha_R p_rms^2 / (rho c^2), in pascals.
 
@@ -65,7 +65,7 @@ def radiation_pressure_pa(
     '63.5 Pa'
     """
     check_number("reflection", reflection, 1.0, 2.0)
-    mean_square = 0.5 * np.abs(as_complex("pressure_peak_pa", pressure_peak_pa)) ** 2
+    mean_square = 0.5 * np.abs(as_complex_array("pressure_peak_pa", pressure_peak_pa)) ** 2
     result: FloatArray = reflection * mean_square / (medium.impedance * medium.sound_speed_m_s)
     return result
 
@@ -74,7 +74,7 @@ def force_on_disc_n(
     source: AcousticModel | FieldEngine,
     weights: ArrayLike,
     centre_m: ArrayLike,
-    radius_m: float = DISC_RADIUS_M,
+    radius_m: float = _DISC_RADIUS_M,
     normal: ArrayLike | None = None,
 ) -> float:
     """Return the force on a totally reflecting disc, along its normal, in newtons.
@@ -134,14 +134,14 @@ class ReflectingDisc:
     def __init__(
         self,
         engine: FieldEngine,
-        radius_m: float = DISC_RADIUS_M,
+        radius_m: float = _DISC_RADIUS_M,
         normal: ArrayLike | None = None,
     ) -> None:
         check_number("radius_m", radius_m, 1e-6, 0.1)
         self._engine = engine
         wavenumber, axes = engine.model.wavenumber, _disc_axes(engine.model.array, normal)
-        fine_m, self._areas_m2 = disc_nodes(radius_m, wavenumber)
-        coarse_m, self._coarse_m2 = disc_nodes(radius_m, wavenumber / _COARSE)
+        fine_m, self._areas_m2 = force_disc_nodes(radius_m, wavenumber)
+        coarse_m, self._coarse_m2 = force_disc_nodes(radius_m, wavenumber / _COARSE)
         step_m = _STENCIL_RAD / wavenumber
         stencil_m = step_m * np.concatenate([np.eye(3), -np.eye(3)])
         around_m = (stencil_m[:, None] + coarse_m).reshape(-1, 3)
@@ -156,7 +156,7 @@ class ReflectingDisc:
             Weights of several drives, or a disc that touches an element or reaches behind the
             array.
         """
-        nodes_m = as_place("centre_m", centre_m) + self._nodes_m
+        nodes_m = as_coordinates("centre_m", centre_m) + self._nodes_m
         pressure = self._engine.pressure(weights, nodes_m)
         if pressure.ndim != 1:
             raise ConfigurationError(f"{len(pressure)} drives, the force is that of one")
@@ -181,14 +181,14 @@ def _disc_axes(array: TransducerArray, normal: ArrayLike | None) -> FloatArray:
     """Return the (3, 3) axes of a disc, its normal last; without one, those of *array*."""
     if normal is None:
         return array.axes
-    given = as_place("normal", normal)
+    given = as_coordinates("normal", normal)
     length = float(np.linalg.norm(given))
     if length < _NO_LENGTH:
         raise ConfigurationError(f"normal is {given.tolist()}, must have a direction")
-    return axes_about(given / length, array.axes)
+    return axes_about_normal(given / length, array.axes)
 
 
-def disc_nodes(radius_m: float, wavenumber: float) -> tuple[FloatArray, FloatArray]:
+def force_disc_nodes(radius_m: float, wavenumber: float) -> tuple[FloatArray, FloatArray]:
     """Return nodes and weights that integrate an intensity over a disc around the origin, in z = 0.
 
     Gauss-Legendre in the squared radius, equal steps in the angle: both orders follow from the

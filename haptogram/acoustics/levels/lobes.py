@@ -10,8 +10,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import MAX_POINT_M, FloatArray, as_place
-from haptogram.acoustics.field.reference import FieldEngine, check_points, level_in_front
+from haptogram.acoustics.arrays import MAX_POINT_M, FloatArray, as_coordinates
+from haptogram.acoustics.field.reference import (
+    FieldEngine,
+    check_field_points,
+    pressure_level_in_front,
+)
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.model import AcousticModel
@@ -94,7 +98,7 @@ def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe
     pitch = model.array.pitch_m
     if pitch is None or model.array.grid_shape is None:
         raise ConfigurationError("the array is not a regular grid: it has no grating lobes")
-    steered = model.array.local_m(as_place("target_m", target_m))
+    steered = model.array.local_m(as_coordinates("target_m", target_m))
     check_number("height of the target", steered[2], _MIN_HEIGHT_M, MAX_POINT_M)
     steered = steered / np.linalg.norm(steered)
     step = model.wavelength_m / pitch
@@ -129,7 +133,7 @@ def largest_secondary_lobe(
     True
     """
     check_number("half_width_m", half_width_m, 0.010, _MAX_HALF_WIDTH_M)
-    target = as_place("target_m", target_m)
+    target = as_coordinates("target_m", target_m)
     count = math.ceil(2.0 * half_width_m * _POINTS_PER_WAVELENGTH / engine.model.wavelength_m)
     side = np.linspace(-half_width_m, half_width_m, count + 1)
     x, y = np.meshgrid(side, side, indexing="ij")
@@ -137,8 +141,8 @@ def largest_secondary_lobe(
     height_m = array.local_m(target)[2]
     points = array.world_m(np.stack([x.ravel(), y.ravel(), np.full(x.size, height_m)], axis=1))
     drive = as_drive(weights, engine.model.array.count)
-    check_points(engine.model, target[None])
-    level = level_in_front(engine, drive, points).reshape(x.shape)
+    check_field_points(engine.model, target[None])
+    level = pressure_level_in_front(engine, drive, points).reshape(x.shape)
     tops = np.flatnonzero(_local_maxima(level))
     if len(tops) < 2:
         return None
@@ -146,7 +150,7 @@ def largest_secondary_lobe(
     others = np.delete(tops, main)
     loudest = others[np.argsort(level.ravel()[others])[-_CLIMBED:]]
     top_m, found = climb_to_maximum(
-        lambda places: level_in_front(engine, drive, places),
+        lambda places: pressure_level_in_front(engine, drive, places),
         points[loudest],
         float(side[1] - side[0]),
         STEPS[STEPS[:, 2] == 0.0] @ array.axes,

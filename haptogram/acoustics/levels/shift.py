@@ -14,13 +14,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import FloatArray, as_place, as_vector
+from haptogram.acoustics.arrays import FloatArray, as_coordinates, as_float_vector
 from haptogram.acoustics.field.reference import (
     MIN_DISTANCE_M,
     FieldEngine,
-    check_points,
-    clear_of_elements,
-    in_front,
+    check_field_points,
+    points_clear_of_elements,
+    points_in_front,
     propagators,
 )
 from haptogram.acoustics.model.drive import as_drive
@@ -31,7 +31,7 @@ from haptogram.settings.arguments import check_positive
 _GRADIENT_STEP_M: Final = 1e-5
 _MAX_STEPS: Final = 400  # a steered focus of a small aperture creeps along its ridge
 _STEP_TOLERANCE_M: Final = 1e-7
-LONGEST_SHIFT_RAD: Final = 0.4  # beyond it the second order says nothing of the maximum
+_LONGEST_SHIFT_RAD: Final = 0.4  # beyond it the second order says nothing of the maximum
 _NO_SPREAD: Final = 1e-12  # of the directions from the elements: there is one only
 _UNOBSERVABLE: Final = 1e-6  # of the largest eigenvalue: a line of elements has two such directions
 
@@ -68,7 +68,7 @@ class FocalShift:
     @property
     def valid(self) -> bool:
         """Whether the prediction holds: `size_rad` is 0.4 at most."""
-        return self.size_rad <= LONGEST_SHIFT_RAD
+        return self.size_rad <= _LONGEST_SHIFT_RAD
 
 
 def predict_focal_shift(
@@ -83,9 +83,10 @@ def predict_focal_shift(
 
     It holds while d is short, 0.4 rad at most in the metric k^2 C: of 1921 such shifts of random
     grids (1 to 20 elements a side, some tapered or driven by half, targets at 30 to 600 mm)
-    :func:`find_peak` found 97 of 100 off by less than a quarter of the shift and 99 by less than
-    0.3; the others have narrow apertures with two maxima close together.  Beyond it the maximum is
-    elsewhere, or there is none: a 6 x 6 array at 400 mm would get -4066 mm, and has -285 mm.
+    :func:`find_pressure_peak` found 97 of 100 off by less than a quarter of the shift, 99 by
+    less than 0.3; the others have narrow apertures with two maxima close together.  Beyond it the
+    maximum is elsewhere, or there is none: a 6 x 6 array at 400 mm would get -4066 mm, and has
+    -285 mm.
     Around a line of elements, where no phase tells directions apart, it holds if S is level there.
 
     Parameters
@@ -105,27 +106,29 @@ def predict_focal_shift(
     >>> f"{1e3 * predict_focal_shift(model, target).offset_m[2]:.1f} mm"
     '-3.3 mm'
     """
-    target = as_place("target_m", target_m)
+    target = as_coordinates("target_m", target_m)
     count = model.array.count
-    levels = np.ones(count) if amplitudes is None else as_vector("amplitudes", amplitudes, count)
+    levels = (
+        np.ones(count) if amplitudes is None else as_float_vector("amplitudes", amplitudes, count)
+    )
     stencil = target + _GRADIENT_STEP_M * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     shares = np.abs(propagators(model, stencil)) * np.abs(levels)
     sums = shares.sum(axis=1)
     if not sums.min() > 0.0:
         raise ConfigurationError("no element is heard at the target")
     slope = (np.log(sums[1:4]) - np.log(sums[4:7])) / (2.0 * _GRADIENT_STEP_M)
-    spread, ways = np.linalg.eigh(direction_covariance(model, target, shares[0]))
+    spread, ways = np.linalg.eigh(focal_shift_covariance(model, target, shares[0]))
     seen = spread > max(_UNOBSERVABLE * spread[-1], _NO_SPREAD)
     floor = np.where(seen, spread, max(_UNOBSERVABLE * spread[-1], _NO_SPREAD))
     steps = (ways.T @ slope) / (model.wavenumber**2 * floor)
     size = model.wavenumber * math.sqrt(float(floor @ steps**2))
     offset = ways[:, seen] @ steps[seen]
-    if size > LONGEST_SHIFT_RAD:
+    if size > _LONGEST_SHIFT_RAD:
         offset = np.full(3, math.nan)
     return FocalShift(offset, 1.0 + float(slope @ offset) / 2.0, size)
 
 
-def direction_covariance(
+def focal_shift_covariance(
     model: AcousticModel, target_m: FloatArray, shares: FloatArray
 ) -> FloatArray:
     """Return C, the (3, 3) covariance of the unit vectors from the elements to the target.
@@ -145,7 +148,7 @@ def direction_covariance(
     return covariance
 
 
-def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> FloatArray:
+def find_pressure_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> FloatArray:
     """Return the local maximum of |p| next to a point, by Newton's method on ln |p|^2.
 
     Parameters
@@ -171,13 +174,13 @@ def find_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> Fl
 
     Examples
     --------
-    >>> peak = find_peak(engine, weights, target)
+    >>> peak = find_pressure_peak(engine, weights, target)
     >>> bool(peak[2] < target[2])  # diffraction pulls the maximum towards the array
     True
     """
     drive = as_drive(weights, engine.model.array.count)
-    position = as_place("start_m", start_m).copy()
-    check_points(engine.model, position[None])
+    position = as_coordinates("start_m", start_m).copy()
+    check_field_points(engine.model, position[None])
     longest = engine.model.wavelength_m / 4.0
     # A wide stencil while far away, a narrow one for the last digits.
     for width in (engine.model.wavelength_m / 50.0, engine.model.wavelength_m / 250.0):
@@ -205,7 +208,8 @@ def _is_clear(model: AcousticModel, position: FloatArray) -> bool:
     margin_m = MIN_DISTANCE_M + model.wavelength_m / 25.0
     around = position + margin_m * _stencil()
     return bool(
-        clear_of_elements(model, position[None], margin_m)[0] and in_front(model, around).all()
+        points_clear_of_elements(model, position[None], margin_m)[0]
+        and points_in_front(model, around).all()
     )
 
 
@@ -243,14 +247,14 @@ def _derivatives(values: FloatArray, width: float) -> tuple[FloatArray, FloatArr
     return slope, hessian
 
 
-def paraxial_shift_m(model: AcousticModel, distance_m: float) -> float:
+def paraxial_focal_shift_m(model: AcousticModel, distance_m: float) -> float:
     """Return the paraxial shift -45 F^3 / (2 k^2 a^4) of a square aperture of half-width a.
 
     For comparison only: it ignores the directivity and is 26 % too large at 400 mm (16 x 16).
 
     Examples
     --------
-    >>> f"{1e3 * paraxial_shift_m(model, 0.15):.2f} mm"
+    >>> f"{1e3 * paraxial_focal_shift_m(model, 0.15):.2f} mm"
     '-3.46 mm'
     """
     half = float(model.array.half_extent_m[:2].max()) + (model.array.pitch_m or 0.0) / 2.0

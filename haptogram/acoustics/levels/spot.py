@@ -9,15 +9,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import FloatArray, as_place
-from haptogram.acoustics.field.reference import FieldEngine, level_in_front, propagators
-from haptogram.acoustics.levels.shift import direction_covariance
+from haptogram.acoustics.arrays import FloatArray, as_coordinates
+from haptogram.acoustics.field.reference import FieldEngine, pressure_level_in_front, propagators
+from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
-HALF_POWER: Final = 10.0 ** (-3.0 / 20.0)
-HALF_PRESSURE: Final = 10.0 ** (-6.0 / 20.0)
+_HALF_POWER: Final = 10.0 ** (-3.0 / 20.0)
+_HALF_PRESSURE: Final = 10.0 ** (-6.0 / 20.0)
 
 # Where exp(-x^2 / 2) is 3 dB down.
 _GAUSSIAN_HALF_WIDTH: Final = math.sqrt(3.0 * math.log(10.0) / 10.0)
@@ -70,7 +70,7 @@ def measure_spot(engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike) -
     True
     """
     drive = as_drive(weights, engine.model.array.count)
-    target = as_place("target_m", target_m)
+    target = as_coordinates("target_m", target_m)
     if not abs(engine.pressure(drive, target[None])[0]) > 0.0:
         raise ConfigurationError(f"no sound at {target.tolist()} m: it is no focus")
     sides = [_lateral(engine, drive, target, axis) for axis in engine.model.array.axes[:2]]
@@ -79,7 +79,7 @@ def measure_spot(engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike) -
     return FocalSpot((three_x, three_y), (six_x, six_y), (null_x, null_y), depth, peak)
 
 
-def predict_width_m(model: AcousticModel, target_m: ArrayLike) -> tuple[float, float]:
+def predict_spot_width_m(model: AcousticModel, target_m: ArrayLike) -> tuple[float, float]:
     """Return the -3 dB widths along the own x and y from the spread of directions of arrival.
 
     2 x 0.831 / (k sqrt(C_xx)): the curvature of the main lobe, continued as a Gaussian.  Good to
@@ -87,13 +87,13 @@ def predict_width_m(model: AcousticModel, target_m: ArrayLike) -> tuple[float, f
 
     Examples
     --------
-    >>> [f"{1e3 * width:.1f} mm" for width in predict_width_m(model, target)]
+    >>> [f"{1e3 * width:.1f} mm" for width in predict_spot_width_m(model, target)]
     ['8.7 mm', '8.7 mm']
     """
-    target = as_place("target_m", target_m)
+    target = as_coordinates("target_m", target_m)
     shares = np.abs(propagators(model, target[None]))[0]
     axes = model.array.axes
-    covariance = axes @ direction_covariance(model, target, shares) @ axes.T
+    covariance = axes @ focal_shift_covariance(model, target, shares) @ axes.T
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     widths = [
         2.0 * _GAUSSIAN_HALF_WIDTH / (model.wavenumber * s) if s > 0.0 else math.inf for s in spread
@@ -108,8 +108,8 @@ def _lateral(
     steps, level = _line(engine, drive, target, axis, _LATERAL_REACH)
     middle = len(steps) // 2
     halves = [(steps[middle:], level[middle:]), (-steps[middle::-1], level[middle::-1])]
-    three = sum(_crossing(s, v, HALF_POWER * level[middle]) for s, v in halves)
-    six = sum(_crossing(s, v, HALF_PRESSURE * level[middle]) for s, v in halves)
+    three = sum(_crossing(s, v, _HALF_POWER * level[middle]) for s, v in halves)
+    six = sum(_crossing(s, v, _HALF_PRESSURE * level[middle]) for s, v in halves)
     return three, six, sum(_first_minimum(s, v) for s, v in halves)
 
 
@@ -126,7 +126,7 @@ def _axial(
     top = int(np.argmin(np.abs(steps)))
     while 0 < top < len(level) - 1 and level[top] < max(level[top - 1], level[top + 1]):
         top += 1 if level[top + 1] > level[top - 1] else -1
-    limit = HALF_POWER * level[top]
+    limit = _HALF_POWER * level[top]
     below = _crossing(steps[top] - steps[top::-1], level[top::-1], limit)
     above = _crossing(steps[top:] - steps[top], level[top:], limit)
     return (below, above), float(steps[top])
@@ -145,7 +145,7 @@ def _line(
     count = int(reach * _STEPS_PER_WAVELENGTH)
     offsets = step * np.arange(-count, count + 1, dtype=np.float64)
     offsets = offsets[offsets >= nearest]
-    return offsets, level_in_front(engine, drive, target + offsets[:, None] * axis)
+    return offsets, pressure_level_in_front(engine, drive, target + offsets[:, None] * axis)
 
 
 def _crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:

@@ -15,11 +15,11 @@ from haptogram.acoustics.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
-    as_points,
-    as_vector,
-    read_only,
+    as_float_vector,
+    as_point_array,
+    read_only_array,
 )
-from haptogram.acoustics.model.csv_rows import read_rows
+from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M, TransducerArray
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number
@@ -27,7 +27,7 @@ from haptogram.settings.arguments import check_number
 HEADER: Final = ("element", "gain", "phase_rad", "x_mm", "y_mm", "z_mm")
 MAX_GAIN: Final = 10.0
 MAX_PHASE_RAD: Final = 2.0 * math.pi
-MAX_DISPLACEMENT_M: Final = 0.010  # an element further from its place is that of another array
+_MAX_DISPLACEMENT_M: Final = 0.010  # an element further from its place is that of another array
 _MM: Final = 1e3
 _LIMITS: Final = {
     "gain": (0.0, MAX_GAIN),
@@ -79,9 +79,9 @@ class Calibration:
     response: ComplexArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        positions = as_points("positions_m", self.positions_m).copy()
-        gain = as_vector("gain", self.gain, len(positions)).copy()
-        phase = as_vector("phase_rad", self.phase_rad, len(positions)).copy()
+        positions = as_point_array("positions_m", self.positions_m).copy()
+        gain = as_float_vector("gain", self.gain, len(positions)).copy()
+        phase = as_float_vector("phase_rad", self.phase_rad, len(positions)).copy()
         if not 1 <= len(gain) <= MAX_TRANSDUCERS:
             raise ConfigurationError(
                 f"{self.name}: {len(gain)} elements, must be 1 to {MAX_TRANSDUCERS}"
@@ -100,7 +100,7 @@ class Calibration:
             ("positions_m", positions),
             ("response", response),
         ):
-            read_only(array)
+            read_only_array(array)
             object.__setattr__(self, name, array)
 
     @classmethod
@@ -132,7 +132,7 @@ class Calibration:
         ConfigurationError
             Names the file, and the line where there is one.
         """
-        rows = read_rows(Path(path), "calibration")
+        rows = read_element_rows(Path(path), "calibration")
         found: dict[int, tuple[int, list[float]]] = {}
         for number, cells in _body(path, rows):
             element, values = _row(f"{path}:{number}", cells)
@@ -204,12 +204,12 @@ class Calibration:
             )
         away_m = np.linalg.norm(self.positions_m - array.positions_m, axis=1)
         worst = int(away_m.argmax())
-        if away_m[worst] > MAX_DISPLACEMENT_M:
+        if away_m[worst] > _MAX_DISPLACEMENT_M:
             x, y, z = _MM * array.positions_m[worst] + 0.0
             raise ConfigurationError(
                 f"{self._where(worst)}: element {worst} is {away_m[worst] * _MM:.4g} mm from its "
                 f"place in the array, ({x:g}, {y:g}, {z:g}) mm, must be at most "
-                f"{MAX_DISPLACEMENT_M * _MM:g} mm: in a grid, element n is ix * ny + iy"
+                f"{_MAX_DISPLACEMENT_M * _MM:g} mm: in a grid, element n is ix * ny + iy"
             )
 
     def _where(self, element: int) -> str:

@@ -9,7 +9,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import read_text
 
 
-def read_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
+def read_element_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
     """Return number and stripped cells of each line that is neither blank nor a comment (``#``).
 
     Raises

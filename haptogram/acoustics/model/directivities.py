@@ -14,8 +14,8 @@ from typing import ClassVar, Final, NoReturn, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import FloatArray, as_float_array, as_place, read_only
-from haptogram.acoustics.model.csv_rows import read_rows
+from haptogram.acoustics.arrays import FloatArray, as_coordinates, as_float_array, read_only_array
+from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.model.transducer import GRAZING
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_positive
@@ -71,10 +71,10 @@ class RectangularPiston:
     def __post_init__(self) -> None:
         check_positive("width_m", self.width_m)
         check_positive("height_m", self.height_m)
-        axis = as_place("width_axis", self.width_axis).copy()
+        axis = as_coordinates("width_axis", self.width_axis).copy()
         length = check_positive("length of width_axis", float(np.linalg.norm(axis)))
         axis /= length
-        read_only(axis)
+        read_only_array(axis)
         object.__setattr__(self, "width_axis", axis)
 
     def gain(self, cos_theta: FloatArray, wavenumber: float) -> NoReturn:  # noqa: ARG002  (Directivity)
@@ -168,7 +168,7 @@ class MeasuredDirectivity:
         gains = as_float_array("gains", self.gains).copy()
         _check_table(angles, gains)
         for name, array in (("angles_deg", angles), ("gains", gains)):
-            read_only(array)
+            read_only_array(array)
             object.__setattr__(self, name, array)
 
     @classmethod
@@ -232,7 +232,7 @@ def _check_table(angles: FloatArray, gains: FloatArray) -> None:
 
 
 def _read_table(path: Path) -> tuple[Sequence[str], list[tuple[float, float]]]:
-    lines = read_rows(path, "directivity")
+    lines = read_element_rows(path, "directivity")
     header = lines[0][1] if lines else []
     if header not in (["angle_deg", "gain"], ["angle_deg", "gain_db"]):
         raise ConfigurationError(

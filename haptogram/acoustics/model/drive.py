@@ -18,10 +18,10 @@ from haptogram.acoustics.arrays import (
     MAX_TRANSDUCERS,
     ComplexArray,
     FloatArray,
-    as_complex,
+    as_complex_array,
     as_float_array,
-    check_magnitudes,
-    read_only,
+    check_array_magnitudes,
+    read_only_array,
 )
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
@@ -87,7 +87,7 @@ class Drive:
         Raises
         ------
         ConfigurationError
-            For a magnitude above 1, which no transducer can follow: see :func:`saturated`.
+            For a magnitude above 1, which no transducer can follow: see :func:`saturated_weights`.
         """
         values = as_weights(weights)
         levels = np.abs(values)
@@ -131,12 +131,12 @@ class Drive:
         return hash(self._key())
 
 
-def saturated(weights: ArrayLike) -> ComplexArray:
+def saturated_weights(weights: ArrayLike) -> ComplexArray:
     """Return *weights* with their phases, and magnitudes above 1 cut to 1, as in a drive.
 
     Examples
     --------
-    >>> saturated([2.0j, 0.5]).tolist()
+    >>> saturated_weights([2.0j, 0.5]).tolist()
     [1j, (0.5+0j)]
     """
     values = as_weights(weights)
@@ -199,8 +199,8 @@ def as_weights(weights: ArrayLike) -> ComplexArray:
     ConfigurationError
         What is no number, not finite, or a million times what a transducer can follow.
     """
-    values = as_complex("weights", weights)
-    check_magnitudes("weights", values, _MAX_WEIGHT)
+    values = as_complex_array("weights", weights)
+    check_array_magnitudes("weights", values, _MAX_WEIGHT)
     return values
 
 
@@ -215,7 +215,7 @@ def as_single_drives(weights: ArrayLike, count: int) -> NDArray[np.complex64]:
     """Return :func:`as_drives` in single precision; what already is so is not copied."""
     if not (isinstance(weights, np.ndarray) and weights.dtype == np.complex64):
         return as_drives(weights, count).astype(np.complex64)
-    check_magnitudes("weights", weights, _MAX_WEIGHT)
+    check_array_magnitudes("weights", weights, _MAX_WEIGHT)
     _check_drives(weights, count)
     return weights
 
@@ -260,5 +260,5 @@ def _as_codes(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint8]:
             worst = low if low < 0 else high
             raise ConfigurationError(f"{name} holds {worst}, must be 0 to {limit}")
     codes = array.astype(np.uint8)
-    read_only(codes)
+    read_only_array(codes)
     return codes

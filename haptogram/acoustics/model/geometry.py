@@ -20,14 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics.arrays import (
     MAX_TRANSDUCERS,
     FloatArray,
+    as_coordinates,
     as_float_array,
-    as_place,
-    as_points,
-    check_magnitudes,
-    read_only,
+    as_point_array,
+    check_array_magnitudes,
+    read_only_array,
 )
-from haptogram.acoustics.model.csv_rows import read_rows
-from haptogram.acoustics.model.own_axes import mean_direction, own_axes
+from haptogram.acoustics.model.csv_rows import read_element_rows
+from haptogram.acoustics.model.own_axes import array_axes, mean_normal
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_positive, check_whole
 
@@ -91,14 +91,14 @@ class TransducerArray:
     axes: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        positions = as_points("positions_m", self.positions_m).copy()
+        positions = as_point_array("positions_m", self.positions_m).copy()
         _check_count(len(positions))
         if np.abs(positions).max() > MAX_COORDINATE_M:
             worst = float(np.abs(positions).max())
             raise ConfigurationError(
                 f"a coordinate is {worst:g} m, at most {MAX_COORDINATE_M:g} m from the origin"
             )
-        normals = _unit_normals(as_points("normals", self.normals), len(positions))
+        normals = _unit_normals(as_point_array("normals", self.normals), len(positions))
         _check_spacing(positions)
         if self.grid_shape is not None and math.prod(self.grid_shape) != len(positions):
             raise ConfigurationError(
@@ -109,9 +109,9 @@ class TransducerArray:
             ("normals", normals),
             ("bounds_m", np.array([positions.min(axis=0), positions.max(axis=0)])),
             ("fronts", _fronts(positions, normals)),
-            ("axes", own_axes(positions, normals, self.grid_shape)),
+            ("axes", array_axes(positions, normals, self.grid_shape)),
         ):
-            read_only(array)
+            read_only_array(array)
             object.__setattr__(self, name, array)
 
     @classmethod
@@ -130,8 +130,10 @@ class TransducerArray:
     @classmethod
     def from_positions(cls, positions_m: ArrayLike, normals: ArrayLike | None = None) -> Self:
         """Return an array of any shape; without *normals* every element faces +z."""
-        positions = as_points("positions_m", positions_m)
-        faces = _facing_up(len(positions)) if normals is None else as_points("normals", normals)
+        positions = as_point_array("positions_m", positions_m)
+        faces = (
+            _facing_up(len(positions)) if normals is None else as_point_array("normals", normals)
+        )
         return cls(positions, faces)
 
     @classmethod
@@ -182,7 +184,7 @@ class TransducerArray:
             A matrix that is no rotation, to 1e-9; a value that is not finite; an element beyond
             100 m.
         """
-        turn, shift = _as_rotation(rotation), as_place("shift_m", shift_m)
+        turn, shift = _as_rotation(rotation), as_coordinates("shift_m", shift_m)
         positions, normals = self.positions_m @ turn.T + shift, self.normals @ turn.T
         array = type(self)(positions, normals, self.grid_shape, self.pitch_m)
         return _with_axes(array, self.axes @ turn.T)
@@ -195,7 +197,7 @@ class TransducerArray:
         ConfigurationError
             As of the class.
         """
-        array = dataclasses.replace(self, positions_m=as_points("positions_m", positions_m))
+        array = dataclasses.replace(self, positions_m=as_point_array("positions_m", positions_m))
         return _with_axes(array, self.axes)
 
     def local_m(self, points_m: FloatArray) -> FloatArray:
@@ -227,7 +229,7 @@ class TransducerArray:
     @property
     def facing(self) -> FloatArray:
         """(3,) unit vector along the mean of the normals; the array's own z if they cancel out."""
-        direction = mean_direction(self.normals)
+        direction = mean_normal(self.normals)
         return self.axes[2] if direction is None else direction
 
     @property
@@ -276,7 +278,7 @@ def _as_rotation(rotation: ArrayLike) -> FloatArray:
     turn = as_float_array("rotation", rotation)
     if turn.shape != (3, 3):
         raise ConfigurationError(f"rotation has shape {turn.shape}, must be (3, 3)")
-    check_magnitudes("rotation", turn, 2.0)
+    check_array_magnitudes("rotation", turn, 2.0)
     error = float(np.abs(turn @ turn.T - np.eye(3)).max())
     if error > _NO_ROTATION:
         raise ConfigurationError(
@@ -295,7 +297,7 @@ _Array = TypeVar("_Array", bound=TransducerArray)
 
 def _with_axes(array: _Array, axes: FloatArray) -> _Array:
     """Give a new *array* other axes of its own than its elements suggest."""
-    read_only(axes)
+    read_only_array(axes)
     object.__setattr__(array, "axes", axes)
     return array
 
@@ -350,7 +352,7 @@ def _check_spacing(positions: FloatArray) -> None:
 
 
 def _read_rows(path: Path) -> list[list[float]]:
-    lines = read_rows(path, "array")
+    lines = read_element_rows(path, "array")
     if not lines:
         raise ConfigurationError(f"{path}: no elements")
     (number, header), body = lines[0], lines[1:]

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.arrays import FloatArray, read_only
+from haptogram.acoustics.arrays import FloatArray, read_only_array
 from haptogram.acoustics.model.geometry import TransducerArray
-from haptogram.acoustics.model.own_axes import TOLERANCE_M, plane_axes, rows_and_columns
+from haptogram.acoustics.model.own_axes import TOLERANCE_M, grid_rows_and_columns, plane_axes
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -69,12 +69,12 @@ def _lattice_along(
     direction: FloatArray, normal: FloatArray, offsets: FloatArray
 ) -> Lattice | None:
     axes = plane_axes(normal, direction)
-    found = None if axes is None else rows_and_columns(axes, offsets)
+    found = None if axes is None else grid_rows_and_columns(axes, offsets)
     if axes is None or found is None:
         return None
     (x_m, rows), (y_m, columns) = found
     elements = np.full((len(x_m), len(y_m)), -1, dtype=np.int64)
     elements[rows, columns] = np.arange(len(offsets))
     for values in (axes, x_m, y_m, elements):
-        read_only(values)
+        read_only_array(values)
     return Lattice(axes, x_m, y_m, elements)

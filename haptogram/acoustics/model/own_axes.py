@@ -17,14 +17,14 @@ _UPRIGHT: Final = 1e-12
 _UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
 
 
-def mean_direction(normals: FloatArray) -> FloatArray | None:
+def mean_normal(normals: FloatArray) -> FloatArray | None:
     """Return the unit vector along the mean of the normals, None if they cancel out."""
     mean: FloatArray = normals.mean(axis=0)
     length = float(np.linalg.norm(mean))
     return mean / length if length > 1e-6 else None
 
 
-def own_axes(
+def array_axes(
     positions: FloatArray, normals: FloatArray, grid_shape: tuple[int, int] | None
 ) -> FloatArray:
     """Return the (3, 3) axes of an array, see :attr:`.geometry.TransducerArray.axes`."""
@@ -39,7 +39,7 @@ def own_axes(
     upright = _turned_least(face)
     for direction in (upright[0], *_first_steps(offsets)):
         axes = plane_axes(face, direction)
-        if axes is not None and rows_and_columns(axes, offsets, _ROUNDED_M) is not None:
+        if axes is not None and grid_rows_and_columns(axes, offsets, _ROUNDED_M) is not None:
             return _nearest_turn(axes, upright)
     return upright
 
@@ -54,7 +54,7 @@ def plane_axes(normal: FloatArray, direction: FloatArray) -> FloatArray | None:
     return np.stack([first, np.cross(normal, first), normal])
 
 
-def axes_about(normal: FloatArray, reference: FloatArray | None = None) -> FloatArray:
+def axes_about_normal(normal: FloatArray, reference: FloatArray | None = None) -> FloatArray:
     """Return a right-handed frame of a unit *normal*, whose first axis no chance decides.
 
     That axis is the one of *reference* (3, 3), by default of the world, that is furthest off
@@ -66,7 +66,7 @@ def axes_about(normal: FloatArray, reference: FloatArray | None = None) -> Float
     return frame
 
 
-def rows_and_columns(
+def grid_rows_and_columns(
     axes: FloatArray, offsets: FloatArray, tolerance_m: float = TOLERANCE_M
 ) -> tuple[tuple[FloatArray, NDArray[np.intp]], tuple[FloatArray, NDArray[np.intp]]] | None:
     """Return, along the first two axes, the levels that *offsets* lie on, and the level of each.
@@ -91,7 +91,7 @@ def _levels(values: FloatArray, tolerance_m: float) -> tuple[FloatArray, NDArray
 
 def _face(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the normal of the plane or line that the elements lie in; else where they look."""
-    facing = mean_direction(normals)
+    facing = mean_normal(normals)
     if facing is None:
         facing = _UP
     squares, directions = np.linalg.eigh(offsets.T @ offsets)

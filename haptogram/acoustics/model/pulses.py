@@ -16,7 +16,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics.arrays import ComplexArray, read_only
+from haptogram.acoustics.arrays import ComplexArray, read_only_array
 from haptogram.errors import ConfigurationError
 
 MAX_STEPS: Final = 4096
@@ -24,7 +24,7 @@ MAX_CHANNELS: Final = 4096
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Pulses:
+class PulseDrive:
     """The pulses of every channel in one period of the carrier.
 
     Attributes
@@ -113,7 +113,7 @@ class Pulses:
         return self.steps, self.rises.tobytes(), self.widths.tobytes(), levels
 
     def __eq__(self, other: object) -> bool:
-        return self._key() == other._key() if isinstance(other, Pulses) else NotImplemented
+        return self._key() == other._key() if isinstance(other, PulseDrive) else NotImplemented
 
     def __hash__(self) -> int:
         return hash(self._key())
@@ -130,5 +130,5 @@ def _as_steps(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint16]:
     if low < 0 or high > limit:
         raise ConfigurationError(f"{name} holds {low if low < 0 else high}, must be 0 to {limit}")
     steps = array.astype(np.uint16)
-    read_only(steps)
+    read_only_array(steps)
     return steps

@@ -26,7 +26,7 @@ _RIVALS: Final = 64  # cells looked at, best first
 _RIVAL_SEPARATION: Final = 0.25  # of their distance: a grating lobe lies further away
 
 
-class Acquisition:
+class FocusAcquisition:
     """The search volume of one array, or of the part of it that is driven.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.field.reference import in_front
+from haptogram.acoustics.field.reference import points_in_front
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import (
     MAX_TARGET_DISTANCE_M,
@@ -24,7 +24,7 @@ _CELLS_PER_CHUNK: Final = 32  # temporaries stay in the cache
 
 
 def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
-    """Return the centres of cells that cover everything `check_target` lets through.
+    """Return the centres of cells that cover everything `check_focus_target` lets through.
 
     From the centre of a cell to a corner, the phases at the elements change by 1.2 rad RMS at most.
 
@@ -53,7 +53,7 @@ def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
         centres, halves = _halve(centres[split], halves[split], spread[split].argmax(axis=1))
     cells: FloatArray = np.concatenate(finished) @ axes
     usable = _clearance_m(cells, positions) >= 0.75 * MIN_TARGET_DISTANCE_M
-    usable &= in_front(model, cells)
+    usable &= points_in_front(model, cells)
     if not usable.any():
         raise ConfigurationError(
             f"the elements face {np.round(model.array.facing, 3).tolist()} on the whole: nothing "

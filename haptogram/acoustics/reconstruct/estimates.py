@@ -91,7 +91,8 @@ class NotSingle:
 
     Examples
     --------
-    >>> pair = superpose(model, [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)], [0.5, 0.5], [0.0, 0.0])
+    >>> foci = [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)]
+    >>> pair = superpose_foci(model, foci, [0.5, 0.5], [0.0, 0.0])
     >>> type(Reconstructor(model).reconstruct(Drive.from_weights(pair, phase_bits=8))).__name__
     'NotSingle'
     """

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.engine import choose_engine
-from haptogram.acoustics.field.reference import FieldEngine, in_front, propagators
+from haptogram.acoustics.field.reference import FieldEngine, points_in_front, propagators
 from haptogram.acoustics.levels.force import ReflectingDisc, level_db_spl
 from haptogram.acoustics.model.drive import (
     MAX_PHASE_BITS,
@@ -35,7 +35,7 @@ from haptogram.acoustics.model.drive import (
     quantise_phase,
 )
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.acquisition import HOPELESS_RAD, Acquisition
+from haptogram.acoustics.reconstruct.acquisition import HOPELESS_RAD, FocusAcquisition
 from haptogram.acoustics.reconstruct.estimates import (
     NoFocus,
     NotSingle,
@@ -84,7 +84,7 @@ class Reconstructor:
     """Reconstructs the focus of drive after drive of one array.
 
     It remembers the last focus and starts there; the first drive, and any that jumped too far, is
-    searched for in the whole volume that :func:`check_target` lets through.
+    searched for in the whole volume that :func:`check_focus_target` lets through.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class Reconstructor:
         self._disc = ReflectingDisc(self._engine)
         self._heard = None if model.calibration is None else model.calibration.heard
         self._heard_count = model.array.count if self._heard is None else int(self._heard.sum())
-        self._acquisition: Acquisition | None = None
+        self._acquisition: FocusAcquisition | None = None
         self._last_focus: FloatArray | None = None
 
     def warm_up(self) -> None:
@@ -276,13 +276,13 @@ class Reconstructor:
             return self._single(whole, radiated, "global")
         return self._mostly_single(partial, radiated)
 
-    def _acquisition_for(self, active: BoolArray) -> Acquisition:
+    def _acquisition_for(self, active: BoolArray) -> FocusAcquisition:
         """Return the search volume; a new one if the drive leaves the array's middle silent."""
         if self._acquisition is None:
             everything = np.ones(self._model.array.count, dtype=np.bool_)
-            self._acquisition = Acquisition(self._model, everything)
+            self._acquisition = FocusAcquisition(self._model, everything)
         if active[self._acquisition.subarray].mean() < 0.5:
-            self._acquisition = Acquisition(self._model, active)
+            self._acquisition = FocusAcquisition(self._model, active)
         return self._acquisition
 
     def _fit(self, radiated: _Radiated, start: FloatArray, used: BoolArray) -> PhaseFit:
@@ -319,7 +319,7 @@ class Reconstructor:
         nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
         height_m = float(array.axes[2] @ (position - array.centre_m))
         above = height_m > 0.0 and _CLEARANCE_M <= nearest <= _REACH_M
-        return bool(above and in_front(self._model, position[None])[0])
+        return bool(above and points_in_front(self._model, position[None])[0])
 
     def _single(
         self, fit: PhaseFit, radiated: _Radiated, acquired: Literal["warm", "global"]

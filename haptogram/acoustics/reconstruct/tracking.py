@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.compiled import load_kernels
-from haptogram.acoustics.field.engines.layout import Layout, single
+from haptogram.acoustics.field.engines.layout import EngineLayout, as_single_precision
 from haptogram.acoustics.model.drive import MAX_PHASE_BITS, check_phase_bits, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.acquisition import HOPELESS_RAD
@@ -103,10 +103,10 @@ class FocusTracker:
         self._model = model
         self._steps = 1 << phase_bits
         self._limit_rad = phase_step_rad(phase_bits) / 2.0
-        layout = Layout.of(model)
+        layout = EngineLayout.of(model)
         self._frame = layout.frame
-        self._places = single(layout.elements[self._order, :3].T)
-        self._lags = single(lags_rad / (2.0 * np.pi))
+        self._places = as_single_precision(layout.elements[self._order, :3].T)
+        self._lags = as_single_precision(lags_rad / (2.0 * np.pi))
         self._counts = _widening_counts(len(self._order))
         self._shape = (model.array.count,)
         self._ahead: Point = tuple(model.array.axes[2].tolist())
@@ -135,7 +135,7 @@ class FocusTracker:
         return self._fit(codes, (x, y, z), self._counts[-1])
 
     def acquire(self, codes: NDArray[np.uint8], limit_rad: float | None = None) -> Fix:
-        """Return the focus, wherever it is within the reach of :func:`.focus.check_target`.
+        """Return the focus, wherever it is within the reach of :func:`.focus.check_focus_target`.
 
         The best fit, if no point explains the phases to *limit_rad*, see :meth:`explains`.
 
@@ -149,10 +149,10 @@ class FocusTracker:
             self._prepare()
         cells = self._cells
         assert cells is not None
-        score = self._kernels.cell_scores(codes, self._order, self._phasors, self._steps)
+        score = self._kernels.cell_scores_kernel(codes, self._order, self._phasors, self._steps)
         best: Fix | None = None
         for _ in range(_RIVALS):
-            index = self._kernels.best_cell(score, cells, self._apart)
+            index = self._kernels.best_cell_kernel(score, cells, self._apart)
             fix = self._widening_fit(codes, tuple(cells[:, index].tolist()))
             if self.explains(fix, limit_rad):
                 return fix
@@ -201,7 +201,7 @@ class FocusTracker:
 
     def _fit(self, codes: NDArray[np.uint8], start: Point, count: int) -> Fix:
         return Fix(
-            *self._kernels.fit_phases(
+            *self._kernels.fit_phases_kernel(
                 codes,
                 self._order,
                 self._places,

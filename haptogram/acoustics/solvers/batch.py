@@ -8,16 +8,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics.arrays import FloatArray, as_float_array, as_place, as_points
+from haptogram.acoustics.arrays import FloatArray, as_coordinates, as_float_array, as_point_array
 from haptogram.acoustics.field.engines.compiled import load_kernels
-from haptogram.acoustics.field.engines.layout import Layout, single
-from haptogram.acoustics.memory import check_memory
+from haptogram.acoustics.field.engines.layout import EngineLayout, as_single_precision
+from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import MAX_PHASE_BITS, check_phase_bits, quantise_phase
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import focus_phases
 from haptogram.errors import ConfigurationError
 
-MAX_DISTANCE: Final = 100.0  # wavelengths; beyond it a float32 no longer resolves a phase step well
+_MAX_DISTANCE: Final = (
+    100.0  # wavelengths; beyond it a float32 no longer resolves a phase step well
+)
 _CALL_TARGETS: Final = 1 << 14  # some milliseconds: Ctrl-C waits no longer
 
 
@@ -47,11 +49,11 @@ class FocusCodes:
         self._model = model
         self._phase_bits = phase_bits
         self._kernels = load_kernels() if model.calibration is None else None
-        layout = Layout.of(model)
+        layout = EngineLayout.of(model)
         self._frame = layout.frame
-        self._places = single(layout.elements[:, :3].T)
+        self._places = as_single_precision(layout.elements[:, :3].T)
         self._centre: list[float] = model.array.centre_m.tolist()
-        self._near_m = MAX_DISTANCE * model.wavelength_m - layout.radius_m
+        self._near_m = _MAX_DISTANCE * model.wavelength_m - layout.radius_m
         self._target = np.empty((1, 3))
 
     def codes(
@@ -78,12 +80,12 @@ class FocusCodes:
         """
         values = as_float_array("targets_m", targets_m)
         if values.ndim == 1 and out is None:
-            return self.focus(*as_place("targets_m", values).tolist())
+            return self.focus(*as_coordinates("targets_m", values).tolist())
         targets = values.reshape(1, -1) if values.ndim == 1 else values
         if targets.ndim != 2 or targets.shape[1] != 3:
             raise ConfigurationError(f"targets_m has shape {values.shape}, must be (3,) or (T, 3)")
         shape = (*values.shape[:-1], self._model.array.count)
-        check_memory("codes", (len(targets), shape[-1]), 1)
+        check_array_memory("codes", (len(targets), shape[-1]), 1)
         result = np.empty(shape, dtype=np.uint8) if out is None else out
         if result.shape != shape or result.dtype != np.uint8 or not result.flags.c_contiguous:
             raise ConfigurationError(
@@ -113,7 +115,7 @@ class FocusCodes:
         if self._kernels is not None and offset < self._near_m:  # not for NaN
             self._compute(target, result)
         else:
-            self._fill(as_points("target", target), result)
+            self._fill(as_point_array("target", target), result)
         codes: NDArray[np.uint8] = result[0]
         return codes
 
@@ -133,4 +135,6 @@ class FocusCodes:
 
     def _compute(self, targets: FloatArray, rows: NDArray[np.uint8]) -> None:
         assert self._kernels is not None
-        self._kernels.focus_codes(targets, self._frame, self._places, 1 << self._phase_bits, rows)
+        self._kernels.focus_codes_kernel(
+            targets, self._frame, self._places, 1 << self._phase_bits, rows
+        )

@@ -18,19 +18,19 @@ from haptogram.acoustics.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
+    as_coordinates,
     as_float_array,
-    as_place,
-    as_points,
-    as_vector,
+    as_float_vector,
+    as_point_array,
 )
-from haptogram.acoustics.field.reference import check_points
+from haptogram.acoustics.field.reference import check_field_points
 from haptogram.acoustics.model.drive import MAX_PHASE_BITS, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
 MIN_TARGET_DISTANCE_M: Final = 0.020
 MAX_TARGET_DISTANCE_M: Final = 1.0
-TARGET_MARGIN_M: Final = 0.150
+_TARGET_MARGIN_M: Final = 0.150
 
 # A direction in which moving the focus changes the phases 10 000 times less than in the best one.
 # Between a planar array and the furthest target the ratio is the aperture over the distance, 1e-3.
@@ -92,7 +92,7 @@ class PhaseFit:
     converged: bool
 
 
-def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
+def check_focus_target(model: AcousticModel, target_m: ArrayLike) -> None:
     """Raise unless *target_m* is a point that this array can sensibly focus on.
 
     Raises
@@ -104,12 +104,12 @@ def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
 
     Examples
     --------
-    >>> check_target(model, (0.0, 0.0, -0.1))
+    >>> check_focus_target(model, (0.0, 0.0, -0.1))
     Traceback (most recent call last):
         ...
     haptogram.errors.ConfigurationError: target: height z is -100 mm, must be at least 20 mm
     """
-    target = as_place("target_m", target_m)
+    target = as_coordinates("target_m", target_m)
     offset = model.array.local_m(target)
     names = _names_along(model)
     _check_limit(names[2], offset[2], low_m=MIN_TARGET_DISTANCE_M)
@@ -119,7 +119,7 @@ def check_target(model: AcousticModel, target_m: ArrayLike) -> None:
     reach = steering_reach_m(model)
     _check_limit(names[0], abs(offset[0]), high_m=reach[0])
     _check_limit(names[1], abs(offset[1]), high_m=reach[1])
-    check_points(model, target[None])
+    check_field_points(model, target[None])
 
 
 def _names_along(model: AcousticModel) -> list[str]:
@@ -134,7 +134,7 @@ def _names_along(model: AcousticModel) -> list[str]:
 def steering_reach_m(model: AcousticModel) -> tuple[float, float]:
     """Return the largest |x| and |y| of a target along the array's own axes, in metres."""
     half = model.array.half_extent_m + (model.array.pitch_m or 0.0) / 2
-    return float(half[0]) + TARGET_MARGIN_M, float(half[1]) + TARGET_MARGIN_M
+    return float(half[0]) + _TARGET_MARGIN_M, float(half[1]) + _TARGET_MARGIN_M
 
 
 def focus_phases(model: AcousticModel, target_m: ArrayLike) -> FloatArray:
@@ -157,7 +157,7 @@ def focus_phases(model: AcousticModel, target_m: ArrayLike) -> FloatArray:
     ((256,), '5393 Pa')
     """
     targets = as_float_array("target_m", target_m)
-    points = as_points("target_m", np.atleast_2d(targets))
+    points = as_point_array("target_m", np.atleast_2d(targets))
     offsets = points[:, None, :] - model.array.positions_m
     phases: FloatArray = -model.wavenumber * np.linalg.norm(offsets, axis=2)
     if model.calibration is not None:
@@ -165,7 +165,7 @@ def focus_phases(model: AcousticModel, target_m: ArrayLike) -> FloatArray:
     return phases[0] if targets.ndim == 1 else phases
 
 
-def superpose(
+def superpose_foci(
     model: AcousticModel, points_m: ArrayLike, amplitudes: ArrayLike, phases_rad: ArrayLike
 ) -> ComplexArray:
     """Return the naive superposition of several foci: the normative one.
@@ -185,13 +185,13 @@ def superpose(
 
     Examples
     --------
-    >>> both = superpose(model, [target, (0.03, 0.0, 0.15)], [0.5, 0.5], [0.0, np.pi])
+    >>> both = superpose_foci(model, [target, (0.03, 0.0, 0.15)], [0.5, 0.5], [0.0, np.pi])
     >>> both.shape
     (256,)
     """
-    points = as_points("points_m", points_m)
-    levels = as_vector("amplitudes", amplitudes, len(points))
-    lags = as_vector("phases_rad", phases_rad, len(points))
+    points = as_point_array("points_m", points_m)
+    levels = as_float_vector("amplitudes", amplitudes, len(points))
+    lags = as_float_vector("phases_rad", phases_rad, len(points))
     weights: ComplexArray = (levels * np.exp(1j * lags)) @ np.exp(1j * focus_phases(model, points))
     return weights
 
@@ -237,13 +237,13 @@ def fit_focus(
     >>> bool(np.linalg.norm(fit.position_m - target) < 0.1e-3)
     True
     """
-    phases = as_vector("phases_rad", phases_rad, model.array.count)
+    phases = as_float_vector("phases_rad", phases_rad, model.array.count)
     used = _as_mask(active, model.array.count)
     if model.calibration is not None:
         phases = phases + model.calibration.phase_rad
         used = _as_mask(used & model.calibration.heard, model.array.count)
     problem = _PhaseProblem(model, phases, used)
-    position, steps, converged = problem.solve(as_place("start_m", start_m))
+    position, steps, converged = problem.solve(as_coordinates("start_m", start_m))
     residual, phase, slopes = problem.residual_of_all(position)
     step = phase_step_rad(phase_bits) if step_rad is None else step_rad
     std_m, bound_m, observable = problem.uncertainty(slopes, step)
@@ -252,7 +252,7 @@ def fit_focus(
     return PhaseFit(position, phase, residual, rms, std_m, bound_m, observable, steps, converged)
 
 
-def phase_response(
+def focus_phase_response(
     model: AcousticModel, position_m: ArrayLike, *, active: ArrayLike | None = None
 ) -> tuple[FloatArray, BoolArray]:
     """Return how far the fitted focus moves for each radian of phase of each element.
@@ -277,11 +277,11 @@ def phase_response(
         used = _as_mask(used & model.calibration.heard, model.array.count)
     problem = _PhaseProblem(model, np.zeros(model.array.count), used)
     response = np.zeros((3, model.array.count))
-    response[:, used], observable = problem.response(as_place("position_m", position_m))
+    response[:, used], observable = problem.response(as_coordinates("position_m", position_m))
     return response, observable
 
 
-def wrap(phases_rad: FloatArray) -> FloatArray:
+def wrapped_phases(phases_rad: FloatArray) -> FloatArray:
     """Return phases modulo 2 pi, in [-pi, pi]."""
     wrapped: FloatArray = phases_rad - 2.0 * np.pi * np.rint(phases_rad / (2.0 * np.pi))
     return wrapped
@@ -325,7 +325,7 @@ class _PhaseProblem:
         if self._others:
             positions, phases = self._all
             everywhere = np.linalg.norm(position - positions, axis=1)
-            residual = wrap(phases + self._wavenumber * everywhere - phase)
+            residual = wrapped_phases(phases + self._wavenumber * everywhere - phase)
         return residual, phase, self._slopes(offset, distance)
 
     def uncertainty(
@@ -369,10 +369,10 @@ class _PhaseProblem:
     def _centred(arrival: FloatArray) -> tuple[FloatArray, float]:
         """Return the arrival phases less their common phase, wrapped; and that phase."""
         common = float(np.angle(np.exp(1j * arrival).sum()))
-        residual = wrap(arrival - common)
+        residual = wrapped_phases(arrival - common)
         # From the circular to the least-squares mean.
         mean = float(np.add.reduce(residual)) / len(residual)
-        return wrap(residual - mean), common + mean
+        return wrapped_phases(residual - mean), common + mean
 
 
 def _spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:

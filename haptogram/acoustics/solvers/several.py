@@ -13,24 +13,24 @@ from typing import Final, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_points, as_vector
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_float_vector, as_point_array
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.reference import propagators
-from haptogram.acoustics.model.drive import as_drive, saturated
+from haptogram.acoustics.model.drive import as_drive, saturated_weights
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.solvers.focus import check_target, superpose
+from haptogram.acoustics.solvers.focus import check_focus_target, superpose_foci
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_whole
 
 Method: TypeAlias = Literal["naive", "ibp", "gs", "wgs", "gspat", "gradient"]
 METHODS: Final[tuple[Method, ...]] = get_args(Method)
-MAX_FOCI: Final = 256
-MAX_ROUNDS: Final = 10_000
+_MAX_FOCI: Final = 256
+_MAX_ROUNDS: Final = 10_000
 _LARGEST_WEIGHT: Final = 2.0**40  # a point that cannot be served gains weight in every round
 _LEVELS: Final = (1e-6, 1e6)  # of amplitudes: their squares are single precision's
 
 
-def solve(
+def solve_foci(
     model: AcousticModel,
     points_m: ArrayLike,
     amplitudes: ArrayLike | None = None,
@@ -62,28 +62,28 @@ def solve(
     Raises
     ------
     ConfigurationError
-        An unknown method; no focus or too many; foci out of reach (:func:`.focus.check_target`);
+        An unknown method; no focus or too many; out of reach (:func:`.focus.check_focus_target`);
         amplitudes or rounds out of range; a focus that no element reaches.
 
     Examples
     --------
     >>> pair = [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)]
-    >>> levels = np.abs(pressure(model, solve(model, pair, method="gs"), pair))
+    >>> levels = np.abs(pressure(model, solve_foci(model, pair, method="gs"), pair))
     >>> bool(abs(levels[0] / levels[1] - 1.0) < 0.02)
     True
     """
-    points = as_points("points_m", points_m)
+    points = as_point_array("points_m", points_m)
     if method not in METHODS:
         raise ConfigurationError(f"method is {method!r}, must be one of {', '.join(METHODS)}")
-    if not 1 <= len(points) <= MAX_FOCI:
-        raise ConfigurationError(f"{len(points)} foci, must be 1 to {MAX_FOCI}")
-    check_whole("rounds", rounds, 1, MAX_ROUNDS)
+    if not 1 <= len(points) <= _MAX_FOCI:
+        raise ConfigurationError(f"{len(points)} foci, must be 1 to {_MAX_FOCI}")
+    check_whole("rounds", rounds, 1, _MAX_ROUNDS)
     for point in points:
-        check_target(model, point)
+        check_focus_target(model, point)
     wanted = np.ones(len(points)) if amplitudes is None else amplitudes
-    levels = as_vector("amplitudes", wanted, len(points))
+    levels = as_float_vector("amplitudes", wanted, len(points))
     _check_levels(levels)
-    start = superpose(model, points, levels, np.zeros(len(points)))
+    start = superpose_foci(model, points, levels, np.zeros(len(points)))
     start /= np.abs(start).max()
     matrix = _propagators(model, points)
     return start if method == "naive" else _SOLVERS[method](matrix, levels, start, rounds)
@@ -109,12 +109,12 @@ def weights_for_foci(
     Returns
     -------
     (N,) numpy.ndarray of complex128
-        Weights; magnitudes above 1 are cut to 1 (:func:`.drive.saturated`).
+        Weights; magnitudes above 1 are cut to 1 (:func:`.drive.saturated_weights`).
 
     Raises
     ------
     ConfigurationError
-        As :func:`.focus.superpose` and :func:`solve`.
+        As :func:`.focus.superpose_foci` and :func:`solve_foci`.
 
     Examples
     --------
@@ -122,9 +122,9 @@ def weights_for_foci(
     >>> bool(np.allclose(one, weights))
     True
     """
-    if method == "naive" or len(as_points("points_m", points_m)) == 1:
-        return saturated(superpose(model, points_m, amplitudes, phases_rad))
-    return solve(model, points_m, amplitudes, method=method)
+    if method == "naive" or len(as_point_array("points_m", points_m)) == 1:
+        return saturated_weights(superpose_foci(model, points_m, amplitudes, phases_rad))
+    return solve_foci(model, points_m, amplitudes, method=method)
 
 
 def _iterative_backpropagation(
@@ -157,7 +157,7 @@ def _weighted_gerchberg_saxton(
     parts = [np.ascontiguousarray(part, dtype=np.float32) for part in (
         scaled.real, scaled.imag, wanted, unit.real, unit.imag
     )]  # fmt: skip
-    kernels.weighted_gerchberg_saxton(*parts[:3], rounds, *parts[3:])
+    kernels.gerchberg_saxton_kernel(*parts[:3], rounds, *parts[3:])
     result: ComplexArray = parts[3].astype(np.float64) + 1j * parts[4].astype(np.float64)
     return _phasor(result)
 
@@ -275,7 +275,7 @@ def _clip(drive: ComplexArray) -> ComplexArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Quality:
+class SolverQuality:
     """How well a drive makes its foci.
 
     Attributes
@@ -288,7 +288,7 @@ class Quality:
     Examples
     --------
     >>> pair = [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)]
-    >>> found = quality(model, solve(model, pair), pair, [1.0, 1.0])
+    >>> found = solver_quality(model, solve_foci(model, pair), pair, [1.0, 1.0])
     >>> found.uniformity > 0.99
     True
     """
@@ -297,9 +297,9 @@ class Quality:
     uniformity: float
 
 
-def quality(
+def solver_quality(
     model: AcousticModel, weights: ArrayLike, points_m: ArrayLike, amplitudes: ArrayLike
-) -> Quality:
+) -> SolverQuality:
     """Return efficiency and uniformity of a drive (R. Di Leonardo et al., 2007, eq. 2).
 
     Raises
@@ -311,12 +311,12 @@ def quality(
     Examples
     --------
     >>> pair = [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)]
-    >>> quality(model, solve(model, pair), pair, [1.0, 1.0]).uniformity > 0.99
+    >>> solver_quality(model, solve_foci(model, pair), pair, [1.0, 1.0]).uniformity > 0.99
     True
     """
-    points = as_points("points_m", points_m)
-    wanted = as_vector("amplitudes", amplitudes, len(points))
-    check_whole("number of foci", len(points), 1, MAX_FOCI)
+    points = as_point_array("points_m", points_m)
+    wanted = as_float_vector("amplitudes", amplitudes, len(points))
+    check_whole("number of foci", len(points), 1, _MAX_FOCI)
     _check_levels(wanted)
     drive, matrix = as_drive(weights, model.array.count), _propagators(model, points)
     level = np.abs(matrix @ drive)
@@ -324,12 +324,12 @@ def quality(
         raise ConfigurationError("no sound at any focus")
     intensity = (level / wanted) ** 2
     spread = float(np.ptp(intensity)) / float(intensity.max() + intensity.min())
-    return Quality(float(((level / np.abs(matrix).sum(axis=1)) ** 2).sum()), 1.0 - spread)
+    return SolverQuality(float(((level / np.abs(matrix).sum(axis=1)) ** 2).sum()), 1.0 - spread)
 
 
 @dataclass(frozen=True, slots=True)
 class SolverRow:
-    """One line of the table of :func:`compare`: medians over the sets of foci."""
+    """One line of the table of :func:`compare_solvers`: medians over the sets of foci."""
 
     method: Method
     foci: int
@@ -338,7 +338,7 @@ class SolverRow:
     time_us: float
 
 
-def compare(
+def compare_solvers(
     model: AcousticModel,
     now_ns: Callable[[], int],
     *,
@@ -363,7 +363,7 @@ def compare(
     rng = np.random.default_rng(seed)
     rows = []
     for count in counts:
-        foci = [model.array.world_m(spread_foci(rng, count)) for _ in range(sets)]
+        foci = [model.array.world_m(random_foci(rng, count)) for _ in range(sets)]
         rows += [_row(model, now_ns, method, foci, rounds) for method in methods]
     return rows
 
@@ -375,19 +375,21 @@ def _row(
     sets: list[FloatArray],
     rounds: int,
 ) -> SolverRow:
-    solve(model, sets[0], method=method, rounds=1)  # code is loaded outside of the timed window
+    solve_foci(
+        model, sets[0], method=method, rounds=1
+    )  # code is loaded outside of the timed window
     results = []
     for points in sets:
         started = now_ns()
-        weights = solve(model, points, method=method, rounds=rounds)
+        weights = solve_foci(model, points, method=method, rounds=rounds)
         elapsed_us = (now_ns() - started) / 1e3
-        reached = quality(model, weights, points, np.ones(len(points)))
+        reached = solver_quality(model, weights, points, np.ones(len(points)))
         results.append((reached.efficiency, reached.uniformity, elapsed_us))
     efficiency, uniformity, time_us = np.median(np.array(results), axis=0).tolist()
     return SolverRow(method, len(sets[0]), efficiency, uniformity, time_us)
 
 
-def spread_foci(rng: np.random.Generator, count: int) -> FloatArray:
+def random_foci(rng: np.random.Generator, count: int) -> FloatArray:
     """Return (F, 3) random foci on one plane, none within 12 mm of another, in metres."""
     foci: list[FloatArray] = []
     while len(foci) < count:

@@ -40,7 +40,7 @@ CAUSES: Final = tuple(Cause)
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class LatenessParts:
     """The lateness of n frames in nanoseconds, beyond their own time on the line.
 
     Attributes
@@ -75,13 +75,13 @@ class Parts:
         """Time that each frame waited for the line, (n,)."""
         return self.room + self.queue
 
-    def at_port(self) -> Parts:
+    def at_port(self) -> LatenessParts:
         """Return the parts up to the port: without queue and board."""
         nothing = np.zeros_like(self.board)
         return dataclasses.replace(self, queue=nothing, board=nothing)
 
 
-def part(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> Parts:
+def split_lateness(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> LatenessParts:
     """Split the lateness of every tick into its parts.
 
     Parameters
@@ -106,7 +106,7 @@ def part(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> Parts:
     unsent_ns = np.maximum(transmission_ns, BURST_NS - transmission_ns)
     free_before = np.concatenate([room[:1] + unsent_ns[:1], line_free[:-1]])
     overslept = room - np.clip(free_before - unsent_ns, ready, room)
-    return Parts(
+    return LatenessParts(
         before=begun - deadline,
         scheduling=np.maximum(wake, deadline) - begun + overslept,
         work=(ready - wake) + (done - room),
@@ -117,7 +117,7 @@ def part(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> Parts:
     )
 
 
-def shares(parts: Parts) -> Times:
+def lateness_shares(parts: LatenessParts) -> Times:
     """Return the (n, causes) nanoseconds of each frame's lateness by cause."""
     behind = parts.before > 0
     # In a backlog the line is busy with the previous frame: that wait is the backlog's.
@@ -146,14 +146,14 @@ def _proportions(before: NDArray[np.float64] | None) -> NDArray[np.float64]:
     return proportions
 
 
-def attribute(parts: Parts) -> NDArray[np.int64]:
+def attribute_lateness(parts: LatenessParts) -> NDArray[np.int64]:
     """Return the (n,) indices into :data:`CAUSES` of the cause of each frame."""
-    causes: NDArray[np.int64] = np.argmax(shares(parts), axis=1)
+    causes: NDArray[np.int64] = np.argmax(lateness_shares(parts), axis=1)
     return causes
 
 
 @dataclass(frozen=True, slots=True)
-class Misses:
+class LatenessMisses:
     """Frames that were later than a limit.
 
     Attributes
@@ -177,9 +177,9 @@ class Misses:
     machine: int
 
 
-def count_misses(
+def count_late_frames(
     late_ns: Times, causes: NDArray[np.int64], *, limit_us: float, stalled: NDArray[np.bool_]
-) -> Misses:
+) -> LatenessMisses:
     """Count the frames that were later than *limit_us*, by cause.
 
     Parameters
@@ -192,6 +192,6 @@ def count_misses(
         cause: int((missed & (causes == place)).sum()) for place, cause in enumerate(CAUSES)
     }
     scheduling = missed & (causes == CAUSES.index(Cause.SCHEDULING))
-    return Misses(
+    return LatenessMisses(
         limit_us, int(missed.sum()), len(late_ns), by_cause, int((scheduling & stalled).sum())
     )

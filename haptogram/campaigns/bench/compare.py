@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptogram.campaigns.bench.percentiles import Percentiles
+from haptogram.campaigns.bench.percentiles import TimingPercentiles
 
 _LEVELS: Final = ("p50", "p90", "p99")  # a tenth of a run holds too few frames for p99.9
 _SIGMAS: Final = 4.0  # of three dozen comparisons none should differ by chance
@@ -24,7 +24,7 @@ _CONTROL: Final = "control"
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class BenchChange:
     """The difference of one percentile of one stage between two runs.
 
     Attributes
@@ -61,13 +61,13 @@ class Change:
         )
 
 
-def compare(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
+def compare_benches(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[BenchChange]:
     """Compare every percentile that both results hold; changes beyond the noise come first.
 
     Parameters
     ----------
     old, new : mapping
-        Results as :func:`haptogram.campaigns.bench.result.as_dict` makes them.
+        Results as :func:`haptogram.campaigns.bench.result.bench_dict` makes them.
     """
     before, after = _percentiles(old), _percentiles(new)
     control = {
@@ -84,7 +84,7 @@ def compare(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
     return sorted(found, key=lambda change: not change.beyond_noise)
 
 
-def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+def bench_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Return a line for each setting, version or part of the machine that differs."""
     lines = []
     for part in ("configuration", "environment"):
@@ -97,18 +97,18 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _percentiles(result: Mapping[str, Any]) -> dict[str, Percentiles]:
-    return {name: Percentiles.from_dict(stage) for name, stage in result["stages"].items()}
+def _percentiles(result: Mapping[str, Any]) -> dict[str, TimingPercentiles]:
+    return {name: TimingPercentiles.from_dict(stage) for name, stage in result["stages"].items()}
 
 
 def _change(
-    stage: str, level: str, before: Percentiles, after: Percentiles | None
-) -> Change | None:
+    stage: str, level: str, before: TimingPercentiles, after: TimingPercentiles | None
+) -> BenchChange | None:
     if after is None or not before.blocks or not after.blocks:
         return None
     one, other = before.blocks[level], after.blocks[level]
     noise_us = _SIGMAS * math.hypot(_error_us(one), _error_us(other)) + _LEAST_US
-    return Change(stage, level, float(np.median(one)), float(np.median(other)), noise_us)
+    return BenchChange(stage, level, float(np.median(one)), float(np.median(other)), noise_us)
 
 
 def _error_us(values: list[float]) -> float:
@@ -117,12 +117,12 @@ def _error_us(values: list[float]) -> float:
     return _MEDIAN_LOSS * _MAD_TO_SIGMA * deviation / math.sqrt(len(values))
 
 
-def _blamed(change: Change, control: Change | None) -> Change:
+def _blamed(change: BenchChange, control: BenchChange | None) -> BenchChange:
     if control is None or change.stage == _CONTROL or not control.beyond_noise:
         return change
     own, machine = change.after_us - change.before_us, control.after_us - control.before_us
     same = own * machine > 0 and abs(machine) >= abs(own) / 2
-    return Change(
+    return BenchChange(
         change.stage, change.level, change.before_us, change.after_us, change.noise_us, same
     )
 

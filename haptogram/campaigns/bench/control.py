@@ -16,10 +16,10 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.campaigns.bench.percentiles import with_missed_ticks
+from haptogram.campaigns.bench.percentiles import percentiles_with_missed_ticks
 from haptogram.errors import ConfigurationError
 
-STALL_NS: Final = 100_000  # lateness from which on the control loop counts as stalled
+_STALL_NS: Final = 100_000  # lateness from which on the control loop counts as stalled
 _STOP_S: Final = 10.0
 
 #: The program imports the standard library alone: more would run beside the measured loop.
@@ -48,7 +48,7 @@ sys.stdout.buffer.write(found[: 2 * n].tobytes())
 """
 
 
-class ControlLoop:
+class NoiseFloorLoop:
     """Run the control loop from entering to leaving the ``with`` block.
 
     Parameters
@@ -98,11 +98,13 @@ class ControlLoop:
     @property
     def lateness_us(self) -> NDArray[np.float64]:
         """Lateness of each tick, (n,) in microseconds; missed ticks are included."""
-        return with_missed_ticks((self.wake_ns - self.deadline_ns) / 1e3, self._period_ns / 1e3)
+        return percentiles_with_missed_ticks(
+            (self.wake_ns - self.deadline_ns) / 1e3, self._period_ns / 1e3
+        )
 
     def stalled(self, begin_ns: NDArray[np.int64], end_ns: NDArray[np.int64]) -> Any:
         """Return, for each of (n,) spans of time, whether the control loop stalled within it."""
-        slow = self.wake_ns - self.deadline_ns > STALL_NS
+        slow = self.wake_ns - self.deadline_ns > _STALL_NS
         starts, ends = self.deadline_ns[slow], self.wake_ns[slow]
         # Stalls do not overlap: the last one that began before the end of a span decides.
         last = np.searchsorted(starts, end_ns) - 1

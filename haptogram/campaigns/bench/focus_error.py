@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
-class FocusError:
+class BenchFocusError:
     """Distance of the held focus from the one that was due, over a run.
 
     Attributes
@@ -48,13 +48,13 @@ class FocusError:
         }
 
 
-def focus_error(
+def bench_focus_error(
     targets_m: NDArray[np.float64],
     due_us: NDArray[np.int64],
     latched_us: NDArray[np.float64],
     *,
     carrier_us: int,
-) -> FocusError:
+) -> BenchFocusError:
     """Compare, at every moment from the first due time on, the due focus with the held one.
 
     Parameters
@@ -82,7 +82,7 @@ def focus_error(
     distance_mm[seen] = 1e3 * np.linalg.norm(targets_m[seen] - targets_m[before[seen]], axis=1)
     held = float(held_us[seen].sum())
     weighted = float((held_us * distance_mm).sum())
-    return FocusError(
+    return BenchFocusError(
         frames=int(seen.sum()),
         held_us=held,
         greatest_mm=float(distance_mm.max(initial=0.0)),

@@ -11,11 +11,15 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.driver.line.budget import frame_bytes, highest_rate_hz, transmission_ns
+from haptogram.driver.line.budget import (
+    frame_bytes_on_line,
+    highest_line_rate_hz,
+    line_transmission_ns,
+)
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.errors import ConfigurationError
 from haptogram.machine.posix import posix_module
-from haptogram.machine.process import real_time
+from haptogram.machine.process import real_time_process
 from haptogram_protocol import FrameDecoder, encode_frame
 from haptogram_protocol.framing import Stuffing, fastest_cobs
 from haptogram_protocol.messages import (
@@ -33,7 +37,7 @@ from haptogram_protocol.messages import (
 _TIMES: Final = 400  # repetitions of a stage, of which the median counts
 _TICKS: Final = 100
 _SETTLE: Final = 20  # repetitions to warm up
-CARRIER_NS: Final = 25_000  # a frame waits for the next period of a 40 kHz carrier at most
+_CARRIER_NS: Final = 25_000  # a frame waits for the next period of a 40 kHz carrier at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +76,11 @@ class FrameBudget:
 
     def latency_ns(self, wake_ns: int) -> int:
         """Return the time from the intended moment to the latch, at most one carrier later."""
-        parts = (wake_ns, self.encode_ns, self.write_ns, self.wire_ns, self.decode_ns, CARRIER_NS)
+        parts = (wake_ns, self.encode_ns, self.write_ns, self.wire_ns, self.decode_ns, _CARRIER_NS)
         return sum(parts)
 
 
-def frame_formats(transducers: int) -> dict[str, Message]:
+def bench_frame_formats(transducers: int) -> dict[str, Message]:
     """Return a message of every frame format with contents as varied as those of a focus."""
     codes = np.random.default_rng(0).integers(0, 256, transducers, dtype=np.uint8)
     formats: dict[str, Message] = {
@@ -110,15 +114,15 @@ def measure_frame_budget(name: str, message: Message, *, baudrate: int) -> Frame
     decode_ns = _median_ns(lambda: _decode(decoder, wire))
     with _drained_pty() as (fd, drain):
         write_ns = _median_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
-    size = frame_bytes(len(build_body(message, flags=0, seq=0, time_us=0, session=1)) - 10)
+    size = frame_bytes_on_line(len(build_body(message, flags=0, seq=0, time_us=0, session=1)) - 10)
     return FrameBudget(
         name=name,
         size=size,
         encode_ns=encode_ns,
         write_ns=write_ns,
-        wire_ns=transmission_ns(size, baudrate),
+        wire_ns=line_transmission_ns(size, baudrate),
         decode_ns=decode_ns,
-        line_hz=highest_rate_hz(size, baudrate),
+        line_hz=highest_line_rate_hz(size, baudrate),
         host_hz=1e9 / (encode_ns + write_ns),
     )
 
@@ -127,14 +131,14 @@ def measure_wake_ns(rate_hz: float) -> int:
     """Return the median lateness of a sleeping loop at *rate_hz*, on this machine now."""
     period_ns = round(1e9 / rate_hz)
     period_ns = min(period_ns, 5_000_000)  # a slow rate would take long
-    loop = PeriodicLoop(time.monotonic_ns, sleep_until, period_ns=period_ns)
-    with real_time():
+    loop = PeriodicLoop(time.monotonic_ns, _sleep_until, period_ns=period_ns)
+    with real_time_process():
         start_ns = time.monotonic_ns() + period_ns
         ticks = list(loop.ticks(start_ns, start_ns + (_TICKS + _SETTLE) * period_ns))
     return int(np.median([tick.wake_ns - tick.deadline_ns for tick in ticks[_SETTLE:]]))
 
 
-def sleep_until(deadline_ns: int) -> None:
+def _sleep_until(deadline_ns: int) -> None:
     """Sleep until *deadline_ns* of the monotonic clock, on a loop that serves nothing."""
     wait_ns = deadline_ns - time.monotonic_ns()
     if wait_ns > 0:

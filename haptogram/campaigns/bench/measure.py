@@ -10,22 +10,28 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.campaigns.bench.attribution import Misses, Parts, attribute, count_misses, part
-from haptogram.campaigns.bench.control import ControlLoop
-from haptogram.campaigns.bench.focus_error import FocusError, focus_error
-from haptogram.campaigns.bench.percentiles import Percentiles
+from haptogram.campaigns.bench.attribution import (
+    LatenessMisses,
+    LatenessParts,
+    attribute_lateness,
+    count_late_frames,
+    split_lateness,
+)
+from haptogram.campaigns.bench.control import NoiseFloorLoop
+from haptogram.campaigns.bench.focus_error import BenchFocusError, bench_focus_error
+from haptogram.campaigns.bench.percentiles import TimingPercentiles
 from haptogram.driver.driver import Driver
-from haptogram.driver.line.budget import frame_bytes, transmission_ns
+from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
 from haptogram.driver.stream import StreamReport
 from haptogram.driver.timing.realtime import SPIN_SHARE
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.machine.fingerprint import cpu_share, cpu_times, fingerprint
+from haptogram.machine.fingerprint import cpu_share, cpu_times, machine_fingerprint
 from haptogram.records.frame import Intended
 from haptogram_protocol.messages import unwrap
 
-LIMITS_US: Final = (100.0, 1000.0)
+_LIMITS_US: Final = (100.0, 1000.0)
 MAX_FRAMES: Final = 300_000
 _RADIUS_M: Final = 0.03
 _HEIGHT_M: Final = 0.12
@@ -107,19 +113,19 @@ class BenchRun:
     board: str
     report: StreamReport
     stages_us: dict[str, NDArray[np.float64]]
-    misses: dict[str, list[Misses]]
-    focus: FocusError
+    misses: dict[str, list[LatenessMisses]]
+    focus: BenchFocusError
     latched: int
     environment: dict[str, Any]
     processors: dict[str, float]
     warnings: list[str]
 
-    def percentiles(self) -> dict[str, Percentiles]:
+    def percentiles(self) -> dict[str, TimingPercentiles]:
         """Return the percentiles of every stage."""
-        return {name: Percentiles.of(values) for name, values in self.stages_us.items()}
+        return {name: TimingPercentiles.of(values) for name, values in self.stages_us.items()}
 
 
-def circle(frames: int, rate_hz: float) -> NDArray[np.float64]:
+def bench_circle(frames: int, rate_hz: float) -> NDArray[np.float64]:
     """Return (frames, 3) points in metres: a circle of 30 mm, five times a second."""
     angle = 2.0 * np.pi * _REVOLUTIONS_HZ * np.arange(frames) / rate_hz
     height = np.full(frames, _HEIGHT_M)
@@ -136,14 +142,14 @@ def run_bench(config: BenchConfig) -> BenchRun:
     LinkError
         If the link broke.
     """
-    targets_m = circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
+    targets_m = bench_circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
     with _board(config) as (label, url, prepare, collect):
         with Driver(
             url, baudrate=config.baudrate, phase_bits=config.phase_bits, keep=len(targets_m)
         ) as driver:
             prepare(driver)
             driver.arm()
-            control = ControlLoop(round(1e9 / config.rate_hz), config.seconds + _SETTLING_S)
+            control = NoiseFloorLoop(round(1e9 / config.rate_hz), config.seconds + _SETTLING_S)
             before = cpu_times()
             with control:
                 report = driver.stream(
@@ -195,7 +201,7 @@ def _put_together(
     label: str,
     driver: Driver,
     report: StreamReport,
-    control: ControlLoop,
+    control: NoiseFloorLoop,
     latches: Latches,
     targets_m: NDArray[np.float64],
     processors: dict[str, float],
@@ -209,7 +215,7 @@ def _put_together(
     left_ns = ticks.stamp_ns("line_free" if paced else "done")
     received_ns = _host_times(driver, received_us)
     board_ns = received_ns - left_ns
-    parts = part(ticks, transmission_ns, np.nan_to_num(board_ns).astype(np.int64))
+    parts = split_lateness(ticks, transmission_ns, np.nan_to_num(board_ns).astype(np.int64))
     stages = _stages(parts, ticks.lateness_us(), transmission_ns, sent)
     stages["board"] = np.maximum(0.0, board_ns) / 1e3
     stages["complete"] = np.where(np.isnan(board_ns), np.nan, parts.total_ns / 1e3)
@@ -223,18 +229,18 @@ def _put_together(
         report=report,
         stages_us=stages,
         misses=_misses(parts, stalled),
-        focus=focus_error(
+        focus=bench_focus_error(
             targets_m, due_us, latched_us, carrier_us=1_000_000 // driver.identity.carrier_hz
         ),
         latched=int((~np.isnan(latched_us)).sum()),
-        environment=fingerprint(),
+        environment=machine_fingerprint(),
         processors=processors,
         warnings=list(driver.warnings),
     )
 
 
 def _stages(
-    parts: Parts,
+    parts: LatenessParts,
     lateness_us: NDArray[np.float64],
     transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
@@ -250,11 +256,13 @@ def _stages(
     }
 
 
-def _misses(parts: Parts, stalled: NDArray[np.bool_]) -> dict[str, list[Misses]]:
+def _misses(parts: LatenessParts, stalled: NDArray[np.bool_]) -> dict[str, list[LatenessMisses]]:
     return {
         place: [
-            count_misses(some.total_ns, attribute(some), limit_us=limit_us, stalled=stalled)
-            for limit_us in LIMITS_US
+            count_late_frames(
+                some.total_ns, attribute_lateness(some), limit_us=limit_us, stalled=stalled
+            )
+            for limit_us in _LIMITS_US
         ]
         for place, some in (("at_port", parts.at_port()), ("at_board", parts))
     }
@@ -283,4 +291,4 @@ def _host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray[np.fl
 
 def _transmission_ns(config: BenchConfig, driver: Driver) -> int:
     payload = 2 + -(-driver.identity.transducers * config.phase_bits // 8)
-    return transmission_ns(frame_bytes(payload), config.baudrate)
+    return line_transmission_ns(frame_bytes_on_line(payload), config.baudrate)

@@ -14,7 +14,7 @@ _LEAST_PER_BLOCK: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Percentiles:
+class TimingPercentiles:
     """Percentiles of n values, in microseconds.
 
     Attributes
@@ -36,7 +36,7 @@ class Percentiles:
     blocks: dict[str, list[float]]
 
     @classmethod
-    def of(cls, values_us: ArrayLike) -> Percentiles:
+    def of(cls, values_us: ArrayLike) -> TimingPercentiles:
         """Return the percentiles of (n,) values in order of time, without those that are nan."""
         values = np.asarray(values_us, dtype=np.float64)
         values = values[~np.isnan(values)]
@@ -49,7 +49,7 @@ class Percentiles:
         return cls(len(values), _levels(values), float(values.max()), blocks)
 
     @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> Percentiles:
+    def from_dict(cls, fields: dict[str, Any]) -> TimingPercentiles:
         """Return the percentiles of which :meth:`as_dict` made *fields*."""
         return cls(fields["n"], fields["levels"], fields["max"], fields["blocks"])
 
@@ -63,7 +63,9 @@ class Percentiles:
         }
 
 
-def with_missed_ticks(lateness_us: NDArray[np.float64], period_us: float) -> NDArray[np.float64]:
+def percentiles_with_missed_ticks(
+    lateness_us: NDArray[np.float64], period_us: float
+) -> NDArray[np.float64]:
     """Return the lateness of every tick, missed ticks included.
 
     A loop that is late by three periods skips the ticks in between.  Those ticks would have been

@@ -6,7 +6,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.campaigns.bench.attribution import Misses
+from haptogram.campaigns.bench.attribution import LatenessMisses
 from haptogram.campaigns.bench.measure import BenchRun
 from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import read_json
@@ -29,7 +29,7 @@ STAGES: Final = {
 }
 
 
-def as_dict(run: BenchRun) -> dict[str, Any]:
+def bench_dict(run: BenchRun) -> dict[str, Any]:
     """Return *run* for JSON: every percentile with its n, every miss with its cause."""
     report = run.report
     return {
@@ -56,7 +56,7 @@ def as_dict(run: BenchRun) -> dict[str, Any]:
     }
 
 
-def _miss(miss: Misses) -> dict[str, Any]:
+def _miss(miss: LatenessMisses) -> dict[str, Any]:
     return {
         "limit_us": miss.limit_us,
         "count": miss.count,
@@ -66,7 +66,7 @@ def _miss(miss: Misses) -> dict[str, Any]:
     }
 
 
-def read_result(path: Path) -> dict[str, Any]:
+def read_bench_result(path: Path) -> dict[str, Any]:
     """Return the result of an earlier run.
 
     Raises

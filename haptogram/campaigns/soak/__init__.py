@@ -4,8 +4,8 @@ Everything runs in virtual time, segment by segment.  Each segment follows from 
 number alone, so they may run in any order, in parallel, and in several sittings.
 """
 
-from .campaign import Campaign, Interrupted, Setup
+from .campaign import Interrupted, SoakCampaign, SoakSetup
 from .segment import MakeBoard, run_segment
-from .tally import Tally
+from .tally import SoakTally
 
-__all__ = ["Campaign", "Interrupted", "MakeBoard", "Setup", "Tally", "run_segment"]
+__all__ = ["Interrupted", "MakeBoard", "SoakCampaign", "SoakSetup", "SoakTally", "run_segment"]

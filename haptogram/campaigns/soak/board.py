@@ -11,7 +11,7 @@ class Hopeless(HaptogramError):
     """The board is so wrong that the account cannot go on."""
 
 
-class Board(Protocol):
+class BoardUnderSoak(Protocol):
     """A board without its line; times are nanoseconds since power-up."""
 
     transducers: int

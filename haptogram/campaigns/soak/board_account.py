@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from haptogram_protocol.messages import FIRST_STREAM_SEQ, Hello, Mute
 
-from .board import Board
-from .line import Damaged, Sent, SoakLine, message_type
+from .board import BoardUnderSoak
+from .line import DamagedFrame, Sent, SoakLine, sent_message_type
 from .oracle import SoakOracle
-from .tally import UNEXPLAINED, Tally
+from .tally import UNEXPLAINED, SoakTally
 
 
-class BoardAccount:
+class SoakBoardAccount:
     """Compares the verdicts of a board with the line to it.
 
     Parameters
@@ -25,7 +25,9 @@ class BoardAccount:
         The account.
     """
 
-    def __init__(self, board: Board, line: SoakLine, oracle: SoakOracle, tally: Tally) -> None:
+    def __init__(
+        self, board: BoardUnderSoak, line: SoakLine, oracle: SoakOracle, tally: SoakTally
+    ) -> None:
         self._board, self._line, self._oracle, self._tally = board, line, oracle, tally
         self._last_taken = b""
         self._expected_index = FIRST_STREAM_SEQ
@@ -43,7 +45,7 @@ class BoardAccount:
             self._tally.violate(UNEXPLAINED, f"the board found {verdict!r} where nothing came")
             return False
         sent = self._line.expected.popleft()
-        if isinstance(sent, Damaged):
+        if isinstance(sent, DamagedFrame):
             sent.explain(verdict, "the board", self._tally)
             return False
         self._tally.totals["board frames"] += 1
@@ -82,7 +84,7 @@ class BoardAccount:
 
     def _judge_request(self, sent: Sent, verdict: int | str) -> bool:
         copy = sent.encoded == self._last_taken
-        kind = message_type(sent.encoded)
+        kind = sent_message_type(sent.encoded)
         wanted = "repeated" if copy and kind != Mute.TYPE else "request"
         self._last_taken = sent.encoded
         if verdict != wanted:

@@ -16,20 +16,20 @@ from pathlib import Path
 from typing import Any, Final, Self, TypeAlias
 
 from haptogram.errors import ConfigurationError, HaptogramError
-from haptogram.machine.files import write_atomically
+from haptogram.machine.files import write_file_atomically
 
-from .memory import Memory, resident_bytes
+from .memory import SoakMemory, resident_bytes
 from .segment import MakeBoard, run_segment
-from .tally import Tally
+from .tally import SoakTally
 
 VERSION: Final = 1
-SEGMENT_S: Final = 600.0  # long enough for what goes wrong slowly, or only with high numbers
+_SEGMENT_S: Final = 600.0  # long enough for what goes wrong slowly, or only with high numbers
 _S_PER_HOUR: Final = 3600
 _MOST_RATE: Final = 0.2  # above it, what must come through at times would not
 
 #: Called with the virtual seconds that are done, of this segment and those before it.
 Progress: TypeAlias = Callable[[float], None]
-_Done: TypeAlias = tuple[Tally, int, int]  # with process id and memory
+_Done: TypeAlias = tuple[SoakTally, int, int]  # with process id and memory
 
 
 class Interrupted(HaptogramError):
@@ -37,7 +37,7 @@ class Interrupted(HaptogramError):
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class SoakSetup:
     """What is run: the same setup gives the same account.
 
     Attributes
@@ -57,7 +57,7 @@ class Setup:
     hours: float
     fault_rate: float = 1e-2
     seed: int = 0
-    segment_s: float = SEGMENT_S
+    segment_s: float = _SEGMENT_S
     mutant: str | None = None
 
     def __post_init__(self) -> None:
@@ -90,7 +90,7 @@ class Setup:
 
 
 @dataclass(slots=True)
-class Campaign:
+class SoakCampaign:
     """A soak and how far it has come.
 
     Attributes
@@ -106,14 +106,14 @@ class Campaign:
         Wall-clock time, all sittings together.
     """
 
-    setup: Setup
+    setup: SoakSetup
     done: int = 0
-    tally: Tally = field(default_factory=Tally)
-    memory: Memory = field(default_factory=Memory)
+    tally: SoakTally = field(default_factory=SoakTally)
+    memory: SoakMemory = field(default_factory=SoakMemory)
     spent_s: float = 0.0
 
     @classmethod
-    def load(cls, path: Path, setup: Setup) -> Self:
+    def load(cls, path: Path, setup: SoakSetup) -> Self:
         """Go on with what *path* holds; begin anew if there is no such file.
 
         Raises
@@ -140,8 +140,8 @@ class Campaign:
         return cls(
             setup,
             state["done"],
-            Tally.from_dict(state["tally"]),
-            Memory.from_dict(state["memory"]),
+            SoakTally.from_dict(state["tally"]),
+            SoakMemory.from_dict(state["memory"]),
             state["spent_s"],
         )
 
@@ -161,7 +161,7 @@ class Campaign:
 
     def save(self, path: Path) -> None:
         """Write the checkpoint: as a whole, or not at all."""
-        write_atomically(path, json.dumps(self.as_dict(), indent=1).encode() + b"\n")
+        write_file_atomically(path, json.dumps(self.as_dict(), indent=1).encode() + b"\n")
 
     @property
     def done_s(self) -> float:
@@ -244,13 +244,13 @@ class _Work:
     """What a process of the pool does."""
 
     make_board: MakeBoard
-    setup: Setup
+    setup: SoakSetup
 
     def __call__(self, number: int) -> _Done:
         return _run(self.make_board, self.setup, number, None)
 
 
-def _run(make_board: MakeBoard, setup: Setup, number: int, progress: Progress | None) -> _Done:
+def _run(make_board: MakeBoard, setup: SoakSetup, number: int, progress: Progress | None) -> _Done:
     start_s = setup.start_s(number)
     tally = run_segment(
         make_board,

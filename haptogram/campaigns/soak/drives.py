@@ -15,7 +15,7 @@ _SIX_BITS: Final = 5  # one of them: it is costly to unpack
 _Registers: TypeAlias = tuple[bytes, bytes]  # phases and amplitudes, 8 bits each
 
 
-class Show:
+class SoakDrives:
     """Drives of random codes: no half of one is a half of another.
 
     Parameters

@@ -5,11 +5,11 @@ from __future__ import annotations
 from haptogram_protocol.connection import EventReceived, FrameDropped, HostEvent
 from haptogram_protocol.messages import Status
 
-from .line import Damaged, Sent, SoakLine
-from .tally import UNEXPLAINED, Tally
+from .line import DamagedFrame, Sent, SoakLine
+from .tally import UNEXPLAINED, SoakTally
 
 
-class HostAccount:
+class SoakHostAccount:
     """Compares the events of a host's connection with the line to it.
 
     Parameters
@@ -20,7 +20,7 @@ class HostAccount:
         The account.
     """
 
-    def __init__(self, line: SoakLine, tally: Tally) -> None:
+    def __init__(self, line: SoakLine, tally: SoakTally) -> None:
         self._line, self._tally = line, tally
         self._status: Status | None = None
 
@@ -35,7 +35,7 @@ class HostAccount:
             self._tally.violate(UNEXPLAINED, f"the host found {verdict} where nothing came")
             return False
         sent = self._line.expected.popleft()
-        if isinstance(sent, Damaged):
+        if isinstance(sent, DamagedFrame):
             sent.explain(verdict, "the host", self._tally)
             return False
         if sent.hit is not None:

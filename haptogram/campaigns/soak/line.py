@@ -14,7 +14,7 @@ from typing import Final
 from haptogram_protocol.framing import DELIMITER
 
 from .faults import FAULTS, KINDS
-from .tally import UNEXPLAINED, Hit, Tally
+from .tally import UNEXPLAINED, SoakHit, SoakTally
 
 DAMAGE: Final = frozenset({"cobs", "short", "crc", "oversize"})
 _NS_PER_S: Final = 1_000_000_000
@@ -32,19 +32,19 @@ class Sent:
         self.encoded = wire[1:-1]
         self.session = session
         self.about = about  # t_apply of a stream frame, device microseconds
-        self.hit: Hit | None = None
-        self.cause: Hit | None = None  # of its being late
+        self.hit: SoakHit | None = None
+        self.cause: SoakHit | None = None  # of its being late
 
 
-class Damaged:
+class DamagedFrame:
     """A run that is no frame that was sent."""
 
     __slots__ = ("hit",)
 
-    def __init__(self, hit: Hit | None) -> None:
+    def __init__(self, hit: SoakHit | None) -> None:
         self.hit = hit
 
-    def explain(self, verdict: int | str, who: str, tally: Tally) -> None:
+    def explain(self, verdict: int | str, who: str, tally: SoakTally) -> None:
         """Take down the *verdict* on this run, by *who* was to find damage in it."""
         if self.hit is None:
             tally.violate(UNEXPLAINED, f"damage at {who} that nothing did: {verdict}")
@@ -57,7 +57,7 @@ class Damaged:
             tally.totals[f"{who}: {verdict}"] += 1
 
 
-def message_type(encoded: bytes) -> int:
+def sent_message_type(encoded: bytes) -> int:
     """Return the message type of an undamaged frame: no type is 0, so that it stands there."""
     return encoded[1]
 
@@ -95,21 +95,21 @@ class SoakLine:
     """
 
     def __init__(
-        self, name: str, baud: int, share: float, source: random.Random, tally: Tally
+        self, name: str, baud: int, share: float, source: random.Random, tally: SoakTally
     ) -> None:
         self.arriving: deque[tuple[int, bytes]] = deque()
-        self.expected: deque[Sent | Damaged] = deque()
+        self.expected: deque[Sent | DamagedFrame] = deque()
         self.calm = True
         self.cut = False
-        self.hits: list[Hit] = []
-        self.lost: deque[Hit] = deque()
+        self.hits: list[SoakHit] = []
+        self.lost: deque[SoakHit] = deque()
         self.free_ns = 0
         self._name, self._baud, self._share = name, baud, share
         self._source, self._tally = source, tally
         self._partial = b""
         self._open: Sent | None = None  # with whose bytes that begins
         self._pending: Sent | None = None  # whole but for the delimiter, so far
-        self._cause: Hit | None = None
+        self._cause: SoakHit | None = None
 
     def send(self, sent: Sent, wire: bytes, t_ns: int, *, spared: bool = False) -> None:
         """Put a frame on the line at *t_ns*; nothing happens to one that is *spared*."""
@@ -141,7 +141,7 @@ class SoakLine:
             self._cause = hit  # what comes behind it is late because of it
             sent.cause = hit
 
-    def _strike(self, sent: Sent, kind: str) -> Hit:
+    def _strike(self, sent: Sent, kind: str) -> SoakHit:
         sent.hit = hit = self._tally.inject(f"{self._name}.{kind}")
         self.hits.append(hit)
         return hit
@@ -184,7 +184,7 @@ class SoakLine:
             elif pending is not None and run == pending.encoded:
                 self.expected.append(pending)
             else:
-                self.expected.append(Damaged((before or sent).hit or sent.hit))
+                self.expected.append(DamagedFrame((before or sent).hit or sent.hit))
                 if pending is not None:
                     self._lose(pending)
         if rest and self._open is None:

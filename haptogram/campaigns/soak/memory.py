@@ -25,7 +25,7 @@ def resident_bytes() -> int:
 
 
 @dataclass(slots=True)
-class Memory:
+class SoakMemory:
     """Resident memory of every process, after its first segment and after its last one.
 
     Attributes

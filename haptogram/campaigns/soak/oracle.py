@@ -12,13 +12,13 @@ from typing import Any, Final, Protocol
 
 from haptogram_protocol.messages import Config, signed_difference
 
-from .drives import Show
-from .tally import Hit, Tally
+from .drives import SoakDrives
+from .tally import SoakHit, SoakTally
 
-TOLERANCE_US: Final = 1000  # of every timer: HG-12.1/1
+_TOLERANCE_US: Final = 1000  # of every timer: HG-12.1/1
 
 
-class Latched(Protocol):
+class SoakLatch(Protocol):
     """A latch, as the back door of a board shows it."""
 
     @property
@@ -63,7 +63,7 @@ class SoakOracle:
         Device times of the last latch and of the last valid frame of the session.
     """
 
-    def __init__(self, show: Show, carrier_us: int, tally: Tally) -> None:
+    def __init__(self, show: SoakDrives, carrier_us: int, tally: SoakTally) -> None:
         self.config = Config()
         self.is_sounding = False
         self.last_latch_us = self.last_valid_us = 0
@@ -71,7 +71,7 @@ class SoakOracle:
         self._due: deque[_Due] = deque()
 
     def came(
-        self, session: int, index: int, t_apply_us: int, t_rx_us: int, cause: Hit | None
+        self, session: int, index: int, t_apply_us: int, t_rx_us: int, cause: SoakHit | None
     ) -> None:
         """Take note that a stream frame came, undamaged and for the first time."""
         late_us = -signed_difference(t_apply_us, t_rx_us, 32)
@@ -87,11 +87,11 @@ class SoakOracle:
         boundary_us = -(-first_us // self._carrier_us) * self._carrier_us
         self._due.append(_Due(session, index, boundary_us, late_us > 0))
 
-    def _blame(self, cause: Hit | None, name: str) -> None:
+    def _blame(self, cause: SoakHit | None, name: str) -> None:
         if cause is not None:
             self._tally.find(cause, name)
 
-    def latched(self, latch: Latched) -> None:
+    def latched(self, latch: SoakLatch) -> None:
         """Compare a latch with the next one that is due."""
         index = latch.key.index
         self.last_latch_us, self.is_sounding = latch.t_latch_us, True
@@ -150,10 +150,10 @@ class SoakOracle:
         if not self.is_sounding:
             if not silent:
                 self._tally.violate("sounds when it is off", f"at {now_us} us")
-        elif silent and now_us < self.fades_at_us - TOLERANCE_US:
+        elif silent and now_us < self.fades_at_us - _TOLERANCE_US:
             self._tally.violate("muted too early", f"{self.fades_at_us - now_us} us before")
             self.is_sounding = False
-        elif not silent and now_us > self.silent_at_us + TOLERANCE_US:
+        elif not silent and now_us > self.silent_at_us + _TOLERANCE_US:
             self._tally.violate("muted too late", f"{now_us - self.silent_at_us} us after the end")
             self.is_sounding = False
         elif silent:

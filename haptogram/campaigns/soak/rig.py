@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from typing import Final, TypeVar
 
-from haptogram.driver.line.budget import frame_bytes, transmission_ns
+from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram_protocol import NEED_DATA, HostConnection
 from haptogram_protocol.connection import (
@@ -18,25 +18,25 @@ from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import EVENT_RANGE, FIRST_STREAM_SEQ, Message, Ping, Pong
 
-from .board import Board, Hopeless
-from .board_account import BoardAccount
-from .drives import Show
-from .host_account import HostAccount
-from .line import Sent, SoakLine, message_type
+from .board import BoardUnderSoak, Hopeless
+from .board_account import SoakBoardAccount
+from .drives import SoakDrives
+from .host_account import SoakHostAccount
+from .line import Sent, SoakLine, sent_message_type
 from .oracle import SoakOracle
-from .tally import UNEXPLAINED, Hit, Tally
+from .tally import UNEXPLAINED, SoakHit, SoakTally
 
 BAUD: Final = 6_000_000  # half of it is free, so that the line catches up after what held it up
 _NEVER_NS: Final = 1 << 62
 _PING_NS: Final = 980_000_000  # no whole fraction of the stream's period
 _DOUBTFUL_NS: Final = 100_000_000
 _MOST_VIOLATIONS: Final = 50  # of a segment: then there is no sense in going on
-_PONG_NS: Final = transmission_ns(frame_bytes(Pong.LAYOUT.size), BAUD)
+_PONG_NS: Final = line_transmission_ns(frame_bytes_on_line(Pong.LAYOUT.size), BAUD)
 
 _M = TypeVar("_M", bound=Message)
 
 
-class Rig:
+class SoakRig:
     """One host and one board.
 
     Parameters
@@ -60,24 +60,26 @@ class Rig:
         What the host makes of the board's clock.
     """
 
-    def __init__(self, board: Board, share: float, source: random.Random, tally: Tally) -> None:
+    def __init__(
+        self, board: BoardUnderSoak, share: float, source: random.Random, tally: SoakTally
+    ) -> None:
         self.now_ns = 0
         self.tally = tally
         self.down = SoakLine("down", BAUD, share, source, tally)
         self.up = SoakLine("up", BAUD, share, source, tally)
-        self.show = Show(board.transducers)
+        self.show = SoakDrives(board.transducers)
         self.oracle = SoakOracle(self.show, board.carrier_us, tally)
         self.clock = ClockEstimate()
         self.board = board
-        self._at_board = BoardAccount(board, self.down, self.oracle, tally)
-        self._at_host = HostAccount(self.up, tally)
+        self._at_board = SoakBoardAccount(board, self.down, self.oracle, tally)
+        self._at_host = SoakHostAccount(self.up, tally)
         self.host: HostConnection
         self._source = source
         self._answers: dict[int, HostEvent] = {}
         self._deadline_ns = _NEVER_NS
         self._ping_due_ns = self._ping_left_ns = self._pings = 0
         self._last_request = b""
-        self._request_hits: list[Hit] = []
+        self._request_hits: list[SoakHit] = []
         self._next_index = FIRST_STREAM_SEQ
 
     # --- sessions and requests -----------------------------------------------------------------
@@ -239,7 +241,7 @@ class Rig:
     # --- at the host ---------------------------------------------------------------------------
 
     def _send_up(self, wire: bytes, t_ns: int) -> None:
-        kind = "event" if message_type(wire[1:-1]) in EVENT_RANGE else "reply"
+        kind = "event" if sent_message_type(wire[1:-1]) in EVENT_RANGE else "reply"
         sent = Sent(kind, wire, self.board.session)
         # What belongs to the session before has no number that its loss could be told by.
         self.up.send(sent, wire, t_ns, spared=sent.session != self.host.session)

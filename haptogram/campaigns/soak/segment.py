@@ -24,12 +24,12 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from .board import Board, Hopeless
-from .rig import BAUD, Rig
-from .tally import Tally
+from .board import BoardUnderSoak, Hopeless
+from .rig import BAUD, SoakRig
+from .tally import SoakTally
 
 PERIOD_US: Final = 1000
-LEAD_US: Final = 40_000
+_LEAD_US: Final = 40_000
 _MS: Final = 1_000_000
 _S: Final = 1_000_000_000
 _PINGS: Final = 8
@@ -49,7 +49,7 @@ Progress = Callable[[float], None]
 class MakeBoard(Protocol):
     """Powers a board up; see ``sim_device.soak_board.SoakBoard``."""
 
-    def __call__(self, *, seed: int, baud: int, plan: FaultPlan, running_us: int) -> Board:
+    def __call__(self, *, seed: int, baud: int, plan: FaultPlan, running_us: int) -> BoardUnderSoak:
         """Return it."""
         ...
 
@@ -63,7 +63,7 @@ def run_segment(
     start_s: float,
     fault_rate: float,
     progress: Progress | None = None,
-) -> Tally:
+) -> SoakTally:
     """Run a segment and return its account; it follows from the arguments alone.
 
     Parameters
@@ -76,7 +76,7 @@ def run_segment(
         Share of the frames that are hit, in each direction.
     """
     source = random.Random(f"{seed}/{number}")
-    tally = Tally()
+    tally = SoakTally()
     plan = FaultPlan(_clock_faults(seconds, source), seed + number)
     board = make_board(
         seed=seed + number,
@@ -84,7 +84,7 @@ def run_segment(
         plan=plan,
         running_us=round(start_s * 1e6),
     )
-    rig = Rig(board, fault_rate, source, tally)
+    rig = SoakRig(board, fault_rate, source, tally)
     segment = _Segment(rig, source, round(seconds * _S), stepped=any(plan.named(_STEP)))
     try:
         segment.run(progress)
@@ -104,7 +104,9 @@ def _clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ...]:
 
 
 class _Segment:
-    def __init__(self, rig: Rig, source: random.Random, length_ns: int, *, stepped: bool) -> None:
+    def __init__(
+        self, rig: SoakRig, source: random.Random, length_ns: int, *, stepped: bool
+    ) -> None:
         self._rig, self._source, self._length_ns = rig, source, length_ns
         self._tally = rig.tally
         self._stepped = stepped
@@ -164,7 +166,7 @@ class _Segment:
     def _wait_idle(self) -> None:
         """Stream on undisturbed until both ends have told of everything."""
         self._calm(True)
-        self._stream(LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
+        self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
         for _ in range(_MOST_CALM_MS // 10):
             if self._drained():
                 break
@@ -189,12 +191,12 @@ class _Segment:
             if clock.jumps != self._jumps:
                 self._see_jump()
             self._due_us = self._due_us + PERIOD_US if self._due_us else self._first_due_us()
-            rig.run_until(max(rig.now_ns, clock.to_host_ns(self._due_us - LEAD_US)))
+            rig.run_until(max(rig.now_ns, clock.to_host_ns(self._due_us - _LEAD_US)))
             rig.keep_clock()
             rig.stream_frame(self._due_us)
 
     def _first_due_us(self) -> int:
-        return self._rig.clock.to_device_us(self._rig.now_ns) + LEAD_US
+        return self._rig.clock.to_device_us(self._rig.now_ns) + _LEAD_US
 
     def _see_jump(self) -> None:
         """Go by the board's new time; it only ever jumps ahead."""
@@ -233,7 +235,7 @@ class _Segment:
         rig = self._rig
         status = rig.request(GetStatus(), StatusReply)
         rig.listen()
-        soon_us = rig.board.device_us(rig.now_ns) + LEAD_US + _MARGIN_US
+        soon_us = rig.board.device_us(rig.now_ns) + _LEAD_US + _MARGIN_US
         if status.state is OutputState.ARMED and soon_us > rig.oracle.fades_at_us:
             rig.wait_for(rig.host.send_mute(rig.now_ns // 1000))
         rig.request(Arm(), ArmReply)
@@ -266,7 +268,7 @@ class _Segment:
     def _finish(self) -> None:
         """Let the last frame be latched, and compare the counters with the account."""
         rig = self._rig
-        rig.idle_until(rig.now_ns + 2 * LEAD_US * 1000)
+        rig.idle_until(rig.now_ns + 2 * _LEAD_US * 1000)
         self._tally.totals["virtual ms"] += self._length_ns // _MS
         self._tally.totals["clock steps"] += self._stepped
         if self._jumps < self._stepped:
@@ -277,7 +279,7 @@ class _Segment:
         _compare_counters(rig.board.counters, self._tally)
 
 
-def _compare_counters(counters: dict[str, int], tally: Tally) -> None:
+def _compare_counters(counters: dict[str, int], tally: SoakTally) -> None:
     """Explain every counter of the board, by name."""
     totals = tally.totals
     explained: dict[str, int] = dict.fromkeys(counters, 0)

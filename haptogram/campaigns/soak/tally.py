@@ -13,7 +13,7 @@ UNEXPLAINED: Final = "unexplained"
 
 
 @dataclass(slots=True)
-class Hit:
+class SoakHit:
     """One fault: what it was, what was found of it, and whether its frame came through."""
 
     kind: str
@@ -22,7 +22,7 @@ class Hit:
 
 
 @dataclass(slots=True)
-class Tally:
+class SoakTally:
     """What happened in one segment, or in many: tallies add up.
 
     Attributes
@@ -51,9 +51,9 @@ class Tally:
     violations: Counter[str] = field(default_factory=Counter)
     examples: list[str] = field(default_factory=list)
 
-    def plus(self, other: Tally) -> Tally:
+    def plus(self, other: SoakTally) -> SoakTally:
         """Return the account of both."""
-        both = Tally(examples=(self.examples + other.examples)[:MOST_KEPT])
+        both = SoakTally(examples=(self.examples + other.examples)[:MOST_KEPT])
         for name in ("injected", "detected", "harmless", "outcomes", "totals", "violations"):
             counts = getattr(both, name)
             counts.update(getattr(self, name))
@@ -66,17 +66,17 @@ class Tally:
         if len(self.examples) < MOST_KEPT:
             self.examples.append(f"{name}: {text}")
 
-    def inject(self, kind: str) -> Hit:
+    def inject(self, kind: str) -> SoakHit:
         """Take down a fault."""
         self.injected[kind] += 1
-        return Hit(kind)
+        return SoakHit(kind)
 
-    def find(self, hit: Hit, name: str) -> None:
+    def find(self, hit: SoakHit, name: str) -> None:
         """Take down that something was found of *hit*."""
         hit.detected = True
         self.outcomes[hit.kind, name] += 1
 
-    def close(self, hit: Hit) -> None:
+    def close(self, hit: SoakHit) -> None:
         """Take down that nothing more can come of *hit*."""
         if hit.detected:
             self.detected[hit.kind] += 1

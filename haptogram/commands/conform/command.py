@@ -10,11 +10,17 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, TypeAlias
 
-from haptogram.machine.terminal import paint_verdicts
+from haptogram.machine.terminal import paint_terminal_verdicts
 
 from ..acting_options import refuse_idle_options
-from ..shell.output_files import Outputs, announce
-from .options import EXAMPLES, PULSE, add_options, check, is_virtual
+from ..shell.output_files import Outputs, announce_output
+from .options import (
+    EXAMPLES,
+    PULSE,
+    add_conform_options,
+    asks_for_virtual_board,
+    check_conform_arguments,
+)
 
 if TYPE_CHECKING:
     from haptogram.conformance.case import Case
@@ -29,7 +35,7 @@ Virtual: TypeAlias = "Callable[[str | None, int, int], Access]"
 
 def set_up(parser: Parser, virtual: Virtual) -> None:
     """Describe the command and add its options; *virtual* makes a board inside this program."""
-    from haptogram.conformance.verdict import meaning_table
+    from haptogram.conformance.verdict import verdict_meaning_table
 
     parser.description = (
         "Run a case or more for every clause of SPEC.md against a board on any serial "
@@ -37,7 +43,7 @@ def set_up(parser: Parser, virtual: Virtual) -> None:
         "of it."
     )
     parser.epilog = (
-        f"{EXAMPLES}\nverdicts:\n{meaning_table()}\n\nexit status:\n"
+        f"{EXAMPLES}\nverdicts:\n{verdict_meaning_table()}\n\nexit status:\n"
         "  0    no case says 1 or 3\n"
         "  1    a case says so\n"
         "  2    usage or environment error\n"
@@ -46,7 +52,7 @@ def set_up(parser: Parser, virtual: Virtual) -> None:
     )
     parser.rename(link_baud="baud")
     parser.set_defaults(run=functools.partial(run, virtual=virtual))
-    add_options(parser)
+    add_conform_options(parser)
 
 
 def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
@@ -71,7 +77,7 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
 
     if not suite.device and suite.cut_short and not suite.is_interrupted:
         raise LinkError(suite.cut_short)  # no board answered: nothing was judged
-    text = paint_verdicts(suite_text(suite, verbose=arguments.verbose), outputs.text)
+    text = paint_terminal_verdicts(suite_text(suite, verbose=arguments.verbose), outputs.text)
     print(text, file=outputs.text, flush=True)  # before the files: a full disk must not cost it
     _write(arguments, suite)
     return suite.exit_status
@@ -82,11 +88,11 @@ def _run_cases(
 ) -> SuiteResult:
     from haptogram.conformance.cases import all_cases
     from haptogram.conformance.run.baseline import load_baseline
-    from haptogram.conformance.run.runner import Options, Runner
+    from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 
-    check(arguments)
+    check_conform_arguments(arguments)
     expected = load_baseline(arguments.baseline, all_cases()) if arguments.baseline else {}
-    options = Options(
+    options = SuiteOptions(
         timeout_s=arguments.timeout,
         seed=_seed(arguments),
         repeat=arguments.repeat,
@@ -94,14 +100,14 @@ def _run_cases(
         expected=expected,
     )
     with _progress(quiet=arguments.quiet) as progress:
-        return Runner(_access(arguments, virtual), options, progress).run(cases)
+        return SuiteRunner(_access(arguments, virtual), options, progress).run(cases)
 
 
 def _seed(arguments: argparse.Namespace) -> int:
     """Return the seed; on a port another one each time, lest a nonce be the one still open."""
     if arguments.seed is not None:
         return int(arguments.seed)
-    return 0 if is_virtual(arguments) else int.from_bytes(os.urandom(4))
+    return 0 if asks_for_virtual_board(arguments) else int.from_bytes(os.urandom(4))
 
 
 def _access(arguments: argparse.Namespace, virtual: Virtual) -> Access:
@@ -115,7 +121,7 @@ def _access(arguments: argparse.Namespace, virtual: Virtual) -> Access:
             boot_timeout_s=arguments.boot_timeout,
             baudrate=arguments.baud,
         )
-    if is_virtual(arguments):
+    if asks_for_virtual_board(arguments):
         return virtual(arguments.port, arguments.baud, _seed(arguments))
     lines = {"dtr": arguments.dtr, "rts": arguments.rts}
     held = {name: state == "1" for name, state in lines.items() if state in ("0", "1")}
@@ -158,13 +164,13 @@ def _list(cases: tuple[Case, ...]) -> int:
 
 def _compare(arguments: argparse.Namespace) -> int:
     from haptogram.errors import ConfigurationError
-    from haptogram.report.conformance.page import write_comparison
-    from haptogram.report.conformance.result import read_json
+    from haptogram.report.conformance.page import write_comparison_page
+    from haptogram.report.conformance.result import read_suite_json
 
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
     outputs = Outputs(arguments, "html", pictures=False)
-    write_comparison(arguments.html, [read_json(path) for path in arguments.compare])
+    write_comparison_page(arguments.html, [read_suite_json(path) for path in arguments.compare])
     outputs.announce()
     return 0
 
@@ -173,14 +179,14 @@ def _write(arguments: argparse.Namespace, suite: SuiteResult) -> None:
     from haptogram.conformance.run.baseline import write_baseline
     from haptogram.report.conformance.junit import write_conformance_junit
     from haptogram.report.conformance.page import write_conformance_page
-    from haptogram.report.conformance.result import write_json
+    from haptogram.report.conformance.result import write_suite_json
 
     for path, write in (
-        (arguments.json, write_json),
+        (arguments.json, write_suite_json),
         (arguments.junit, write_conformance_junit),
         (arguments.html, write_conformance_page),
         (arguments.write_baseline, write_baseline),
     ):
         if path is not None:
             write(path, suite)
-            announce(path)
+            announce_output(path)

@@ -7,9 +7,9 @@ import re
 from typing import Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.command_line import add_options as add_rows
+from haptogram.settings.command_line import add_setting_options as add_rows
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name, number, whole_number
+from haptogram.settings.parser import file_name_option, number_option, whole_number_option
 from haptogram.settings.verify_config import LinkConfig
 
 from ..shell.output_files import FILE_HELP
@@ -31,7 +31,7 @@ examples:
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_conform_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     _add_board(parser.add_argument_group("board and port"))
     _add_choice(parser.add_argument_group("what is run, and how"))
@@ -52,7 +52,7 @@ def _add_board(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--reset-cmd", metavar="CMD", help="shell command that restarts the board")
     group.add_argument(
         "--boot-timeout",
-        type=number(0.0, 3600.0, "s"),
+        type=number_option(0.0, 3600.0, "s"),
         default=10.0,
         metavar="S",
         help="until its port is there [10]",
@@ -77,44 +77,47 @@ def _add_choice(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--strict", action="store_true", help="a SHOULD that is not met: FAILED")
     group.add_argument(
         "--timeout",
-        type=number(0.001, 60.0, "s"),
+        type=number_option(0.001, 60.0, "s"),
         default=1.0,
         metavar="S",
         help="how long an answer may take [1]",
     )
     group.add_argument(
         "--seed",
-        type=whole_number(0, 2**64 - 1),
+        type=whole_number_option(0, 2**64 - 1),
         metavar="N",
         help="of nonces and contents [0; on a port: random]",
     )
     group.add_argument(
         "--repeat",
-        type=whole_number(1, 1000),
+        type=whole_number_option(1, 1000),
         default=1,
         metavar="N",
         help="run each case N times; mixed: FLAKY",
     )
     group.add_argument(
-        "--baseline", type=file_name, metavar="FILE", help="TOML of failures that are expected"
+        "--baseline",
+        type=file_name_option,
+        metavar="FILE",
+        help="TOML of failures that are expected",
     )
     group.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def _add_results(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--junit", type=file_name, metavar="FILE", help="write JUnit XML")
-    group.add_argument("--json", type=file_name, metavar="FILE", help="write JSON")
-    group.add_argument("--html", type=file_name, metavar="FILE", help="write an HTML page")
+    group.add_argument("--junit", type=file_name_option, metavar="FILE", help="write JUnit XML")
+    group.add_argument("--json", type=file_name_option, metavar="FILE", help="write JSON")
+    group.add_argument("--html", type=file_name_option, metavar="FILE", help="write an HTML page")
     group.add_argument(
         "--write-baseline",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="write today's failures as expected",
     )
     group.add_argument("--verbose", action="store_true", help="print every case")
     group.add_argument(
         "--compare",
-        type=file_name,
+        type=file_name_option,
         nargs="+",
         metavar="JSON",
         help="run nothing: put results of several devices side by side, in --html",
@@ -124,7 +127,7 @@ def _add_results(group: argparse._ArgumentGroup) -> None:
 # --- What cannot be ----------------------------------------------------------------------------
 
 
-def check(arguments: argparse.Namespace) -> None:
+def check_conform_arguments(arguments: argparse.Namespace) -> None:
     """Refuse what does not go together.
 
     Raises
@@ -158,10 +161,10 @@ def _check_regex(text: str) -> None:
 
 
 def _is_port(arguments: argparse.Namespace) -> bool:
-    return arguments.port is not None and not is_virtual(arguments)
+    return arguments.port is not None and not asks_for_virtual_board(arguments)
 
 
-def is_virtual(arguments: argparse.Namespace) -> bool:
+def asks_for_virtual_board(arguments: argparse.Namespace) -> bool:
     """Tell whether the board is one in this program."""
     if arguments.spawn is not None:
         return False

@@ -7,9 +7,9 @@ import contextlib
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
-from haptogram.settings.command_line import add_options
+from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name, number, whole_number
+from haptogram.settings.parser import file_name_option, number_option, whole_number_option
 from haptogram.settings.shape import MODULATIONS
 from haptogram.settings.verify_config import DriveConfig, VerifyConfig
 
@@ -17,7 +17,7 @@ from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options
 from ..shell.exit_status import PASS
 from ..shell.output_files import FILE_HELP, Outputs, write_picture
-from ..shell.positions import Position, position_mm
+from ..shell.positions import Position, position_argument_mm
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -70,21 +70,24 @@ def _add_source(parser: Parser) -> None:
     source = group.add_mutually_exclusive_group()
     source.add_argument(
         "--focus-mm",
-        type=position_mm,
+        type=position_argument_mm,
         metavar="X,Y,Z",
         help="one focus [0,0,150, or that of the preset]",
     )
     rows = options_of(VerifyConfig)
-    add_options(source, [rows["object"]], object="one focus")
+    add_setting_options(source, [rows["object"]], object="one focus")
     source.add_argument(
-        "--drive", type=file_name, metavar="FILE", help="codes of every element as CSV [one focus]"
+        "--drive",
+        type=file_name_option,
+        metavar="FILE",
+        help="codes of every element as CSV [one focus]",
     )
     names = ("unit", "resolution_mm", "radius_mm", "rate_hz", "center_mm", "modulation_hz")
-    add_options(group, [rows[name] for name in names])
+    add_setting_options(group, [rows[name] for name in names])
     parser.set_defaults(**{name: rows[name].default for name in names})
     group.add_argument(
         "--phase-bits",
-        type=whole_number(1, 8, "bits"),
+        type=whole_number_option(1, 8, "bits"),
         metavar="BITS",
         default=DriveConfig.phase_bits,
         help=f"resolution of the phases, 1 to 8 [{DriveConfig.phase_bits}]",
@@ -110,27 +113,27 @@ def _add_picture(parser: Parser) -> None:
     )
     group.add_argument(
         "--half-width-mm",
-        type=number(0.1, 10_000.0, "mm"),
+        type=number_option(0.1, 10_000.0, "mm"),
         metavar="MM",
         default=60.0,
         help="how far a picture reaches around the target [60; isosurface: half of it]",
     )
     group.add_argument(
         "--step-mm",
-        type=number(0.01, 1000.0, "mm"),
+        type=number_option(0.01, 1000.0, "mm"),
         metavar="MM",
         default=0.75,
         help="spacing of the samples [0.75; isosurface: 1.5 at least]",
     )
     group.add_argument(
         "--picture",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="write the picture: .png, .svg or .pdf [none]",
     )
     group.add_argument(
         "--ear-mm",
-        type=position_mm,
+        type=position_argument_mm,
         nargs="?",
         const=EAR_MM,
         metavar="X,Y,Z",
@@ -144,7 +147,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
     from .levels import describe_levels
     from .scene import Scene
-    from .views import check_size, describe, draw
+    from .views import check_size, describe_scene, draw_scene
 
     refuse_idle_options("field", arguments)
     outputs = Outputs(arguments, "picture")
@@ -152,12 +155,12 @@ def run(arguments: argparse.Namespace) -> int:
         check_size(arguments)
     scene = Scene.from_arguments(arguments)
     levels = [] if arguments.quiet else list(describe_levels(arguments, scene))
-    lines = [] if arguments.quiet else [*describe(scene), *levels]
+    lines = [] if arguments.quiet else [*describe_scene(scene), *levels]
     for line in lines:
         print(line, file=outputs.text)
     if arguments.picture is not None:
         with _bar(quiet=arguments.quiet) as progress:
-            figure = draw(arguments, scene, progress)
+            figure = draw_scene(arguments, scene, progress)
         write_picture(arguments.picture, figure)
         outputs.announce()
     return PASS

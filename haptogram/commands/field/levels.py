@@ -15,12 +15,12 @@ from haptogram.acoustics import (
     exposure_at,
     switching_level_db_a,
 )
-from haptogram.acoustics.levels.exposure import GUIDELINE, STATEMENT, worst_place
+from haptogram.acoustics.levels.exposure import GUIDELINE, STATEMENT, worst_exposure
 from haptogram.acoustics.solvers.focus import MIN_TARGET_DISTANCE_M
 from haptogram.errors import ConfigurationError
 
-from ..shell.positions import metres, place_text
-from .scene import ComplexArray, Scene, modulated
+from ..shell.positions import metres_of_argument, place_text
+from .scene import ComplexArray, Scene, modulated_scene
 
 _LISTENER_M: Final = 0.5
 
@@ -28,7 +28,7 @@ _LISTENER_M: Final = 0.5
 def describe_levels(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
     """Yield the levels at the loudest place half a metre away and, if asked for, at an ear."""
     engine = choose_engine(scene.model)
-    worst = worst_place(engine, scene.weights, _LISTENER_M, scene.frame_s)
+    worst = worst_exposure(engine, scene.weights, _LISTENER_M, scene.frame_s)
     yield (
         f"loudest {_LISTENER_M:g} m from the centre: {worst.equivalent_db_spl:.1f} dB SPL at "
         f"({place_text(worst.position_m)}) mm"
@@ -40,7 +40,7 @@ def describe_levels(arguments: argparse.Namespace, scene: Scene) -> Iterator[str
 
 def _describe_ear(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
     engine, lag = choose_engine(scene.model), Resonator.from_bandwidth()
-    ear = metres(arguments.ear_mm)
+    ear = metres_of_argument(arguments.ear_mm)
     distance_m = math.dist(ear, scene.model.array.centre_m)
     if distance_m < MIN_TARGET_DISTANCE_M:
         raise ConfigurationError(
@@ -73,7 +73,7 @@ def _sequence(arguments: argparse.Namespace, scene: Scene) -> tuple[ComplexArray
         )
     name = arguments.modulation.upper()
     what = f"{name} at {arguments.modulation_hz:g} Hz, {arguments.rate_hz:g} frames/s"
-    return modulated(arguments, scene).weights(scene.model), what
+    return modulated_scene(arguments, scene).weights(scene.model), what
 
 
 def _audible(level_db_a: float) -> str:

@@ -10,22 +10,22 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, check_target, focus_phases
+from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, check_focus_target, focus_phases
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.field.reference import level_in_front
+from haptogram.acoustics.field.reference import pressure_level_in_front
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
-from haptogram.acoustics.model.csv_rows import read_rows
+from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.run_record import sample_object
+from haptogram.evidence.run_record import sample_object_of_run
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.objects.shapes import Circle
 from haptogram.published.presets import find_preset
-from haptogram.settings.command_line import given
+from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
 from haptogram.settings.shape import ShapeConfig
 
 from ..array_options import array_model
-from ..shell.positions import metres
+from ..shell.positions import metres_of_argument
 
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
@@ -63,17 +63,17 @@ class Scene:
         model = array_model(arguments)
         frame_s = 1.0 / arguments.rate_hz
         if arguments.drive:
-            drive = read_drive(arguments.drive, model.array.count, arguments.phase_bits)
+            drive = read_drive_file(arguments.drive, model.array.count, arguments.phase_bits)
             look = _peak_of(model, drive.weights())
             return cls(model, drive.weights()[None], np.empty((0, 3)), look, frame_s)
         if arguments.object:
-            targets = sample_object(_shape_config(arguments))
-            look = metres(arguments.center_mm)
+            targets = sample_object_of_run(_shape_config(arguments))
+            look = metres_of_argument(arguments.center_mm)
         else:
             look = _focus(arguments)
             targets = np.array([look])
         for target in targets:
-            check_target(model, target)
+            check_focus_target(model, target)
         phases = focus_phases(model, targets)
         drives = [Drive.from_weights(np.exp(1j * row), arguments.phase_bits) for row in phases]
         return cls(model, np.stack([drive.weights() for drive in drives]), targets, look, frame_s)
@@ -84,7 +84,7 @@ class Scene:
         return len(self.weights) > 1
 
 
-def modulated(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
+def modulated_scene(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
     """Return a pass of the focus as it is modulated.
 
     Raises
@@ -101,7 +101,7 @@ def modulated(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
     return modulation.frames(points, arguments.rate_hz)
 
 
-def read_drive(path: Path, count: int, phase_bits: int) -> Drive:
+def read_drive_file(path: Path, count: int, phase_bits: int) -> Drive:
     """Read the codes of *count* elements from a CSV file with the header ``phase,amplitude``.
 
     Raises
@@ -109,7 +109,7 @@ def read_drive(path: Path, count: int, phase_bits: int) -> Drive:
     ConfigurationError
         Names the file, and the line where there is one.
     """
-    rows = read_rows(path, "drive")
+    rows = read_element_rows(path, "drive")
     if not rows or rows[0][1] != ["phase", "amplitude"]:
         raise ConfigurationError(f"{path}: the first line must be phase,amplitude")
     codes = np.array([_codes(f"{path}:{number}", cells) for number, cells in rows[1:]], dtype=int)
@@ -132,11 +132,11 @@ def _codes(where: str, cells: list[str]) -> tuple[int, int]:
 def _focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
     if arguments.focus_mm is None and arguments.preset:
         return find_preset(arguments.preset).focus_m
-    return metres(arguments.focus_mm or (0.0, 0.0, 150.0))
+    return metres_of_argument(arguments.focus_mm or (0.0, 0.0, 150.0))
 
 
 def _shape_config(arguments: argparse.Namespace) -> ShapeConfig:
-    return ShapeConfig.of(**given(arguments, options_of(ShapeConfig)))
+    return ShapeConfig.of(**given_options(arguments, options_of(ShapeConfig)))
 
 
 def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
@@ -147,12 +147,12 @@ def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float,
     points = np.stack(np.meshgrid(side, side, heights, indexing="ij"), axis=-1).reshape(-1, 3)
     points = model.array.world_m(points)
     engine = NumpyEngine(model)
-    level = level_in_front(engine, weights, points)
+    level = pressure_level_in_front(engine, weights, points)
     best = points[[int(np.argmax(level))]]
     spacing = max(side[1] - side[0], heights[1] - heights[0])
     steps = STEPS @ model.array.axes
     top, _ = climb_to_maximum(
-        lambda places: level_in_front(engine, weights, places), best, spacing, steps
+        lambda places: pressure_level_in_front(engine, weights, places), best, spacing, steps
     )
     x, y, z = (np.round(top, 5) + 0.0).tolist()  # a hundredth of a millimetre, and no minus zero
     return x, y, z

@@ -23,18 +23,18 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.engine import choose_engine, why_not_compiled
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.lobes import largest_secondary_lobe
-from haptogram.acoustics.levels.shift import find_peak, predict_focal_shift
+from haptogram.acoustics.levels.shift import find_pressure_peak, predict_focal_shift
 from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures import (
-    Plane,
+    PicturePlane,
     draw_cuts,
     draw_isosurfaces,
     draw_plane,
-    sample_mean,
-    sample_plane,
+    sample_picture_mean,
+    sample_picture_plane,
 )
-from haptogram.report.figures.isosurface import MAX_VOXELS
+from haptogram.report.figures.isosurface import _MAX_VOXELS
 from haptogram.report.figures.planes import MAX_POINTS
 from haptogram.settings.arguments import Progress
 
@@ -63,7 +63,7 @@ def check_size(arguments: argparse.Namespace) -> None:
     if arguments.view == "cuts":
         return
     if arguments.view == "isosurface":
-        step_mm, half_mm, most = max(step_mm, _LEAST_STEP_MM), half_mm / 2, MAX_VOXELS
+        step_mm, half_mm, most = max(step_mm, _LEAST_STEP_MM), half_mm / 2, _MAX_VOXELS
         sides = (2 * half_mm, 2 * half_mm, 4 * half_mm)
     if step_mm >= half_mm:
         raise ConfigurationError(
@@ -79,7 +79,7 @@ def check_size(arguments: argparse.Namespace) -> None:
         )
 
 
-def draw(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
+def draw_scene(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
     """Return the picture that the command line asks for.
 
     Raises
@@ -122,11 +122,11 @@ def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress 
     plane = _plane(arguments, scene)
     if scene.is_sequence:
         resonator = Resonator.from_bandwidth()
-        field = sample_mean(
+        field = sample_picture_mean(
             engine, scene.weights, plane, scene.frame_s, resonator, progress=progress
         )
     else:
-        field = sample_plane(engine, scene.weights[0], plane, progress)
+        field = sample_picture_plane(engine, scene.weights[0], plane, progress)
     return draw_plane(
         engine,
         field,
@@ -136,7 +136,7 @@ def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress 
     )
 
 
-def _plane(arguments: argparse.Namespace, scene: Scene) -> Plane:
+def _plane(arguments: argparse.Namespace, scene: Scene) -> PicturePlane:
     """Return the plane around the place to look at, along the axes of the world.
 
     Over a place above all elements it starts 5 mm above them.
@@ -149,7 +149,7 @@ def _plane(arguments: argparse.Namespace, scene: Scene) -> Plane:
     if floor < scene.look_m[2]:
         ranges["z"] = (floor, max(ranges["z"][1], floor + 0.01))
     first, second = arguments.plane
-    return Plane(
+    return PicturePlane(
         arguments.plane, scene.look_m, ranges[first], ranges[second], arguments.step_mm / 1e3
     )
 
@@ -165,7 +165,7 @@ def _title(arguments: argparse.Namespace, scene: Scene) -> str:
     return f"{array}, focus at ({place_text(scene.targets_m[0])}) mm"
 
 
-def describe(scene: Scene) -> Iterator[str]:
+def describe_scene(scene: Scene) -> Iterator[str]:
     """Yield the figures of the focus, or of the sequence, line by line."""
     engine = NumpyEngine(scene.model)
     yield f"array: {scene.model.array.count} elements, k = {scene.model.wavenumber:.2f} rad/m"
@@ -217,7 +217,7 @@ def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
 
 def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) -> str:
     try:
-        peak = find_peak(engine, weights, target)
+        peak = find_pressure_peak(engine, weights, target)
     except ConfigurationError as error:
         return f"no focus: {error}"
     shift_m = float(np.linalg.norm(peak - target))

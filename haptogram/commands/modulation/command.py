@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from haptogram.settings.command_line import add_options
+from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name, number
+from haptogram.settings.parser import file_name_option, number_option
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
-from haptogram.settings.verify_config import VerifyConfig, load_config
+from haptogram.settings.verify_config import VerifyConfig, load_verify_config
 
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options, array_model
 from ..shell.exit_status import PASS
 from ..shell.output_files import FILE_HELP, Outputs, write_json, write_picture
-from ..shell.positions import metres, position_mm
+from ..shell.positions import metres_of_argument, position_argument_mm
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -60,7 +60,7 @@ def set_up(parser: Parser) -> None:
         help="amplitude, lateral, spatio-temporal along the object, or each of its points held",
     )
     modulation = [row for name, row in options_of(ModulationConfig).items() if name != "modulation"]
-    add_options(parser.add_argument_group("modulation"), modulation)
+    add_setting_options(parser.add_argument_group("modulation"), modulation)
     _add_object(parser)
     _add_skin(parser)
     _add_outputs(parser)
@@ -71,7 +71,7 @@ def set_up(parser: Parser) -> None:
 def _add_object(parser: Parser) -> None:
     shape = parser.add_argument_group("what is modulated")
     rows = options_of(VerifyConfig)
-    add_options(
+    add_setting_options(
         shape,
         [rows[name] for name in (*options_of(ShapeConfig), "rate_hz")],
         object="point; stm and dwell: circle",
@@ -85,31 +85,37 @@ def _add_skin(parser: Parser) -> None:
     add_array_options(skin)
     skin.add_argument(
         "--bandwidth-hz",
-        type=number(1.0, 1e6, "Hz"),
+        type=number_option(1.0, 1e6, "Hz"),
         metavar="HZ",
         default=DEFAULT_BANDWIDTH_HZ,
         help="of the transducers, at -6 dB: how fast they follow a frame "
         f"[{DEFAULT_BANDWIDTH_HZ:g}]",
     )
     skin.add_argument(
-        "--at-mm", type=position_mm, metavar="X,Y,Z", help="where it is felt [the first focus]"
+        "--at-mm",
+        type=position_argument_mm,
+        metavar="X,Y,Z",
+        help="where it is felt [the first focus]",
     )
 
 
 def _add_outputs(parser: Parser) -> None:
     result = parser.add_argument_group("result", FILE_HELP)
     result.add_argument(
-        "--picture", type=file_name, metavar="FILE", help="picture: .png, .svg or .pdf [none]"
+        "--picture",
+        type=file_name_option,
+        metavar="FILE",
+        help="picture: .png, .svg or .pdf [none]",
     )
     result.add_argument(
         "--csv",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="frames as CSV: time_s, x_mm, y_mm, z_mm, amplitude [none]",
     )
     result.add_argument(
         "--json",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="figures and spectrum as JSON; - is standard output [none]",
     )
@@ -118,17 +124,17 @@ def _add_outputs(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Compute, print and write; return the exit status."""
     from haptogram.acoustics import NumpyEngine, Resonator
-    from haptogram.evidence.run_record import frames_to_show
-    from haptogram.machine.files import write_atomically
+    from haptogram.evidence.run_record import frames_of_run
+    from haptogram.machine.files import write_file_atomically
 
-    from .result import Felt, as_csv, as_dict, describe, draw
+    from .result import Felt, describe_felt, draw_felt, felt_csv, felt_dict
 
     refuse_idle_options("modulation", arguments)
     outputs = Outputs(arguments, "picture", "csv", "json")
     config = _config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
-    frames = frames_to_show(config.shape, config.pace, config.modulation)
-    place = None if arguments.at_mm is None else metres(arguments.at_mm)
+    frames = frames_of_run(config.shape, config.pace, config.modulation)
+    place = None if arguments.at_mm is None else metres_of_argument(arguments.at_mm)
     felt = Felt.of(
         NumpyEngine(array_model(arguments)),
         config.shape.object,
@@ -137,14 +143,14 @@ def run(arguments: argparse.Namespace) -> int:
         lag,
         place,
     )
-    for line in describe(felt, arguments.bandwidth_hz):
+    for line in describe_felt(felt, arguments.bandwidth_hz):
         print(line, file=outputs.text)
     if arguments.picture is not None:
-        write_picture(arguments.picture, draw(felt))
+        write_picture(arguments.picture, draw_felt(felt))
     if arguments.csv is not None:
-        write_atomically(arguments.csv, as_csv(frames).encode("ascii"))
+        write_file_atomically(arguments.csv, felt_csv(frames).encode("ascii"))
     if arguments.json is not None:
-        write_json(arguments.json, as_dict(felt, arguments.bandwidth_hz))
+        write_json(arguments.json, felt_dict(felt, arguments.bandwidth_hz))
     outputs.announce()
     return PASS
 
@@ -165,4 +171,4 @@ def _config(arguments: argparse.Namespace) -> VerifyConfig:
         if name in names and name != "json" and value is not None
     }
     kind = None if arguments.kind == HOLD else arguments.kind
-    return load_config(None, defaults | given | {"modulation": kind})
+    return load_verify_config(None, defaults | given | {"modulation": kind})

@@ -10,11 +10,17 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from haptogram.acoustics import FieldEngine, Resonator, check_target, focus_phases, force_on_disc_n
+from haptogram.acoustics import (
+    FieldEngine,
+    Resonator,
+    check_focus_target,
+    focus_phases,
+    force_on_disc_n,
+)
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.objects.modulation import FocusFrames
-from haptogram.objects.signals import FocusSignal, signal_at
+from haptogram.objects.signals import FeltSignal, felt_signal_at
 from haptogram.settings.shape import ModulationConfig
 
 from ..shell.positions import place_text
@@ -60,7 +66,7 @@ class Felt:
     frames: FocusFrames
     frequency_hz: float | None
     place_m: tuple[float, float, float]
-    signal: FocusSignal
+    signal: FeltSignal
     force_n: float
     spot_m: float
 
@@ -82,7 +88,7 @@ class Felt:
             A focus or a place out of reach.
         """
         for point in np.unique(frames.points_m, axis=0):
-            check_target(engine.model, point)
+            check_focus_target(engine.model, point)
         x, y, z = frames.points_m[0].tolist()
         place = (x, y, z) if place_m is None else place_m
         steady = np.exp(1j * focus_phases(engine.model, (x, y, z)))
@@ -93,7 +99,7 @@ class Felt:
             frames,
             _frequency_in(frames, modulation),
             place,
-            signal_at(engine, frames, place, lag),
+            felt_signal_at(engine, frames, place, lag),
             force_on_disc_n(engine, steady, (x, y, z)),
             float(np.nanmin(spot.width_6db_m)),
         )
@@ -106,7 +112,7 @@ def _frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None
     return round(frames.duration_s * config.modulation_hz) / frames.duration_s
 
 
-def describe(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
+def describe_felt(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
     """Yield the result line by line, at most 100 columns wide."""
     yield from _describe_frames(felt)
     signal = felt.signal
@@ -124,7 +130,7 @@ def describe(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
         "parallel to the array's face"
     )
     yield from _describe_spectrum(felt)
-    for warning in warnings(felt):
+    for warning in felt_warnings(felt):
         yield from textwrap.wrap(warning, 98, initial_indent="warning: ", subsequent_indent="  ")
 
 
@@ -192,7 +198,7 @@ def _name_of(frequency_hz: float, felt: Felt) -> str:
     return ""
 
 
-def warnings(felt: Felt) -> Iterator[str]:
+def felt_warnings(felt: Felt) -> Iterator[str]:
     """Yield what a person who designs the sensation should know."""
     frames, config = felt.frames, felt.modulation
     if felt.frequency_hz is not None and felt.frequency_hz != config.modulation_hz:
@@ -217,7 +223,7 @@ def warnings(felt: Felt) -> Iterator[str]:
         )
 
 
-def draw(felt: Felt) -> Figure:
+def draw_felt(felt: Felt) -> Figure:
     """Return the picture: the first periods, and the spectrum."""
     from haptogram.report.figures import draw_spectrum
 
@@ -249,7 +255,7 @@ def _first_periods(felt: Felt) -> tuple[FloatArray, FloatArray]:
     return time_s, np.tile(signal.pressure_pa, passes)[:count]
 
 
-def as_csv(frames: FocusFrames) -> str:
+def felt_csv(frames: FocusFrames) -> str:
     """Return the frames as CSV."""
     rows = (
         f"{number / frames.rate_hz:.9g},{x:.6g},{y:.6g},{z:.6g},{amplitude:.6g}\n"
@@ -260,7 +266,7 @@ def as_csv(frames: FocusFrames) -> str:
     return "time_s,x_mm,y_mm,z_mm,amplitude\n" + "".join(rows)
 
 
-def as_dict(felt: Felt, bandwidth_hz: float) -> dict[str, Any]:
+def felt_dict(felt: Felt, bandwidth_hz: float) -> dict[str, Any]:
     """Return plain values, for JSON."""
     signal, frames = felt.signal, felt.frames
     return {
@@ -279,5 +285,5 @@ def as_dict(felt: Felt, bandwidth_hz: float) -> dict[str, Any]:
             {"frequency_hz": frequency, "amplitude_pa": level}
             for frequency, level in signal.lines(_LEAST_SHARE)
         ],
-        "warnings": list(warnings(felt)),
+        "warnings": list(felt_warnings(felt)),
     }

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from haptogram.settings.parser import file_name
+from haptogram.settings.parser import file_name_option
 
-from .sources import FORMATS, Source, open_source
+from .sources import FORMATS, Source, open_recorded_source
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -50,7 +50,9 @@ def set_up(parser: Parser) -> None:
     )
     parser.epilog = _EPILOG
     parser.set_defaults(run=run)
-    parser.add_argument("file", type=file_name, metavar="FILE", help="what is read; - is stdin")
+    parser.add_argument(
+        "file", type=file_name_option, metavar="FILE", help="what is read; - is stdin"
+    )
     parser.add_argument(
         "--dialect",
         choices=(HAPTOGRAM, *DIALECTS),
@@ -75,7 +77,7 @@ def set_up(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what was read; return 0."""
-    with open_source(arguments.file, arguments.input) as source:
+    with open_recorded_source(arguments.file, arguments.input) as source:
         name, doubt = (arguments.dialect, "") if arguments.dialect else _recognised(source)
         print_line = _print_json if arguments.json else _print_text
         for found in _annotated(source, name, from_board=arguments.from_board):
@@ -97,10 +99,10 @@ class _Found:
 
 def _recognised(source: Source) -> tuple[str, str]:
     """Return the wire that the first bytes look like, and what is in doubt about that."""
-    from haptogram_protocol.dialects.looks_like import HAPTOGRAM, looks_like
+    from haptogram_protocol.dialects.looks_like import HAPTOGRAM, looks_like_dialect
     from haptogram_protocol.dialects.table import DIALECTS
 
-    names = looks_like(source.first)
+    names = looks_like_dialect(source.first)
     if HAPTOGRAM in names or source.is_recording or not source.first:
         return HAPTOGRAM, ""
     known = [name for name in names if name in DIALECTS]

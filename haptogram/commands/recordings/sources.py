@@ -29,7 +29,7 @@ _LEFT_OUT: Final = re.compile(rb"0[xX]|\\x|[\s,:;]+")
 
 
 @dataclass(frozen=True, slots=True)
-class Chunk:
+class RecordedChunk:
     """Bytes of one direction.
 
     Attributes
@@ -61,14 +61,14 @@ class Source:
         Peculiarity of the input, once it was read; empty: none.
     """
 
-    chunks: Iterator[Chunk]
+    chunks: Iterator[RecordedChunk]
     first: bytes = b""
     is_recording: bool = False
     note: str = field(default="")
 
 
 @contextlib.contextmanager
-def open_source(path: Path, kind: str) -> Iterator[Source]:
+def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
     """Open an input for as long as the context lasts.
 
     Parameters
@@ -92,7 +92,7 @@ def open_source(path: Path, kind: str) -> Iterator[Source]:
         if kind == "hex":
             blocks = _from_hex(blocks, path)
         first = next(blocks, b"")
-        chunks = (Chunk(block) for block in itertools.chain([first], blocks))
+        chunks = (RecordedChunk(block) for block in itertools.chain([first], blocks))
         yield Source(chunks, first[:_LOOKED_AT])
 
 
@@ -163,13 +163,13 @@ def _recording(path: Path) -> Source:
     return source
 
 
-def _recorded(recording: Recording, source: Source) -> Iterator[Chunk]:
+def _recorded(recording: Recording, source: Source) -> Iterator[RecordedChunk]:
     from haptogram.evidence.recordings.channels import TO_BOARD, TO_HOST
 
     senders = {TO_BOARD: "host", TO_HOST: "board"}
     start_ns: int | None = None
     for entry in recording.entries(tuple(senders)):
         start_ns = entry.t_ns if start_ns is None else start_ns
-        yield Chunk(entry.data, senders[entry.topic], entry.t_ns - start_ns)
+        yield RecordedChunk(entry.data, senders[entry.topic], entry.t_ns - start_ns)
     if not recording.is_whole:
         source.note = f"{recording.path}: the recording was cut off here"

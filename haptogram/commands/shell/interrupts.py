@@ -18,7 +18,7 @@ _AGAIN_S: Final = 0.02
 
 
 @contextlib.contextmanager
-def heard_interrupts() -> Iterator[None]:
+def hear_interrupts_in_callbacks() -> Iterator[None]:
     """Repeat an interrupt that came inside a callback of a library, where it is dropped.
 
     The loader of compiled code calls back for every function that it takes from its cache.
@@ -39,7 +39,7 @@ def heard_interrupts() -> Iterator[None]:
         sys.unraisablehook = before
 
 
-def leave_at_once() -> None:
+def exit_at_once() -> None:
     """Let the interpreter end without looking for cycles among all objects once more.
 
     Compilers and pictures make hundreds of thousands of them: a second that nobody waits for.

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import STANDARD_OUTPUT, check_distinct, check_writable
-from haptogram.settings.board import is_grid
+from haptogram.machine.files import STANDARD_OUTPUT, check_distinct_files, check_file_writable
+from haptogram.settings.board import is_grid_of_elements
 from haptogram.settings.shape import SHAPES
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ FILE_HELP: Final = "With - a file is standard output, and the text goes to stand
 
 #: Every option that reads a file, of all commands, and which of its values are files.
 INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
-    "array": lambda value: not is_grid(value),
+    "array": lambda value: not is_grid_of_elements(value),
     "source": lambda value: not value.startswith("unix:"),
     "object": lambda value: value not in SHAPES,
     **dict.fromkeys(("baseline", "calibration", "compare", "config", "drive", "fault_plan"), bool),
@@ -55,13 +55,13 @@ class Outputs:
         self.paths: dict[str, Path] = {
             option: Path(path) for option, path in given.items() if path is not None
         }
-        check_distinct(self.paths, _inputs(settings))
+        check_distinct_files(self.paths, _inputs(settings))
         for option, path in self.paths.items():
             if path == STANDARD_OUTPUT:
                 _check_standard_output(option)
             else:
                 try:
-                    check_writable(path)
+                    check_file_writable(path)
                 except ConfigurationError as error:
                     raise ConfigurationError(f"{option} {error}") from error
         self._check_formats(pictures=pictures)
@@ -73,9 +73,9 @@ class Outputs:
         if "--picture" in self.paths:
             _check_picture(self.paths["--picture"])
         if "--html" in self.paths:
-            from haptogram.report.html import check_page
+            from haptogram.report.html import check_html_page
 
-            check_page(pictures=pictures)
+            check_html_page(pictures=pictures)
 
     @property
     def text(self) -> TextIO:
@@ -85,7 +85,7 @@ class Outputs:
     def announce(self) -> None:
         """Say on standard error what was written."""
         for path in self.paths.values():
-            announce(path)
+            announce_output(path)
 
 
 def _check_standard_output(option: str) -> None:
@@ -106,7 +106,7 @@ def _as_option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def announce(path: Path) -> None:
+def announce_output(path: Path) -> None:
     """Say on standard error that *path* was written, unless that is standard output."""
     if path != STANDARD_OUTPUT:
         print(f"wrote {path}", file=sys.stderr)
@@ -122,10 +122,10 @@ def write_json(path: Path | str, document: Mapping[str, Any]) -> None:
     """
     import json
 
-    from haptogram.machine.files import write_atomically
+    from haptogram.machine.files import write_file_atomically
 
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
-    write_atomically(Path(path), text.encode("ascii"))
+    write_file_atomically(Path(path), text.encode("ascii"))
 
 
 def _check_picture(path: Path) -> None:
@@ -144,8 +144,8 @@ def write_picture(path: Path, figure: Figure) -> None:
     ConfigurationError
         A path that cannot be written.
     """
-    from haptogram.machine.files import write_atomically
-    from haptogram.report.figures import encode
+    from haptogram.machine.files import write_file_atomically
+    from haptogram.report.figures import encode_figure
 
     suffix = ".png" if path == STANDARD_OUTPUT else path.suffix.lower()
-    write_atomically(path, encode(figure, suffix))
+    write_file_atomically(path, encode_figure(figure, suffix))

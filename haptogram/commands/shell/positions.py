@@ -17,10 +17,10 @@ Position: TypeAlias = tuple[float, float, float]
 
 _ROW: Final = options_of(ShapeConfig)["center_mm"]
 #: The type of an argument that is a position in mm.
-position_mm: Final[Callable[[str], Position]] = checked_type(_ROW.checked_item, _ROW.name)
+position_argument_mm: Final[Callable[[str], Position]] = checked_type(_ROW.checked_item, _ROW.name)
 
 
-def metres(position: Position) -> Position:
+def metres_of_argument(position: Position) -> Position:
     """Return a position in metres that is given in mm."""
     x, y, z = position
     return x / 1e3, y / 1e3, z / 1e3

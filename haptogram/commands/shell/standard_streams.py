@@ -79,7 +79,7 @@ class PatientBytes:
 
 
 @contextlib.contextmanager
-def patient_streams() -> Iterator[None]:
+def patient_standard_streams() -> Iterator[None]:
     """Let a command come to its end whatever happens to what it says.
 
     A reader that went away (``| head -1``) is no error: it has read what it wanted.

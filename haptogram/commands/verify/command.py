@@ -19,14 +19,19 @@ from haptogram.errors import (
     VersionMismatchError,
     WrongProtocolError,
 )
-from haptogram.machine.terminal import error_line, paint_verdicts
+from haptogram.machine.terminal import paint_terminal_verdicts, terminal_error_line
 from haptogram.settings.option import options_of
-from haptogram.settings.verify_config import OutputConfig, VerifyConfig, load_config, read_table
+from haptogram.settings.verify_config import (
+    OutputConfig,
+    VerifyConfig,
+    load_verify_config,
+    read_table,
+)
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
-from ..shell.output_files import Outputs, announce
-from .options import add_options
+from ..shell.output_files import Outputs, announce_output
+from .options import add_verify_options
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
@@ -77,18 +82,18 @@ def set_up(
     parser.epilog = _EXAMPLES + "\n" + EXIT_STATUS
     parser.rename(link_baud="baud", report="html")
     parser.set_defaults(run=functools.partial(run, prepare=prepare, in_process=in_process))
-    add_options(parser)
+    add_verify_options(parser)
 
 
 def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) -> int:
     """Run the job, write and print its result, and return the exit status."""
-    from haptogram.evidence.run_record import measure
+    from haptogram.evidence.run_record import measure_run
     from haptogram.report import run as report
     from haptogram.verification import tolerance_of, uncertainty_of, verify_run
 
     names = options_of(VerifyConfig)
     given = {name: value for name, value in vars(arguments).items() if name in names}
-    config = load_config(arguments.config, given)
+    config = load_verify_config(arguments.config, given)
     settings = argparse.Namespace(
         **config.values(), frame_kind=config.frame_kind, config=arguments.config
     )
@@ -105,9 +110,9 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
             _bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming(planned, board),
         ):
-            found = measure(config, board, progress, settling, faulty=bool(planned.faults))
+            found = measure_run(config, board, progress, settling, faulty=bool(planned.faults))
     except _BrokenByPlanError as error:
-        print(error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
+        print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return INCONCLUSIVE
     with _bar("verifying", quiet=quiet) as progress:
         verdict = verify_run(
@@ -122,7 +127,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
             uncertainty=uncertainty_of(config.uncertainty, at_port=config.link.port is not None),
             progress=progress,
         )
-    result = report.result_dict(
+    result = report.run_result_dict(
         verdict,
         configuration=config.result_options(),
         seed=config.limits.seed,
@@ -132,11 +137,11 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         faults=_faults_dict(planned, found.fault_counts) if config.link.port is None else None,
         troubles=found.troubles,
         host=None if config.link.virtual_time else _host_dict(found),
-        environment=None if config.link.virtual_time else report.environment(),
+        environment=None if config.link.virtual_time else report.run_environment(),
     )
     # Before the files: a full disk must not cost the result.
-    print(paint_verdicts(str(verdict), outputs.text), file=outputs.text)
-    for line in report.faults_and_troubles(result):
+    print(paint_terminal_verdicts(str(verdict), outputs.text), file=outputs.text)
+    for line in report.faults_and_troubles_text(result):
         print(f"  {line}", file=outputs.text)
     for warning in found.warnings:
         print(f"  warning   {warning}", file=outputs.text)
@@ -194,7 +199,7 @@ def _blaming(planned: FaultPlan, board: BoardUnderTest) -> Iterator[None]:
 def _plan_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
     from haptogram.report import run as report
 
-    told = next(report.faults_and_troubles({"faults": faults, "troubles": {}}))
+    told = next(report.faults_and_troubles_text({"faults": faults, "troubles": {}}))
     # What is at the other end is known: no guess at another device or version.
     is_guess = isinstance(error, WrongProtocolError | VersionMismatchError)
     seen = "no frame came whole" if is_guess else error
@@ -272,8 +277,8 @@ def _write(
     seen = {key: drive for key, drive in outputs if drive is not None}
     drives = {i.number: seen[i.key] for i in found.intended if i.key in seen}
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
-        (config.outputs.frames, lambda path: report.write_frames(path, verdict)),
-        (config.outputs.json, lambda path: report.write_json(path, result)),
+        (config.outputs.frames, lambda path: report.write_frame_lines(path, verdict)),
+        (config.outputs.json, lambda path: report.write_run_json(path, result)),
         (config.outputs.junit, lambda path: report.write_run_junit(path, verdict, result)),
         (
             config.outputs.html,
@@ -286,8 +291,8 @@ def _write(
             continue
         try:
             write(path)
-            announce(path)
+            announce_output(path)
         except ConfigurationError as error:
-            print(error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
+            print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
             written = False
     return written

@@ -9,7 +9,7 @@ from haptogram.settings import command_line
 from haptogram.settings.array import ArrayConfig, ElementConfig
 from haptogram.settings.board import FaultWords
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name
+from haptogram.settings.parser import file_name_option
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
 from haptogram.settings.tolerance import ToleranceConfig, UncertaintyConfig
 from haptogram.settings.verify_config import LinkConfig, OutputConfig, VerifyConfig
@@ -43,15 +43,15 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
 _DESCRIPTIONS: Final = {"tolerance and uncertainty": _TOLERANCE, "result": FILE_HELP}
 
 
-def add_options(verify: Parser) -> None:
+def add_verify_options(verify: Parser) -> None:
     """Add every option; one that is not given is None, so that a file can set it."""
     rows = options_of(VerifyConfig)
     for title, names in GROUPS.items():
         group = verify.add_argument_group(title, _DESCRIPTIONS.get(title))
-        command_line.add_options(group, [rows[name] for name in names])
+        command_line.add_setting_options(group, [rows[name] for name in names])
     verify.add_argument(
         "--config",
-        type=file_name,
+        type=file_name_option,
         metavar="FILE",
         help="TOML file with a [verify] table of these options",
     )

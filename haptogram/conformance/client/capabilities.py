@@ -45,7 +45,7 @@ _NEEDS_ANY: Final[dict[type[Message], Feature]] = {
 }
 
 
-def requests_of(board: BoardClient) -> list[type[Message]]:
+def requests_of_board(board: BoardClient) -> list[type[Message]]:
     """Return the requests of fixed length that the board takes."""
     features = board.identity.features
     return [kind for kind, any_of in _NEEDS_ANY.items() if not any_of or any_of & features]

@@ -25,7 +25,7 @@ from haptogram_protocol.messages import (
 
 from .board_client import BoardClient
 from .latching import latch_now
-from .uploads import upload
+from .uploads import upload_to_board
 from .wire import Received
 
 _UNKNOWN_REQUEST: Final = 0x7F
@@ -84,7 +84,7 @@ def _stream_some(board: BoardClient) -> None:
 
 def _play_some(board: BoardClient) -> None:
     data = b"".join(board.random_registers() for _ in range(_FRAMES))
-    upload(board, UploadKind.PHASES, _SEQUENCE, data)
+    upload_to_board(board, UploadKind.PHASES, _SEQUENCE, data)
     if board.has(Feature.CONFIG | Feature.TRACE):
         board.configure(trace_mode=TraceMode.CRC)
     board.link.ask(Play(_SEQUENCE, _PERIOD_US, 1, _UNATTENDED_MS), flags=0x10)
@@ -109,12 +109,12 @@ def _run_out_of_time(board: BoardClient) -> None:
     board.wire.idle(40_000)
 
 
-def frames_in(pieces: list[Received]) -> list[Received]:
+def undamaged_pieces(pieces: list[Received]) -> list[Received]:
     """Return the pieces that are undamaged frames."""
     return [piece for piece in pieces if piece.header is not None]
 
 
-def unstuffed_crc(piece: Received) -> tuple[int, bytes]:
+def crc_of_piece(piece: Received) -> tuple[int, bytes]:
     """Return the CRC-32 that a piece carries, and its body; (-1, b"") if it is too short."""
     data = piece.unstuffed
     if len(data) < HEADER_BYTES + CRC_BYTES:

@@ -24,7 +24,7 @@ _CLEAR_US: Final = 10_000  # a shorter delay may be the host's own
 _CLEARLY_LESS: Final = 0.8
 
 
-def greet(board: BoardClient) -> HelloReply | Error | None:
+def greet_board(board: BoardClient) -> HelloReply | Error | None:
     """Say HELLO to a board of unknown state; None if nothing answers."""
     link = board.link
     hello = board.hello_message(board.new_nonce())
@@ -45,7 +45,7 @@ def is_version_error(reply: HelloReply | Error | None) -> bool:
     return isinstance(reply, Error) and reply.code == ErrorCode.VERSION
 
 
-def measured_rate(board: BoardClient) -> int:
+def measured_board_rate(board: BoardClient) -> int:
     """Return the rate of the line: the stated one, or the measured one if that is clearly less.
 
     A run of bytes in front of a PING delays its answer by the time of the run on the line.
@@ -69,7 +69,7 @@ def _answered_after_us(board: BoardClient, size: int) -> int:
     return board.wire.now_us() - sent_us
 
 
-def learn_wraps(board: BoardClient) -> None:
+def learn_board_clock_wraps(board: BoardClient) -> None:
     """Find out how often the clock of a board that runs already has wrapped.
 
     Latches lie on multiples of the carrier period of the unwrapped clock, so that the low 32 bits
@@ -88,7 +88,7 @@ def learn_wraps(board: BoardClient) -> None:
         clock.set_device_us(answer.last_latch_us + (next(fits, 0) << 32))
 
 
-def explain_silence(board: BoardClient) -> str:
+def explain_board_silence(board: BoardClient) -> str:
     """Return why HELLO was not answered, judged by the bytes that came instead."""
     wire = board.wire
     if not wire.heard:
@@ -100,7 +100,7 @@ def explain_silence(board: BoardClient) -> str:
     return "frames came, but no answer to HELLO"
 
 
-def describe_device(reply: HelloReply) -> dict[str, object]:
+def describe_board(reply: HelloReply) -> dict[str, object]:
     """Return firmware, version, size and capabilities of a board, for reports."""
     known = Feature(reply.features & sum(Feature))
     return {

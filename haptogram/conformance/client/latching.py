@@ -55,7 +55,7 @@ class ShownDrive:
         return zlib.crc32(self.phases + self.amplitudes)
 
 
-def shown_in(reply: DriveReply) -> ShownDrive:
+def shown_drive_of_reply(reply: DriveReply) -> ShownDrive:
     """Return the drive in a read-back of all transducers."""
     half = len(reply.data) // 2
     return ShownDrive(reply.data[:half], reply.data[half:], reply)
@@ -66,7 +66,7 @@ def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> ShownD
     latched = kind is DriveKind.LATCHED
     board.need(Feature.READ_LATCHED if latched else Feature.READ_RADIATED)
     count = board.identity.transducers
-    shown = shown_in(board.link.call(ReadDrive(kind, 0, count), DriveReply))
+    shown = shown_drive_of_reply(board.link.call(ReadDrive(kind, 0, count), DriveReply))
     check(
         len(shown.phases) == count,
         f"DRIVE_REPLY shows {len(shown.phases)} transducers; asked for were {count}",
@@ -74,14 +74,14 @@ def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> ShownD
     return shown
 
 
-def radiated(board: BoardClient) -> ShownDrive:
+def read_back_radiated(board: BoardClient) -> ShownDrive:
     """Ask for the radiated drive of all transducers."""
     return read_back(board, DriveKind.RADIATED)
 
 
-def is_silent(board: BoardClient) -> bool:
+def is_board_silent(board: BoardClient) -> bool:
     """Return True if the read-back shows that no transducer is driven."""
-    return radiated(board).loudest == 0
+    return read_back_radiated(board).loudest == 0
 
 
 def latch_now(board: BoardClient, message: Message) -> int:
@@ -110,7 +110,7 @@ class TracedLatch:
     loop: int = 0
 
 
-def watch(board: BoardClient) -> TraceMode:
+def watch_board_latches(board: BoardClient) -> TraceMode:
     """Switch on a trace of every latch, and return its mode; UNIMPLEMENTED if there is none."""
     for feature, mode in (
         (Feature.TRACE, TraceMode.CRC),
@@ -123,7 +123,7 @@ def watch(board: BoardClient) -> TraceMode:
     unimplemented("the board advertises no trace that can be switched on")
 
 
-def latches(board: BoardClient, since: int, mode: TraceMode) -> list[TracedLatch]:
+def board_latches(board: BoardClient, since: int, mode: TraceMode) -> list[TracedLatch]:
     """Return the latches in the events from piece *since* on, or in the trace ring."""
     board.link.barrier()
     if mode is TraceMode.RING:

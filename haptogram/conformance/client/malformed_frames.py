@@ -15,7 +15,7 @@ _ZEROS: Final = 64
 BLOCK: Final = 254  # HG-2.2: longest piece of COBS without a zero
 
 
-def framed(data: bytes) -> bytes:
+def malformed_frame(data: bytes) -> bytes:
     """Return *data*, which ends with its CRC, stuffed and between delimiters."""
     return b"\x00" + cobs_encode(data) + b"\x00"
 
@@ -30,12 +30,12 @@ def with_wrong_crc(body: bytes, flip: int = 1) -> bytes:
     return body + (zlib.crc32(body) ^ flip).to_bytes(4, "little")
 
 
-def noise(source: random.Random, size: int) -> bytes:
+def noise_bytes(source: random.Random, size: int) -> bytes:
     """Return random bytes without a zero, so that they end no frame."""
     return bytes(source.randrange(1, 256) for _ in range(size))
 
 
-def mute_of(link: RequestClient, payload: bytes) -> tuple[bytes, int]:
+def _mute_of(link: RequestClient, payload: bytes) -> tuple[bytes, int]:
     """Return body and number of a MUTE that carries *payload*.
 
     A board carries MUTE out with any payload (HG-6.4/1), so that MUTE_REPLY proves that a frame of
@@ -49,7 +49,7 @@ def mute_with_run(link: RequestClient, run: int) -> tuple[bytes, int]:
     """Return a MUTE with its CRC that ends with exactly *run* bytes that are not zero."""
     for filler in range(1, 256):
         payload = bytes([0] + [filler] * (run - 4))
-        body, seq = mute_of(link, payload)
+        body, seq = _mute_of(link, payload)
         if 0 not in with_crc(body)[-4:]:
             return with_crc(body), seq
     raise AssertionError("one of 255 checksums has no zero byte")
@@ -59,10 +59,10 @@ def mute_of_encoded_size(link: RequestClient, size: int) -> tuple[bytes, int]:
     """Return a MUTE of *size* stuffed bytes, without delimiters, and its number."""
     for zeros in range(_ZEROS):
         # Where a piece is full one byte more takes two: a zero elsewhere shifts the pieces.
-        payload = bytearray(noise(link.random, size))
+        payload = bytearray(noise_bytes(link.random, size))
         payload[1 : 1 + zeros] = bytes(zeros)
         for length in range(size - 60, size):
-            body, seq = mute_of(link, bytes(payload[:length]))
+            body, seq = _mute_of(link, bytes(payload[:length]))
             encoded = cobs_encode(with_crc(body))
             if len(encoded) == size:
                 return encoded, seq
@@ -72,7 +72,7 @@ def mute_of_encoded_size(link: RequestClient, size: int) -> tuple[bytes, int]:
 # --- other checksums, to name the one that a board uses ----------------------------------------
 
 
-def crc16(data: bytes, polynomial: int, start: int, *, reflected: bool) -> int:
+def _crc16(data: bytes, polynomial: int, start: int, *, reflected: bool) -> int:
     """Return a CRC of 16 bits, bit by bit."""
     register = start
     for byte in data:
@@ -85,7 +85,7 @@ def crc16(data: bytes, polynomial: int, start: int, *, reflected: bool) -> int:
     return register & 0xFFFF
 
 
-def crc32c(data: bytes) -> int:
+def _crc32c(data: bytes) -> int:
     """Return the CRC-32 of Castagnoli, bit by bit."""
     register = 0xFFFFFFFF
     for byte in data:
@@ -98,9 +98,9 @@ def crc32c(data: bytes) -> int:
 def other_checksums(body: bytes) -> dict[str, bytes]:
     """Return *body* with each checksum that a board may use in place of CRC-32, by name."""
     right = zlib.crc32(body)
-    ccitt = crc16(body, 0x1021, 0xFFFF, reflected=False)
-    xmodem = crc16(body, 0x1021, 0, reflected=False)
-    arc = crc16(body, 0xA001, 0, reflected=True)
+    ccitt = _crc16(body, 0x1021, 0xFFFF, reflected=False)
+    xmodem = _crc16(body, 0x1021, 0, reflected=False)
+    arc = _crc16(body, 0xA001, 0, reflected=True)
     ends = {
         "CRC-16/CCITT in 2 bytes": ccitt.to_bytes(2, "little"),
         "CRC-16/CCITT in 4 bytes": ccitt.to_bytes(4, "little"),
@@ -109,7 +109,7 @@ def other_checksums(body: bytes) -> dict[str, bytes]:
         "CRC-16/XMODEM in 4 bytes": xmodem.to_bytes(4, "little"),
         "CRC-16/ARC in 2 bytes": arc.to_bytes(2, "little"),
         "CRC-16/ARC in 4 bytes": arc.to_bytes(4, "little"),
-        "CRC-32C": crc32c(body).to_bytes(4, "little"),
+        "CRC-32C": _crc32c(body).to_bytes(4, "little"),
         "CRC-32 with the highest byte first": right.to_bytes(4, "big"),
         "CRC-32 without the final XOR": (right ^ 0xFFFFFFFF).to_bytes(4, "little"),
         "the low 16 bits of CRC-32": (right & 0xFFFF).to_bytes(4, "little"),

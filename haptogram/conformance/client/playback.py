@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
 
 from ..outcome import check
 from .board_client import BoardClient
-from .uploads import upload
+from .uploads import upload_to_board
 
 PERIOD_US: Final = 1000
 UNATTENDED_MS: Final = 2000
@@ -28,7 +28,7 @@ _FLOOD_RATE_HZ: Final = 10_000
 def store_phases(board: BoardClient, sequence: int, *, frames: int) -> list[bytes]:
     """Upload a sequence of random drives and return the registers that each leads to."""
     registers = [board.random.randbytes(board.identity.transducers) for _ in range(frames)]
-    upload(board, UploadKind.PHASES, sequence, b"".join(registers))
+    upload_to_board(board, UploadKind.PHASES, sequence, b"".join(registers))
     return registers
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import DELIMITER
 
 _KEPT_TRANSFERS: Final = 200  # from the beginning of a case, and as many from its end
@@ -16,7 +16,7 @@ _SHOWN_BYTES: Final = 96  # of one transfer
 _PER_LINE: Final = 32
 
 
-class Direction(enum.StrEnum):
+class TransferDirection(enum.StrEnum):
     """Sender of bytes."""
 
     HOST = "host "
@@ -28,7 +28,7 @@ class Transfer:
     """Bytes that one write or one read transferred."""
 
     t_us: int
-    direction: Direction
+    direction: TransferDirection
     data: bytes
 
 
@@ -40,7 +40,7 @@ class Recording:
         self._last: deque[Transfer] = deque(maxlen=_KEPT_TRANSFERS)
         self._dropped = 0
 
-    def add(self, t_us: int, direction: Direction, data: bytes) -> None:
+    def add(self, t_us: int, direction: TransferDirection, data: bytes) -> None:
         """Keep a transfer."""
         transfer = Transfer(t_us, direction, bytes(data))
         if len(self._first) < _KEPT_TRANSFERS:
@@ -63,7 +63,7 @@ class Recording:
 
 def _transcript_lines(transfers: Iterable[Transfer], start_us: int) -> list[str]:
     """Return transfers as lines; a frame is described behind its last byte."""
-    partial = dict.fromkeys(Direction, b"")
+    partial = dict.fromkeys(TransferDirection, b"")
     lines = []
     for transfer in transfers:
         *ended, rest = (partial[transfer.direction] + transfer.data).split(DELIMITER)
@@ -80,4 +80,4 @@ def _lines_of(transfer: Transfer, start_us: int, pieces: list[bytes]) -> list[st
         rows[-1] += f" ... ({len(transfer.data)} bytes)"
     indent = " " * len(head)
     texts = [(head if number == 0 else indent) + row for number, row in enumerate(rows)]
-    return texts + [f"{indent}= {describe(piece)}" for piece in pieces]
+    return texts + [f"{indent}= {annotated_frame_text(piece)}" for piece in pieces]

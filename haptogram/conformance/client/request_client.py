@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from typing import Any, Final, TypeVar
 
-from haptogram_protocol.annotation.words import summary, type_name
+from haptogram_protocol.annotation.words import message_summary, message_type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
@@ -166,7 +166,10 @@ class RequestClient:
         """Return the answer to the request *seq* from piece *since* on; FAILED if none comes."""
         found = self.try_answer(seq, since, extra_us)
         if found is None:
-            fail(f"no answer to {type_name(kind)} (seq {seq}) within {self._patience(extra_us)}")
+            fail(
+                f"no answer to {message_type_name(kind)} (seq {seq}) "
+                f"within {self._patience(extra_us)}"
+            )
         return found
 
     def try_answer(self, seq: int, since: int, extra_us: int = 0) -> Received | None:
@@ -190,9 +193,9 @@ class RequestClient:
         if isinstance(answer.message, reply):
             return answer.message
         if answer.message is None:
-            fail(f"the answer to {type_name(kind)} cannot be read: {answer.fault}")
+            fail(f"the answer to {message_type_name(kind)} cannot be read: {answer.fault}")
         fail(
-            f"{type_name(kind)} was answered by {type_name(answer.message.TYPE)} "
+            f"{message_type_name(kind)} was answered by {message_type_name(answer.message.TYPE)} "
             f"({self.answer_text(answer)}) instead of {reply.TYPE.name}"
         )
 
@@ -225,12 +228,14 @@ class RequestClient:
         message = answer.message
         if not isinstance(message, Error):
             fail(
-                f"{type_name(kind)} should be refused with {wanted}; got {self.answer_text(answer)}"
+                f"{message_type_name(kind)} should be refused with {wanted}; "
+                f"got {self.answer_text(answer)}"
             )
         same = (message.request, message.code) == (kind, code)
         check(
             same and detail in (None, message.detail),
-            f"{type_name(kind)} should be refused with {wanted}; got {self.answer_text(answer)}",
+            f"{message_type_name(kind)} should be refused with {wanted}; "
+            f"got {self.answer_text(answer)}",
         )
         return message
 
@@ -243,10 +248,10 @@ class RequestClient:
             known = ErrorCode._value2member_map_.get(answer.message.code)
             name = known.name if isinstance(known, ErrorCode) else str(answer.message.code)
             return (
-                f"ERROR({name}) to {type_name(answer.message.request)}, "
+                f"ERROR({name}) to {message_type_name(answer.message.request)}, "
                 f"detail {answer.message.detail:#x}"
             )
-        return f"{type_name(answer.message.TYPE)} ({summary(answer.message)})"
+        return f"{message_type_name(answer.message.TYPE)} ({message_summary(answer.message)})"
 
     # --- received frames -----------------------------------------------------------------------
 

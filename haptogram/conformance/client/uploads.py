@@ -21,7 +21,9 @@ from .board_client import BoardClient
 _LARGEST_CHUNK: Final = 1024
 
 
-def upload(board: BoardClient, kind: UploadKind, target: int, data: bytes, points: int = 0) -> None:
+def upload_to_board(
+    board: BoardClient, kind: UploadKind, target: int, data: bytes, points: int = 0
+) -> None:
     """Upload *data* and commit it; FAILED if the board refuses a step."""
     begin_upload(board, kind, target, data, points)
     send_chunks(board, data)

@@ -17,7 +17,7 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode
 from haptogram_protocol.messages import EVENT_RANGE, RESPONSE_RANGE, Header, Message, parse_body
 
 from ..outcome import fail, inconclusive
-from .recording import Direction, Recording
+from .recording import Recording, TransferDirection
 
 _RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 _FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be judged
@@ -169,7 +169,7 @@ class RawFrameWire:
             If the port is gone, or takes no byte during the longest wait for an answer.
         """
         self._come_back()
-        self.recording.add(self.now_us(), Direction.HOST, data)
+        self.recording.add(self.now_us(), TransferDirection.HOST, data)
         self._busy_until_us = self.now_us() + self.backlog_us + self.line_us(len(data))
         patience_us = self.limits.answer_us + self.backlog_us
         stuck_us = self.now_us() + patience_us
@@ -245,7 +245,7 @@ class RawFrameWire:
 
     def _take(self, data: bytes) -> None:
         now_us = self.now_us()
-        self.recording.add(now_us, Direction.BOARD, data)
+        self.recording.add(now_us, TransferDirection.BOARD, data)
         self.heard += len(data)
         *ended, rest = data.split(DELIMITER)
         for number, part in enumerate(ended):

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, PointSource, TransducerArray
-from haptogram.driver.identity import array_of, model_of
+from haptogram.driver.identity import array_of_geometry, model_of_identity
 from haptogram.records.frame import Focus, FrameKey, Intended
 
 from ..client.board_client import BoardClient
@@ -16,13 +16,13 @@ from ..client.board_client import BoardClient
 def model_of_board(board: BoardClient) -> AcousticModel:
     """Return the model of the array that a board shows, at the board's speed of sound."""
     identity = board.identity
-    array = array_of(board.read_geometry())
+    array = array_of_geometry(board.read_geometry())
     if identity.grid_nx and identity.grid_ny:
         pitch_m = identity.pitch_um / 1e6
         grid = TransducerArray.grid(identity.grid_nx, identity.grid_ny, pitch_m=pitch_m)
         if np.array_equal(grid.positions_um(), array.positions_um()):
             array = grid  # which knows its rows and columns
-    model = model_of(array, identity)
+    model = model_of_identity(array, identity)
     # Phases do not depend on the directivity of a transducer, and a piston's needs scipy.
     transducer = dataclasses.replace(model.transducer, directivity=PointSource())
     model = dataclasses.replace(model, transducer=transducer)

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import AcousticModel, Drive, superpose
+from haptogram.acoustics import AcousticModel, Drive, superpose_foci
 from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.frame import Frame, Mode
-from haptogram.driver.frames.targets import as_foci
+from haptogram.driver.frames.targets import as_frame_foci
 from haptogram.records.frame import Evidence, FrameKey, Observation
-from haptogram.verification import FrameStatus, Judge
+from haptogram.verification import FrameJudge, FrameStatus
 from haptogram_protocol.messages import FocalPoint, HelloReply
 
 from ..client.latching import ShownDrive
@@ -31,19 +31,19 @@ def host_frames(
 ) -> list[Frame]:
     """Return a frame per target, as a host computes it."""
     builder = FrameBuilder(model, identity, bits if mode == "phases" else _any_format(identity))
-    return builder.build(as_foci(list(targets_m)), mode)
+    return builder.build(as_frame_foci(list(targets_m)), mode)
 
 
 def _any_format(identity: HelloReply) -> int:
     return next(bits for bits, bit in ((8, 1), (6, 2), (5, 4)) if identity.phase_formats & bit)
 
 
-def judge_of(model: AcousticModel) -> Judge:
+def judge_of_model(model: AcousticModel) -> FrameJudge:
     """Return the judge of drives of one array, which remembers the position of the last focus."""
-    return Judge(model, carrier_us=round(1e6 / model.frequency_hz))
+    return FrameJudge(model, carrier_us=round(1e6 / model.frequency_hz))
 
 
-def check_focus(judge: Judge, frame: Frame, shown: ShownDrive) -> None:
+def check_focus(judge: FrameJudge, frame: Frame, shown: ShownDrive) -> None:
     """FAILED, with the name of the fault, unless the focus of the shown drive is on target."""
     key = FrameKey(session=0, sequence=0, loop=0, index=0)
     latched = Drive(
@@ -66,7 +66,7 @@ def _weights(model: AcousticModel, points: tuple[FocalPoint, ...]) -> NDArray[np
     positions = np.array([(p.x_um, p.y_um, p.z_um) for p in points]) * 1e-6
     levels = np.array([p.amplitude for p in points]) / 65_535
     lags = np.array([p.phase for p in points]) * (2 * np.pi / 65_536)
-    return superpose(model, positions, levels, lags)
+    return superpose_foci(model, positions, levels, lags)
 
 
 def phase_errors(

@@ -17,14 +17,14 @@ from haptogram_protocol.messages import (
 )
 
 from ..client.board_client import BoardClient
-from ..client.introduction import greet
+from ..client.introduction import greet_board
 from ..outcome import CaseEndedError
 from ..verdict import Recovery
 
 MAX_FRAMES: Final = 3  # requests, of which the board has to answer one
 
 
-def recover(board: BoardClient) -> Recovery:
+def recover_board(board: BoardClient) -> Recovery:
     """Send requests until one is answered, then a stream frame; return the verdict.
 
     A session is opened first if the case left none.
@@ -39,7 +39,7 @@ def recover(board: BoardClient) -> Recovery:
     return Recovery(None)
 
 
-def farewell(board: BoardClient) -> None:
+def farewell_to_board(board: BoardClient) -> None:
     """Mute the board at the end of a run."""
     board.wire.begin_case()
     board.link.ask(Mute())
@@ -55,12 +55,12 @@ def _answers(board: BoardClient) -> bool:
     if answer is not None and isinstance(answer.message, Pong):
         return True
     # A board refuses a PING without a session or of an old one: HELLO decides.
-    return answer is not None and isinstance(greet(board), HelloReply)
+    return answer is not None and isinstance(greet_board(board), HelloReply)
 
 
 def _stream_fault(board: BoardClient) -> str:
     """Return the defect of the stream of a new session, empty if a frame is latched."""
-    if not isinstance(greet(board), HelloReply):
+    if not isinstance(greet_board(board), HelloReply):
         return "HELLO is not answered"
     if not board.has_phases:
         return ""

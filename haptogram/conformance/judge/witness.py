@@ -9,7 +9,7 @@ from typing import Final
 from haptogram_protocol.messages import Feature, TraceMode
 
 from ..client.board_client import BoardClient
-from ..client.latching import FULL, ShownDrive, latches, read_back, watch
+from ..client.latching import FULL, ShownDrive, board_latches, read_back, watch_board_latches
 from ..outcome import check, fail, unimplemented
 
 _SHOWN: Final = 4  # transducers named in a message
@@ -37,7 +37,7 @@ class Witness:
             return cls(board, None)
         if not board.has(Feature.CONFIG):
             unimplemented("the board shows no drive: neither READ_LATCHED nor a trace")
-        return cls(board, watch(board))
+        return cls(board, watch_board_latches(board))
 
     def expect(
         self, registers: bytes, amplitudes: bytes | None = None, *, bits: int = 8, since: int = 0
@@ -47,7 +47,7 @@ class Witness:
         if self.mode is None:
             expect_shown(self.board, read_back(self.board), registers, amplitudes, bits=bits)
             return
-        seen = latches(self.board, since, self.mode)
+        seen = board_latches(self.board, since, self.mode)
         check(bool(seen), "no latch is traced")
         due = zlib.crc32(registers + amplitudes)
         check(
@@ -73,14 +73,14 @@ def expect_shown(
         )
         if found != due
     ]
-    named = ", ".join(names_of(board, shown, registers, amplitudes, bits))
+    named = ", ".join(_names_of(board, shown, registers, amplitudes, bits))
     fail(
         f"{named or 'another drive'}: {len(wrong)} transducers differ "
         f"((phase, amplitude) of {'; '.join(wrong[:_SHOWN])})"
     )
 
 
-def names_of(
+def _names_of(
     board: BoardClient, shown: ShownDrive, registers: bytes, amplitudes: bytes, bits: int
 ) -> tuple[str, ...]:
     """Return the names of the faults of a drive, judged by the array's geometry."""

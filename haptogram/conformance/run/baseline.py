@@ -12,7 +12,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import write_atomically
+from haptogram.machine.files import write_file_atomically
 from haptogram.settings.text_file import read_toml
 
 from ..case import Case
@@ -47,4 +47,4 @@ def write_baseline(path: Path, suite: SuiteResult) -> None:
         for result in suite.results
         if result.is_failure
     ]
-    write_atomically(path, "\n".join(["[expected]", *rows, ""]).encode())
+    write_file_atomically(path, "\n".join(["[expected]", *rows, ""]).encode())

@@ -13,15 +13,15 @@ from haptogram_protocol.messages import HelloReply
 
 from ..client.board_client import BoardClient
 from ..client.introduction import (
-    describe_device,
-    explain_silence,
-    greet,
+    describe_board,
+    explain_board_silence,
+    greet_board,
     is_version_error,
-    learn_wraps,
-    measured_rate,
+    learn_board_clock_wraps,
+    measured_board_rate,
 )
 from ..client.wire import RawFrameWire, WaitLimits
-from ..judge.recovery import farewell
+from ..judge.recovery import farewell_to_board
 from ..outcome import CaseEndedError
 from .access import Access
 
@@ -86,14 +86,14 @@ class SuiteConnection:
         if not self.lost:
             with contextlib.suppress(CaseEndedError, LinkLostError):
                 if not self._access.virtual:
-                    self.baudrate = self.board.wire.baudrate = measured_rate(self.board)
-                learn_wraps(self.board)
+                    self.baudrate = self.board.wire.baudrate = measured_board_rate(self.board)
+                learn_board_clock_wraps(self.board)
 
     def close(self) -> None:
         """Mute the board, and close the port."""
         if self._transport is not None and not self.lost:
             try:
-                farewell(self.board)
+                farewell_to_board(self.board)
             except HaptogramError:
                 pass
             except Exception as error:  # the results must not be lost
@@ -159,14 +159,14 @@ class SuiteConnection:
             self.board.link.expect_boot(self._access.boot_timeout_s)
         try:
             for _ in range(_GREETINGS):
-                reply = greet(self.board)
+                reply = greet_board(self.board)
                 if isinstance(reply, HelloReply):
-                    self.device = describe_device(reply)
+                    self.device = describe_board(reply)
                     return True
                 if is_version_error(reply):
                     self.lost = f"the board speaks another major version: {reply}"
                     return False
-            self.lost = explain_silence(self.board)
+            self.lost = explain_board_silence(self.board)
         except (LinkError, CaseEndedError) as error:
             self.lost = f"the board is gone: {error}" if self.device else str(error)
         return False

@@ -15,9 +15,9 @@ from haptogram.records.frame import Evidence
 from ..case import Case
 from ..clauses import Clause, Level, load_clauses
 from ..client.board_client import BoardClient
-from ..judge.recovery import recover
+from ..judge.recovery import recover_board
 from ..outcome import CaseEndedError
-from ..verdict import NO_RESET, Behaviour, Recovery, Result, SuiteResult
+from ..verdict import NO_RESET, Behaviour, CaseResult, Recovery, SuiteResult
 from .access import Access
 from .connection import SuiteConnection
 
@@ -28,7 +28,7 @@ _HELD_UP_S: Final = 1.0  # a host held up for longer may have missed a timer of 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
+class SuiteOptions:
     """Options of a run.
 
     Attributes
@@ -63,7 +63,7 @@ class _Outcome:
     traceback: str = ""
 
 
-class Runner:
+class SuiteRunner:
     """Runs cases against the board behind *access*; as a context, keeps the port open.
 
     Raises
@@ -73,7 +73,7 @@ class Runner:
     """
 
     def __init__(
-        self, access: Access, options: Options, progress: CaseProgress | None = None
+        self, access: Access, options: SuiteOptions, progress: CaseProgress | None = None
     ) -> None:
         self._access, self._options = access, options
         self._progress: CaseProgress = progress or (lambda *_: None)
@@ -101,7 +101,7 @@ class Runner:
 
     def run(self, cases: Sequence[Case]) -> SuiteResult:
         """Run *cases* in order and return their results; Ctrl-C keeps those so far."""
-        results: list[Result] = []
+        results: list[CaseResult] = []
         cut_short, is_interrupted = "", False
         try:
             with self:
@@ -132,7 +132,7 @@ class Runner:
 
     # --- one case ------------------------------------------------------------------------------
 
-    def result(self, case: Case) -> Result:
+    def result(self, case: Case) -> CaseResult:
         """Run one case, as often as it is to be repeated, and return its result."""
         outcomes = [self._attempt(case) for _ in range(self._options.repeat if case.body else 1)]
         judged = [outcome for outcome in outcomes if not outcome.traceback]
@@ -145,7 +145,7 @@ class Runner:
             behaviour = Behaviour.FLAKY
             detail = " then ".join(f"{o.behaviour.value}" for o in outcomes) + f": {detail}"
         expected = self._options.expected
-        return Result(
+        return CaseResult(
             case=case.id,
             clause=case.clause,
             requirement=self._clauses[case.clause].text,
@@ -240,7 +240,7 @@ class Runner:
         if outcome.behaviour is Behaviour.UNIMPLEMENTED:
             return outcome
         try:
-            recovery = recover(board)
+            recovery = recover_board(board)
         except LinkLostError as error:
             detail = outcome.detail or str(error)
             return self._lost(dataclasses.replace(outcome, detail=detail), board)
@@ -278,8 +278,8 @@ def _is_shown(behaviour: Behaviour) -> bool:
     return behaviour in (Behaviour.FAILED, Behaviour.NON_STRICT, Behaviour.INCONCLUSIVE)
 
 
-def _not_run(case: Case, clause: Clause, why: str) -> Result:
+def _not_run(case: Case, clause: Clause, why: str) -> CaseResult:
     evidence = case.evidence if case.body else Evidence.WIRE
-    return Result(
+    return CaseResult(
         case.id, case.clause, clause.text, case.summary, Behaviour.INCONCLUSIVE, evidence, why
     )

@@ -13,7 +13,7 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import AcousticModel, Drive, check_target, focus_phases
+from haptogram.acoustics import AcousticModel, Drive, check_focus_target, focus_phases
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, quantise_phase
 from haptogram.acoustics.solvers.several import METHODS, Method, weights_for_foci
 from haptogram.driver.frames.frame import (
@@ -22,11 +22,11 @@ from haptogram.driver.frames.frame import (
     REGISTER_BITS,
     Frame,
     Mode,
-    are_frames,
-    check_asked,
+    are_driver_frames,
+    check_frame_request,
     check_frames_to_send,
 )
-from haptogram.driver.frames.targets import Targets, as_foci
+from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
 from haptogram.settings.arguments import check_choice, check_whole
@@ -87,11 +87,11 @@ class FrameBuilder:
         ConfigurationError
             As :meth:`build`; or ready frames do not fit the board, *mode* or *solver*.
         """
-        if are_frames(targets):
-            check_asked(targets, mode, solver)
+        if are_driver_frames(targets):
+            check_frame_request(targets, mode, solver)
             check_frames_to_send(targets, self._model, self._identity, int(self._bits))
             return list(targets)
-        foci = as_foci(cast("Targets", targets))
+        foci = as_frame_foci(cast("Targets", targets))
         return self.build(
             foci, "phases" if mode is None else mode, "naive" if solver is None else solver
         )
@@ -139,7 +139,7 @@ class FrameBuilder:
                 "mode points: the board computes the drives, without the calibration; phases and "
                 "drives are computed with it"
             )
-        speed_mm_s = sound_speed_mm_s(self._model)
+        speed_mm_s = frame_sound_speed_mm_s(self._model)
         if mode == "points" and not LEAST_SPEED_MM_S <= speed_mm_s <= MOST_SPEED_MM_S:
             raise ConfigurationError(
                 f"mode points: the speed of sound of the model is {speed_mm_s / 1000:g} m/s; a "
@@ -149,7 +149,7 @@ class FrameBuilder:
     def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode, solver: Method) -> None:
         try:
             for focus in foci:
-                check_target(self._model, focus.position_m)
+                check_focus_target(self._model, focus.position_m)
         except ConfigurationError as error:
             raise ConfigurationError(f"frame {number}: {error}") from error
         if mode == "points" and len(foci) > self._identity.max_points:
@@ -194,10 +194,10 @@ class FrameBuilder:
             lags = np.array([[group[0].phase_rad] for group in foci])
             phases: NDArray[np.float64] = focus_phases(self._model, positions) + lags
             return phases
-        return np.array([np.angle(weights_of_foci(self._model, group, solver)) for group in foci])
+        return np.array([np.angle(frame_weights(self._model, group, solver)) for group in foci])
 
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
-        drive = Drive.from_weights(weights_of_foci(self._model, foci, solver), REGISTER_BITS)
+        drive = Drive.from_weights(frame_weights(self._model, foci, solver), REGISTER_BITS)
         data = drive.phase_codes.tobytes() + drive.amplitude_codes.tobytes()
         message = Drives(PhaseFormat.BITS_8, 0, data)
         return Frame(foci, drive, message, self._geometry_hash, solver)
@@ -205,16 +205,16 @@ class FrameBuilder:
     def _points(self, foci: tuple[Focus, ...]) -> Frame:
         points = tuple(_on_wire(focus) for focus in foci)
         rounded = tuple(_from_wire(point) for point in points)
-        speed_mm_s = sound_speed_mm_s(self._model)
+        speed_mm_s = frame_sound_speed_mm_s(self._model)
         model = self._model.with_sound_speed(speed_mm_s / 1000)
-        drive = Drive.from_weights(weights_of_foci(model, rounded, "naive"), REGISTER_BITS)
+        drive = Drive.from_weights(frame_weights(model, rounded, "naive"), REGISTER_BITS)
         if not self._graded:  # HG-5.4/2
             drive = Drive(drive.phase_codes, np.full_like(drive.amplitude_codes, FULL_AMPLITUDE))
         message = Points(points)
         return Frame(rounded, drive, message, self._geometry_hash, sound_speed_mm_s=speed_mm_s)
 
 
-def sound_speed_mm_s(model: AcousticModel) -> int:
+def frame_sound_speed_mm_s(model: AcousticModel) -> int:
     """Return the model's speed of sound as a board is told it, in whole mm/s."""
     return round(model.medium.sound_speed_m_s * 1000)
 
@@ -237,7 +237,7 @@ def _check_solver(solver: Method, mode: Mode) -> None:
         )
 
 
-def weights_of_foci(
+def frame_weights(
     model: AcousticModel, foci: tuple[Focus, ...], solver: Method
 ) -> NDArray[np.complex128]:
     """Return the (N,) weights that *foci* ask for of a host that solves them so."""

@@ -11,7 +11,7 @@ from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.acoustics.solvers.several import Method
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey, Intended
-from haptogram.settings.arguments import shown
+from haptogram.settings.arguments import shown_argument
 from haptogram_protocol.messages import Drives, Feature, FocalPoint, HelloReply, Phases, Points
 
 Mode: TypeAlias = Literal["phases", "drives", "points"]
@@ -84,7 +84,7 @@ class Frame:
         )
 
 
-def are_frames(targets: object) -> TypeGuard[Sequence[Frame]]:
+def are_driver_frames(targets: object) -> TypeGuard[Sequence[Frame]]:
     """Return True if *targets* are frames already.
 
     Raises
@@ -102,7 +102,7 @@ def are_frames(targets: object) -> TypeGuard[Sequence[Frame]]:
     return ready > 0
 
 
-def check_asked(frames: Sequence[Frame], mode: Mode | None, solver: Method | None) -> None:
+def check_frame_request(frames: Sequence[Frame], mode: Mode | None, solver: Method | None) -> None:
     """Refuse a mode or a solver that is not the one by which *frames* were made.
 
     Raises
@@ -114,7 +114,8 @@ def check_asked(frames: Sequence[Frame], mode: Mode | None, solver: Method | Non
         made = {getattr(frame, name) for frame in frames}
         if asked is not None and made != {asked}:
             raise ConfigurationError(
-                f"{name} is {shown(asked)}; the frames were made with {', '.join(sorted(made))}: "
+                f"{name} is {shown_argument(asked)}; "
+                f"the frames were made with {', '.join(sorted(made))}: "
                 f"leave {name} out"
             )
 

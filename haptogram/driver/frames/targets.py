@@ -14,7 +14,7 @@ from haptogram.records.frame import Focus
 Targets: TypeAlias = ArrayLike | Sequence[Focus] | Sequence[Sequence[Focus]]
 
 
-def as_foci(targets: Targets) -> list[tuple[Focus, ...]]:
+def as_frame_foci(targets: Targets) -> list[tuple[Focus, ...]]:
     """Return the foci of every frame.
 
     Parameters

@@ -13,7 +13,7 @@ _DELIMITERS: Final = 2
 _COBS_BLOCK: Final = 254
 
 
-def frame_bytes(payload_bytes: int) -> int:
+def frame_bytes_on_line(payload_bytes: int) -> int:
     """Return the most bytes that a frame with this payload takes on the line.
 
     Byte stuffing adds one byte per started block of 254; two delimiters enclose the frame.
@@ -22,17 +22,17 @@ def frame_bytes(payload_bytes: int) -> int:
     return body + math.ceil(body / _COBS_BLOCK) + _DELIMITERS
 
 
-def transmission_ns(size: int, baudrate: int) -> int:
+def line_transmission_ns(size: int, baudrate: int) -> int:
     """Return how long *size* bytes take on the line at 8N1, in whole nanoseconds, rounded up."""
     return -(-size * BITS_PER_BYTE * 1_000_000_000 // baudrate)
 
 
-def highest_rate_hz(size: int, baudrate: int) -> float:
+def highest_line_rate_hz(size: int, baudrate: int) -> float:
     """Return how many frames of *size* bytes the line carries per second."""
     return baudrate / (size * BITS_PER_BYTE)
 
 
-def round_trip_ns(request: int, reply: int, baudrate: int, latency_timer_ns: int = 0) -> int:
+def line_round_trip_ns(request: int, reply: int, baudrate: int, latency_timer_ns: int = 0) -> int:
     """Return how long a request and its reply take on the line, at most.
 
     Parameters
@@ -42,11 +42,11 @@ def round_trip_ns(request: int, reply: int, baudrate: int, latency_timer_ns: int
     latency_timer_ns : int
         Of a USB adapter at the host: it keeps a reply shorter than its packet for so long.
     """
-    there_and_back = transmission_ns(request, baudrate) + transmission_ns(reply, baudrate)
+    there_and_back = line_transmission_ns(request, baudrate) + line_transmission_ns(reply, baudrate)
     return there_and_back + latency_timer_ns
 
 
-def check_rate(size: int, *, baudrate: int, rate_hz: float) -> None:
+def check_line_rate(size: int, *, baudrate: int, rate_hz: float) -> None:
     """Refuse a rate that the line cannot carry.
 
     Parameters
@@ -59,7 +59,7 @@ def check_rate(size: int, *, baudrate: int, rate_hz: float) -> None:
     ConfigurationError
         Naming both rates.
     """
-    highest_hz = highest_rate_hz(size, baudrate)
+    highest_hz = highest_line_rate_hz(size, baudrate)
     if rate_hz > highest_hz:
         raise ConfigurationError(
             f"rate_hz is {rate_hz:g}; {size} bytes a frame at {baudrate} baud carry "
@@ -85,7 +85,7 @@ class LineModel:
 
     def add(self, size: int, now_ns: int) -> None:
         """Count *size* bytes handed over at *now_ns*."""
-        self.free_ns = max(self.free_ns, now_ns) + transmission_ns(size, self.baudrate)
+        self.free_ns = max(self.free_ns, now_ns) + line_transmission_ns(size, self.baudrate)
 
     def unsent_bytes(self, now_ns: int) -> int:
         """Return how many bytes have not left the port yet."""
@@ -97,4 +97,4 @@ class LineModel:
 
     def room_at_ns(self, unsent: int) -> int:
         """Return when no more than *unsent* bytes will be left in the port."""
-        return self.free_ns - transmission_ns(unsent, self.baudrate)
+        return self.free_ns - line_transmission_ns(unsent, self.baudrate)

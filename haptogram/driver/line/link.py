@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, TypeAlias, TypeVar
 
-from haptogram.driver.line.budget import LineModel, transmission_ns
+from haptogram.driver.line.budget import LineModel, line_transmission_ns
 from haptogram.driver.line.port import Transport
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
 from haptogram_protocol import NEED_DATA, HostConnection
@@ -174,7 +174,7 @@ class Link:
 
     def transmission_ns(self, wire: bytes) -> int:
         """Return how long *wire* takes on the line."""
-        return transmission_ns(len(wire), self.line.baudrate)
+        return line_transmission_ns(len(wire), self.line.baudrate)
 
     # --- requests ------------------------------------------------------------------------------
 
@@ -259,7 +259,7 @@ class Link:
         if isinstance(outcome, RequestRefused):
             error = outcome.error
             raise DeviceError(
-                f"{outcome.request.name} was refused: {error_name(error.code)}, "
+                f"{outcome.request.name} was refused: {_error_name(error.code)}, "
                 f"detail {error.detail}",
                 code=error.code,
                 detail=error.detail,
@@ -271,7 +271,7 @@ class Link:
         self._transport.close()
 
 
-def error_name(code: int) -> str:
+def _error_name(code: int) -> str:
     """Return the name of an error code, its number if this version does not know it."""
     return ErrorCode(code).name if code in ErrorCode._value2member_map_ else f"error {code}"
 

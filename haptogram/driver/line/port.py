@@ -23,11 +23,11 @@ from haptogram.errors import (
     PortBusyError,
     PortNotFoundError,
 )
-from haptogram.machine.waiter import Waiter
-from haptogram.settings.arguments import check_number, check_whole, shown
+from haptogram.machine.waiter import DescriptorWaiter
+from haptogram.settings.arguments import check_number, check_whole, shown_argument
 
 DEFAULT_BAUDRATE: Final = 3_000_000
-MOST_BAUDRATE: Final = 1_000_000_000  # a line without a rate, such as a pty, can be taken as fast
+_MOST_BAUDRATE: Final = 1_000_000_000  # a line without a rate, such as a pty, can be taken as fast
 _CHUNK: Final = 65_536
 _GONE: Final = (OSError, ValueError, TypeError)  # the last two: closed under our feet
 _BUSY: Final = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
@@ -77,9 +77,10 @@ def check_port(port: object, baudrate: int, timeout_s: float) -> None:
     methods = ("url", "now_ns", "read_available", "write_some", "close")
     if not (port and isinstance(port, str)) and not all(hasattr(port, name) for name in methods):
         raise ConfigurationError(
-            f"port is {shown(port)}, must be a URL such as '/dev/ttyUSB0', or an open Transport"
+            f"port is {shown_argument(port)}, must be a URL such as '/dev/ttyUSB0', "
+            "or an open Transport"
         )
-    check_whole("baudrate", baudrate, 1, MOST_BAUDRATE)
+    check_whole("baudrate", baudrate, 1, _MOST_BAUDRATE)
     check_number("timeout_s", timeout_s, 0.001, 3600.0)
 
 
@@ -100,7 +101,7 @@ class FdTransport:
     def __init__(self, port: serial.SerialBase, url: str) -> None:
         self._port = port
         self._fd = int(port.fileno())
-        self._waiter = Waiter()
+        self._waiter = DescriptorWaiter()
         self.url = url
 
     def now_ns(self) -> int:
@@ -209,7 +210,7 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
     ConfigurationError
         *url* or *baudrate* make no sense.
     """
-    check_whole("baudrate", baudrate, 1, MOST_BAUDRATE)
+    check_whole("baudrate", baudrate, 1, _MOST_BAUDRATE)
     port = _open_port(url, baudrate)
     try:
         port.fileno()

@@ -32,7 +32,7 @@ _PPB: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class ClockSample:
     """One exchange.
 
     Attributes
@@ -51,14 +51,14 @@ class Sample:
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class ClockDrift:
     """How much faster the device clock runs, and the largest error of that, in ppm."""
 
     ppm: float
     uncertainty_ppm: float
 
 
-def fit_drift(samples: Sequence[Sample]) -> Drift:
+def fit_clock_drift(samples: Sequence[ClockSample]) -> ClockDrift:
     """Return the slope of the offsets, by a decayed regression.
 
     A least-squares line, each sample weighted by the inverse square of its margin and by
@@ -76,12 +76,12 @@ def fit_drift(samples: Sequence[Sample]) -> Drift:
     mean = sum(w * t for w, t in zip(weights, times, strict=True)) / total
     spread = sum(w * (t - mean) ** 2 for w, t in zip(weights, times, strict=True))
     if spread == 0.0:
-        return Drift(math.nan, math.inf)
+        return ClockDrift(math.nan, math.inf)
     shares = [w * (t - mean) / spread for w, t in zip(weights, times, strict=True)]
     offsets = (sample.offset_ns - origin.offset_ns for sample in samples)
     slope = sum(c * offset for c, offset in zip(shares, offsets, strict=True))
     bound = sum(abs(c) * sample.margin_ns for c, sample in zip(shares, samples, strict=True))
-    return Drift(1e6 * slope, 1e6 * bound)
+    return ClockDrift(1e6 * slope, 1e6 * bound)
 
 
 class ClockEstimate:
@@ -107,10 +107,10 @@ class ClockEstimate:
         self.jumps = 0
         self.jump_us = 0
         self._ppm = float(device_ppm + _HOST_PPM)
-        self._samples: deque[Sample] = deque(maxlen=_WINDOW)
-        self._best: Sample | None = None
+        self._samples: deque[ClockSample] = deque(maxlen=_WINDOW)
+        self._best: ClockSample | None = None
         self._contradictions = 0
-        self._drift = Drift(math.nan, math.inf)
+        self._drift = ClockDrift(math.nan, math.inf)
         self._rate_ppb = 0  # drift that is reckoned with
         self._growth_ppm = self._ppm  # of the error, as a sample ages
 
@@ -146,9 +146,9 @@ class ClockEstimate:
         if disprove:
             self._samples.clear()
             self._best = None
-        self._take(Sample(host_ns, device_ns - host_ns, trip_ns // 2 + _ROUNDING_NS))
+        self._take(ClockSample(host_ns, device_ns - host_ns, trip_ns // 2 + _ROUNDING_NS))
 
-    def _take(self, sample: Sample) -> None:
+    def _take(self, sample: ClockSample) -> None:
         if self._contradicts(sample):
             self.rejected += 1
             self._contradictions += 1
@@ -160,7 +160,7 @@ class ClockEstimate:
         self._follow_drift()
         self._best = min(self._samples, key=lambda s: self._margin_at(s, sample.host_ns))
 
-    def _contradicts(self, sample: Sample) -> bool:
+    def _contradicts(self, sample: ClockSample) -> bool:
         """Return True if two clocks within their declared limits cannot have given *sample*."""
         best = self._best
         if best is None:
@@ -169,7 +169,7 @@ class ClockEstimate:
         allowed_ns = best.margin_ns + sample.margin_ns + age_ns * self._ppm / 1e6
         return abs(sample.offset_ns - best.offset_ns) > allowed_ns
 
-    def _begin_anew(self, sample: Sample) -> None:
+    def _begin_anew(self, sample: ClockSample) -> None:
         """Forget everything: the device clock has jumped."""
         self.jumps += 1
         self.jump_us = (sample.offset_ns - self._offset_ns(sample.host_ns)) // 1000
@@ -177,13 +177,13 @@ class ClockEstimate:
 
     def _follow_drift(self) -> None:
         """Reckon with the drift once it is known better than the clocks' declared limits."""
-        self._drift = fit_drift(self._samples)
+        self._drift = fit_clock_drift(self._samples)
         growth_ppm = self._drift.uncertainty_ppm + _WANDER_PPM
         known = growth_ppm < self._ppm
         self._growth_ppm = growth_ppm if known else self._ppm
         self._rate_ppb = round(self._drift.ppm * 1000) if known else 0
 
-    def _margin_at(self, sample: Sample, host_ns: int) -> float:
+    def _margin_at(self, sample: ClockSample, host_ns: int) -> float:
         return sample.margin_ns + abs(host_ns - sample.host_ns) * self._growth_ppm / 1e6
 
     def _offset_ns(self, host_ns: int) -> int:
@@ -239,13 +239,13 @@ class ClockEstimate:
         return self._samples[-1].host_ns if self._samples else self._chosen.host_ns
 
     @property
-    def _chosen(self) -> Sample:
+    def _chosen(self) -> ClockSample:
         if self._best is None:
             raise NoAnswerError("the device clock is not known: no ping was answered yet")
         return self._best
 
 
-def next_boundary_us(device_us: int, carrier_hz: int) -> int:
+def next_carrier_boundary_us(device_us: int, carrier_hz: int) -> int:
     """Return the first whole carrier period at or after *device_us*, where drives are latched.
 
     A board counts the periods from its own start.  A host that came after the 32-bit clock wrapped

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Final
 
-LONGEST_DEFAULT_US: Final = 100_000
+_LONGEST_DEFAULT_US: Final = 100_000
 _QUEUE_SHARE: Final = Fraction(3, 4)  # of the board's queue: the rest takes up a burst
 _GUARD_US: Final = 200  # above the worst delay seen: two clocks and a carrier period
 _GUARD_SHARE: Final = 4  # and a part in so many of it
@@ -25,7 +25,7 @@ def default_lead_us(period_us: Fraction, queue_depth: int) -> int:
     below the lead costs nothing, and a line that is 92 % full needs twelve times the stall to catch
     up.
     """
-    return max(1, min(LONGEST_DEFAULT_US, int(_QUEUE_SHARE * queue_depth * period_us)))
+    return max(1, min(_LONGEST_DEFAULT_US, int(_QUEUE_SHARE * queue_depth * period_us)))
 
 
 def sufficient_lead_us(delays_us: list[int], *, frames: int, miss_share: float) -> int:
@@ -114,7 +114,7 @@ class LeadTrim:
         self._epoch *= 2
 
 
-class SafetyMargin:
+class LeadMargin:
     """Time before t_apply at which a frame must be complete, to be worth sending.
 
     The margin is the error of the clock, and the lateness that the board reported of frames that

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram.driver.line.budget import frame_bytes, transmission_ns
+from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
 from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import CLOCK_STEPS_US, ClockEstimate
 from haptogram_protocol.connection import ReplyReceived
@@ -12,9 +12,9 @@ from haptogram_protocol.messages import Ping, Pong
 
 # Not a whole fraction of any usual period, so that the pings meet every phase of the traffic.
 PING_PERIOD_NS: Final = 980_000_000
-INITIAL_PINGS: Final = 8
+_INITIAL_PINGS: Final = 8
 _DOUBTFUL_NS: Final = 100_000_000  # until the next one, if the last one contradicts the others
-_PONG_BYTES: Final = frame_bytes(Pong.LAYOUT.size)
+_PONG_BYTES: Final = frame_bytes_on_line(Pong.LAYOUT.size)
 
 
 class Pinger:
@@ -38,7 +38,7 @@ class Pinger:
 
     def synchronise(self) -> None:
         """Exchange a few pings, one after the other; see :meth:`Link.request` for the errors."""
-        for _ in range(INITIAL_PINGS):
+        for _ in range(_INITIAL_PINGS):
             self._link.wait_idle(self._link.now_ns() + self._link.timeout_ns)
             self._send()
             self._link.wait_idle(self._link.now_ns() + self._link.timeout_ns)
@@ -62,7 +62,7 @@ class Pinger:
         if not isinstance(pong, Pong) or reply.seq != self._seq or reply.rtt_us is None:
             return
         received_ns = reply.t_rx_us * 1000
-        came_ns = received_ns - transmission_ns(_PONG_BYTES, self._link.line.baudrate)
+        came_ns = received_ns - line_transmission_ns(_PONG_BYTES, self._link.line.baudrate)
         stay_ns = ((pong.t_tx_us - pong.t_rx_us) & 0xFFFFFFFF) * 1000
         faster = came_ns - self._left_ns < stay_ns - CLOCK_STEPS_US * 1000
         if faster or self._unpaced:

@@ -25,7 +25,9 @@ def next_deadline_ns(*, deadline_ns: int, now_ns: int, period_ns: int) -> int:
     return deadline_ns + period_ns * (late_ns // period_ns + 1)
 
 
-def can_arrive(*, now_ns: int, line_free_ns: int, transmission_ns: int, due_ns: int) -> bool:
+def can_arrive_in_time(
+    *, now_ns: int, line_free_ns: int, transmission_ns: int, due_ns: int
+) -> bool:
     """Return True if a frame that would be sent now is complete at the board before it is due.
 
     The rule of the stream for missed ticks: a frame that can still make it is sent at once, behind

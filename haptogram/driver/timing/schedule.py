@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import Final
 
 from haptogram.driver.frames.frame import Frame
-from haptogram.driver.line.budget import check_rate, frame_bytes, transmission_ns
+from haptogram.driver.line.budget import check_line_rate, frame_bytes_on_line, line_transmission_ns
 from haptogram.driver.timing.lead import LeadTrim, default_lead_us
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_whole
@@ -64,8 +64,8 @@ class Schedule:
         ConfigurationError
             Naming the value and the limit.
         """
-        size = frame_bytes(max(frame.payload_bytes for frame in frames))
-        check_rate(size, baudrate=baudrate, rate_hz=self.rate_hz)
+        size = frame_bytes_on_line(max(frame.payload_bytes for frame in frames))
+        check_line_rate(size, baudrate=baudrate, rate_hz=self.rate_hz)
         if self.rate_hz > identity.max_frame_rate_hz:
             raise ConfigurationError(
                 f"rate is {self.rate_hz:g} Hz; the board latches up to "
@@ -119,6 +119,6 @@ class Schedule:
             raise ConfigurationError(
                 "trim needs the STATUS of the board, and status_period_ms is 0: configure it"
             )
-        size = frame_bytes(max(frame.payload_bytes for frame in frames))
-        shortest_us = -(-transmission_ns(size, baudrate) // 1000) + 1
+        size = frame_bytes_on_line(max(frame.payload_bytes for frame in frames))
+        shortest_us = -(-line_transmission_ns(size, baudrate) // 1000) + 1
         return LeadTrim(self.lead_us, shortest_us, miss_share)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import check_distinct
+from haptogram.machine.files import check_distinct_files
 
 from .channels import METADATA, PROFILE
 from .reader import Recording
@@ -24,7 +24,7 @@ def repair(source: Path, target: Path) -> int:
     from mcap.records import Channel, Header, Message, Metadata, Schema
     from mcap.writer import CompressionType, Writer
 
-    check_distinct({"the copy": target}, [("the recording", source)])
+    check_distinct_files({"the copy": target}, [("the recording", source)])
     recording = Recording(source)
     count = 0
     try:

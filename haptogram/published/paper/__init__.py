@@ -5,18 +5,18 @@ next to what a stated reading of the text predicts; the foci of its figure 4.  W
 reproduced is reported as that.
 """
 
-from haptogram.published.paper.equations import EQUATIONS, Constants, Equation
-from haptogram.published.paper.figure4 import FIGURE_4_FOCI_M, concave_section, figure_4_model
-from haptogram.published.paper.hemisphere import RESOLUTIONS_M, hemisphere
+from haptogram.published.paper.equations import EQUATIONS, PaperConstants, PaperEquation
+from haptogram.published.paper.figure4 import FIGURE_4_FOCI_M, figure_4_model, figure_4_section
+from haptogram.published.paper.hemisphere import RESOLUTIONS_M, paper_hemisphere
 from haptogram.published.paper.table1 import (
     BEST_READING,
     CONFIGURATIONS,
     PRINTED,
     READINGS,
-    Cell,
-    Reading,
-    Reproduction,
-    reproduce,
+    Table1Cell,
+    Table1Reading,
+    Table1Reproduction,
+    reproduce_table_1,
 )
 
 __all__ = [
@@ -27,13 +27,13 @@ __all__ = [
     "PRINTED",
     "READINGS",
     "RESOLUTIONS_M",
-    "Cell",
-    "Constants",
-    "Equation",
-    "Reading",
-    "Reproduction",
-    "concave_section",
+    "PaperConstants",
+    "PaperEquation",
+    "Table1Cell",
+    "Table1Reading",
+    "Table1Reproduction",
     "figure_4_model",
-    "hemisphere",
-    "reproduce",
+    "figure_4_section",
+    "paper_hemisphere",
+    "reproduce_table_1",
 ]

@@ -11,10 +11,16 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import NumpyEngine, focus_phases, pressure
-from haptogram.acoustics.levels.shift import find_peak
+from haptogram.acoustics.levels.shift import find_pressure_peak
 from haptogram.published.paper import equations as eq
 from haptogram.published.paper.figure4 import BENDS, FIGURE_4_FOCI_M, figure_4_model
-from haptogram.published.paper.table1 import PRINTED, READINGS, TOLERANCE, Reproduction, reproduce
+from haptogram.published.paper.table1 import (
+    PRINTED,
+    READINGS,
+    TOLERANCE,
+    Table1Reproduction,
+    reproduce_table_1,
+)
 
 DEVIATIONS_REMARK: Final = (
     "No reading that was tried gives the printed standard deviations. A smooth field sampled ever "
@@ -35,7 +41,7 @@ FIGURE_4_REMARK: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Demonstration:
+class EquationDemonstration:
     """A number that shows a fault: what is printed gives, what is corrected gives."""
 
     what: str
@@ -45,40 +51,40 @@ class Demonstration:
     corrected_unit: str
 
 
-def demonstrations() -> list[Demonstration]:
+def equation_demonstrations() -> list[EquationDemonstration]:
     """Return what the faulty equations give in numbers, next to the corrected ones."""
-    constants = eq.Constants()
+    constants = eq.PaperConstants()
     level = math.sqrt(2.0) * constants.pressure_pa * 256 * eq.attenuation_eq6(0.1, constants)
     return [
-        Demonstration(
+        EquationDemonstration(
             "(3) P/P0 at z0 = 0.1 m",
             eq.attenuation_eq3_printed(0.1, constants),
             "",
             eq.attenuation_eq6(0.1, constants),
             "",
         ),
-        Demonstration(
+        EquationDemonstration(
             "(8) F for |p| = sqrt2 256 P0, cube (square) of 1 mm",
             eq.force_eq8_printed(level, 1e-3, constants),
             "N^2/m",
             eq.force_eq8_corrected(level, 1e-3, constants),
             "N",
         ),
-        Demonstration(
+        EquationDemonstration(
             "(9) w_f at r = 0.1 m, 16 x 16",
             eq.spot_eq9_printed(0.1, 256, constants),
             "m^1.5",
             eq.spot_eq9_corrected(0.1, 256, constants),
             "m",
         ),
-        Demonstration(
+        EquationDemonstration(
             "P0; and what (8) takes for 4 mN from 128 elements",
             constants.pressure_pa,
             "Pa",
             _pressure_for_table_1_pa(constants),
             "Pa",
         ),
-        Demonstration(
+        EquationDemonstration(
             "c: printed, and from k = 730.603 rad/m at 40 kHz",
             constants.sound_speed_m_s,
             "m/s",
@@ -88,19 +94,19 @@ def demonstrations() -> list[Demonstration]:
     ]
 
 
-def _pressure_for_table_1_pa(constants: eq.Constants) -> float:
+def _pressure_for_table_1_pa(constants: eq.PaperConstants) -> float:
     """Return the P0 with which (7) and (8) give 128 elements the 4 mN of Table 1, at 0.1 m."""
     level = math.sqrt(2.0) * 128 * eq.attenuation_eq6(0.1, constants)  # per pascal of P0
     return math.cbrt(4e-3 / eq.force_eq8_printed(level, 1e-3, constants))
 
 
-def figure_4() -> list[dict[str, Any]]:
+def figure_4_foci() -> list[dict[str, Any]]:
     """Return where the foci of figure 4 are, and how strong."""
     rows = []
     for bend, focus in itertools.product(BENDS, FIGURE_4_FOCI_M):
         model = figure_4_model(bend)
         weights = np.exp(1j * focus_phases(model, focus))
-        peak = find_peak(NumpyEngine(model), weights, focus)
+        peak = find_pressure_peak(NumpyEngine(model), weights, focus)
         places = np.array([focus, (focus[0], -focus[1], focus[2]), peak])
         levels = np.abs(pressure(model, weights, places)) / math.sqrt(2.0)
         rows.append(
@@ -117,7 +123,7 @@ def figure_4() -> list[dict[str, Any]]:
     return rows
 
 
-def prose() -> list[str]:
+def paper_prose() -> list[str]:
     """Return what the text says about Table 1, next to the table itself."""
     means = np.array(PRINTED).mean(axis=0)
     averages, deviations = (
@@ -134,15 +140,15 @@ def prose() -> list[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Paper:
+class PaperReproduction:
     """The reproduction of the whole paper; the first result is that of the best reading."""
 
-    results: tuple[Reproduction, ...]
-    demonstrations: tuple[Demonstration, ...]
+    results: tuple[Table1Reproduction, ...]
+    demonstrations: tuple[EquationDemonstration, ...]
     figure_4: tuple[dict[str, Any], ...]
 
     @property
-    def best(self) -> Reproduction:
+    def best(self) -> Table1Reproduction:
         """Table 1 under the reading that explains its averages."""
         return self.results[0]
 
@@ -158,22 +164,22 @@ class Paper:
             del other["cells"]
         return {
             "tolerance": TOLERANCE,
-            "constants": dataclasses.asdict(eq.Constants()),
+            "constants": dataclasses.asdict(eq.PaperConstants()),
             "equations": [dataclasses.asdict(equation) for equation in eq.EQUATIONS],
             "demonstrations": [dataclasses.asdict(item) for item in self.demonstrations],
             "table_1": self.best.as_dict(),
             "standard_deviations": DEVIATIONS_REMARK,
-            "prose": prose(),
+            "prose": paper_prose(),
             "scale": SCALE_REMARK,
             "other_readings": others,
             "figure_4": {"remark": FIGURE_4_REMARK, "foci": list(self.figure_4)},
         }
 
 
-def reproduce_paper() -> Paper:
+def reproduce_paper() -> PaperReproduction:
     """Compute everything; takes some seconds."""
-    return Paper(
-        tuple(reproduce(reading) for reading in READINGS),
-        tuple(demonstrations()),
-        tuple(figure_4()),
+    return PaperReproduction(
+        tuple(reproduce_table_1(reading) for reading in READINGS),
+        tuple(equation_demonstrations()),
+        tuple(figure_4_foci()),
     )

@@ -17,7 +17,7 @@ ComplexArray: TypeAlias = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
-class Constants:
+class PaperConstants:
     """The parameters of section 4.1, as printed; the density is not printed and is that of 20 C.
 
     Attributes
@@ -47,7 +47,7 @@ class Constants:
 
 
 @dataclass(frozen=True, slots=True)
-class Equation:
+class PaperEquation:
     """One printed equation.
 
     Attributes
@@ -71,7 +71,7 @@ class Equation:
 
 
 EQUATIONS: Final = (
-    Equation(
+    PaperEquation(
         "(1)",
         "P(x0,y0,z0) = sum_mn sqrt2 P(z0) e^{j(kr-wt)}",
         "P(x) = sum_n sqrt2 A_n e^{j phi_n} (P1/r_n) D(theta_n) e^{-beta r_n} e^{j(k r_n - wt)}",
@@ -82,7 +82,7 @@ EQUATIONS: Final = (
         "Pa",
         "Pa (P1 in Pa m)",
     ),
-    Equation(
+    PaperEquation(
         "(2)",
         "r = sqrt((xm-x0)^2 + (ym-y0)^2 + z0^2)",
         "as printed",
@@ -90,7 +90,7 @@ EQUATIONS: Final = (
         "m",
         "m",
     ),
-    Equation(
+    PaperEquation(
         "(3)",
         "P(z0) = P0 e^{-2 beta z0}",
         "P(r) = P0 e^{-beta r}",
@@ -98,7 +98,7 @@ EQUATIONS: Final = (
         "Pa",
         "Pa",
     ),
-    Equation(
+    PaperEquation(
         "(4)",
         "E = I/C = P^2 / (rho C^2)",
         "E = p_rms^2 / (rho c^2)",
@@ -106,7 +106,7 @@ EQUATIONS: Final = (
         "J/m^3",
         "J/m^3",
     ),
-    Equation(
+    PaperEquation(
         "(5)",
         "E(z0) = E0 e^{-2 beta z0}",
         "E(r) = E0 e^{-2 beta r}",
@@ -117,7 +117,7 @@ EQUATIONS: Final = (
         "J/m^3",
         "J/m^3",
     ),
-    Equation(
+    PaperEquation(
         "(6)",
         "P(z) = sqrt(E rho C^2) = P0 e^{-beta z}",
         "P(r) = P0 e^{-beta r}",
@@ -125,7 +125,7 @@ EQUATIONS: Final = (
         "Pa",
         "Pa",
     ),
-    Equation(
+    PaperEquation(
         "(7)",
         "P(x0,y0,z0,t) = sum_mn sqrt2 P0 e^{-beta z0} e^{j(kr-wt)}",
         "as (1) corrected",
@@ -136,7 +136,7 @@ EQUATIONS: Final = (
         "Pa",
         "Pa",
     ),
-    Equation(
+    PaperEquation(
         "(8)",
         "F = alpha/(rho c^2) int int int |p|^3/3 dx0 dy0 dz0",
         "F = int int_A alpha p_rms^2/(rho c^2) dA",
@@ -148,7 +148,7 @@ EQUATIONS: Final = (
         "N^2/m",
         "N",
     ),
-    Equation(
+    PaperEquation(
         "(9)",
         "w_f = 4 pi r / (k sqrt(M N d))",
         "w_f = 4 pi r / (k sqrt(M N) d) = 2 lambda r / (sqrt(M N) d)",
@@ -159,18 +159,18 @@ EQUATIONS: Final = (
 )
 
 
-def attenuation_eq3_printed(distance_m: float, constants: Constants) -> float:
+def attenuation_eq3_printed(distance_m: float, constants: PaperConstants) -> float:
     """Return P/P0 of equation (3)."""
     return math.exp(-2.0 * constants.attenuation_np_m * distance_m)
 
 
-def attenuation_eq6(distance_m: float, constants: Constants) -> float:
+def attenuation_eq6(distance_m: float, constants: PaperConstants) -> float:
     """Return P/P0 of equation (6)."""
     return math.exp(-constants.attenuation_np_m * distance_m)
 
 
 def pressure_eq7_printed(
-    positions_m: ArrayLike, phases_rad: ArrayLike, point_m: ArrayLike, constants: Constants
+    positions_m: ArrayLike, phases_rad: ArrayLike, point_m: ArrayLike, constants: PaperConstants
 ) -> complex:
     """Return P of equation (7) at t = 0, with the phases that the text describes.
 
@@ -195,31 +195,31 @@ def pressure_eq7_printed(
     return complex(level * attenuation_eq6(float(point[2]), constants) * phasors.sum())
 
 
-def energy_density_eq4(pressure_rms_pa: float, constants: Constants) -> float:
+def energy_density_eq4(pressure_rms_pa: float, constants: PaperConstants) -> float:
     """Return E of equation (4), in J/m^3, for an RMS pressure."""
     return pressure_rms_pa**2 / (constants.density_kg_m3 * constants.sound_speed_m_s**2)
 
 
-def force_eq8_printed(pressure_peak_pa: float, side_m: float, constants: Constants) -> float:
+def force_eq8_printed(pressure_peak_pa: float, side_m: float, constants: PaperConstants) -> float:
     """Return F of equation (8) for a cube in which |p| is constant; its unit is N^2/m."""
     modulus = constants.density_kg_m3 * constants.sound_speed_m_s**2
     return constants.alpha / modulus * pressure_peak_pa**3 / 3.0 * side_m**3
 
 
-def force_eq8_corrected(pressure_peak_pa: float, side_m: float, constants: Constants) -> float:
+def force_eq8_corrected(pressure_peak_pa: float, side_m: float, constants: PaperConstants) -> float:
     """Return alpha p_rms^2 / (rho c^2) over a square in which |p| is constant, in newtons."""
     modulus = constants.density_kg_m3 * constants.sound_speed_m_s**2
     return constants.alpha * 0.5 * pressure_peak_pa**2 / modulus * side_m**2
 
 
-def spot_eq9_printed(distance_m: float, count: int, constants: Constants) -> float:
+def spot_eq9_printed(distance_m: float, count: int, constants: PaperConstants) -> float:
     """Return w_f of equation (9) for M N = *count*; its unit is m^1.5."""
     return (
         4.0 * math.pi * distance_m / (constants.wavenumber * math.sqrt(count * constants.pitch_m))
     )
 
 
-def spot_eq9_corrected(distance_m: float, count: int, constants: Constants) -> float:
+def spot_eq9_corrected(distance_m: float, count: int, constants: PaperConstants) -> float:
     """Return w_f = 2 lambda r / (sqrt(M N) d), in metres: null to null of a square aperture."""
     return (
         4.0 * math.pi * distance_m / (constants.wavenumber * math.sqrt(count) * constants.pitch_m)

@@ -20,7 +20,7 @@ import numpy as np
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.acoustics.model.directivities import RectangularPiston
 from haptogram.errors import ConfigurationError
-from haptogram.published.paper.equations import Constants
+from haptogram.published.paper.equations import PaperConstants
 
 Bend: TypeAlias = Literal["x", "y"]
 
@@ -35,7 +35,7 @@ SOURCE_STRENGTH_PA_M: Final = 6.0
 _WIDTH_AXIS: Final = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
 
 
-def concave_section(
+def figure_4_section(
     count: int, spacing_m: float, radius_m: float, bend: Bend = "x"
 ) -> TransducerArray:
     """Return *count* elements on an arc over the x or the y axis that face its centre.
@@ -61,11 +61,11 @@ def concave_section(
 
 def figure_4_model(bend: Bend = "x") -> AcousticModel:
     """Return the array of figure 4, lossless as section 4.1 says, with k as printed."""
-    constants = Constants()
+    constants = PaperConstants()
     spacing = ELEMENT_M[0] + KERF_M
     radius = FIGURE_4_ELEMENTS * spacing / math.pi
     return AcousticModel(
-        concave_section(FIGURE_4_ELEMENTS, spacing, radius, bend),
+        figure_4_section(FIGURE_4_ELEMENTS, spacing, radius, bend),
         Medium(
             2.0 * math.pi * constants.frequency_hz / constants.wavenumber, constants.density_kg_m3
         ),

@@ -20,8 +20,12 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.model.directivities import RectangularPiston
 from haptogram.acoustics.model.transducer import Directivity
-from haptogram.published.paper.equations import Constants
-from haptogram.published.paper.hemisphere import RESOLUTIONS_M, hemisphere, hemisphere_by_height
+from haptogram.published.paper.equations import PaperConstants
+from haptogram.published.paper.hemisphere import (
+    RESOLUTIONS_M,
+    paper_hemisphere,
+    paper_hemisphere_by_height,
+)
 
 CONFIGURATIONS: Final = ((128, 1), (64, 2), (32, 4), (16, 8))
 
@@ -37,7 +41,7 @@ _POINTS_PER_CHUNK: Final = 256
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class Table1Reading:
     """One way to read the paper.
 
     Attributes
@@ -62,20 +66,20 @@ class Reading:
     element_m: tuple[float, float] | None = (1e-3, 5e-3)
     exponent: float = 2.0
     spreading: bool = True
-    sampling: Callable[[float], FloatArray] = field(default=hemisphere)
+    sampling: Callable[[float], FloatArray] = field(default=paper_hemisphere)
 
 
-BEST_READING: Final = Reading(
+BEST_READING: Final = Table1Reading(
     "kerf 0.4 mm, |p|^2",
     "elements of 1 x 5 mm as in the text, kerf of the FOCUS example that it follows, 1/r as in the "
     "text, radiation pressure ~ |p|^2",
 )
 READINGS: Final = (
     BEST_READING,
-    Reading("kerf 0.5 mm, |p|^2", "the spacing that the text prints", (1.5e-3, 5.5e-3)),
-    Reading("|p|^3", "the power of equation (8)", exponent=3.0),
-    Reading("|p|^1", "a force proportional to the pressure", exponent=1.0),
-    Reading(
+    Table1Reading("kerf 0.5 mm, |p|^2", "the spacing that the text prints", (1.5e-3, 5.5e-3)),
+    Table1Reading("|p|^3", "the power of equation (8)", exponent=3.0),
+    Table1Reading("|p|^1", "a force proportional to the pressure", exponent=1.0),
+    Table1Reading(
         "points, |p|^1.5",
         "kerf 0.5 mm; standard deviations half as far off as in the best, still wrong; "
         "no physics has this power",
@@ -83,14 +87,16 @@ READINGS: Final = (
         None,
         1.5,
     ),
-    Reading("rings by height", "another sampling of the sphere", sampling=hemisphere_by_height),
-    Reading(
+    Table1Reading(
+        "rings by height", "another sampling of the sphere", sampling=paper_hemisphere_by_height
+    ),
+    Table1Reading(
         "10 mm elements",
         "the transducers of section 3",
         (0.010, 0.010),
         (0.010, 0.010),
     ),
-    Reading(
+    Table1Reading(
         "equations (7) and (8)",
         "to the letter: no spreading, no directivity, |p|^3",
         element_m=None,
@@ -101,7 +107,7 @@ READINGS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class Table1Cell:
     """One cell of Table 1: printed and predicted, in mN.
 
     Attributes
@@ -161,7 +167,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Reproduction:
+class Table1Reproduction:
     """Table 1 under one reading.
 
     Attributes
@@ -174,9 +180,9 @@ class Reproduction:
         Sixteen, row by row.
     """
 
-    reading: Reading
+    reading: Table1Reading
     scale_mn: float
-    cells: tuple[Cell, ...]
+    cells: tuple[Table1Cell, ...]
 
     @property
     def average_rms_mn(self) -> float:
@@ -209,7 +215,7 @@ class Reproduction:
         }
 
 
-def reproduce(reading: Reading = BEST_READING) -> Reproduction:
+def reproduce_table_1(reading: Table1Reading = BEST_READING) -> Table1Reproduction:
     """Return Table 1 as *reading* predicts it, with one scale fitted to its averages."""
     clouds = [reading.sampling(resolution) for resolution in RESOLUTIONS_M]
     forces = [
@@ -221,7 +227,7 @@ def reproduce(reading: Reading = BEST_READING) -> Reproduction:
     printed = np.array(PRINTED)[:, :, 0]
     scale = float((averages * printed).sum() / (averages**2).sum())
     cells = tuple(
-        Cell(
+        Table1Cell(
             shape,
             resolution,
             len(clouds[j]),
@@ -232,12 +238,12 @@ def reproduce(reading: Reading = BEST_READING) -> Reproduction:
         for i, shape in enumerate(CONFIGURATIONS)
         for j, resolution in enumerate(RESOLUTIONS_M)
     )
-    return Reproduction(reading, scale, cells)
+    return Table1Reproduction(reading, scale, cells)
 
 
-def planar_model(reading: Reading, shape: tuple[int, int]) -> AcousticModel:
+def _planar_model(reading: Table1Reading, shape: tuple[int, int]) -> AcousticModel:
     """Return the array of one configuration: lossless, k as printed, 1 Pa m peak per element."""
-    constants = Constants()
+    constants = PaperConstants()
     columns, rows = (
         (np.arange(count) - (count - 1) / 2) * spacing
         for count, spacing in zip(shape, reading.spacing_m, strict=True)
@@ -255,14 +261,14 @@ def planar_model(reading: Reading, shape: tuple[int, int]) -> AcousticModel:
     )
 
 
-def _amplitudes(reading: Reading, shape: tuple[int, int], points_m: FloatArray) -> FloatArray:
+def _amplitudes(reading: Table1Reading, shape: tuple[int, int], points_m: FloatArray) -> FloatArray:
     """Return |p| at each point when the array is focused on it: the sum of the magnitudes."""
     if not reading.spreading:
-        constants = Constants()
+        constants = PaperConstants()
         level = math.sqrt(2.0) * constants.pressure_pa * math.prod(shape)
         decay: FloatArray = level * np.exp(-constants.attenuation_np_m * points_m[:, 2])
         return decay
-    model = planar_model(reading, shape)
+    model = _planar_model(reading, shape)
     chunks = range(0, len(points_m), _POINTS_PER_CHUNK)
     return np.concatenate(
         [

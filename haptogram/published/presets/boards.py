@@ -19,12 +19,12 @@ from haptogram.acoustics.model.boards.grids import INTERACTLAB as INTERACTLAB_LA
 from haptogram.acoustics.model.boards.grids import SONICSURFACE as SONICSURFACE_LAYOUT
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.published.presets.figures import (
-    Figure,
     Preset,
-    element_count,
-    extent_mm,
-    pressure_rms_pa,
-    quantised_share,
+    PublishedFigure,
+    published_element_count,
+    published_extent_mm,
+    published_pressure_rms_pa,
+    published_quantised_share,
 )
 
 # AUTD3 takes 4.386 Pa m peak for a T4010A1, which is 3.10 Pa m RMS: the strength of our default.
@@ -38,33 +38,33 @@ SONICSURFACE: Final = Preset(
     lambda: AcousticModel(sonicsurface(), Medium.air(), Transducer(CircularPiston(4.5e-3))),
     (0.0, 0.0, 0.15),
     (
-        element_count("256 (16 x 16)", "its repository"),
-        Figure(
+        published_element_count("256 (16 x 16)", "its repository"),
+        PublishedFigure(
             "centre of the rows off the origin",
             "2.0 mm",
             "its repository",
             lambda model: 1e3 * abs(float(model.array.centre_m[1])),
             "mm",
         ),
-        Figure(
+        PublishedFigure(
             "side of the array",
             f"{16 * SONICSURFACE_PITCH_M * 1e3:g} mm (16 x 10.5)",
             "its repository",
-            lambda model: extent_mm(0)(model) + 1e3 * SONICSURFACE_PITCH_M,
+            lambda model: published_extent_mm(0)(model) + 1e3 * SONICSURFACE_PITCH_M,
             "mm",
         ),
-        Figure(
+        PublishedFigure(
             "|p| with 8 phase steps",
             "'diminishing returns beyond 8'",
             "Appl. Sci. 11, 2981",
-            quantised_share((0.02, 0.01, 0.15), 3),
+            published_quantised_share((0.02, 0.01, 0.15), 3),
             "of exact",
         ),
-        Figure(
+        PublishedFigure(
             "|p| with its 32 phase steps",
             "-",
             "ours",
-            quantised_share((0.02, 0.01, 0.15), 5),
+            published_quantised_share((0.02, 0.01, 0.15), 5),
             "of exact",
         ),
     ),
@@ -82,12 +82,12 @@ AUTD: Final = Preset(
     ),
     (0.0, 0.0, 0.15),
     (
-        element_count("249", "its source"),
-        Figure(
+        published_element_count("249", "its source"),
+        PublishedFigure(
             "pressure at a focus 150 mm above",
             "4727 Pa RMS",
             _AUTD,
-            pressure_rms_pa((0.0, 0.0, 0.15)),
+            published_pressure_rms_pa((0.0, 0.0, 0.15)),
             "Pa RMS",
             "as there: no directivity, no absorption, c = 340 m/s",
         ),
@@ -96,13 +96,13 @@ AUTD: Final = Preset(
 )
 
 
-def _of(layout: BoardLayout, source: str, count: str, *figures: Figure) -> Preset:
+def _of(layout: BoardLayout, source: str, count: str, *figures: PublishedFigure) -> Preset:
     """Return a board of 4.5 mm pistons whose typical focus is 100 mm above its middle."""
 
     def build() -> AcousticModel:
         return AcousticModel(layout.array(), Medium.air(), Transducer(CircularPiston(4.5e-3)))
 
-    counted = element_count(count, "its array file")
+    counted = published_element_count(count, "its array file")
     focus_m = (0.0, 0.0, 0.1)
     return Preset(
         layout.name,
@@ -116,7 +116,7 @@ def _of(layout: BoardLayout, source: str, count: str, *figures: Figure) -> Prese
     )
 
 
-_OFF_ORIGIN: Final = Figure(
+_OFF_ORIGIN: Final = PublishedFigure(
     "centre of the rows off the origin",
     "0 mm",
     "its array file",

@@ -10,8 +10,8 @@ from typing import Final
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.acoustics.model.boards.grids import autd_unit, autd_units
 from haptogram.errors import ConfigurationError
-from haptogram.published.paper.equations import Constants, spot_eq9_corrected
-from haptogram.published.paper.hemisphere import hemisphere
+from haptogram.published.paper.equations import PaperConstants, spot_eq9_corrected
+from haptogram.published.paper.hemisphere import paper_hemisphere
 from haptogram.published.presets.boards import (
     AUTD,
     FLAT8,
@@ -21,19 +21,19 @@ from haptogram.published.presets.boards import (
     ULTRAINO,
 )
 from haptogram.published.presets.figures import (
-    Figure,
     Preset,
-    element_count,
-    extent_mm,
-    force_mn,
-    mean_force_mn,
-    mean_pressure_kpa,
-    several_foci_share,
-    sideband,
-    spot_mm,
-    strength_for_force_pa_m,
+    PublishedFigure,
+    published_element_count,
+    published_extent_mm,
+    published_force_mn,
+    published_mean_force_mn,
+    published_mean_pressure_kpa,
+    published_several_foci_share,
+    published_sideband,
+    published_spot_mm,
+    published_strength_pa_m,
 )
-from haptogram.settings.arguments import suggestion
+from haptogram.settings.arguments import did_you_mean
 
 _HOSHI: Final = "T. Hoshi et al., IEEE Trans. Haptics 3(3), 155-165 (2010), abstract"
 _PAPER: Final = "Haptogram (2014)"
@@ -58,36 +58,36 @@ TACTILE_DISPLAY: Final = Preset(
     lambda: _in_air(TransducerArray.grid(18, 18)),
     (0.0, 0.0, 0.2),
     (
-        element_count("324", _HOSHI),
-        Figure(
+        published_element_count("324", _HOSHI),
+        PublishedFigure(
             "force at the focus",
             "16 mN",
             _HOSHI,
-            force_mn((0.0, 0.0, 0.2)),
+            published_force_mn((0.0, 0.0, 0.2)),
             "mN",
             "on a reflecting disc of 20 mm diameter",
         ),
-        Figure(
+        PublishedFigure(
             "source strength for 16 mN",
             "-",
             "derived",
-            strength_for_force_pa_m((0.0, 0.0, 0.2), 0.016),
+            published_strength_pa_m((0.0, 0.0, 0.2), 0.016),
             "Pa m RMS",
             f"default {Transducer().source_strength_pa_m:g}",
         ),
-        Figure(
+        PublishedFigure(
             "diameter of the focus",
             "20 mm",
             _HOSHI,
-            spot_mm((0.0, 0.0, 0.2), lambda spot: spot.null_to_null_m[0]),
+            published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.null_to_null_m[0]),
             "mm",
             "null to null",
         ),
-        Figure(
+        PublishedFigure(
             "response at 1 kHz modulation",
             "'up to 1 kHz'",
             _HOSHI,
-            sideband(1000.0),
+            published_sideband(1000.0),
             "of static",
             "amplitude of a sideband; bandwidth of a common transducer",
         ),
@@ -103,24 +103,33 @@ TOUCH_SCREEN: Final = Preset(
     lambda: _in_air(autd_unit()),
     (0.0, 0.0, _SCREEN_M + 0.020),
     (
-        Figure(
+        PublishedFigure(
             "focus in front of the screen",
             "10 ... 30 mm",
             _PAPER,
             lambda model: (
-                20.0 + spot_mm((0.0, 0.0, _SCREEN_M + 0.020), lambda spot: spot.axial_peak_m)(model)
+                20.0
+                + published_spot_mm((0.0, 0.0, _SCREEN_M + 0.020), lambda spot: spot.axial_peak_m)(
+                    model
+                )
             ),
             "mm",
             "pressure maximum for a target at 20 mm: diffraction pulls it in",
         ),
-        Figure(
+        PublishedFigure(
             "width of the focus at -6 dB",
             "-",
             "ours",
-            spot_mm((0.0, 0.0, _SCREEN_M + 0.020), lambda spot: spot.width_6db_m[0]),
+            published_spot_mm((0.0, 0.0, _SCREEN_M + 0.020), lambda spot: spot.width_6db_m[0]),
             "mm",
         ),
-        Figure("force at the focus", "-", "ours", force_mn((0.0, 0.0, _SCREEN_M + 0.020)), "mN"),
+        PublishedFigure(
+            "force at the focus",
+            "-",
+            "ours",
+            published_force_mn((0.0, 0.0, _SCREEN_M + 0.020)),
+            "mN",
+        ),
     ),
 )
 
@@ -133,22 +142,22 @@ LARGE_APERTURE: Final = Preset(
     lambda: _in_air(autd_units(2, 2)),
     (0.0, 0.0, 0.6),
     (
-        Figure(
+        PublishedFigure(
             "force at 1 m",
             "'perceivable' at 1 m",
             _HASEGAWA,
-            force_mn((0.0, 0.0, 1.0)),
+            published_force_mn((0.0, 0.0, 1.0)),
             "mN",
             "on a disc of 20 mm diameter",
         ),
-        Figure(
+        PublishedFigure(
             "width of the focus at 1 m, -6 dB",
             "-",
             "ours",
-            spot_mm((0.0, 0.0, 1.0), lambda spot: spot.width_6db_m[0]),
+            published_spot_mm((0.0, 0.0, 1.0), lambda spot: spot.width_6db_m[0]),
             "mm",
         ),
-        Figure("force at 0.6 m", "-", "ours", force_mn((0.0, 0.0, 0.6)), "mN"),
+        PublishedFigure("force at 0.6 m", "-", "ours", published_force_mn((0.0, 0.0, 0.6)), "mN"),
     ),
 )
 
@@ -160,20 +169,20 @@ MULTI_POINT: Final = Preset(
     lambda: _in_air(TransducerArray.grid(16, 20)),
     (0.0, 0.0, 0.2),
     (
-        element_count("320 (16 x 20)", "recollection"),
-        Figure(
+        published_element_count("320 (16 x 20)", "recollection"),
+        PublishedFigure(
             "size of a focus",
             "8.6 mm (a wavelength)",
             "recollection",
-            spot_mm((0.0, 0.0, 0.2), lambda spot: spot.width_6db_m[0]),
+            published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.width_6db_m[0]),
             "mm",
             "-6 dB along x at 200 mm; the aperture sets it, not the wavelength alone",
         ),
-        Figure(
+        PublishedFigure(
             "weakest of four foci",
             "'multiple localised points'",
             "abstract",
-            several_foci_share(_FOUR_POINTS),
+            published_several_foci_share(_FOUR_POINTS),
             "of one",
             "pressure; naive superposition, 50 mm apart at 200 mm",
         ),
@@ -188,37 +197,44 @@ PAPER_ARRAY: Final = Preset(
     AcousticModel.default,
     (0.0, 0.0, 0.1),
     (
-        element_count("256 (16 x 16)", _PAPER),
-        Figure("side of the array", "180 mm", _PAPER, extent_mm(0), "mm", "16 x 10 mm is 160 mm"),
-        Figure(
+        published_element_count("256 (16 x 16)", _PAPER),
+        PublishedFigure(
+            "side of the array",
+            "180 mm",
+            _PAPER,
+            published_extent_mm(0),
+            "mm",
+            "16 x 10 mm is 160 mm",
+        ),
+        PublishedFigure(
             "w_f at r = 100 mm, equation (9)",
             "1.075e-3 m^1.5 as printed",
             _PAPER,
-            lambda _: 1e3 * spot_eq9_corrected(0.1, 256, Constants()),
+            lambda _: 1e3 * spot_eq9_corrected(0.1, 256, PaperConstants()),
             "mm",
             "as corrected",
         ),
-        Figure(
+        PublishedFigure(
             "width of the focus, null to null",
             "-",
             "ours",
-            spot_mm((0.0, 0.0, 0.1), lambda spot: spot.null_to_null_m[0]),
+            published_spot_mm((0.0, 0.0, 0.1), lambda spot: spot.null_to_null_m[0]),
             "mm",
             "(9) is paraxial: too narrow this close",
         ),
-        Figure(
+        PublishedFigure(
             "mean force over the hemisphere",
             "3.5 ... 4 mN",
             _PAPER + ", Table 1 (128 elements)",
-            mean_force_mn(lambda: hemisphere(0.010)),
+            published_mean_force_mn(lambda: paper_hemisphere(0.010)),
             "mN",
             "256 elements, disc of 20 mm diameter; the printed constants give no absolute value",
         ),
-        Figure(
+        PublishedFigure(
             "mean pressure at the foci",
             "2.65 kPa for 200 foci",
             "G. Korres, M. Eid, IEEE Access 4, 7758 (2016), abstract",
-            mean_pressure_kpa(lambda: hemisphere(0.010)),
+            published_mean_pressure_kpa(lambda: paper_hemisphere(0.010)),
             "kPa RMS",
             "our hemisphere has 146 foci; the prototype has other tiles",
         ),
@@ -252,5 +268,5 @@ def find_preset(name: str) -> Preset:
         if preset.name == name:
             return preset
     known = [preset.name for preset in PRESETS]
-    guess = suggestion(name, known)
+    guess = did_you_mean(name, known)
     raise ConfigurationError(f"preset is {name!r}; known are {', '.join(known)}{guess}")

@@ -18,7 +18,7 @@ from haptogram.acoustics import (
     force_on_disc_n,
     pressure,
     quantise_phase,
-    superpose,
+    superpose_foci,
 )
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.dynamics import Resonator
@@ -29,7 +29,7 @@ Point: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class PublishedFigure:
     """One published figure, and how to compute ours.
 
     Attributes
@@ -84,11 +84,11 @@ class Preset:
     array_source: str
     build: Callable[[], AcousticModel]
     focus_m: Point
-    figures: tuple[Figure, ...]
+    figures: tuple[PublishedFigure, ...]
     layout: BoardLayout | None = None
 
 
-def compare(preset: Preset) -> list[dict[str, Any]]:
+def compare_preset(preset: Preset) -> list[dict[str, Any]]:
     """Return the published figures of a preset next to ours, as plain values."""
     model = preset.build()
     return [
@@ -105,74 +105,80 @@ def compare(preset: Preset) -> list[dict[str, Any]]:
     ]
 
 
-def element_count(published: str, source: str) -> Figure:
+def published_element_count(published: str, source: str) -> PublishedFigure:
     """Return the number of elements as a figure."""
-    return Figure("number of elements", published, source, lambda m: float(m.array.count), "")
+    return PublishedFigure(
+        "number of elements", published, source, lambda m: float(m.array.count), ""
+    )
 
 
-def focus_weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex128]:
+def _focus_weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex128]:
     """Return full amplitude on every element, in phase at the focus."""
     weights: NDArray[np.complex128] = np.exp(1j * focus_phases(model, focus_m))
     return weights
 
 
-def force_mn(focus_m: Point) -> Callable[[AcousticModel], float]:
+def published_force_mn(focus_m: Point) -> Callable[[AcousticModel], float]:
     """Return the force on a reflecting disc of 20 mm diameter at the focus, in mN."""
-    return lambda model: 1e3 * force_on_disc_n(model, focus_weights(model, focus_m), focus_m)
+    return lambda model: 1e3 * force_on_disc_n(model, _focus_weights(model, focus_m), focus_m)
 
 
-def pressure_rms_pa(focus_m: Point) -> Callable[[AcousticModel], float]:
+def published_pressure_rms_pa(focus_m: Point) -> Callable[[AcousticModel], float]:
     """Return the RMS pressure at the focus, in Pa."""
 
     def compute(model: AcousticModel) -> float:
-        value = pressure(model, focus_weights(model, focus_m), [focus_m])[0]
+        value = pressure(model, _focus_weights(model, focus_m), [focus_m])[0]
         return math.sqrt(0.5) * abs(complex(value))
 
     return compute
 
 
-def strength_for_force_pa_m(focus_m: Point, force_n: float) -> Callable[[AcousticModel], float]:
+def published_strength_pa_m(focus_m: Point, force_n: float) -> Callable[[AcousticModel], float]:
     """Return the RMS source strength, in Pa m, with which our model gives a force."""
 
     def compute(model: AcousticModel) -> float:
-        ours = 1e-3 * force_mn(focus_m)(model)
+        ours = 1e-3 * published_force_mn(focus_m)(model)
         return model.transducer.source_strength_pa_m * float(np.sqrt(force_n / ours))
 
     return compute
 
 
-def spot_mm(focus_m: Point, part: Callable[[FocalSpot], float]) -> Callable[[AcousticModel], float]:
+def published_spot_mm(
+    focus_m: Point, part: Callable[[FocalSpot], float]
+) -> Callable[[AcousticModel], float]:
     """Return a measure of the focal spot, in mm."""
     return lambda model: (
-        1e3 * part(measure_spot(NumpyEngine(model), focus_weights(model, focus_m), focus_m))
+        1e3 * part(measure_spot(NumpyEngine(model), _focus_weights(model, focus_m), focus_m))
     )
 
 
-def extent_mm(axis: int) -> Callable[[AcousticModel], float]:
+def published_extent_mm(axis: int) -> Callable[[AcousticModel], float]:
     """Return the span of the centres along an axis, plus one pitch if there is one, in mm."""
     return lambda model: (
         1e3 * (2.0 * float(model.array.half_extent_m[axis]) + (model.array.pitch_m or 0.0))
     )
 
 
-def mean_pressure_kpa(points: Callable[[], FloatArray]) -> Callable[[AcousticModel], float]:
+def published_mean_pressure_kpa(
+    points: Callable[[], FloatArray],
+) -> Callable[[AcousticModel], float]:
     """Return the RMS pressure at the focus, averaged over foci, in kPa."""
 
     def compute(model: AcousticModel) -> float:
-        levels = [pressure_rms_pa((x, y, z))(model) for x, y, z in points().tolist()]
+        levels = [published_pressure_rms_pa((x, y, z))(model) for x, y, z in points().tolist()]
         return 1e-3 * float(np.mean(levels))
 
     return compute
 
 
-def mean_force_mn(points: Callable[[], FloatArray]) -> Callable[[AcousticModel], float]:
+def published_mean_force_mn(points: Callable[[], FloatArray]) -> Callable[[AcousticModel], float]:
     """Return the force at the focus, averaged over foci, in mN."""
     return lambda model: float(
-        np.mean([force_mn((x, y, z))(model) for x, y, z in points().tolist()])
+        np.mean([published_force_mn((x, y, z))(model) for x, y, z in points().tolist()])
     )
 
 
-def quantised_share(focus_m: Point, bits: int) -> Callable[[AcousticModel], float]:
+def published_quantised_share(focus_m: Point, bits: int) -> Callable[[AcousticModel], float]:
     """Return |p| at the focus with phases of 2^bits steps, over |p| with exact ones."""
 
     def compute(model: AcousticModel) -> float:
@@ -184,7 +190,7 @@ def quantised_share(focus_m: Point, bits: int) -> Callable[[AcousticModel], floa
     return compute
 
 
-def several_foci_share(points_m: tuple[Point, ...]) -> Callable[[AcousticModel], float]:
+def published_several_foci_share(points_m: tuple[Point, ...]) -> Callable[[AcousticModel], float]:
     """Return the weakest |p| of several simultaneous foci over that of a single one.
 
     Naive superposition, all in phase, scaled to full amplitude of the strongest element.
@@ -192,15 +198,15 @@ def several_foci_share(points_m: tuple[Point, ...]) -> Callable[[AcousticModel],
 
     def compute(model: AcousticModel) -> float:
         count = len(points_m)
-        weights = superpose(model, points_m, np.ones(count), np.zeros(count))
+        weights = superpose_foci(model, points_m, np.ones(count), np.zeros(count))
         weights = weights / np.abs(weights).max()
         levels = np.abs(pressure(model, weights, points_m))
-        single = [pressure_rms_pa(point)(model) * math.sqrt(2.0) for point in points_m]
+        single = [published_pressure_rms_pa(point)(model) * math.sqrt(2.0) for point in points_m]
         return float((levels / np.array(single)).min())
 
     return compute
 
 
-def sideband(modulation_hz: float) -> Callable[[AcousticModel], float]:
+def published_sideband(modulation_hz: float) -> Callable[[AcousticModel], float]:
     """Return what a common transducer (2 kHz at -6 dB) lets through of a modulation."""
     return lambda _: Resonator.from_bandwidth().modulation_response(modulation_hz)

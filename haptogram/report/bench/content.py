@@ -16,7 +16,7 @@ MISS_HEAD: Final = ("later than", "measured", "frames", "causes", "control loop 
 _PLACES: Final = {"at_port": "at the port", "at_board": "complete at the board"}
 
 
-def conditions(result: Result) -> str:
+def bench_conditions_rows(result: Result) -> str:
     """Return rate, duration, line and board of the run."""
     asked = result["configuration"]
     extras = [f"spin {asked['spin_us']} µs"] if asked["spin_us"] else []
@@ -30,7 +30,7 @@ def conditions(result: Result) -> str:
     )
 
 
-def frames(result: Result) -> str:
+def bench_frames_rows(result: Result) -> str:
     """Return how many frames were due and latched, and how the port behaved."""
     frames = result["frames"]
     return (
@@ -40,7 +40,7 @@ def frames(result: Result) -> str:
     )
 
 
-def stages(result: Result) -> Iterator[tuple[str, ...]]:
+def bench_stages_rows(result: Result) -> Iterator[tuple[str, ...]]:
     """Yield the percentiles of each stage, under :data:`STAGE_HEAD`."""
     for name, meaning in STAGES.items():
         found = result["stages"][name]
@@ -51,7 +51,7 @@ def stages(result: Result) -> Iterator[tuple[str, ...]]:
             yield name, *("–" for _ in LEVELS), "–", "0", f"{meaning}: not observed"
 
 
-def clocks(result: Result) -> str:
+def bench_clocks_rows(result: Result) -> str:
     """Return how well the two clocks are joined, and what the percentiles count."""
     return (
         "The stages board, complete and margin join two clocks, to within "
@@ -60,7 +60,7 @@ def clocks(result: Result) -> str:
     )
 
 
-def misses(result: Result) -> Iterator[tuple[str, ...]]:
+def bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
     """Yield how many frames were late at each place and why, under :data:`MISS_HEAD`."""
     for place, found in result["misses"].items():
         for miss in found:
@@ -74,7 +74,7 @@ def misses(result: Result) -> Iterator[tuple[str, ...]]:
             )
 
 
-def space(result: Result) -> str:
+def bench_space_rows(result: Result) -> str:
     """Return what late and lost frames did to the focus."""
     error = result["focus_error"]
     if not error["frames"]:
@@ -86,7 +86,7 @@ def space(result: Result) -> str:
     )
 
 
-def machine(result: Result) -> Iterator[str]:
+def bench_machine_rows(result: Result) -> Iterator[str]:
     """Yield processor, system and load of the machine."""
     found = result["environment"]
     yield (

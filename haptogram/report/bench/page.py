@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from haptogram.campaigns.bench.measure import BenchRun
-from haptogram.campaigns.bench.result import as_dict
+from haptogram.campaigns.bench.result import bench_dict
 
-from ..html import embed, write_page
+from ..html import embed_picture, write_html_page
 from . import content
-from .pictures import draw_course, draw_histograms
+from .pictures import draw_bench_course, draw_bench_histograms
 
 
 def write_bench_page(path: Path, run: BenchRun, changes: Sequence[str] = ()) -> None:
@@ -26,30 +26,30 @@ def write_bench_page(path: Path, run: BenchRun, changes: Sequence[str] = ()) -> 
     ConfigurationError
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
-    result = as_dict(run)
-    write_page(
+    result = bench_dict(run)
+    write_html_page(
         path,
         "bench.html",
         title="Haptogram: timing of the loop",
         heading="Timing of the loop",
         tone="plain",
-        lead=[f"{content.conditions(result)}.", f"{content.frames(result)}."],
+        lead=[f"{content.bench_conditions_rows(result)}.", f"{content.bench_frames_rows(result)}."],
         stage_head=content.STAGE_HEAD,
-        stages=list(content.stages(result)),
-        clocks=content.clocks(result),
+        stages=list(content.bench_stages_rows(result)),
+        clocks=content.bench_clocks_rows(result),
         miss_head=content.MISS_HEAD,
-        misses=list(content.misses(result)),
-        space=content.space(result),
+        misses=list(content.bench_misses_rows(result)),
+        space=content.bench_space_rows(result),
         changes=changes,
-        machine=list(content.machine(result)),
+        machine=list(content.bench_machine_rows(result)),
         warnings=result["warnings"],
-        histograms=embed(
-            draw_histograms(run.stages_us),
+        histograms=embed_picture(
+            draw_bench_histograms(run.stages_us),
             "Histogram of the stages of a frame and of the control loop.",
             "Both axes are logarithmic, so that rare delays show.",
         ),
-        course=embed(
-            draw_course(run.stages_us, run.config.rate_hz),
+        course=embed_picture(
+            draw_bench_course(run.stages_us, run.config.rate_hz),
             "Lateness of every frame and of the control loop in the course of the run.",
             "The control loop does nothing but wake up, in a process of its own: where it is late "
             "too, the machine was.",

@@ -27,7 +27,7 @@ _SHOWN: Final = (
 _LEGEND: Final[Any] = {"loc": "outside upper center", "ncols": 2}
 
 
-def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
+def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
     """Draw a histogram of the duration of each stage, both axes logarithmic to show the tail."""
     with new_figure(8.0, 4.8) as figure:
         axes = figure.add_subplot()
@@ -48,7 +48,7 @@ def draw_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
     return figure
 
 
-def draw_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: float) -> Figure:
+def draw_bench_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: float) -> Figure:
     """Draw the lateness of every frame and of the control loop over time."""
     with new_figure(8.0, 3.2) as figure:
         axes = figure.add_subplot()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..console import paragraph, table
+from ..console import console_paragraph, console_table
 from . import content
 
 
@@ -12,17 +12,17 @@ def bench_text(result: content.Result) -> str:
     Parameters
     ----------
     result : mapping
-        As of :func:`haptogram.campaigns.bench.result.as_dict`.
+        As of :func:`haptogram.campaigns.bench.result.bench_dict`.
     """
     numbers = range(1, len(content.STAGE_HEAD) - 1)
     sections = (
-        [content.conditions(result), f"  {content.frames(result)}"],
+        [content.bench_conditions_rows(result), f"  {content.bench_frames_rows(result)}"],
         [
-            *table(content.STAGE_HEAD, content.stages(result), numbers=numbers),
-            *paragraph(content.clocks(result), hang=0),
+            *console_table(content.STAGE_HEAD, content.bench_stages_rows(result), numbers=numbers),
+            *console_paragraph(content.bench_clocks_rows(result), hang=0),
         ],
-        table(content.MISS_HEAD, content.misses(result), numbers=(0, 2)),
-        paragraph(content.space(result), hang=0),
-        [*content.machine(result), *(f"warning: {text}" for text in result["warnings"])],
+        console_table(content.MISS_HEAD, content.bench_misses_rows(result), numbers=(0, 2)),
+        console_paragraph(content.bench_space_rows(result), hang=0),
+        [*content.bench_machine_rows(result), *(f"warning: {text}" for text in result["warnings"])],
     )
     return "\n\n".join("\n".join(section) for section in sections)

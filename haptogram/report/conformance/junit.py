@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from haptogram.conformance.verdict import MEANINGS, Result, SuiteResult
+from haptogram.conformance.verdict import MEANINGS, CaseResult, SuiteResult
 
 from ..junit import JUnit, JUnitCase, JUnitSuite, write_junit
 
@@ -23,7 +23,7 @@ def write_conformance_junit(path: Path, suite: SuiteResult) -> None:
     write_junit(path, JUnitSuite("haptogram.conformance", cases, properties))
 
 
-def _case(result: Result) -> JUnitCase:
+def _case(result: CaseResult) -> JUnitCase:
     message = f"{result.behaviour} [{result.evidence.upper()}] {result.detail}".strip()
     if not result.recovers:
         message += f"; recovery {result.recovery}"
@@ -40,7 +40,7 @@ def _case(result: Result) -> JUnitCase:
     )
 
 
-def _outcome(result: Result) -> JUnit:
+def _outcome(result: CaseResult) -> JUnit:
     if result.is_new_failure:
         return JUnit.FAILURE
     if result.is_failure:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from haptogram.conformance.verdict import FAIL, MEANINGS, PASS, Behaviour, Result, SuiteResult
+from haptogram.conformance.verdict import FAIL, MEANINGS, PASS, Behaviour, CaseResult, SuiteResult
 
 from .. import html
 
@@ -32,7 +32,7 @@ def write_conformance_page(path: Path, suite: SuiteResult) -> None:
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
     outcome, tone = _outcome(suite)
-    html.write_page(
+    html.write_html_page(
         path,
         "conformance.html",
         title=f"Haptogram: conformance, {outcome}",
@@ -52,7 +52,7 @@ def write_conformance_page(path: Path, suite: SuiteResult) -> None:
     )
 
 
-def write_comparison(path: Path, suites: Sequence[SuiteResult]) -> None:
+def write_comparison_page(path: Path, suites: Sequence[SuiteResult]) -> None:
     """Write several runs side by side: a row for each case, a column for each device.
 
     Raises
@@ -63,7 +63,7 @@ def write_comparison(path: Path, suites: Sequence[SuiteResult]) -> None:
     columns = [{result.case: result for result in suite.results} for suite in suites]
     cases = {result.case: result.summary for suite in suites for result in suite.results}
     names = [_name(suite) for suite in suites]
-    html.write_page(
+    html.write_html_page(
         path,
         "comparison.html",
         title="Haptogram: conformance of several devices",
@@ -94,9 +94,9 @@ def _counts(suite: SuiteResult) -> str:
     return ", ".join(f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b))
 
 
-def _needs_attention(result: Result) -> bool:
+def _needs_attention(result: CaseResult) -> bool:
     return result.behaviour in _ATTENTION or not result.recovers
 
 
-def _tone(result: Result) -> str:
+def _tone(result: CaseResult) -> str:
     return _TONES[result.behaviour] if result.recovers else "bad"

@@ -7,22 +7,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.conformance.causes import by_cause
+from haptogram.conformance.causes import failures_by_cause
 from haptogram.conformance.verdict import (
     Behaviour,
+    CaseResult,
     Recovery,
-    Result,
     SuiteResult,
 )
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import write_atomically
+from haptogram.machine.files import write_file_atomically
 from haptogram.records.frame import Evidence
 from haptogram.settings import text_file
 
 FORMAT: Final = "haptogram-conformance/1"
 
 
-def as_dict(suite: SuiteResult) -> dict[str, Any]:
+def suite_dict(suite: SuiteResult) -> dict[str, Any]:
     """Return a run as JSON types, with everything that is known of it."""
     return {
         "format": FORMAT,
@@ -30,13 +30,13 @@ def as_dict(suite: SuiteResult) -> dict[str, Any]:
         "settings": suite.settings,
         "exit_status": suite.exit_status,
         "cut_short": suite.cut_short,
-        "failures": [result.case for result in by_cause(suite.results)],
+        "failures": [result.case for result in failures_by_cause(suite.results)],
         "counts": {behaviour.value: suite.count(behaviour) for behaviour in Behaviour},
         "results": [_result_dict(result) for result in suite.results],
     }
 
 
-def _result_dict(result: Result) -> dict[str, Any]:
+def _result_dict(result: CaseResult) -> dict[str, Any]:
     recovery = result.recovery
     return {
         "case": result.case,
@@ -56,7 +56,7 @@ def _result_dict(result: Result) -> dict[str, Any]:
     }
 
 
-def write_json(path: Path, suite: SuiteResult) -> None:
+def write_suite_json(path: Path, suite: SuiteResult) -> None:
     """Write a run as JSON.
 
     Raises
@@ -64,11 +64,11 @@ def write_json(path: Path, suite: SuiteResult) -> None:
     ConfigurationError
         If *path* cannot be written.
     """
-    text = json.dumps(as_dict(suite), indent=2, ensure_ascii=False)
-    write_atomically(path, text.encode() + b"\n")
+    text = json.dumps(suite_dict(suite), indent=2, ensure_ascii=False)
+    write_file_atomically(path, text.encode() + b"\n")
 
 
-def read_json(path: Path) -> SuiteResult:
+def read_suite_json(path: Path) -> SuiteResult:
     """Return a run that was written before.
 
     Raises
@@ -88,9 +88,9 @@ def read_json(path: Path) -> SuiteResult:
         ) from error
 
 
-def _result_from(item: Mapping[str, Any]) -> Result:
+def _result_from(item: Mapping[str, Any]) -> CaseResult:
     recovery = item["recovery"]
-    return Result(
+    return CaseResult(
         case=item["case"],
         clause=item["clause"],
         requirement=item["requirement"],

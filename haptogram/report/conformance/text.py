@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
-from haptogram.conformance.causes import by_cause
-from haptogram.conformance.verdict import Behaviour, Result, SuiteResult
+from haptogram.conformance.causes import failures_by_cause
+from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
 _CAUSES: Final = 3  # failures with their bytes; the others may follow from these
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
@@ -28,7 +28,7 @@ def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
 
 def _lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
     common = _common_reasons(suite)
-    failures = by_cause(suite.results)
+    failures = failures_by_cause(suite.results)
     for result in suite.results:
         if result.is_failure or (not verbose and (result.behaviour, result.detail) in common):
             continue  # below, by cause; or named once, in the summary
@@ -44,12 +44,12 @@ def _lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
     yield from _summary(suite)
 
 
-def _follower(result: Result) -> Iterator[str]:
+def _follower(result: CaseResult) -> Iterator[str]:
     """Yield a failure that may follow from those before it; its bytes are in the files."""
     yield f"{result.case}  {result.behaviour} [{result.evidence.upper()}]: {result.detail}"
 
 
-def _result(result: Result) -> Iterator[str]:
+def _result(result: CaseResult) -> Iterator[str]:
     known = f" (expected: {result.expected})" if result.expected and result.is_failure else ""
     yield f"{result.case}  {result.behaviour} [{result.evidence.upper()}]{known}"
     yield f"    requirement  {result.requirement}"

@@ -6,25 +6,30 @@ which closes on itself, for phases.
 """
 
 from haptogram.report.figures.cuts import draw_cuts
-from haptogram.report.figures.isosurface import draw_isosurfaces, isosurface
+from haptogram.report.figures.isosurface import draw_isosurfaces, isosurface_mesh
 from haptogram.report.figures.plane_picture import draw_plane
-from haptogram.report.figures.planes import Plane, PlaneField, sample_mean, sample_plane
-from haptogram.report.figures.quantities import QUANTITIES, shown_as
+from haptogram.report.figures.planes import (
+    PictureField,
+    PicturePlane,
+    sample_picture_mean,
+    sample_picture_plane,
+)
+from haptogram.report.figures.quantities import QUANTITIES, quantity_and_label
 from haptogram.report.figures.spectra import draw_spectrum
-from haptogram.report.figures.style import check_picture_format, encode
+from haptogram.report.figures.style import check_picture_format, encode_figure
 
 __all__ = [
     "QUANTITIES",
-    "Plane",
-    "PlaneField",
+    "PictureField",
+    "PicturePlane",
     "check_picture_format",
     "draw_cuts",
     "draw_isosurfaces",
     "draw_plane",
     "draw_spectrum",
-    "encode",
-    "isosurface",
-    "sample_mean",
-    "sample_plane",
-    "shown_as",
+    "encode_figure",
+    "isosurface_mesh",
+    "quantity_and_label",
+    "sample_picture_mean",
+    "sample_picture_plane",
 ]

@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics import FieldEngine
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
-from haptogram.report.figures.planes import pressure_or_nan
-from haptogram.report.figures.quantities import shown_as
+from haptogram.report.figures.planes import picture_pressure
+from haptogram.report.figures.quantities import quantity_and_label
 from haptogram.report.figures.style import (
     BLACK,
     BLUE,
     GREEN,
     VERMILION,
+    figure_title,
     new_figure,
-    two_lines,
 )
 
 if TYPE_CHECKING:
@@ -64,8 +64,8 @@ def draw_cuts(
     array = engine.model.array
     own, whose = array.axes @ target, "" if array.is_upright else "the array's "
     lines = [target + offsets[axis][:, None] * array.axes[axis] for axis in range(3)]
-    pressure = pressure_or_nan(engine, weights, np.concatenate(lines))
-    shown, label = shown_as(engine, pressure, quantity)
+    pressure = picture_pressure(engine, weights, np.concatenate(lines))
+    shown, label = quantity_and_label(engine, pressure, quantity)
     levels = np.split(shown, 3)
     with new_figure(7.2, 3.3) as figure:
         lateral, axial = figure.subplots(1, 2, sharey=True)
@@ -93,7 +93,7 @@ def draw_cuts(
         for axes in (lateral, axial):
             axes.legend(loc="upper right")
         place_text = ", ".join(f"{value * 1e3:g}" for value in target)
-        figure.suptitle(two_lines(title, f"cuts through ({place_text}) mm"))
+        figure.suptitle(figure_title(title, f"cuts through ({place_text}) mm"))
     return figure
 
 

@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics import FieldEngine
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
-from haptogram.report.figures.planes import pressure_or_nan
-from haptogram.report.figures.quantities import shown_as
-from haptogram.report.figures.style import BLUE, ORANGE, VERMILION, new_figure, two_lines
+from haptogram.report.figures.planes import picture_pressure
+from haptogram.report.figures.quantities import quantity_and_label
+from haptogram.report.figures.style import BLUE, ORANGE, VERMILION, figure_title, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MAX_VOXELS: Final = 2_000_000
-LEVELS_DB: Final = (-3.0, -6.0, -12.0)
+_MAX_VOXELS: Final = 2_000_000
+_LEVELS_DB: Final = (-3.0, -6.0, -12.0)
 _COLOURS: Final = (VERMILION, ORANGE, BLUE)
 _OPACITY: Final = (0.95, 0.40, 0.14)
 
@@ -31,7 +31,7 @@ _TETRAHEDRA: Final = tuple(
 )
 
 
-def isosurface(values: ArrayLike, level: float) -> FloatArray:
+def isosurface_mesh(values: ArrayLike, level: float) -> FloatArray:
     """Return the triangles of the surface where a volume takes a level.
 
     Marching tetrahedra: each cube of eight samples in six tetrahedra, linear along their edges; the
@@ -144,13 +144,13 @@ def draw_isosurfaces(
     low[2] = max(low[2], floor)
     high = target + half_width_m * np.array([1.0, 1.0, 2.0])
     counts = [round(extent / step_m) + 1 for extent in high - low]
-    if math.prod(counts) > MAX_VOXELS:
+    if math.prod(counts) > _MAX_VOXELS:
         raise ConfigurationError(
-            f"{math.prod(counts)} samples, must be at most {MAX_VOXELS}; take a larger step"
+            f"{math.prod(counts)} samples, must be at most {_MAX_VOXELS}; take a larger step"
         )
     sides = [np.linspace(low[i], high[i], counts[i]) for i in range(3)]
     points = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3) @ array.axes
-    pressure = np.nan_to_num(pressure_or_nan(engine, weights, points))
+    pressure = np.nan_to_num(picture_pressure(engine, weights, points))
     level = np.abs(pressure).reshape(counts)
     spacing = (high - low) / (np.array(counts) - 1)
     with new_figure(5.4, 5.6) as figure:
@@ -158,9 +158,9 @@ def draw_isosurfaces(
         _plot(figure, level, low * 1e3, spacing * 1e3, target * 1e3, names)
         what = f"|p|, relative to {level.max() / math.sqrt(2.0) * 1e-3:.3g} kPa RMS"
         if quantity == "force":
-            largest = shown_as(engine, pressure, quantity)[0].max()
+            largest = quantity_and_label(engine, pressure, quantity)[0].max()
             what = f"the radiation pressure, relative to {largest:.3g} Pa"
-        figure.suptitle(two_lines(title, f"surfaces of {what}"))
+        figure.suptitle(figure_title(title, f"surfaces of {what}"))
     return figure
 
 
@@ -183,8 +183,8 @@ def _plot(
     axes: Any = figure.add_axes((0.07, 0.11, 0.86, 0.80), projection="3d", computed_zorder=False)
     handles: list[Any] = []
     # The inner surface last, so that its colour is not mixed with those around it.
-    for db, colour, opacity in zip(LEVELS_DB, _COLOURS, _OPACITY, strict=True):
-        triangles = isosurface(level, float(level.max()) * 10.0 ** (db / 20.0))
+    for db, colour, opacity in zip(_LEVELS_DB, _COLOURS, _OPACITY, strict=True):
+        triangles = isosurface_mesh(level, float(level.max()) * 10.0 ** (db / 20.0))
         axes.add_collection3d(
             Poly3DCollection(
                 low_mm + triangles * step_mm,

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics import FieldEngine
-from haptogram.report.figures.planes import Plane, PlaneField
-from haptogram.report.figures.quantities import shown_as
+from haptogram.report.figures.planes import PictureField, PicturePlane
+from haptogram.report.figures.quantities import quantity_and_label
 from haptogram.report.figures.style import (
     MAGNITUDE_MAP,
     PHASE_MAP,
-    mark,
+    draw_mark,
+    figure_title,
     new_figure,
-    two_lines,
 )
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _MANY_TARGETS: Final = 200
 
 def draw_plane(
     engine: FieldEngine,
-    field: PlaneField,
+    field: PictureField,
     *,
     quantity: str = "pressure",
     targets_m: ArrayLike = (),
@@ -59,7 +59,7 @@ def draw_plane(
     ConfigurationError
         An unknown quantity, the phase of a time average, or no matplotlib.
     """
-    values, label = shown_as(engine, field.values, quantity)
+    values, label = quantity_and_label(engine, field.values, quantity)
     colours: str = PHASE_MAP if quantity == "phase" else MAGNITUDE_MAP
     limits = (-math.pi, math.pi) if quantity == "phase" else (0.0, None)
     with new_figure(*_size(field.plane)) as figure:
@@ -93,15 +93,15 @@ def draw_plane(
         marked = _marked(field.plane, targets_m)
         size = 6.0 if len(marked) > _FEW_TARGETS else None
         for target in marked:
-            mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
+            draw_mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
         place = np.asarray(field.peak_m() if peak_m is None else peak_m, dtype=np.float64)
-        mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
+        draw_mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
         _legend(figure)
         axes.set_title(_title(title, field.plane))
     return figure
 
 
-def _size(plane: Plane) -> tuple[float, float]:
+def _size(plane: PicturePlane) -> tuple[float, float]:
     """Return the size of a figure, in inches, that fits the shape of the plane."""
     (left, right), (low, high) = plane.horizontal_m, plane.vertical_m
     ratio = (high - low) / (right - left)
@@ -110,7 +110,7 @@ def _size(plane: Plane) -> tuple[float, float]:
     return max(width + 1.6, _NARROWEST_IN), height + 1.25
 
 
-def _marked(plane: Plane, targets_m: ArrayLike) -> list[list[float]]:
+def _marked(plane: PicturePlane, targets_m: ArrayLike) -> list[list[float]]:
     targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
     distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
     shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()
@@ -130,6 +130,6 @@ def _legend(figure: Figure) -> None:
         )
 
 
-def _title(title: str, plane: Plane) -> str:
+def _title(title: str, plane: PicturePlane) -> str:
     axis = plane.normal_axis
-    return two_lines(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")
+    return figure_title(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")

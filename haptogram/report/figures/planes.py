@@ -10,9 +10,13 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import FieldEngine, in_front
+from haptogram.acoustics import FieldEngine, points_in_front
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.field.reference import check_points, clear_of_elements, has_field
+from haptogram.acoustics.field.reference import (
+    check_field_points,
+    points_clear_of_elements,
+    points_with_field,
+)
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.errors import ConfigurationError
@@ -20,14 +24,14 @@ from haptogram.settings.arguments import Progress
 
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
-ORIENTATIONS: Final = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+_ORIENTATIONS: Final = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 MAX_POINTS: Final = 4_000_000
 _POINTS_PER_CALL: Final = 4096
 _CLEARANCE_M: Final = 2e-3  # the far-field model does not hold closer to an element
 
 
 @dataclass(frozen=True, slots=True)
-class Plane:
+class PicturePlane:
     """A rectangle parallel to two of the axes of the world, whichever way an array faces.
 
     Attributes
@@ -54,9 +58,9 @@ class Plane:
     step_m: float = 1e-3
 
     def __post_init__(self) -> None:
-        if self.orientation not in ORIENTATIONS:
+        if self.orientation not in _ORIENTATIONS:
             raise ConfigurationError(
-                f"plane is {self.orientation!r}, must be one of {', '.join(ORIENTATIONS)}"
+                f"plane is {self.orientation!r}, must be one of {', '.join(_ORIENTATIONS)}"
             )
         if not (math.isfinite(self.step_m) and self.step_m > 0.0):
             raise ConfigurationError(f"step_m is {self.step_m:g}, must be finite and above 0")
@@ -73,7 +77,7 @@ class Plane:
     @property
     def axes(self) -> tuple[int, int]:
         """Indices of the horizontal and the vertical axis."""
-        return ORIENTATIONS[self.orientation]
+        return _ORIENTATIONS[self.orientation]
 
     @property
     def normal_axis(self) -> int:
@@ -99,7 +103,7 @@ class Plane:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PlaneField:
+class PictureField:
     """Values on a plane.
 
     Attributes
@@ -111,7 +115,7 @@ class PlaneField:
         within 2 mm of an element, and behind all of them if they are baffled.
     """
 
-    plane: Plane
+    plane: PicturePlane
     values: NDArray[Any]
 
     def peak_m(self) -> tuple[float, float, float]:
@@ -121,24 +125,24 @@ class PlaneField:
         return x, y, z
 
 
-def sample_plane(
-    engine: FieldEngine, weights: ArrayLike, plane: Plane, progress: Progress | None = None
-) -> PlaneField:
+def sample_picture_plane(
+    engine: FieldEngine, weights: ArrayLike, plane: PicturePlane, progress: Progress | None = None
+) -> PictureField:
     """Return the complex pressure of one drive on a plane; *progress* gets (done, total)."""
-    return PlaneField(
+    return PictureField(
         plane,
         _sample(engine, plane, lambda points: engine.pressure(weights, points), progress),
     )
 
 
-def sample_mean(
+def sample_picture_mean(
     engine: FieldEngine,
     weights: ArrayLike,
-    plane: Plane,
+    plane: PicturePlane,
     frame_s: float,
     resonator: Resonator | None = None,
     progress: Progress | None = None,
-) -> PlaneField:
+) -> PictureField:
     """Return the RMS pressure of a repeated sequence of drives (F, N) on a plane."""
 
     def rms(points: FloatArray) -> FloatArray:
@@ -146,28 +150,28 @@ def sample_mean(
         root: FloatArray = np.sqrt(square)
         return root
 
-    return PlaneField(plane, _sample(engine, plane, rms, progress))
+    return PictureField(plane, _sample(engine, plane, rms, progress))
 
 
-def pressure_or_nan(engine: FieldEngine, weights: ArrayLike, points: FloatArray) -> ComplexArray:
+def picture_pressure(engine: FieldEngine, weights: ArrayLike, points: FloatArray) -> ComplexArray:
     """Return the pressure of one drive at (M, 3) points, NaN where the model has no field."""
     pressure = np.full(len(points), np.nan, dtype=np.complex128)
-    known = has_field(engine.model, points)
+    known = points_with_field(engine.model, points)
     pressure[known] = engine.pressure(weights, points[known])
     return pressure
 
 
 def _sample(
     engine: FieldEngine,
-    plane: Plane,
+    plane: PicturePlane,
     function: Callable[[FloatArray], NDArray[np.generic]],
     progress: Progress | None,
 ) -> NDArray[np.generic]:
     points = plane.points_m()
-    front = in_front(engine.model, points)
+    front = points_in_front(engine.model, points)
     if not front.any():
-        check_points(engine.model, points)  # says how far behind
-    clear = np.flatnonzero(front & clear_of_elements(engine.model, points, _CLEARANCE_M))
+        check_field_points(engine.model, points)  # says how far behind
+    clear = np.flatnonzero(front & points_clear_of_elements(engine.model, points, _CLEARANCE_M))
     if not len(clear):
         raise ConfigurationError("every point of the plane is within 2 mm of an element")
     parts = []

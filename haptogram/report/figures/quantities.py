@@ -15,7 +15,9 @@ from haptogram.errors import ConfigurationError
 QUANTITIES: Final = ("pressure", "phase", "force")
 
 
-def shown_as(engine: FieldEngine, values: NDArray[Any], quantity: str) -> tuple[FloatArray, str]:
+def quantity_and_label(
+    engine: FieldEngine, values: NDArray[Any], quantity: str
+) -> tuple[FloatArray, str]:
     """Return a quantity of a field, and its label with the unit.
 
     Parameters

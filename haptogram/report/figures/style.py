@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
 
-from ..extra import require
+from ..extra import require_report_packages
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,7 +73,7 @@ def new_figure(width_in: float = 6.0, height_in: float = 4.8) -> Iterator[Figure
     ConfigurationError
         If matplotlib is not installed.
     """
-    require("pictures", "matplotlib")
+    require_report_packages("pictures", "matplotlib")
     from matplotlib.figure import Figure
 
     with _styled():
@@ -93,10 +93,10 @@ def check_picture_format(path: Path) -> None:
             f"picture '{path}' ends in {path.suffix or 'nothing'!r}; possible are "
             f"{', '.join(FORMATS)}"
         )
-    require("pictures", "matplotlib")
+    require_report_packages("pictures", "matplotlib")
 
 
-def encode(figure: Figure, suffix: str, dpi: float | None = None) -> bytes:
+def encode_figure(figure: Figure, suffix: str, dpi: float | None = None) -> bytes:
     """Return *figure* in the format of *suffix*, one of `FORMATS`, without date and version.
 
     Parameters
@@ -111,12 +111,12 @@ def encode(figure: Figure, suffix: str, dpi: float | None = None) -> bytes:
     return buffer.getvalue()
 
 
-def two_lines(title: str, detail: str) -> str:
+def figure_title(title: str, detail: str) -> str:
     """Return the title of a picture, if there is one, and below it which part is shown."""
     return f"{title}\n{detail}" if title else detail
 
 
-def mark(axes: Axes, x_mm: float, y_mm: float, kind: str, size: float | None = None) -> None:
+def draw_mark(axes: Axes, x_mm: float, y_mm: float, kind: str, size: float | None = None) -> None:
     """Mark the target (a cross), the fitted focus (an x) or the peak (a ring)."""
     marker, normal, colour = _MARKS[kind]
     for tint, width, label in (("white", 3.0, None), (colour, 1.4, kind)):

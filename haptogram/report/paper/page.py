@@ -11,13 +11,13 @@ from haptogram.published.paper.document import (
     DEVIATIONS_REMARK,
     FIGURE_4_REMARK,
     SCALE_REMARK,
-    Paper,
-    prose,
+    PaperReproduction,
+    paper_prose,
 )
 from haptogram.published.paper.equations import EQUATIONS
 
-from ..figures import encode
-from ..html import check_page, embed, render_page
+from ..figures import encode_figure
+from ..html import check_html_page, embed_picture, render_html_page
 from .pictures import draw_figure_4, draw_hemispheres, draw_table_1
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ _FIGURE_4_CAPTIONS: Final = {
 }
 
 
-def report_files(
-    paper: Paper, presets: Iterable[Mapping[str, Any]], path: Path
+def paper_report_files(
+    paper: PaperReproduction, presets: Iterable[Mapping[str, Any]], path: Path
 ) -> Iterator[tuple[Path, bytes]]:
     """Yield the files of a report at *path*: a page; for a folder, every picture as well.
 
@@ -42,25 +42,25 @@ def report_files(
     Raises
     ------
     ConfigurationError
-        As :func:`check_report`.
+        As :func:`check_paper_report`.
     """
-    check_report(path)
+    check_paper_report(path)
     figures = {
         "hemispheres": draw_hemispheres(),
         "table1": draw_table_1(paper.best),
         **draw_figure_4(),
     }
-    page = render_page("paper.html", **_content(paper, presets, figures)).encode()
+    page = render_html_page("paper.html", **_content(paper, presets, figures)).encode()
     if path.suffix:
         yield path, page
         return
     yield path / "index.html", page
     for name, figure in figures.items():
         for suffix in (".png", ".svg"):
-            yield path / f"{name}{suffix}", encode(figure, suffix)
+            yield path / f"{name}{suffix}", encode_figure(figure, suffix)
 
 
-def check_report(path: Path) -> None:
+def check_paper_report(path: Path) -> None:
     """Raise, before the work begins, unless a report can be written to *path*.
 
     Raises
@@ -72,11 +72,11 @@ def check_report(path: Path) -> None:
         raise ConfigurationError(f"html '{path}' must end in .html, or be a folder")
     if path.suffix == "" and path.exists() and not path.is_dir():
         raise ConfigurationError(f"html '{path}' is a file; name a folder, or a file in .html")
-    check_page()
+    check_html_page()
 
 
 def _content(
-    paper: Paper, presets: Iterable[Mapping[str, Any]], figures: Mapping[str, Figure]
+    paper: PaperReproduction, presets: Iterable[Mapping[str, Any]], figures: Mapping[str, Figure]
 ) -> dict[str, Any]:
     cells = paper.best.cells
     averages = sum(cell.average_reproduced for cell in cells)
@@ -99,7 +99,7 @@ def _content(
             )
             for item in paper.demonstrations
         ],
-        "hemispheres": embed(
+        "hemispheres": embed_picture(
             figures["hemispheres"],
             "The hemisphere at the four resolutions.",
             "Rings at equal steps of the polar angle.",
@@ -109,8 +109,8 @@ def _content(
         "cells": cells,
         "outcome": outcome,
         "deviations_remark": DEVIATIONS_REMARK,
-        "prose": prose(),
-        "table_1": embed(
+        "prose": paper_prose(),
+        "table_1": embed_picture(
             figures["table1"],
             "Averages and standard deviations of Table 1.",
             "Full line, filled: printed. Dotted, open: predicted.",
@@ -127,7 +127,7 @@ def _content(
         ],
         "figure_4_remark": FIGURE_4_REMARK,
         "figure_4": [
-            embed(figure, f"Bent along {key[0]}.", _FIGURE_4_CAPTIONS[key])
+            embed_picture(figure, f"Bent along {key[0]}.", _FIGURE_4_CAPTIONS[key])
             for name, figure in figures.items()
             if name.startswith("figure4") and (key := name[-len("x_xz") :])
         ],

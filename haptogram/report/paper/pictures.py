@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from haptogram.acoustics import NumpyEngine, focus_phases
-from haptogram.acoustics.levels.shift import find_peak
+from haptogram.acoustics.levels.shift import find_pressure_peak
 from haptogram.published.paper.figure4 import BENDS, FIGURE_4_FOCI_M, figure_4_model
-from haptogram.published.paper.hemisphere import RESOLUTIONS_M, hemisphere
-from haptogram.published.paper.table1 import CONFIGURATIONS, Reproduction
-from haptogram.report.figures import Plane, draw_plane, sample_plane
+from haptogram.published.paper.hemisphere import RESOLUTIONS_M, paper_hemisphere
+from haptogram.published.paper.table1 import CONFIGURATIONS, Table1Reproduction
+from haptogram.report.figures import PicturePlane, draw_plane, sample_picture_plane
 
 from ..figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure
 
@@ -30,7 +30,7 @@ def draw_hemispheres() -> Figure:
     with new_figure(7.2, 4.4) as figure:
         figure.set_layout_engine("none")
         for index, resolution in enumerate(RESOLUTIONS_M):
-            points = hemisphere(resolution) * 1e3
+            points = paper_hemisphere(resolution) * 1e3
             place = (0.01 + 0.49 * (index % 2), 0.46 - 0.50 * (index // 2), 0.45, 0.60)
             axes: Any = figure.add_axes(place, projection="3d", facecolor="none")
             axes.scatter(
@@ -49,7 +49,7 @@ def draw_hemispheres() -> Figure:
     return figure
 
 
-def draw_table_1(result: Reproduction) -> Figure:
+def draw_table_1(result: Table1Reproduction) -> Figure:
     """Return the sixteen averages and standard deviations, printed and predicted."""
     with new_figure(8.4, 3.6) as figure:
         places = np.arange(len(RESOLUTIONS_M))
@@ -95,13 +95,13 @@ def draw_figure_4() -> dict[str, Figure]:
         engine = NumpyEngine(model)
         weights = np.exp(1j * focus_phases(model, focus))
         for plane in (
-            Plane("xz", focus, (-0.05, 0.05), _HEIGHTS_M, _STEP_M),
-            Plane("yz", focus, (-0.10, 0.10), _HEIGHTS_M, _STEP_M),
+            PicturePlane("xz", focus, (-0.05, 0.05), _HEIGHTS_M, _STEP_M),
+            PicturePlane("yz", focus, (-0.10, 0.10), _HEIGHTS_M, _STEP_M),
         ):
-            field = sample_plane(engine, weights, plane)
+            field = sample_picture_plane(engine, weights, plane)
             # Along the beam, the edge of the section bent along y is louder than its focus.
             along = bend == "y" and plane.orientation == "yz"
-            peak = find_peak(engine, weights, focus) if along else None
+            peak = find_pressure_peak(engine, weights, focus) if along else None
             figures[f"figure4_{index}_bent_{bend}_{plane.orientation}"] = draw_plane(
                 engine,
                 field,

@@ -8,16 +8,16 @@ from haptogram.published.paper.document import (
     DEVIATIONS_REMARK,
     FIGURE_4_REMARK,
     SCALE_REMARK,
-    Paper,
-    prose,
+    PaperReproduction,
+    paper_prose,
 )
 from haptogram.published.paper.equations import EQUATIONS
-from haptogram.published.paper.table1 import TOLERANCE, Cell, Reproduction
+from haptogram.published.paper.table1 import TOLERANCE, Table1Cell, Table1Reproduction
 
-from ..console import paragraph, table
+from ..console import console_paragraph, console_table
 
 
-def paper_text(paper: Paper) -> str:
+def paper_text(paper: PaperReproduction) -> str:
     """Return the equations, Table 1 cell by cell, its readings, and the foci of figure 4."""
     sections = (
         _equations(paper),
@@ -28,12 +28,12 @@ def paper_text(paper: Paper) -> str:
     return "\n\n".join("\n".join(section) for section in sections) + "\n"
 
 
-def _equations(paper: Paper) -> Iterator[str]:
+def _equations(paper: PaperReproduction) -> Iterator[str]:
     yield "Equations, as printed and as corrected"
     for equation in EQUATIONS:
         yield f"  {equation.number} printed    {equation.printed}   [{equation.printed_unit}]"
         for fault in equation.faults:
-            yield from paragraph(f"! {fault}", indent=6)
+            yield from console_paragraph(f"! {fault}", indent=6)
         yield f"      corrected  {equation.corrected}   [{equation.corrected_unit}]"
     yield ""
     rows = (
@@ -44,15 +44,15 @@ def _equations(paper: Paper) -> Iterator[str]:
         )
         for item in paper.demonstrations
     )
-    yield from table(("In numbers", "as printed", "as corrected"), rows, indent=2)
+    yield from console_table(("In numbers", "as printed", "as corrected"), rows, indent=2)
 
 
-def _table_1(result: Reproduction) -> Iterator[str]:
+def _table_1(result: Table1Reproduction) -> Iterator[str]:
     yield "Table 1: force at the focus, printed and predicted (mN)"
-    yield from paragraph(f"reading: {result.reading.remark}", indent=2)
-    yield from paragraph(f"scale: {result.scale_mn:.4g} mN m^2. {SCALE_REMARK}", indent=2)
+    yield from console_paragraph(f"reading: {result.reading.remark}", indent=2)
+    yield from console_paragraph(f"scale: {result.scale_mn:.4g} mN m^2. {SCALE_REMARK}", indent=2)
     yield ""
-    yield from table(
+    yield from console_table(
         ("array", "step (mm)", "points", *_force("average"), *_force("deviation")),
         map(_row, result.cells),
         numbers=(2, 3, 4, 5, 7, 8, 9),
@@ -66,17 +66,17 @@ def _table_1(result: Reproduction) -> Iterator[str]:
         f"standard deviations within {TOLERANCE:.0%}: {deviations} of {len(result.cells)}"
     )
     if deviations < len(result.cells):
-        yield from paragraph(f"NOT REPRODUCED: {DEVIATIONS_REMARK}", indent=2)
+        yield from console_paragraph(f"NOT REPRODUCED: {DEVIATIONS_REMARK}", indent=2)
     yield "  The text about the table:"
-    for sentence in prose():
-        yield from paragraph(sentence, indent=4, bullet="- ")
+    for sentence in paper_prose():
+        yield from console_paragraph(sentence, indent=4, bullet="- ")
 
 
 def _force(name: str) -> tuple[str, ...]:
     return name, "ours", "error", ""
 
 
-def _row(cell: Cell) -> tuple[str, ...]:
+def _row(cell: Table1Cell) -> tuple[str, ...]:
     columns, rows = cell.configuration
     return (
         f"{columns}x{rows}",
@@ -93,9 +93,9 @@ def _row(cell: Cell) -> tuple[str, ...]:
     )
 
 
-def _readings(results: Sequence[Reproduction]) -> Iterator[str]:
+def _readings(results: Sequence[Table1Reproduction]) -> Iterator[str]:
     yield "Readings: RMS error of the sixteen averages and of the deviations (mN), worst average"
-    head, *lines = table(
+    head, *lines = console_table(
         ("reading", "averages", "deviations", "worst", "within 7 %"),
         (
             (
@@ -113,10 +113,10 @@ def _readings(results: Sequence[Reproduction]) -> Iterator[str]:
     yield head
     for line, result in zip(lines, results, strict=True):
         yield line
-        yield from paragraph(result.reading.remark, indent=6, hang=0)
+        yield from console_paragraph(result.reading.remark, indent=6, hang=0)
 
 
-def _figure_4(paper: Paper) -> Iterator[str]:
+def _figure_4(paper: PaperReproduction) -> Iterator[str]:
     yield "Figure 4: 64 x 1 concave cylindrical section (Pa RMS)"
     for row in paper.figure_4:
         target, peak = (
@@ -127,4 +127,4 @@ def _figure_4(paper: Paper) -> Iterator[str]:
             f"  bent along {row['bend']}, target ({target}) mm: {row['target_rms_pa']:.0f}; "
             f"maximum {row['peak_rms_pa']:.0f} at ({peak}) mm, {row['peak_offset_mm']:.1f} mm away"
         )
-    yield from paragraph(FIGURE_4_REMARK, indent=2)
+    yield from console_paragraph(FIGURE_4_REMARK, indent=2)

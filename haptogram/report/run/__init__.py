@@ -5,15 +5,15 @@ Each file is written as a whole or not at all.
 
 from .junit import write_run_junit
 from .page import write_run_page
-from .result import environment, result_dict, write_frames, write_json
-from .wording import faults_and_troubles
+from .result import run_environment, run_result_dict, write_frame_lines, write_run_json
+from .wording import faults_and_troubles_text
 
 __all__ = [
-    "environment",
-    "faults_and_troubles",
-    "result_dict",
-    "write_frames",
-    "write_json",
+    "faults_and_troubles_text",
+    "run_environment",
+    "run_result_dict",
+    "write_frame_lines",
+    "write_run_json",
     "write_run_junit",
     "write_run_page",
 ]

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from typing import Final, TypeVar
 
 from haptogram.records.frame import FrameKey
-from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, Verdict, cut_text
+from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, Verdict, cut_run_text
 
-from .wording import count, describe
+from .wording import count_text, frame_text
 
 NAMED_FRAMES: Final = 20  # the JSON names all
 
 _Item = TypeVar("_Item")
 
 
-class Outcome(enum.StrEnum):
+class CheckOutcome(enum.StrEnum):
     """Outcome of a check."""
 
     PASSED = "passed"
@@ -28,7 +28,7 @@ class Outcome(enum.StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class RunCheck:
     """One check and its outcome.
 
     Attributes
@@ -47,14 +47,14 @@ class Check:
 
     name: str
     statement: str
-    outcome: Outcome
+    outcome: CheckOutcome
     message: str
     details: tuple[str, ...] = ()
 
     @property
     def decisive(self) -> bool:
         """Whether the outcome decides the verdict of the run."""
-        return self.outcome in (Outcome.FAILED, Outcome.INCONCLUSIVE)
+        return self.outcome in (CheckOutcome.FAILED, CheckOutcome.INCONCLUSIVE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ _FAULTS: Final = (
 )
 
 
-def checks(run: RunVerdict, cut_short: str | None = None) -> list[Check]:
+def run_checks(run: RunVerdict, cut_short: str | None = None) -> list[RunCheck]:
     """Return every check with its outcome, in a fixed order.
 
     A check has failed if and only if the verdict is fail.  If none has failed, a check is
@@ -112,77 +112,83 @@ def checks(run: RunVerdict, cut_short: str | None = None) -> list[Check]:
     ]
 
 
-def _of_fault(run: RunVerdict, fault: _Fault) -> Check:
+def _of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
     found = [frame for frame in run.frames if fault.shows(frame)]
     judged = run.counts[fault.seen_in]
     if found:
-        message = f"{len(found)} of {count(judged, f'{fault.seen_in} frame')}"
-        return Check(fault.name, fault.statement, Outcome.FAILED, message, _named(found))
+        message = f"{len(found)} of {count_text(judged, f'{fault.seen_in} frame')}"
+        return RunCheck(fault.name, fault.statement, CheckOutcome.FAILED, message, _named(found))
     if not judged:
         message = f"no frame was {fault.seen_in}"
-        return Check(fault.name, fault.statement, Outcome.NOT_JUDGED, message)
-    message = f"none of {count(judged, f'{fault.seen_in} frame')}"
-    return Check(fault.name, fault.statement, Outcome.PASSED, message)
+        return RunCheck(fault.name, fault.statement, CheckOutcome.NOT_JUDGED, message)
+    message = f"none of {count_text(judged, f'{fault.seen_in} frame')}"
+    return RunCheck(fault.name, fault.statement, CheckOutcome.PASSED, message)
 
 
-def _unexpected(run: RunVerdict) -> Check:
+def _unexpected(run: RunVerdict) -> RunCheck:
     statement = "no frame is latched that was not intended"
     keys = run.unexpected
     if keys:
         details = _listed(keys, _key)
         message = f"{len(keys)} {'latch' if len(keys) == 1 else 'latches'} of an unknown frame"
-        return Check("unexpected", statement, Outcome.FAILED, message, details)
+        return RunCheck("unexpected", statement, CheckOutcome.FAILED, message, details)
     if not run.counts["latched"]:
-        return Check("unexpected", statement, Outcome.NOT_JUDGED, "no latch was seen at all")
-    return Check("unexpected", statement, Outcome.PASSED, "none")
+        return RunCheck(
+            "unexpected", statement, CheckOutcome.NOT_JUDGED, "no latch was seen at all"
+        )
+    return RunCheck("unexpected", statement, CheckOutcome.PASSED, "none")
 
 
-def _lost(run: RunVerdict) -> Check:
+def _lost(run: RunVerdict) -> RunCheck:
     """Lost frames decide a run only where they leave too few that are verified."""
     lost = [frame for frame in run.frames if frame.status is FrameStatus.LOST]
     statement = "no frame is lost"
     if not lost:
-        return Check("lost", statement, Outcome.PASSED, "every frame that was due was seen latched")
+        return RunCheck(
+            "lost", statement, CheckOutcome.PASSED, "every frame that was due was seen latched"
+        )
     decisive = run.verdict is Verdict.INCONCLUSIVE and run.too_few
-    outcome = Outcome.INCONCLUSIVE if decisive else Outcome.NOTED
-    message = f"{len(lost)} of {count(len(run.frames), 'frame')}"
-    return Check("lost", statement, outcome, message, _named(lost))
+    outcome = CheckOutcome.INCONCLUSIVE if decisive else CheckOutcome.NOTED
+    message = f"{len(lost)} of {count_text(len(run.frames), 'frame')}"
+    return RunCheck("lost", statement, outcome, message, _named(lost))
 
 
-def _late(run: RunVerdict) -> Check:
+def _late(run: RunVerdict) -> RunCheck:
     late = [frame for frame in run.frames if frame.late]
     statement = "no frame is late"
     latched = run.counts["latched"]
     if not latched:
-        return Check("late", statement, Outcome.NOT_JUDGED, "no frame was latched")
+        return RunCheck("late", statement, CheckOutcome.NOT_JUDGED, "no frame was latched")
     if not late:
-        return Check("late", statement, Outcome.PASSED, f"none of {count(latched, 'frame')}")
-    message = f"{len(late)} of {count(latched, 'latched frame')}"
-    return Check("late", statement, Outcome.NOTED, message, _named(late))
+        return RunCheck(
+            "late", statement, CheckOutcome.PASSED, f"none of {count_text(latched, 'frame')}"
+        )
+    message = f"{len(late)} of {count_text(latched, 'latched frame')}"
+    return RunCheck("late", statement, CheckOutcome.NOTED, message, _named(late))
 
 
-def _share_verified(run: RunVerdict) -> Check:
+def _share_verified(run: RunVerdict) -> RunCheck:
     statement = f"at least {100.0 * run.min_verified:.4g} % of the frames are verified"
     message = f"{run.counts['verified']} of {run.due}"
     if not run.too_few:
-        return Check("verified", statement, Outcome.PASSED, message)
+        return RunCheck("verified", statement, CheckOutcome.PASSED, message)
     missing = [frame for frame in run.frames if frame.status is FrameStatus.NOT_VERIFIED]
     # Beside a fault that was proved, too few frames change nothing.
     failed = run.verdict is Verdict.FAIL
-    outcome = Outcome.NOTED if failed else Outcome.INCONCLUSIVE
-    return Check("verified", statement, outcome, message, _named(missing))
+    outcome = CheckOutcome.NOTED if failed else CheckOutcome.INCONCLUSIVE
+    return RunCheck("verified", statement, outcome, message, _named(missing))
 
 
-def _complete(run: RunVerdict, cut_short: str | None) -> Check:
+def _complete(run: RunVerdict, cut_short: str | None) -> RunCheck:
     statement = "the run comes to its end"
     if cut_short is None:
-        return Check("complete", statement, Outcome.PASSED, "it came to its end")
-    message = f"{cut_short}{cut_text(run.counts)}"
-    return Check("complete", statement, Outcome.INCONCLUSIVE, message)
+        return RunCheck("complete", statement, CheckOutcome.PASSED, "it came to its end")
+    message = f"{cut_short}{cut_run_text(run.counts)}"
+    return RunCheck("complete", statement, CheckOutcome.INCONCLUSIVE, message)
 
 
 def _named(frames: list[FrameVerdict]) -> tuple[str, ...]:
-    return _listed(frames, describe)
+    return _listed(frames, frame_text)
 
 
 def _listed(items: list[_Item], describe_item: Callable[[_Item], str]) -> tuple[str, ...]:

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, Drive, focus_phases, in_front, pressure
+from haptogram.acoustics import AcousticModel, Drive, focus_phases, points_in_front, pressure
 from haptogram.verification import FrameVerdict, RunVerdict
 
-from .series import Floats, Vector, measured_mm, worst
+from .series import Floats, Vector, plotted_focus_mm, worst_frames_of_run
 
 _SIDE_MM: Final = 160.0
 _STEP_MM: Final = 1.25  # 7 points to a wavelength at 40 kHz
@@ -24,7 +24,7 @@ _CLEARANCE_M: Final = 2e-3  # the model of the field does not hold nearer to an 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FieldMap:
+class PanelFieldMap:
     """RMS pressure on a grid in one plane.
 
     Attributes
@@ -70,10 +70,10 @@ class FieldPicture:
     frame: FrameVerdict
     latched: bool
     phase_bits: int
-    level: FieldMap
-    upright: FieldMap
-    close_level: FieldMap
-    close_upright: FieldMap
+    level: PanelFieldMap
+    upright: PanelFieldMap
+    close_level: PanelFieldMap
+    close_upright: PanelFieldMap
 
     @property
     def most_kpa(self) -> float:
@@ -85,10 +85,10 @@ class FieldPicture:
     @property
     def marks_mm(self) -> tuple[Floats, Floats]:
         """Target and measured focus, (3,) each."""
-        return 1e3 * np.array(self.frame.target_m), measured_mm(self.frame)
+        return 1e3 * np.array(self.frame.target_m), plotted_focus_mm(self.frame)
 
 
-def picture_field(
+def frame_field_picture(
     run: RunVerdict,
     model: AcousticModel,
     drives: Mapping[int, Drive] | None,
@@ -119,7 +119,7 @@ def picture_field(
 
 
 def _choose(run: RunVerdict, drives: Mapping[int, Drive]) -> FrameVerdict | None:
-    candidates = worst(run, len(run.frames)) or run.frames
+    candidates = worst_frames_of_run(run, len(run.frames)) or run.frames
     shown = [frame for frame in candidates if frame.number in drives] or [
         # The ideal drive would show a wrong frame as a right one.
         *(frame for frame in candidates if all(frame.criteria.values()) and not frame.faults),
@@ -128,7 +128,7 @@ def _choose(run: RunVerdict, drives: Mapping[int, Drive]) -> FrameVerdict | None
     return shown[0] if shown else None
 
 
-def _maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[FieldMap]:
+def _maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[PanelFieldMap]:
     """Yield the level and the upright plane, then both close up."""
     half_extent = model.array.half_extent_m
     side = 1 if half_extent[1] > half_extent[0] else 0
@@ -169,7 +169,7 @@ def _sample(
     axes: tuple[int, int],
     across_mm: Floats,
     up_mm: Floats,
-) -> FieldMap:
+) -> PanelFieldMap:
     from scipy.spatial import KDTree  # slow to import, and only a map of the field needs it
 
     shape = len(up_mm), len(across_mm)
@@ -177,8 +177,8 @@ def _sample(
     up, across = np.meshgrid(up_mm, across_mm, indexing="ij")
     points[:, axes[0]], points[:, axes[1]] = 1e-3 * across.ravel(), 1e-3 * up.ravel()
     free = KDTree(model.array.positions_m).query(points)[0] > _CLEARANCE_M
-    free &= in_front(model, points)
+    free &= points_in_front(model, points)
     values = np.full(len(points), np.nan)
     peak_pa = np.abs(pressure(model, drive.weights(), points[free]))
     values[free] = peak_pa / math.sqrt(2.0) / 1e3
-    return FieldMap(axes, across_mm, up_mm, values.reshape(shape))
+    return PanelFieldMap(axes, across_mm, up_mm, values.reshape(shape))

@@ -16,14 +16,14 @@ from typing import Any, Final
 from haptogram.verification import RunVerdict
 
 from ..junit import JUnit, JUnitCase, JUnitSuite, write_junit
-from .checks import Check, Outcome, checks
+from .checks import CheckOutcome, RunCheck, run_checks
 
 _OUTCOMES: Final = {
-    Outcome.PASSED: JUnit.PASSED,
-    Outcome.NOTED: JUnit.PASSED,
-    Outcome.FAILED: JUnit.FAILURE,
-    Outcome.INCONCLUSIVE: JUnit.ERROR,
-    Outcome.NOT_JUDGED: JUnit.SKIPPED,
+    CheckOutcome.PASSED: JUnit.PASSED,
+    CheckOutcome.NOTED: JUnit.PASSED,
+    CheckOutcome.FAILED: JUnit.FAILURE,
+    CheckOutcome.INCONCLUSIVE: JUnit.ERROR,
+    CheckOutcome.NOT_JUDGED: JUnit.SKIPPED,
 }
 
 
@@ -42,12 +42,12 @@ def write_run_junit(path: Path, run: RunVerdict, result: Mapping[str, Any]) -> N
     ConfigurationError
         If *path* cannot be written.
     """
-    cases = tuple(_case(check) for check in checks(run, result["cut_short"]))
+    cases = tuple(_case(check) for check in run_checks(run, result["cut_short"]))
     properties = dict(_flat("", _known(result)))
     write_junit(path, JUnitSuite("haptogram.verify", cases, properties, str(run)))
 
 
-def _case(check: Check) -> JUnitCase:
+def _case(check: RunCheck) -> JUnitCase:
     text = "\n".join([check.message, *check.details])
     outcome = _OUTCOMES[check.outcome]
     return JUnitCase(check.name, check.statement, outcome, check.message, check.name, text)

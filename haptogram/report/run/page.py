@@ -16,23 +16,23 @@ from haptogram.verification import (
     consequence_text,
 )
 
-from ..html import Picture, check_page, embed, write_page
+from ..html import PagePicture, check_html_page, embed_picture, write_html_page
 from ..viewer.run_scene import run_scene
 from . import pictures, prose
-from .checks import NAMED_FRAMES, Outcome, checks
-from .fieldmap import FieldPicture, picture_field
-from .series import relative_error, worst
-from .wording import NOTHING, figure, timeliness_text
+from .checks import NAMED_FRAMES, CheckOutcome, run_checks
+from .fieldmap import FieldPicture, frame_field_picture
+from .series import plotted_relative_error, worst_frames_of_run
+from .wording import NOTHING, figure_text, timeliness_text
 
 _WORST: Final = 10
 _BITS: Final = 8
 _TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
 _CHECK_TONES: Final = {
-    Outcome.PASSED: "good",
-    Outcome.FAILED: "bad",
-    Outcome.INCONCLUSIVE: "doubt",
-    Outcome.NOT_JUDGED: "plain",
-    Outcome.NOTED: "note",
+    CheckOutcome.PASSED: "good",
+    CheckOutcome.FAILED: "bad",
+    CheckOutcome.INCONCLUSIVE: "doubt",
+    CheckOutcome.NOT_JUDGED: "plain",
+    CheckOutcome.NOTED: "note",
 }
 
 
@@ -63,29 +63,29 @@ def write_run_page(
     ConfigurationError
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
-    check_page()
+    check_html_page()
     effect = [] if run.effect is None else [f"The focus was {run.effect}."]
     bits = result["configuration"].get("phase_bits", _BITS)
-    shown = picture_field(run, model, drives, bits)
-    write_page(
+    shown = frame_field_picture(run, model, drives, bits)
+    write_html_page(
         path,
         "run.html",
         title=f"Haptogram: {run.verdict}, {result['frames']['sent']} frames",
         heading=prose.HEADLINES[run.verdict],
         tone=_TONES[run.verdict],
-        lead=[*prose.summary(result), *effect],
+        lead=[*prose.run_summary_sentences(result), *effect],
         key_figures=_key_figures(result),
         faults=_faults(result["faults"]) if "faults" in result else None,
         troubles=_troubles(result["troubles"]),
         scene=run_scene(run, model, drives or {}).embedded() if run.frames else None,
-        checks=checks(run, result["cut_short"]),
+        checks=run_checks(run, result["cut_short"]),
         tones=_CHECK_TONES,
         pictures=list(_pictures(run, model, shown)),
-        worst=[_worst_row(frame) for frame in worst(run, _WORST)],
+        worst=[_worst_row(frame) for frame in worst_frames_of_run(run, _WORST)],
         criteria=prose.CRITERIA,
         missing=_missing_frames(run),
-        evidence=list(prose.evidence(result)),
-        limits=list(prose.limits(result)),
+        evidence=list(prose.run_evidence_sentences(result)),
+        limits=list(prose.run_limits_sentences(result)),
         warnings=result["warnings"],
         circumstances=_circumstances(result),
     )
@@ -98,24 +98,28 @@ def _key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
     late, pressure, force = result["lateness_us"], result["pressure_rms_pa"], result["force_mn"]
     return [
-        ("error across the beam, median", figure(lateral["p50"], 4), "mm"),
-        ("error across the beam, 99th percentile", figure(lateral["p99"], 4), "mm"),
-        ("error across the beam, largest", figure(lateral["max"], 4), "mm"),
-        ("error along the beam, median", figure(axial["p50"], 4), "mm"),
-        ("error along the beam, 99th percentile", figure(axial["p99"], 4), "mm"),
-        ("error along the beam, largest", figure(axial["max"], 4), "mm"),
-        ("smallest miss that shows", figure(result["smallest_miss_mm"]), "mm"),
-        ("uncertainty of the place, from air and elements", figure(_total(result)), "mm"),
-        ("coherence at the target, lowest", figure(result["coherence"]["min"], 5), ""),
-        ("weakest of several foci, of their mean, lowest", figure(result["balance"]["min"], 2), ""),
-        ("efficiency of several foci, lowest", figure(result["efficiency"]["min"], 2), ""),
-        ("pressure at the focus, mean", figure(pressure["mean"], 0), "Pa RMS"),
-        ("pressure at the focus, standard deviation", figure(pressure["std"], 0), "Pa RMS"),
-        ("force on a disc of 10 mm radius, mean", figure(force["mean"], 2), "mN"),
-        ("force, standard deviation", figure(force["std"], 2), "mN"),
-        ("latched after its time, median", figure(late["p50"], 0), "µs"),
-        ("latched after its time, 99.9th percentile", figure(late["p99.9"], 0), "µs"),
-        ("latched after its time, largest", figure(late["max"], 0), "µs"),
+        ("error across the beam, median", figure_text(lateral["p50"], 4), "mm"),
+        ("error across the beam, 99th percentile", figure_text(lateral["p99"], 4), "mm"),
+        ("error across the beam, largest", figure_text(lateral["max"], 4), "mm"),
+        ("error along the beam, median", figure_text(axial["p50"], 4), "mm"),
+        ("error along the beam, 99th percentile", figure_text(axial["p99"], 4), "mm"),
+        ("error along the beam, largest", figure_text(axial["max"], 4), "mm"),
+        ("smallest miss that shows", figure_text(result["smallest_miss_mm"]), "mm"),
+        ("uncertainty of the place, from air and elements", figure_text(_total(result)), "mm"),
+        ("coherence at the target, lowest", figure_text(result["coherence"]["min"], 5), ""),
+        (
+            "weakest of several foci, of their mean, lowest",
+            figure_text(result["balance"]["min"], 2),
+            "",
+        ),
+        ("efficiency of several foci, lowest", figure_text(result["efficiency"]["min"], 2), ""),
+        ("pressure at the focus, mean", figure_text(pressure["mean"], 0), "Pa RMS"),
+        ("pressure at the focus, standard deviation", figure_text(pressure["std"], 0), "Pa RMS"),
+        ("force on a disc of 10 mm radius, mean", figure_text(force["mean"], 2), "mN"),
+        ("force, standard deviation", figure_text(force["std"], 2), "mN"),
+        ("latched after its time, median", figure_text(late["p50"], 0), "µs"),
+        ("latched after its time, 99.9th percentile", figure_text(late["p99.9"], 0), "µs"),
+        ("latched after its time, largest", figure_text(late["max"], 0), "µs"),
     ]
 
 
@@ -142,9 +146,9 @@ def _worst_row(frame: FrameVerdict) -> tuple[str, ...]:
     return (
         str(frame.number),
         _place(frame),
-        figure(frame.lateral_error_mm, 4),
-        figure(frame.axial_error_mm, 4),
-        figure(relative_error(frame)),
+        figure_text(frame.lateral_error_mm, 4),
+        figure_text(frame.axial_error_mm, 4),
+        figure_text(plotted_relative_error(frame)),
         str(frame.status),
         "; ".join(faults) or NOTHING,
     )
@@ -192,29 +196,29 @@ def _setting(value: Any) -> str:
 
 def _pictures(
     run: RunVerdict, model: AcousticModel, shown: FieldPicture | None
-) -> Iterator[Picture]:
-    yield embed(
-        pictures.draw_foci(run, model),
+) -> Iterator[PagePicture]:
+    yield embed_picture(
+        pictures.draw_run_foci(run, model),
         "Intended and measured foci over the array.",
         "The colour is the error of a focus over the largest one that the rounding of the phases "
         "can make, on the axis where that is worst; beyond 1 it is off target.",
     )
-    yield embed(
-        pictures.draw_errors(run, model),
+    yield embed_picture(
+        pictures.draw_run_errors(run, model),
         "How the errors are distributed.",
         "Grey: from the smallest to the largest error that the rounding of the phases can make, "
         "which differs from target to target. Smaller errors than 10 nm are drawn as 10 nm.",
     )
-    yield embed(
-        pictures.draw_field(shown, model), "Pressure around one focus.", _field_caption(shown)
+    yield embed_picture(
+        pictures.draw_run_field(shown, model), "Pressure around one focus.", _field_caption(shown)
     )
-    yield embed(
-        pictures.draw_along_object(run),
+    yield embed_picture(
+        pictures.draw_run_along_object(run),
         "Pressure and force along the object.",
         "Left in the order of display, right as seen from above the array.",
     )
-    yield embed(
-        pictures.draw_lateness(run, model),
+    yield embed_picture(
+        pictures.draw_run_lateness(run, model),
         "How long after its time each frame was latched.",
         "On the board's clock. A frame latches at the first carrier period after its time; from "
         "one whole period on it is late.",

@@ -9,21 +9,28 @@ import numpy as np
 from haptogram.acoustics import AcousticModel
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
-from ..figures.style import BLUE, ERROR_MAP, GREY, VERMILION, mark
-from .fieldmap import FieldMap, FieldPicture
-from .series import ErrorSeries, Floats, measured_mm, relative_error, targets_mm, thinned
+from ..figures.style import BLUE, ERROR_MAP, GREY, VERMILION, draw_mark
+from .fieldmap import FieldPicture, PanelFieldMap
+from .series import (
+    ErrorSeries,
+    Floats,
+    plotted_focus_mm,
+    plotted_relative_error,
+    plotted_targets_mm,
+    thinned_frames_of_run,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
+_MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
 _LEAST_ERROR_MM: Final = 1e-5  # a smaller one is drawn as this
 _LEAST_RATIO: Final = 1e-3  # likewise
 _AXES: Final = "xyz"
 
 
-def nothing(axes: Any, text: str) -> None:
+def empty_panel(axes: Any, text: str) -> None:
     """Write into an empty panel why it is empty."""
     axes.set_axis_off()
     place = axes.text2D if hasattr(axes, "text2D") else axes.text
@@ -35,15 +42,15 @@ def nothing(axes: Any, text: str) -> None:
 
 def foci_panel(figure: Figure, axes: Any, run: RunVerdict, model: AcousticModel) -> None:
     """Draw intended and measured foci over the array; *axes* has three dimensions."""
-    frames = thinned(run.frames, MOST_POINTS)
+    frames = thinned_frames_of_run(run.frames, _MOST_POINTS)
     elements = 1e3 * model.array.positions_m
-    targets = targets_mm(frames)
+    targets = plotted_targets_mm(frames)
     axes.scatter(*elements.T, s=5, c=GREY, marker="s", linewidths=0, label="transducers")
     size = float(np.clip(4000.0 / max(len(frames), 1), 3.0, 16.0))
     if len(targets):
         style = {"facecolors": "none", "edgecolors": GREY, "linewidths": 0.5}
         axes.scatter(*targets.T, s=3.0 * size, label="intended focus", **style)
-    found = [(measured_mm(f), relative_error(f)) for f in frames]
+    found = [(plotted_focus_mm(f), plotted_relative_error(f)) for f in frames]
     seen = [(point, error) for point, error in found if error is not None]
     if seen:
         _measured(figure, axes, seen, size)
@@ -90,7 +97,7 @@ def _troubled(axes: Any, frames: list[FrameVerdict]) -> None:
         FrameStatus.LOST: "v",
     }
     for status, marker in signs.items():
-        points = targets_mm([frame for frame in frames if frame.status is status])
+        points = plotted_targets_mm([frame for frame in frames if frame.status is status])
         if len(points):
             axes.scatter(
                 *points.T, s=36, c=VERMILION, marker=marker, depthshade=False, label=str(status)
@@ -120,7 +127,7 @@ def error_panel(axes: Axes, series: ErrorSeries) -> None:
     """Draw a histogram of the errors, on a logarithmic scale that also holds their bounds."""
     axes.set_title(f"{series.name} error")
     if not len(series.errors_mm):
-        nothing(axes, f"no {series.name} error\nwas measured")
+        empty_panel(axes, f"no {series.name} error\nwas measured")
         return
     errors = np.maximum(series.errors_mm, _LEAST_ERROR_MM)
     least, most = series.bounds_mm.min(), series.bounds_mm.max()
@@ -148,7 +155,7 @@ def error_panel(axes: Axes, series: ErrorSeries) -> None:
 
 
 def map_panel(
-    axes: Axes, field: FieldMap, shown: FieldPicture, model: AcousticModel, *, close: bool
+    axes: Axes, field: PanelFieldMap, shown: FieldPicture, model: AcousticModel, *, close: bool
 ) -> Any:
     """Draw |p| in one plane, return the image.
 
@@ -178,7 +185,7 @@ def map_panel(
     return image
 
 
-def _mark_window(axes: Axes, window: FieldMap) -> None:
+def _mark_window(axes: Axes, window: PanelFieldMap) -> None:
     from matplotlib.patches import Rectangle
 
     left, bottom = window.across_mm[0], window.up_mm[0]
@@ -186,13 +193,13 @@ def _mark_window(axes: Axes, window: FieldMap) -> None:
     axes.add_patch(Rectangle((left, bottom), *sides, fill=False, ec="white", lw=0.8))
 
 
-def _mark_foci(axes: Axes, field: FieldMap, shown: FieldPicture) -> None:
+def _mark_foci(axes: Axes, field: PanelFieldMap, shown: FieldPicture) -> None:
     first, second = field.axes
     target, measured = shown.marks_mm
-    mark(axes, target[first], target[second], "target")
+    draw_mark(axes, target[first], target[second], "target")
     if shown.frame.measured_m is not None:
-        mark(axes, measured[first], measured[second], "fitted focus")
-    mark(axes, *field.peak_mm, "peak")
+        draw_mark(axes, measured[first], measured[second], "fitted focus")
+    draw_mark(axes, *field.peak_mm, "peak")
 
 
 def _ground(axes: Axes, model: AcousticModel, side: int, across: Floats) -> None:
@@ -212,7 +219,7 @@ def along_panel(axes: Axes, run: RunVerdict, measure: str, factor: float, label:
     pairs = [(f.number, getattr(f, measure)) for f in run.frames]
     table = np.array([pair for pair in pairs if pair[1] is not None], dtype=np.float64)
     if not len(table):
-        nothing(axes, f"{label.partition(' (')[0]}: not measured")
+        empty_panel(axes, f"{label.partition(' (')[0]}: not measured")
         return
     numbers, values = table[:, 0], factor * table[:, 1]
     axes.plot(numbers, values, ".", color=BLUE, markersize=2.5 if len(table) > 100 else 5.0)
@@ -246,11 +253,13 @@ def _rug(axes: Axes, run: RunVerdict, kind: str, colour: str) -> None:
 
 def object_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
     """Draw the pressure at the focus, seen from above."""
-    frames = [f for f in thinned(run.frames, MOST_POINTS) if f.pressure_rms_pa is not None]
+    frames = [
+        f for f in thinned_frames_of_run(run.frames, _MOST_POINTS) if f.pressure_rms_pa is not None
+    ]
     if not frames:
-        nothing(axes, "no pressure was measured")
+        empty_panel(axes, "no pressure was measured")
         return
-    points = targets_mm(frames)
+    points = plotted_targets_mm(frames)
     values = np.array([f.pressure_rms_pa for f in frames], dtype=np.float64) / 1e3
     size = float(np.clip(8000.0 / len(frames), 4.0, 60.0))
     dots = axes.scatter(points[:, 0], points[:, 1], s=size, c=values, linewidths=0)
@@ -267,7 +276,7 @@ def lateness_panel(axes: Axes, run: RunVerdict, period_us: float) -> None:
     """Draw a histogram of t_latch - t_apply, with logarithmic counts."""
     values = run.values("lateness_us")
     if not len(values):
-        nothing(axes, "no frame had a time to be latched at")
+        empty_panel(axes, "no frame had a time to be latched at")
         return
     low, high = float(min(values.min(), 0.0)), float(max(values.max(), period_us))
     step = max(1.0, np.ceil((high - low) / 80.0))

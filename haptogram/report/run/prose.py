@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from haptogram.records.frame import Evidence
-from haptogram.verification import Tolerance, Verdict, cut_text, tolerance_text
+from haptogram.verification import Tolerance, Verdict, cut_run_text, tolerance_text
 
-from .wording import count, host_delay
+from .wording import count_text, host_delay_text
 
 HEADLINES: Final = {
     Verdict.PASS: "Pass: every focus that was verified is on its target",
@@ -16,7 +16,7 @@ HEADLINES: Final = {
     Verdict.INCONCLUSIVE: "Inconclusive: too little was seen for a verdict",
 }
 
-EVIDENCE: Final = {
+_EVIDENCE: Final = {
     Evidence.EXTERNAL: "External: what was radiated was recorded beside the board's own answers "
     "(the back door of the virtual board, or a capture of the drive pins).",
     Evidence.SELF_REPORTED: "Self-reported: the board's firmware says what it latched. A firmware "
@@ -53,13 +53,13 @@ _LIMITS: Final = (
 )
 
 
-def summary(result: Mapping[str, Any]) -> Iterator[str]:
+def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the outcome of the run, sentence by sentence."""
     frames = result["frames"]
     yield (
-        f"{count(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
+        f"{count_text(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
         f"{frames['verified']} verified, {frames['on_target']} of them on target"
-        f"{cut_text(frames)}."
+        f"{cut_run_text(frames)}."
     )
     if result["reasons"]:
         yield f"Why: {'; '.join(result['reasons'])}."
@@ -72,7 +72,7 @@ def summary(result: Mapping[str, Any]) -> Iterator[str]:
             f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: a smaller one "
             f"could come from the rounding of the phases{_and_tolerance(result)}."
         )
-    if (delay := host_delay(result)) is not None:
+    if (delay := host_delay_text(result)) is not None:
         yield f"{delay[0].upper()}{delay[1:]}."
     if frames["lost"] or frames["late"]:
         yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
@@ -83,22 +83,22 @@ def _and_tolerance(result: Mapping[str, Any]) -> str:
     return " alone" if stated == "none" else f", on top of a tolerance of {stated}"
 
 
-def evidence(result: Mapping[str, Any]) -> Iterator[str]:
+def run_evidence_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the kinds of evidence of the verdict, each explained."""
     found = result["evidence"]
     kinds = [found] if isinstance(found, str) else found
     if not kinds:
         yield "None: no latch of the board was observed."
-    yield from (EVIDENCE[Evidence(kind)] for kind in kinds)
+    yield from (_EVIDENCE[Evidence(kind)] for kind in kinds)
 
 
-def limits(result: Mapping[str, Any]) -> Iterator[str]:
+def run_limits_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield what the result cannot show: the limits of this run first."""
     frames = result["frames"]
     due = frames["sent"] - frames["cancelled"]
     unseen = due - frames["verified"]
     if unseen:
-        yield f"{count(unseen, 'frame')} of {due} could not be verified at all."
+        yield f"{count_text(unseen, 'frame')} of {due} could not be verified at all."
     if result["cut_short"] is not None:
         yield f"What would have come later: the run was {result['cut_short']}."
     if result["smallest_miss_mm"] is not None:

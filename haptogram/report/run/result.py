@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptogram.machine.files import write_atomically
+from haptogram.machine.files import write_file_atomically
 from haptogram.verification import RunVerdict, Verdict
 
 #: Number of the format; docs/api.md has a table of the keys that each format renamed.
@@ -22,7 +22,7 @@ FORMAT: Final = 2
 _PACKAGES: Final = ("haptogram", "numpy", "scipy", "pyserial")
 
 
-def result_dict(
+def run_result_dict(
     run: RunVerdict,
     *,
     configuration: Mapping[str, Any],
@@ -54,7 +54,7 @@ def result_dict(
     host : mapping or None
         Delays and stalls of the host; None leaves the host out.
     environment : mapping or None
-        :func:`environment`; None leaves it out, as in virtual time, where the result must not
+        :func:`run_environment`; None leaves it out, as in virtual time, where the result must not
         depend on the machine.
     faults : mapping or None
         Faults on purpose: ``plan``, ``seed``, and how often each ``fired``; None leaves it out.
@@ -86,7 +86,7 @@ def result_dict(
     return plain
 
 
-def environment() -> dict[str, str | int | None]:
+def run_environment() -> dict[str, str | int | None]:
     """Return versions of Python and packages, and the machine, without its name, user or date."""
     return {
         "python": platform.python_version(),
@@ -97,7 +97,7 @@ def environment() -> dict[str, str | int | None]:
     }
 
 
-def write_json(path: Path, result: Mapping[str, Any]) -> None:
+def write_run_json(path: Path, result: Mapping[str, Any]) -> None:
     """Write *result*, indented by 2; a number that is not finite becomes null.
 
     Raises
@@ -106,7 +106,7 @@ def write_json(path: Path, result: Mapping[str, Any]) -> None:
         If *path* cannot be written.
     """
     text = json.dumps(_plain(result), indent=2, allow_nan=False)
-    write_atomically(path, f"{text}\n".encode("ascii"))
+    write_file_atomically(path, f"{text}\n".encode("ascii"))
 
 
 def _version(package: str) -> str | None:
@@ -142,7 +142,7 @@ def _plain(value: Any) -> Any:
     return str(value)
 
 
-def write_frames(path: Path, run: RunVerdict) -> None:
+def write_frame_lines(path: Path, run: RunVerdict) -> None:
     """Write a line for each frame: its verdict, and the evidence for the verdict.
 
     Raises
@@ -150,4 +150,4 @@ def write_frames(path: Path, run: RunVerdict) -> None:
     ConfigurationError
         If the file cannot be written.
     """
-    write_atomically(path, "".join(f"{frame}\n" for frame in run.frames).encode())
+    write_file_atomically(path, "".join(f"{frame}\n" for frame in run.frames).encode())

@@ -20,12 +20,12 @@ _MM: Final = 1e3
 _CORNERS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
-def targets_mm(frames: Sequence[FrameVerdict]) -> Floats:
+def plotted_targets_mm(frames: Sequence[FrameVerdict]) -> Floats:
     """Return the intended foci, (F, 3)."""
     return _MM * np.array([frame.target_m for frame in frames], dtype=np.float64).reshape(-1, 3)
 
 
-def measured_mm(frame: FrameVerdict) -> Floats:
+def plotted_focus_mm(frame: FrameVerdict) -> Floats:
     """Return the measured focus, (3,); a coordinate that cannot be observed is the target's."""
     target = _MM * np.array(frame.target_m)
     if frame.measured_m is None or frame.bound_mm is None:
@@ -34,11 +34,11 @@ def measured_mm(frame: FrameVerdict) -> Floats:
     return np.where(np.isnan(found), target, _MM * found)
 
 
-def relative_error(frame: FrameVerdict) -> float | None:
+def plotted_relative_error(frame: FrameVerdict) -> float | None:
     """Return the error over its bound, on the axis where that is largest; None: not measured."""
     if frame.measured_m is None or frame.bound_mm is None:
         return None
-    offset = np.abs(measured_mm(frame) - _MM * np.array(frame.target_m))
+    offset = np.abs(plotted_focus_mm(frame) - _MM * np.array(frame.target_m))
     ratios = [
         float(error) / bound
         for error, bound in zip(offset, frame.bound_mm, strict=True)
@@ -47,7 +47,9 @@ def relative_error(frame: FrameVerdict) -> float | None:
     return max(ratios, default=None)
 
 
-def bounds_mm(model: AcousticModel, frame: FrameVerdict) -> tuple[float, float | None] | None:
+def plotted_bounds_mm(
+    model: AcousticModel, frame: FrameVerdict
+) -> tuple[float, float | None] | None:
     """Return the largest errors across and along the beam that are within the bounds per axis.
 
     The bounds per axis span a box; its corners are the farthest.  Along the beam it is None where
@@ -74,11 +76,11 @@ class ErrorSeries:
     bounds_mm: Floats
 
 
-def error_series(run: RunVerdict, model: AcousticModel) -> tuple[ErrorSeries, ErrorSeries]:
+def plotted_error_series(run: RunVerdict, model: AcousticModel) -> tuple[ErrorSeries, ErrorSeries]:
     """Return the lateral and the axial errors, without their signs."""
     lateral, axial = [], []
     for frame in run.frames:
-        bounds = bounds_mm(model, frame)
+        bounds = plotted_bounds_mm(model, frame)
         if bounds is None:
             continue
         lateral.append((frame.lateral_error_mm, bounds[0]))
@@ -92,7 +94,7 @@ def _series(name: str, pairs: Sequence[tuple[float | None, float]]) -> ErrorSeri
     return ErrorSeries(name, table[:, 0], table[:, 1])
 
 
-def worst(run: RunVerdict, number: int) -> list[FrameVerdict]:
+def worst_frames_of_run(run: RunVerdict, number: int) -> list[FrameVerdict]:
     """Return the *number* frames to look at first: wrong ones, then the largest errors."""
     judged = [frame for frame in run.frames if frame.criteria or frame.faults]
     return sorted(judged, key=_badness, reverse=True)[:number]
@@ -100,10 +102,10 @@ def worst(run: RunVerdict, number: int) -> list[FrameVerdict]:
 
 def _badness(frame: FrameVerdict) -> tuple[bool, float, int]:
     wrong = frame.status is not FrameStatus.ON_TARGET
-    return wrong, relative_error(frame) or 0.0, -frame.number
+    return wrong, plotted_relative_error(frame) or 0.0, -frame.number
 
 
-def thinned(frames: Sequence[FrameVerdict], most: int) -> list[FrameVerdict]:
+def thinned_frames_of_run(frames: Sequence[FrameVerdict], most: int) -> list[FrameVerdict]:
     """Return at most about *most* frames, evenly taken, with every one that is not on target."""
     step = -(-len(frames) // most)
     return [

@@ -10,19 +10,19 @@ from haptogram.verification import FrameStatus, FrameVerdict, consequence_text, 
 NOTHING = "–"
 
 
-def figure(value: float | None, digits: int = 3, unit: str = "") -> str:
+def figure_text(value: float | None, digits: int = 3, unit: str = "") -> str:
     """Return *value* with *digits* decimals and its unit; a dash if there is none."""
     if value is None:
         return NOTHING
     return f"{value:.{digits}f} {unit}".rstrip()
 
 
-def count(number: int, noun: str) -> str:
+def count_text(number: int, noun: str) -> str:
     """Return "1 frame", "2 frames"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def describe(frame: FrameVerdict) -> str:
+def frame_text(frame: FrameVerdict) -> str:
     """Return number and time of a frame, its faults and their consequence, in one line."""
     return "; ".join([f"frame {frame.number} {_when(frame)}: {frame.status}", *_findings(frame)])
 
@@ -45,7 +45,7 @@ def _findings(frame: FrameVerdict) -> Iterator[str]:
     if failed:
         yield f"{', '.join(failed)} failed"
     if frame.status is not FrameStatus.ON_TARGET and frame.lateral_error_mm is not None:
-        yield f"focus {where(frame)}"
+        yield f"focus {focus_place_text(frame)}"
     if (pressure := wrong_pressure_text(frame)) is not None:
         yield pressure
     if frame.consequence is not None:
@@ -61,7 +61,7 @@ def timeliness_text(frame: FrameVerdict) -> str:
     return f"{abs(frame.lateness_us)} us {'early' if frame.lateness_us < 0 else 'late'}"
 
 
-def where(frame: FrameVerdict) -> str:
+def focus_place_text(frame: FrameVerdict) -> str:
     """Return how far from its target the focus was found."""
     if frame.lateral_error_mm is None:
         return NOTHING
@@ -70,11 +70,11 @@ def where(frame: FrameVerdict) -> str:
     return f"{frame.lateral_error_mm:.3f} mm across{along}"
 
 
-def faults_and_troubles(result: Mapping[str, Any]) -> Iterator[str]:
+def faults_and_troubles_text(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the planned faults that fired, the host's own delay, and the damage on the line."""
     if "faults" in result:
         yield f"faults on purpose: {_fired(result['faults'])}"
-    if (delay := host_delay(result)) is not None:
+    if (delay := host_delay_text(result)) is not None:
         yield f"host: {delay}"
     sides = [
         f"the {side} counted " + ", ".join(f"{name} {number}" for name, number in counts.items())
@@ -84,12 +84,12 @@ def faults_and_troubles(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"line: {'; '.join(sides)} (SPEC.md 9.2)"
 
 
-def host_delay(result: Mapping[str, Any]) -> str | None:
+def host_delay_text(result: Mapping[str, Any]) -> str | None:
     """Return how long the host was held up, or None if every frame was sent."""
     host = result.get("host")
     if not host or not host["skipped"]:
         return None
-    skipped = count(len(host["skipped"]), "frame")
+    skipped = count_text(len(host["skipped"]), "frame")
     return (
         "this machine, not the board, was held up, for up to "
         f"{host['tick_lateness_us_max'] / 1e3:.0f} ms: too late to send {skipped}"
@@ -99,5 +99,5 @@ def host_delay(result: Mapping[str, Any]) -> str | None:
 def _fired(faults: Mapping[str, Any]) -> str:
     if faults["fired"] is None:
         return f"{', '.join(faults['plan'])}; the board did not report how often each fired"
-    times = (f"{name} {count(number, 'time')}" for name, number in faults["fired"].items())
+    times = (f"{name} {count_text(number, 'time')}" for name, number in faults["fired"].items())
     return f"{', '.join(times)}; seed {faults['seed']}"

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from haptogram.acoustics import NotSingle, Reconstruction, SingleFocus
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import observation_of
+from haptogram.evidence.backdoor import _observation_of
 from haptogram.evidence.backdoor_stream import model_of
 from haptogram.records.frame import Observation
 
@@ -57,7 +57,7 @@ class LiveScene:
         """Take records as they come."""
         for record in records:
             if record["kind"] == "latch":
-                self._latch(observation_of(record))
+                self._latch(_observation_of(record))
             elif record["kind"] == "output":
                 self._output(record)
             elif record["kind"] == "end":

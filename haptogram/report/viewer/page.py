@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..html import write_page
+from ..html import write_html_page
 from .scene import Scene
 
 
@@ -23,7 +23,7 @@ def write_view(path: Path, scene: Scene, *, title: str, lead: list[str]) -> None
     ConfigurationError
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
-    write_page(
+    write_html_page(
         path,
         "view.html",
         title=f"Haptogram: {title}",

@@ -19,7 +19,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from haptogram.errors import ConfigurationError
 
-from ..html import render_page
+from ..html import render_html_page
 from .live import LiveScene
 
 _PATIENCE_S: Final = 1.0  # of a page that waits for frames, before it is told that there are none
@@ -144,7 +144,7 @@ def _whole(query: str) -> int:
 
 
 def _page(scene: LiveScene) -> str:
-    return render_page(
+    return render_html_page(
         "view.html",
         title=f"Haptogram: {scene.firmware}",
         heading="Live view",

@@ -7,15 +7,15 @@ from typing import Final
 
 from haptogram.errors import ConfigurationError
 
-from ..arguments import suggestion
+from ..arguments import did_you_mean
 from .kinds import (
     FAULT_KINDS,
     NOWHERE,
     PLACES,
     REPORTS,
-    has_direction,
-    is_of_transducers,
-    number_text,
+    fault_has_direction,
+    fault_number_text,
+    is_transducer_fault,
 )
 
 FOR_EVER_NS: Final = 1 << 62
@@ -23,7 +23,7 @@ _UNITS_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _DIRECTIONS: Final = ("down", "up", "both")
 
 
-def check_name(name: str) -> None:
+def check_fault_name(name: str) -> None:
     """Refuse a fault that there is not.
 
     Raises
@@ -33,61 +33,61 @@ def check_name(name: str) -> None:
     """
     if name not in FAULT_KINDS:
         raise ConfigurationError(
-            f"{name!r} is no fault{suggestion(name, FAULT_KINDS)}; docs/faults.md has them all"
+            f"{name!r} is no fault{did_you_mean(name, FAULT_KINDS)}; docs/faults.md has them all"
         )
 
 
-def check_values(name: str, values: Mapping[str, float]) -> None:
+def check_fault_values(name: str, values: Mapping[str, float]) -> None:
     """Refuse values that are missing, beyond their limits, or contradict each other."""
-    check_name(name)
+    check_fault_name(name)
     kind = FAULT_KINDS[name]
     if values.keys() != kind.keys():
         raise ConfigurationError(f"{name}: its parameters are {', '.join(kind) or 'none'}")
     for key, value in values.items():
         if key not in PLACES or value != NOWHERE:
-            check_value(name, key, value)
+            _check_fault_value(name, key, value)
     _check_place(name, values)
 
 
-def check_value(name: str, key: str, value: float) -> None:
+def _check_fault_value(name: str, key: str, value: float) -> None:
     """Refuse a value that is beyond its limits."""
     limits = FAULT_KINDS[name][key]
     if not isinstance(value, int | float):
         raise ConfigurationError(f"{name} {key}={value!r} is not a number")
     if not limits.least <= value <= limits.most:
-        span = f"{number_text(limits.least)} to {number_text(limits.most)}"
-        raise ConfigurationError(f"{name} {key}={number_text(value)}, must be {span}")
+        span = f"{fault_number_text(limits.least)} to {fault_number_text(limits.most)}"
+        raise ConfigurationError(f"{name} {key}={fault_number_text(value)}, must be {span}")
     if limits.whole and value != round(value):
-        raise ConfigurationError(f"{name} {key}={number_text(value)}, must be a whole number")
+        raise ConfigurationError(f"{name} {key}={fault_number_text(value)}, must be a whole number")
 
 
 def _check_place(name: str, values: Mapping[str, float]) -> None:
-    if not is_of_transducers(name):
+    if not is_transducer_fault(name):
         return
-    said = [f"{place}={number_text(values[place])}" for place in PLACES if values[place] >= 0]
+    said = [f"{place}={fault_number_text(values[place])}" for place in PLACES if values[place] >= 0]
     if len(said) != 1:
         words = [f"{place}=N" for place in PLACES]
         text = f"{', '.join(words[:-1])} or {words[-1]}"
         raise ConfigurationError(f"{' '.join([name, *said])}: must have either {text}")
 
 
-def check_direction(name: str, direction: str) -> None:
+def check_fault_direction(name: str, direction: str) -> None:
     """Refuse a direction that the fault does not have."""
-    if has_direction(name) and direction not in _DIRECTIONS:
+    if fault_has_direction(name) and direction not in _DIRECTIONS:
         raise ConfigurationError(f"{name} direction={direction}, must be down, up or both")
-    if not has_direction(name) and direction != usual_fault_direction(name):
+    if not fault_has_direction(name) and direction != usual_fault_direction(name):
         raise ConfigurationError(
             f"{name} direction={direction}, must be {usual_fault_direction(name)}"
         )
 
 
-def check_window(name: str, from_ns: int, until_ns: int) -> None:
+def check_fault_window(name: str, from_ns: int, until_ns: int) -> None:
     """Refuse a time at which the fault could never be there."""
     if not 0 <= from_ns < FOR_EVER_NS:
-        raise _out_of_time(name, "from", time_text(from_ns))
+        raise _out_of_time(name, "from", fault_time_text(from_ns))
     if until_ns <= from_ns:
-        times = f"from={time_text(from_ns)} until={time_text(until_ns)}"
-        raise ConfigurationError(f"{name} {times}: until must be after {time_text(from_ns)}")
+        times = f"from={fault_time_text(from_ns)} until={fault_time_text(until_ns)}"
+        raise ConfigurationError(f"{name} {times}: until must be after {fault_time_text(from_ns)}")
 
 
 def usual_fault_direction(name: str) -> str:
@@ -97,17 +97,17 @@ def usual_fault_direction(name: str) -> str:
     return "down" if name.startswith("frame.") else "both"
 
 
-def number_of(name: str, key: str, text: str) -> float:
+def fault_number(name: str, key: str, text: str) -> float:
     """Return the number that *text* is."""
     try:
         value = float(text)
     except ValueError as error:
         raise ConfigurationError(f"{name} {key}={text} is not a number") from error
-    check_value(name, key, value)
+    _check_fault_value(name, key, value)
     return value
 
 
-def time_ns(name: str, key: str, text: str) -> int:
+def fault_time_ns(name: str, key: str, text: str) -> int:
     """Return the nanoseconds since power-up that *text* is."""
     number = text.rstrip("nums")
     try:
@@ -121,13 +121,13 @@ def time_ns(name: str, key: str, text: str) -> int:
 
 
 def _out_of_time(name: str, key: str, text: str) -> ConfigurationError:
-    last = time_text(FOR_EVER_NS // _UNITS_NS["s"] * _UNITS_NS["s"])
+    last = fault_time_text(FOR_EVER_NS // _UNITS_NS["s"] * _UNITS_NS["s"])
     return ConfigurationError(
         f"{name} {key}={text}: must not be before power-up (0s), nor after {last}"
     )
 
 
-def time_text(t_ns: int) -> str:
-    """Return *t_ns* as :func:`time_ns` takes it."""
+def fault_time_text(t_ns: int) -> str:
+    """Return *t_ns* as :func:`fault_time_ns` takes it."""
     unit = next(unit for unit, size_ns in _UNITS_NS.items() if t_ns % size_ns == 0)
     return f"{t_ns // _UNITS_NS[unit]}{unit}"

@@ -94,19 +94,19 @@ FAULT_KINDS: Final[Mapping[str, Parameters]] = MappingProxyType(
 )
 
 
-def described() -> Iterator[str]:
+def described_faults() -> Iterator[str]:
     """Yield each fault with its parameters, and what they are if nothing is said."""
     places = "|".join(f"{place}=N" for place in PLACES)
     for name, parameters in FAULT_KINDS.items():
         words = [
-            f"{key}={number_text(limits.default)}"
+            f"{key}={fault_number_text(limits.default)}"
             for key, limits in parameters.items()
             if key not in PLACES
         ]
         yield " ".join([name, *([places] if PLACES[0] in parameters else []), *words])
 
 
-def number_text(value: float) -> str:
+def fault_number_text(value: float) -> str:
     """Return *value* as one writes it: 9, not 9.0; 1e-05."""
     return f"{value:.0f}" if math.isfinite(value) and value == round(value) else repr(value)
 
@@ -116,17 +116,17 @@ _TIMES: Final = ("from", "until")
 _TIMES_OF: Final = {"clock.offset": (), "clock.wrap": (), "clock.step": ("from",)}
 
 
-def is_of_transducers(name: str) -> bool:
+def is_transducer_fault(name: str) -> bool:
     """Return whether a fault changes what is radiated."""
     return name.startswith("device.") and name not in REPORTS
 
 
-def has_direction(name: str) -> bool:
+def fault_has_direction(name: str) -> bool:
     """Return whether it may be said on which way of the line a fault acts."""
     return name.startswith("line.") and name != "line.disconnect"
 
 
-def words_of(name: str) -> tuple[str, ...]:
+def fault_words(name: str) -> tuple[str, ...]:
     """Return every word that may be said of the fault *name*."""
-    direction = ("direction",) if has_direction(name) else ()
+    direction = ("direction",) if fault_has_direction(name) else ()
     return (*FAULT_KINDS[name], *_TIMES_OF.get(name, _TIMES), *direction)

@@ -11,20 +11,20 @@ from typing import Any, Final, Self
 
 from haptogram.errors import ConfigurationError
 
-from ..arguments import shown
+from ..arguments import shown_argument
 from ..text_file import read_text
 from .checks import (
     FOR_EVER_NS,
-    check_direction,
-    check_name,
-    check_values,
-    check_window,
-    number_of,
-    time_ns,
-    time_text,
+    check_fault_direction,
+    check_fault_name,
+    check_fault_values,
+    check_fault_window,
+    fault_number,
+    fault_time_ns,
+    fault_time_text,
     usual_fault_direction,
 )
-from .kinds import FAULT_KINDS, number_text, words_of
+from .kinds import FAULT_KINDS, fault_number_text, fault_words
 
 #: The largest seed of chance that a plan takes.
 MOST_FAULT_SEED: Final = 2**64 - 1
@@ -61,12 +61,12 @@ class Fault:
 
     def __post_init__(self) -> None:
         """Check name, values, direction and times, and set the text if none was written."""
-        check_values(self.name, self.values)
-        check_direction(self.name, self.direction)
-        check_window(self.name, self.from_ns, self.until_ns)
+        check_fault_values(self.name, self.values)
+        check_fault_direction(self.name, self.direction)
+        check_fault_window(self.name, self.from_ns, self.until_ns)
         end_ns = _end_ns(self.name, self.values, self.from_ns)
         if self.name == _DISCONNECT and self.until_ns != end_ns and "ms" in self.non_default:
-            raise ConfigurationError(_twice(self.values["ms"], time_text(self.until_ns)))
+            raise ConfigurationError(_twice(self.values["ms"], fault_time_text(self.until_ns)))
         object.__setattr__(self, "written", self.written or str(self))
 
     @classmethod
@@ -91,20 +91,22 @@ class Fault:
     @classmethod
     def of(cls, name: str, texts: Mapping[str, str], written: str = "") -> Self:
         """Return the fault *name* with the parameters in *texts*; see :meth:`parse`."""
-        check_name(name)
-        known = words_of(name)
+        check_fault_name(name)
+        known = fault_words(name)
         for key in texts:
             if key not in known:
                 raise ConfigurationError(
                     f"{name} has no parameter {key!r}; known: {', '.join(known)}"
                 )
         values = {
-            key: number_of(name, key, texts[key]) if key in texts else limits.default
+            key: fault_number(name, key, texts[key]) if key in texts else limits.default
             for key, limits in FAULT_KINDS[name].items()
         }
         if name == _DISCONNECT and {"ms", "until"} <= texts.keys():
             raise ConfigurationError(_twice(values["ms"], texts["until"]))
-        times = {key: time_ns(name, key, texts[key]) for key in ("from", "until") if key in texts}
+        times = {
+            key: fault_time_ns(name, key, texts[key]) for key in ("from", "until") if key in texts
+        }
         from_ns = times.get("from", 0)
         until_ns = times.get("until", _end_ns(name, values, from_ns))
         direction = texts.get("direction", usual_fault_direction(name))
@@ -121,9 +123,9 @@ class Fault:
         if self.direction != usual_fault_direction(self.name):
             given["direction"] = self.direction
         if self.from_ns:
-            given["from"] = time_text(self.from_ns)
+            given["from"] = fault_time_text(self.from_ns)
         if self.until_ns != _end_ns(self.name, self.values, self.from_ns):
-            given["until"] = time_text(self.until_ns)
+            given["until"] = fault_time_text(self.until_ns)
         return given
 
     def __str__(self) -> str:
@@ -211,11 +213,13 @@ def parse_faults(texts: Sequence[str]) -> tuple[Fault, ...]:
         Also for one text instead of a list.
     """
     if isinstance(texts, str | bytes) or not isinstance(texts, Sequence):
-        raise ConfigurationError(f"faults is {shown(texts)}, must be a list such as [{_SUCH_AS!r}]")
+        raise ConfigurationError(
+            f"faults is {shown_argument(texts)}, must be a list such as [{_SUCH_AS!r}]"
+        )
     for number, text in enumerate(texts):
         if not isinstance(text, str):
             must_be = f"must be a text such as {_SUCH_AS!r}"
-            raise ConfigurationError(f"faults[{number}] is {shown(text)}, {must_be}")
+            raise ConfigurationError(f"faults[{number}] is {shown_argument(text)}, {must_be}")
     return tuple(map(Fault.parse, texts))
 
 
@@ -269,7 +273,8 @@ def _end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
 
 
 def _twice(ms: float, until: str) -> str:
-    return f"{_DISCONNECT} ms={number_text(ms)} until={until}: say either how long, or until when"
+    said = f"{_DISCONNECT} ms={fault_number_text(ms)} until={until}"
+    return f"{said}: say either how long, or until when"
 
 
 def _from_table(table: dict[str, Any]) -> Fault:
@@ -280,8 +285,8 @@ def _from_table(table: dict[str, Any]) -> Fault:
 
 
 def _text(value: float | str) -> str:
-    return value if isinstance(value, str) else number_text(value)
+    return value if isinstance(value, str) else fault_number_text(value)
 
 
 def _toml(value: float | str) -> str:
-    return f'"{value}"' if isinstance(value, str) else number_text(value)
+    return f'"{value}"' if isinstance(value, str) else fault_number_text(value)

@@ -22,7 +22,7 @@ _MM: Final = 1e3
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class HeldFocus:
     """The drive that the board holds until the next latch.
 
     Attributes
@@ -40,7 +40,9 @@ class Held:
     t_latch_us: float
 
     @classmethod
-    def after(cls, intended: Intended, observation: Observation, verdict: FrameVerdict) -> Held:
+    def after(
+        cls, intended: Intended, observation: Observation, verdict: FrameVerdict
+    ) -> HeldFocus:
         """Return the hold that begins when the frame of *verdict* is latched."""
         unseen = (None, None, None)
         x, y, z = (
@@ -57,16 +59,16 @@ class Held:
         return cls(drive, (x, y, z), observation.t_latch_us)
 
 
-class Due(NamedTuple):
+class DueFrame(NamedTuple):
     """When a frame should have been latched: not before the one, not after the other."""
 
     earliest_us: float
     latest_us: float
 
 
-def due_frames(
+def due_frames_of_run(
     intended: Sequence[Intended], seen: Mapping[FrameKey, Sequence[Observation]]
-) -> Iterator[Due]:
+) -> Iterator[DueFrame]:
     """Yield when each frame was due: without a time, between those known of its neighbours."""
     latched = (seen.get(wanted.key) for wanted in intended)
     known = [
@@ -78,10 +80,12 @@ def due_frames(
     bounds = zip(intended, before, reversed(list(after)), strict=True)
     for wanted, earliest_us, latest_us in bounds:
         due_us = wanted.t_apply_us
-        yield Due(earliest_us, latest_us) if due_us is None else Due(due_us, due_us)
+        yield DueFrame(earliest_us, latest_us) if due_us is None else DueFrame(due_us, due_us)
 
 
-def still_held(held: Held | None, due: Due, quiet_us: Sequence[int]) -> Held | None:
+def focus_still_held(
+    held: HeldFocus | None, due: DueFrame, quiet_us: Sequence[int]
+) -> HeldFocus | None:
     """Return the hold that is left of *held* when a frame is due; None: silence."""
     if held is None or _fell_silent(quiet_us, held.t_latch_us, due.earliest_us):
         return None
@@ -95,7 +99,9 @@ def _fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> b
     return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
 
 
-def consequence(model: AcousticModel, intended: Intended, held: Held | None) -> Consequence | None:
+def consequence_of_held_focus(
+    model: AcousticModel, intended: Intended, held: HeldFocus | None
+) -> Consequence | None:
     """Return the consequence of holding *held* while *intended* was due.
 
     None as *held*: nothing had been latched yet.  None in return: nobody knows the drive.

@@ -23,19 +23,19 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, NotSingle, SingleFocus, phase_step_rad
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
-from haptogram.acoustics.solvers.focus import wrap
+from haptogram.acoustics.solvers.focus import wrapped_phases
 from haptogram.records.frame import Intended
 
 from .peaks import Complexes, ExpectedPeak, Floats
-from .target import Bools, TargetField
+from .target import Bools, FrameTarget
 
-ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
+_ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
 AMPLITUDE_STEP: Final = 1.0 / FULL_AMPLITUDE
 _LEAST_COHERENCE: Final = 0.5  # whatever is tolerated: half of the pressure is no focus any more
 _MM: Final = 1e3
 
 
-def allowed_codes(intended: Intended) -> int:
+def allowed_phase_codes(intended: Intended) -> int:
     """Return by how many register codes the board may differ from the host, for its arithmetic."""
     return 1 if intended.board_computed else 0
 
@@ -49,8 +49,8 @@ def phase_limit_rad(intended: Intended, grain_rad: float = 0.0) -> float:
         What the positions of the elements, whole micrometres on the wire, add: see
         :func:`position_grain_rad`.
     """
-    allowance_rad = allowed_codes(intended) * phase_step_rad(8)
-    return phase_step_rad(intended.phase_bits) / 2.0 + allowance_rad + grain_rad + ROUNDING_RAD
+    allowance_rad = allowed_phase_codes(intended) * phase_step_rad(8)
+    return phase_step_rad(intended.phase_bits) / 2.0 + allowance_rad + grain_rad + _ROUNDING_RAD
 
 
 def position_grain_rad(model: AcousticModel) -> float:
@@ -62,59 +62,59 @@ def position_grain_rad(model: AcousticModel) -> float:
 def common_phase_error_rad(error: Floats) -> float:
     """Return half the range of phase errors, the phase that all share taken out."""
     common = np.angle(np.exp(1j * error).sum())
-    return float(np.ptp(wrap(error - common))) / 2.0
+    return float(np.ptp(wrapped_phases(error - common))) / 2.0
 
 
-def phase_error_rad(target: TargetField, latched: Drive, active: Bools) -> float:
+def phase_error_rad(target: FrameTarget, latched: Drive, active: Bools) -> float:
     """S1: half the range of phi_n + k r_n(target) over the active elements, common phase out."""
     return common_phase_error_rad(np.angle(latched.weights()[active]) - target.phases_rad[active])
 
 
-def suits_target(target: TargetField, error_rad: float) -> bool:
+def suits_target(target: FrameTarget, error_rad: float) -> bool:
     """Return True if phase errors of *error_rad* (S1) suit the target, tolerance included."""
     return error_rad <= target.phase_limit_rad + target.tolerated_peak_rad
 
 
-def focus_offset_m(target: TargetField, focus: SingleFocus | NotSingle) -> Floats:
+def focus_offset_m(target: FrameTarget, focus: SingleFocus | NotSingle) -> Floats:
     """S2: return where the reconstructed focus is, seen from the target, (3,) in metres."""
     return np.array(focus.position_m) - target.position_m
 
 
-def on_target(target: TargetField, offset_m: Floats) -> bool:
+def is_on_target(target: FrameTarget, offset_m: Floats) -> bool:
     """S2: return True if every coordinate that can be observed is within its bound."""
-    return within(offset_m, target.bound_m + target.tolerated_m, target.tolerance.miss_mm)
+    return within_limit(offset_m, target.bound_m + target.tolerated_m, target.tolerance.miss_mm)
 
 
-def within(offset_m: Floats, limit_m: Floats, tolerance_mm: float) -> bool:
+def within_limit(offset_m: Floats, limit_m: Floats, tolerance_mm: float) -> bool:
     """Return True if what is left of an offset beyond its limits is no longer than a tolerance."""
     beyond = np.maximum(np.abs(offset_m) - limit_m, 0.0)
     return float(np.linalg.norm(beyond)) <= tolerance_mm / _MM
 
 
-def coherence(target: TargetField, latched: Complexes) -> float:
+def coherence_at_target(target: FrameTarget, latched: Complexes) -> float:
     """S3: |sum w_n g_n| / sum |A_n g_n| at the target."""
     largest = float(target.amplitudes @ np.abs(target.arrivals))
     return abs(complex((latched * target.arrivals).sum())) / largest if largest > 0.0 else 0.0
 
 
-def least_coherence(target: TargetField, intended: Intended) -> float:
+def least_coherence(target: FrameTarget, intended: Intended) -> float:
     """Return S3's limit, cos of the phase limit, less one amplitude step where the board computes.
 
     Phases that are off by d_n leave 1 - var(d) / 2 or more: so much of a tolerated miss.
     """
     loudness = np.abs(target.arrivals)
     largest = float(target.amplitudes @ loudness)
-    missing = allowed_codes(intended) * AMPLITUDE_STEP * float(loudness.sum())
+    missing = allowed_phase_codes(intended) * AMPLITUDE_STEP * float(loudness.sum())
     share = max(0.0, 1.0 - missing / largest) if largest > 0.0 else 0.0
     least = math.cos(min(target.phase_limit_rad, math.pi))
     if target.tolerated_rad > 0.0:
         error_rad = target.phase_limit_rad + target.tolerated_rad
         least = max(_LEAST_COHERENCE, 1.0 - error_rad**2 / 2.0)
-    return least * share - ROUNDING_RAD
+    return least * share - _ROUNDING_RAD
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PeakError:
+class PeakCriterion:
     """How far a pressure peak is from that of the ideal drive, and whether it may be (S4).
 
     Attributes
@@ -132,23 +132,23 @@ class PeakError:
     error_rad: float | None
 
     @classmethod
-    def of(cls, target: TargetField, expected: ExpectedPeak, latched: Complexes) -> PeakError:
+    def of(cls, target: FrameTarget, expected: ExpectedPeak, latched: Complexes) -> PeakCriterion:
         """Return the error of the peak of *latched* next to the *expected* one."""
         local = expected.offset_m(target.model, latched)
         if local is None:
             return cls(False, None, None)
         limit_m = expected.rounding_m + np.abs(expected.response @ target.air_phases_rad)
         offset_m = local @ expected.direction.axes
-        ok = within(local, limit_m, target.tolerance.miss_mm)
+        ok = within_limit(local, limit_m, target.tolerance.miss_mm)
         return cls(ok, offset_m, expected.direction.length_rad(offset_m))
 
 
-def peak_errors(target: TargetField, latched: Complexes) -> list[PeakError]:
+def peak_errors(target: FrameTarget, latched: Complexes) -> list[PeakCriterion]:
     """S4: return the errors of the peak across and along the beam; none where nothing can tell."""
-    return [PeakError.of(target, expected, latched) for expected in target.peaks]
+    return [PeakCriterion.of(target, expected, latched) for expected in target.peaks]
 
 
-def amplitudes_ok(intended: Intended, latched: Drive) -> bool:
+def latched_amplitudes_ok(intended: Intended, latched: Drive) -> bool:
     """S5: return True if no amplitude is off by more than half a step."""
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
-    return int(np.abs(difference).max()) <= allowed_codes(intended)
+    return int(np.abs(difference).max()) <= allowed_phase_codes(intended)

@@ -14,14 +14,14 @@ from haptogram.acoustics import Drive
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.frame import Intended
 
-from ..tolerance import PlaceUncertainty, Uncertainty
+from ..tolerance import Uncertainty, VerdictUncertainty
 from . import criteria
-from .peaks import WITHIN_LOBE_RAD, Complexes, ExpectedPeak, Floats, expected_peak
-from .target import Bools, TargetField, place_uncertainty
+from .peaks import WITHIN_LOBE_RAD, Complexes, ExpectedPeak, Floats, expected_frame_peak
+from .target import Bools, FrameTarget, target_place_uncertainty
 
 #: Codes of an amplitude below which a board that computes may round a phase as it likes: the waves
 #: of the foci all but cancel there, and the phase of next to nothing means nothing.
-LEAST_AMPLITUDE_CODE: Final = 4
+_LEAST_AMPLITUDE_CODE: Final = 4
 _HALF: Final = 0.5 + 1e-6  # of an amplitude step
 _MARGIN: Final = 1.15  # between the tolerated drives, a change is not quite in proportion
 _FAINT: Final = 0.1  # of the loudest: the pressure of a fainter focus is compared with that
@@ -32,7 +32,7 @@ LEAST_BALANCE: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class IdealDrive:
+class IdealFrameDrive:
     """The drive that makes several foci, before its phases are rounded.
 
     Attributes
@@ -54,8 +54,8 @@ class IdealDrive:
         By how many codes a board that computes may differ.
     """
 
-    targets: Sequence[TargetField]
-    placed: Sequence[TargetField]
+    targets: Sequence[FrameTarget]
+    placed: Sequence[FrameTarget]
     weights: Complexes
     asked: Complexes
     tolerated: Sequence[Complexes]
@@ -66,12 +66,12 @@ class IdealDrive:
     def of(
         cls,
         intended: Intended,
-        targets: Sequence[TargetField],
+        targets: Sequence[FrameTarget],
         asked: Complexes,
         tolerated: Sequence[Complexes],
-    ) -> IdealDrive:
+    ) -> IdealFrameDrive:
         """Return the ideal drive of a frame whose foci ask for the weights *asked*."""
-        codes, allowed = intended.drive.amplitude_codes, criteria.allowed_codes(intended)
+        codes, allowed = intended.drive.amplitude_codes, criteria.allowed_phase_codes(intended)
         pairs = zip(targets, intended.foci, strict=True)
         placed = [target for target, focus in pairs if focus.amplitude > 0.0]
         if (codes == FULL_AMPLITUDE).all():
@@ -85,10 +85,10 @@ class IdealDrive:
         """The peak next to each target; None where none has a place that this array observes."""
         return [self._peak(target) for target in self.placed]
 
-    def _peak(self, target: TargetField) -> ExpectedPeak | None:
+    def _peak(self, target: FrameTarget) -> ExpectedPeak | None:
         if not target.observable.all():
             return None
-        return expected_peak(
+        return expected_frame_peak(
             target.model,
             self.weights,
             target.position_m,
@@ -128,7 +128,7 @@ class IdealDrive:
         tolerated: Floats = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
         return tolerated
 
-    def _rounding_of_level(self, target: TargetField) -> float:
+    def _rounding_of_level(self, target: FrameTarget) -> float:
         parts = target.arrivals * self.weights
         total, error_rad = complex(parts.sum()), target.phase_limit_rad
         quadrature = np.abs((parts * (total.conjugate() / abs(total) if total else 1.0)).imag)
@@ -192,10 +192,10 @@ class IdealDrive:
         limits = [peak.rounding_m + target.tolerated_m for target, peak in pairs if peak]
         return limits if len(limits) == len(pairs) else None
 
-    def place_uncertainty(self, known: Uncertainty) -> PlaceUncertainty | None:
+    def place_uncertainty(self, known: Uncertainty) -> VerdictUncertainty | None:
         """Return how well the place of the least known focus is known; None: it is not."""
         found = [
-            place_uncertainty(target.model, target.position_m, peak.response, known)
+            target_place_uncertainty(target.model, target.position_m, peak.response, known)
             for target, peak in zip(self.placed, self.peaks, strict=True)
             if peak is not None
         ]
@@ -203,15 +203,15 @@ class IdealDrive:
         return max(found, key=lambda one: one.total, default=None) if whole else None
 
 
-def meaningful(intended: Intended, latched: Drive) -> Bools:
+def meaningful_elements(intended: Intended, latched: Drive) -> Bools:
     """Return (N,) the elements that sound and whose phase means something."""
-    least = LEAST_AMPLITUDE_CODE if intended.board_computed and len(intended.foci) > 1 else 1
+    least = _LEAST_AMPLITUDE_CODE if intended.board_computed and len(intended.foci) > 1 else 1
     sounding: Bools = (intended.drive.amplitude_codes >= least) & (latched.amplitude_codes > 0)
     return sounding
 
 
 @dataclass(frozen=True, slots=True)
-class FociLevels:
+class IdealFociLevels:
     """What reaches several foci of one frame.
 
     Attributes
@@ -229,8 +229,8 @@ class FociLevels:
 
     @classmethod
     def of(
-        cls, intended: Intended, latched: Complexes, targets: Sequence[TargetField]
-    ) -> FociLevels:
+        cls, intended: Intended, latched: Complexes, targets: Sequence[FrameTarget]
+    ) -> IdealFociLevels:
         """Return the levels of the foci of *intended* under the drive *latched*."""
         arrivals = np.array([target.arrivals for target in targets])
         levels = np.abs(arrivals @ latched)

@@ -20,7 +20,7 @@ from haptogram.acoustics import (
     SingleFocus,
 )
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
-from haptogram.driver.frames.builder import sound_speed_mm_s, weights_of_foci
+from haptogram.driver.frames.builder import frame_sound_speed_mm_s, frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey, Intended, Observation
 
@@ -28,11 +28,11 @@ from ..faults import name_drive_faults
 from ..tolerance import Tolerance, Uncertainty
 from ..verdict import FrameStatus, FrameVerdict
 from . import criteria
-from .ideal_drive import IdealDrive
+from .ideal_drive import IdealFrameDrive
 from .peaks import Complexes, Floats
 from .several import judge_several
-from .single import SingleFrame, judge_silence, not_radiated
-from .target import TargetField
+from .single import SingleFocusFrame, judge_silence, verdict_not_radiated
+from .target import FrameTarget
 
 # Of targets, and as many drives of solvers and verdicts: a pass that repeats costs nothing new.
 _REMEMBERED_BYTES: Final = 1 << 27
@@ -44,7 +44,7 @@ _ITS_OWN: Final = ("number", "key", "t_apply_us", "t_latch_us", "late", "early")
 _EXACT_RAD: Final = 1e-7  # positions that are whole micrometres, but for the arithmetic
 
 
-class Judge:
+class FrameJudge:
     """Judges frame after frame of one array.
 
     Parameters
@@ -81,20 +81,20 @@ class Judge:
 
     def _make_target(
         self, position_m: tuple[float, float, float], amplitude_codes: bytes, limit_rad: float
-    ) -> TargetField:
+    ) -> FrameTarget:
         codes = np.frombuffer(amplitude_codes, np.uint8)
         amplitudes, place = codes / FULL_AMPLITUDE, np.array(position_m)
-        target = TargetField(self._model, place, amplitudes, limit_rad, self.tolerance)
+        target = FrameTarget(self._model, place, amplitudes, limit_rad, self.tolerance)
         if not self.tolerance.is_strict and target.active.any():
             target.check_tolerance()
         return target
 
-    def _targets(self, intended: Intended) -> list[TargetField]:
+    def _targets(self, intended: Intended) -> list[FrameTarget]:
         codes = intended.drive.amplitude_codes.tobytes()
         limit_rad = criteria.phase_limit_rad(intended, self._grain_rad)
         return [self._target(focus.position_m, codes, limit_rad) for focus in intended.foci]
 
-    def _make_ideals(self, intended: Intended) -> list[IdealDrive]:
+    def _make_ideals(self, intended: Intended) -> list[IdealFrameDrive]:
         """Return the drives that the foci ask for: of the array as it is, and as the wire says.
 
         An array for which the solver refuses the foci is left out.
@@ -102,9 +102,9 @@ class Judge:
         targets, found = self._targets(intended), []
         for model in self._known_models(board_computed=intended.board_computed):
             with contextlib.suppress(ConfigurationError):  # a focus at the edge of its reach
-                asked = weights_of_foci(model, intended.foci, intended.solver)
+                asked = frame_weights(model, intended.foci, intended.solver)
                 tolerated = list(self._tolerated(model, intended))
-                found.append(IdealDrive.of(intended, targets, asked, tolerated))
+                found.append(IdealFrameDrive.of(intended, targets, asked, tolerated))
         return found
 
     def _tolerated(self, model: AcousticModel, intended: Intended) -> Iterator[Complexes]:
@@ -112,10 +112,10 @@ class Judge:
         share = self.tolerance.speed_share(model.medium)
         for factor in (1.0 + share, 1.0 - share) if share else ():
             other = model.with_sound_speed(model.medium.sound_speed_m_s / factor)
-            yield weights_of_foci(other, intended.foci, intended.solver)
+            yield frame_weights(other, intended.foci, intended.solver)
         miss_m = self.tolerance.miss_mm / 1e3
         for way in (*np.eye(3), *-np.eye(3)) if miss_m else ():
-            yield weights_of_foci(model, _displaced(intended.foci, miss_m * way), intended.solver)
+            yield frame_weights(model, _displaced(intended.foci, miss_m * way), intended.solver)
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
         """Yield the array and air that foci may have been solved with.
@@ -124,7 +124,7 @@ class Judge:
         """
         model = self._model
         if board_computed:
-            model = model.with_sound_speed(sound_speed_mm_s(model) / 1000)
+            model = model.with_sound_speed(frame_sound_speed_mm_s(model) / 1000)
         yield model
         if self._grain_rad > _EXACT_RAD:
             yield dataclasses.replace(model, array=model.array.on_wire())
@@ -159,7 +159,7 @@ class Judge:
             heard = isinstance(found, SingleFocus | NotSingle)
             return judge_silence(seen, intended, output, faults, heard=heard)
         if isinstance(found, NoFocus) and len(intended.foci) > 1:
-            faults = faults or (not_radiated(found),)
+            faults = faults or (verdict_not_radiated(found),)
             return dataclasses.replace(seen, status=FrameStatus.WRONG_DRIVE, faults=faults)
         targets = self._targets(intended)
         if not targets[0].active.any():
@@ -176,7 +176,7 @@ class Judge:
         (target,) = targets
         if found is None or (isinstance(found, NotSingle) and _is_undecided(found, target)):
             found = self._reconstruct(output, intended, target)
-        one = SingleFrame(intended, output, target)
+        one = SingleFocusFrame(intended, output, target)
         return one.judge(seen, found, faults, self.uncertainty)
 
     def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
@@ -214,7 +214,7 @@ class Judge:
             0 if intended.t_apply_us is None else observation.t_latch_us - intended.t_apply_us
         )
         return dataclasses.replace(
-            lost(intended),
+            lost_frame_verdict(intended),
             status=FrameStatus.NOT_VERIFIED,
             evidence=observation.evidence,
             t_latch_us=observation.t_latch_us,
@@ -224,7 +224,7 @@ class Judge:
         )
 
     def _reconstruct(
-        self, latched: Drive, intended: Intended, target: TargetField
+        self, latched: Drive, intended: Intended, target: FrameTarget
     ) -> Reconstruction:
         # The registers have 8 bits; how well the phases fit a focus depends on those of the wire.
         bits = intended.phase_bits
@@ -233,7 +233,7 @@ class Judge:
         return self._reconstructors[bits].reconstruct(latched, slack_rad=target.tolerated_rad)
 
 
-def _is_undecided(found: NotSingle, target: TargetField) -> bool:
+def _is_undecided(found: NotSingle, target: FrameTarget) -> bool:
     """Return True if somebody else's search found too little, or judged by finer phases.
 
     The board knows neither the tolerance nor, of what was uploaded, the resolution of the phases.
@@ -254,7 +254,7 @@ def _displaced(foci: tuple[Focus, ...], way_m: Floats) -> tuple[Focus, ...]:
     )
 
 
-def lost(intended: Intended) -> FrameVerdict:
+def lost_frame_verdict(intended: Intended) -> FrameVerdict:
     """Return the verdict of a frame that nobody saw."""
     return FrameVerdict(
         number=intended.number,

@@ -25,7 +25,7 @@ _HALVINGS: Final = 10
 _LONGEST_STEP_RAD: Final = 0.7  # in the metric of the focus: the main lobe reaches to about 2
 _SETTLED_M: Final = 2e-6
 #: What the search itself may miss a peak by: its last step, and the error of the differences.
-SEARCH_M: Final = 5e-6
+_SEARCH_M: Final = 5e-6
 #: How far the ideal peak may be from the target of one focus: further away it is another one.
 NEXT_TO_TARGET_RAD: Final = 0.5
 #: The same of several foci, which pull at each other: within the main lobe, of about 2 rad.
@@ -84,10 +84,10 @@ class ExpectedPeak:
 
     def offset_m(self, model: AcousticModel, weights: Complexes) -> Floats | None:
         """Return (D,) the offset of the peak of *weights* from this one; None: there is none."""
-        return find_peak(model, weights, self.place_m, self.direction)
+        return find_frame_peak(model, weights, self.place_m, self.direction)
 
 
-def expected_peak(
+def expected_frame_peak(
     model: AcousticModel,
     ideal: Complexes,
     target_m: Floats,
@@ -106,26 +106,26 @@ def expected_peak(
         None: there is no peak next to the target, or one so flat that rounding of the phases
         moves it out of all proportion.
     """
-    offset_m = find_peak(model, ideal, target_m, direction)
+    offset_m = find_frame_peak(model, ideal, target_m, direction)
     if offset_m is None or direction.length_rad(offset_m @ direction.axes) > reach_rad:
         return None
     place_m = target_m + offset_m @ direction.axes
     distance_m = float(np.linalg.norm(target_m - model.array.centre_m))
     if float(np.linalg.norm(offset_m)) > LOST * distance_m:
         return None
-    response = peak_response(model, ideal, place_m, direction)
+    response = frame_peak_response(model, ideal, place_m, direction)
     if response is None:
         return None
     rounding_m = np.abs(response).sum(axis=1) * phase_limit_rad
     if direction.length_rad(rounding_m @ direction.axes) > _ROUND:
         worst = phase_limit_rad * np.sign(response)
         worst_m = _worst_displacement_m(model, ideal, place_m, direction, worst)
-        if not (worst_m <= _FLAT * rounding_m + SEARCH_M).all():
+        if not (worst_m <= _FLAT * rounding_m + _SEARCH_M).all():
             return None
         rounding_m = np.maximum(rounding_m, worst_m)
     if direction.length_rad(rounding_m @ direction.axes) > reach_rad:
         return None
-    return ExpectedPeak(direction, place_m, response, _MARGIN * rounding_m + SEARCH_M)
+    return ExpectedPeak(direction, place_m, response, _MARGIN * rounding_m + _SEARCH_M)
 
 
 def _worst_displacement_m(
@@ -141,12 +141,12 @@ def _worst_displacement_m(
     """
     worst = np.zeros(len(direction.axes))
     for errors in (*errors_rad, *-errors_rad):
-        offset = find_peak(model, ideal * np.exp(1j * errors), place_m, direction)
+        offset = find_frame_peak(model, ideal * np.exp(1j * errors), place_m, direction)
         worst = np.maximum(worst, np.inf if offset is None else np.abs(offset))
     return worst
 
 
-def find_peak(
+def find_frame_peak(
     model: AcousticModel, weights: Complexes, start_m: Floats, direction: PeakDirection
 ) -> Floats | None:
     """Return (D,) the offset of the pressure peak next to *start_m* along the axes of *direction*.
@@ -185,7 +185,7 @@ def find_peak(
     return None
 
 
-def peak_response(
+def frame_peak_response(
     model: AcousticModel, weights: Complexes, place_m: Floats, direction: PeakDirection
 ) -> Floats | None:
     """Return (D, N) how far each radian of phase of an element moves a peak, in m/rad.

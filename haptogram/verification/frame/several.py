@@ -22,16 +22,22 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import Drive
-from haptogram.acoustics.reconstruct.patterns.foci_fit import FociFit, fit_foci, waves_of
+from haptogram.acoustics.reconstruct.patterns.foci_fit import FociFit, fit_foci, waves_of_foci
 from haptogram.records.frame import Intended
 
-from ..status import frame_status_of, is_right, warning_of
+from ..status import frame_status_of, frame_warning_of, is_right_status
 from ..tolerance import Tolerance, Uncertainty
 from ..verdict import FrameStatus, FrameVerdict, Vector
 from . import criteria
-from .ideal_drive import LEAST_BALANCE, LEAST_EFFICIENCY, FociLevels, IdealDrive, meaningful
+from .ideal_drive import (
+    LEAST_BALANCE,
+    LEAST_EFFICIENCY,
+    IdealFociLevels,
+    IdealFrameDrive,
+    meaningful_elements,
+)
 from .peaks import LOST, WITHIN_LOBE_RAD, Floats
-from .target import Bools, TargetField
+from .target import Bools, FrameTarget
 
 _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # of the bound of the first order
@@ -71,7 +77,7 @@ def judge_several(
     intended: Intended,
     latched: Drive,
     faults: tuple[str, ...],
-    ideals: Sequence[IdealDrive],
+    ideals: Sequence[IdealFrameDrive],
     tolerance: Tolerance,
     known: Uncertainty,
 ) -> FrameVerdict:
@@ -93,8 +99,8 @@ def judge_several(
         How well array and air are known.
     """
     targets = ideals[0].targets
-    active = meaningful(intended, latched) & targets[0].active
-    levels = FociLevels.of(intended, latched.weights(), targets)
+    active = meaningful_elements(intended, latched) & targets[0].active
+    levels = IdealFociLevels.of(intended, latched.weights(), targets)
     ideal = min(ideals, key=lambda one: one.distance(latched, active))
     error_rad = ideal.phase_error_rad(latched, active)
     found = _strictly(ideal, intended, latched, active, error_rad)
@@ -105,8 +111,8 @@ def judge_several(
     notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
     if status is FrameStatus.ON_TARGET and unseen:
         status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
-    if is_right(status):
-        notes += warning_of(found.verdicts, error_rad, targets[0].phase_limit_rad)
+    if is_right_status(status):
+        notes += frame_warning_of(found.verdicts, error_rad, targets[0].phase_limit_rad)
     worst_m = max(
         found.limits_m or [], key=lambda limit: float(np.linalg.norm(limit)), default=None
     )
@@ -131,11 +137,11 @@ def judge_several(
 
 
 def _strictly(
-    ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools, error_rad: float
+    ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, error_rad: float
 ) -> _Findings:
     """Return what is found of a drive that may differ from the ideal one by rounding only."""
     offsets_m, limits_m = ideal.offsets_m(latched.weights()), ideal.limits_m()
-    s5 = criteria.amplitudes_ok(intended, latched)
+    s5 = criteria.latched_amplitudes_ok(intended, latched)
     verdicts = {
         "S1": error_rad <= ideal.targets[0].phase_limit_rad,
         "S2": ideal.in_place(offsets_m),
@@ -160,7 +166,7 @@ def _strictly(
 
 
 def _tolerantly(
-    ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools, tolerance: Tolerance
+    ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, tolerance: Tolerance
 ) -> _Findings:
     """Return what is found of a drive for these foci in other air, or a little off.
 
@@ -169,7 +175,7 @@ def _tolerantly(
     """
     limit_rad = ideal.targets[0].phase_limit_rad
     excess = ideal.excess_level(latched.weights(), tolerant=True)
-    s5 = criteria.amplitudes_ok(intended, latched)
+    s5 = criteria.latched_amplitudes_ok(intended, latched)
     verdicts = {
         "S1": False,
         "S3": excess <= _MOST_EXCESS,
@@ -195,13 +201,15 @@ def _tolerantly(
     return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
 
 
-def _fit(ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools) -> FociFit | None:
+def _fit(
+    ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools
+) -> FociFit | None:
     """Return where the phases say that the foci are."""
     superposed = intended.solver == "naive"
     known = [f.amplitude * np.exp(1j * f.phase_rad) for f in intended.foci if f.amplitude > 0.0]
     return fit_foci(
         ideal.targets[0].model,
-        waves_of(ideal.targets[0].model, superposed=superposed),
+        waves_of_foci(ideal.targets[0].model, superposed=superposed),
         np.array([target.position_m for target in ideal.placed]),
         latched.weights(),
         active,
@@ -210,7 +218,7 @@ def _fit(ideal: IdealDrive, intended: Intended, latched: Drive, active: Bools) -
     )
 
 
-def _limits_m(ideal: IdealDrive, fit: FociFit) -> list[Floats] | None:
+def _limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[Floats] | None:
     """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
@@ -222,7 +230,7 @@ def _limits_m(ideal: IdealDrive, fit: FociFit) -> list[Floats] | None:
 
 
 def _peaks_follow(
-    ideal: IdealDrive, latched: Drive, limits_m: Sequence[Floats], tolerance: Tolerance
+    ideal: IdealFrameDrive, latched: Drive, limits_m: Sequence[Floats], tolerance: Tolerance
 ) -> bool:
     """Return True if the pressure peaks are no further off than the fitted foci may be."""
     offsets_m = ideal.offsets_m(latched.weights())
@@ -232,7 +240,7 @@ def _peaks_follow(
     )
 
 
-def _are_sharp(ideal: IdealDrive, limits_m: Sequence[Floats]) -> bool:
+def _are_sharp(ideal: IdealFrameDrive, limits_m: Sequence[Floats]) -> bool:
     """Return True if each focus has a place to within its own lobe: else the fit is no proof."""
     return all(
         target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
@@ -242,10 +250,10 @@ def _are_sharp(ideal: IdealDrive, limits_m: Sequence[Floats]) -> bool:
 
 def _are_within(fit: FociFit, limits_m: Sequence[Floats], miss_mm: float) -> bool:
     pairs = zip(fit.offsets_m, limits_m, strict=True)
-    return all(criteria.within(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs)
+    return all(criteria.within_limit(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs)
 
 
-def _farthest(targets: Sequence[TargetField], found: _Findings) -> dict[str, Any]:
+def _farthest(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any]:
     """Return how far the worst of the foci is from its place; nothing if one has no place."""
     offsets = [offset for offset in found.offsets_m if offset is not None]
     if len(offsets) < len(targets) or not targets or found.limits_m is None:
@@ -258,7 +266,7 @@ def _farthest(targets: Sequence[TargetField], found: _Findings) -> dict[str, Any
     }
 
 
-def _without_place(ideal: IdealDrive) -> Iterator[str]:
+def _without_place(ideal: IdealFrameDrive) -> Iterator[str]:
     """Yield which foci have no pressure peak that could be off."""
     lost = [str(number) for number, peak in enumerate(ideal.peaks, 1) if peak is None]
     if lost:
@@ -268,7 +276,7 @@ def _without_place(ideal: IdealDrive) -> Iterator[str]:
         )
 
 
-def _not_made(levels: FociLevels, intended: Intended) -> Iterator[str]:
+def _not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
     """Yield why the foci are not there, although the drive is as it should be."""
     if intended.solver != "naive" and not levels.made:
         yield (

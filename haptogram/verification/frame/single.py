@@ -18,16 +18,16 @@ from haptogram.acoustics import (
     focus_phases,
     phase_step_rad,
 )
-from haptogram.acoustics.solvers.focus import wrap
+from haptogram.acoustics.solvers.focus import wrapped_phases
 from haptogram.records.frame import Intended
 
-from ..faults import named_elements
-from ..status import frame_status_of, is_right, warning_of
+from ..faults import faulty_elements_text
+from ..status import frame_status_of, frame_warning_of, is_right_status
 from ..tolerance import Uncertainty
 from ..verdict import FrameStatus, FrameVerdict
 from . import criteria
 from .peaks import Floats
-from .target import Bools, TargetField
+from .target import Bools, FrameTarget
 
 _MM: Final = 1e3
 _STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
@@ -43,7 +43,7 @@ _ELSEWHERE: Final = (
 )
 
 
-def not_radiated(found: NoFocus) -> str:
+def verdict_not_radiated(found: NoFocus) -> str:
     """Name the fault of a board that latched a right drive and radiated nothing."""
     return f"the drive is right, but nothing was radiated: {found.reason}"
 
@@ -63,8 +63,8 @@ def judge_silence(
     heard : bool
         Whether somebody found a field all the same.
     """
-    verdicts = {"S5": criteria.amplitudes_ok(intended, latched) and not heard}
-    if criteria.amplitudes_ok(intended, latched):
+    verdicts = {"S5": criteria.latched_amplitudes_ok(intended, latched) and not heard}
+    if criteria.latched_amplitudes_ok(intended, latched):
         faults = ("sound was radiated where silence was intended",) if heard else ()
     return dataclasses.replace(
         seen,
@@ -76,7 +76,7 @@ def judge_silence(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SingleFrame:
+class SingleFocusFrame:
     """A frame with one focus, and the drive that its board radiates.
 
     Attributes
@@ -91,7 +91,7 @@ class SingleFrame:
 
     intended: Intended
     latched: Drive
-    target: TargetField
+    target: FrameTarget
 
     def judge(
         self,
@@ -121,7 +121,7 @@ class SingleFrame:
             notes.append(_AMBIGUOUS)
             offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
             measures |= _place(target, offset_m)
-            if not criteria.on_target(target, offset_m):
+            if not criteria.is_on_target(target, offset_m):
                 if verdicts["S1"]:
                     unseen.append(_ELSEWHERE)
                 else:
@@ -140,7 +140,7 @@ class SingleFrame:
                     measures["pressure_rms_pa"] = found.pressure_rms_pa
                 notes.append(_no_focus(found))
             elif not faults:
-                faults = (not_radiated(found),)
+                faults = (verdict_not_radiated(found),)
         status = frame_status_of(
             verdicts,
             faults,
@@ -149,8 +149,10 @@ class SingleFrame:
         )
         if status is FrameStatus.ON_TARGET and unseen:
             status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
-        if is_right(status):
-            notes += warning_of(verdicts, measures.get("phase_error_rad"), target.phase_limit_rad)
+        if is_right_status(status):
+            notes += frame_warning_of(
+                verdicts, measures.get("phase_error_rad"), target.phase_limit_rad
+            )
         smallest_m = target.smallest_miss_m
         return dataclasses.replace(
             seen,
@@ -172,17 +174,17 @@ class SingleFrame:
 
     def _drive_criteria(
         self,
-    ) -> tuple[dict[str, Any], dict[str, bool], list[criteria.PeakError]]:
+    ) -> tuple[dict[str, Any], dict[str, bool], list[criteria.PeakCriterion]]:
         """Return measures and verdicts that need the drive alone, S1, S3, S4, S5, and the peaks."""
         intended, latched, target, active = self.intended, self.latched, self.target, self._active
-        s5 = criteria.amplitudes_ok(intended, latched)
+        s5 = criteria.latched_amplitudes_ok(intended, latched)
         intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
         measures: dict[str, Any] = {"coherence": 0.0, "intended_pressure_rms_pa": intended_pa}
         if not active.any():
             return measures, {"S1": False, "S3": False, "S5": s5}, []
         sounding = latched.weights()
         error_rad = criteria.phase_error_rad(target, latched, active)
-        coherence = criteria.coherence(target, sounding)
+        coherence = criteria.coherence_at_target(target, sounding)
         verdicts = {
             "S1": error_rad <= target.phase_limit_rad,
             "S3": coherence >= criteria.least_coherence(target, intended),
@@ -200,7 +202,7 @@ class SingleFrame:
         """S2."""
         if not isinstance(found, SingleFocus):
             return False
-        return criteria.on_target(self.target, criteria.focus_offset_m(self.target, found))
+        return criteria.is_on_target(self.target, criteria.focus_offset_m(self.target, found))
 
     def _is_ambiguous(self, measures: dict[str, Any], found: Reconstruction) -> bool:
         """Return True if phases that suit the target were found to suit another point or none.
@@ -221,7 +223,7 @@ class SingleFrame:
         """
         if faults or not found.outliers:
             return ()
-        names = named_elements(self.target.model, found.outliers)
+        names = faulty_elements_text(self.target.model, found.outliers)
         if self._is_of_this_drive(found):
             return (f"{names} out of step with the others",)
         return (f"{names} radiated otherwise than latched",)
@@ -238,7 +240,7 @@ class SingleFrame:
         off[list(found.outliers if isinstance(found, NotSingle) else ())] = True
         arrivals = np.angle(self.latched.weights()) - focus_phases(model, found.position_m)
         agreeing = arrivals[self._active & ~off]
-        error_rad = np.abs(wrap(arrivals - np.angle(np.exp(1j * agreeing).sum())))
+        error_rad = np.abs(wrapped_phases(arrivals - np.angle(np.exp(1j * agreeing).sum())))
         rms = math.sqrt(np.mean(error_rad[self._active & ~off] ** 2))
         within_rad = _ABOUT * limit_rad + self.target.tolerated_rad
         return rms <= within_rad and bool((error_rad[off] > _FINEST_RAD).all())
@@ -252,7 +254,7 @@ def _no_focus(found: NotSingle) -> str:
     )
 
 
-def _unobservable(target: TargetField) -> str:
+def _unobservable(target: FrameTarget) -> str:
     """Return which coordinates of the focus no phase of this frame tells."""
     names = [name for name, seen in zip("xyz", target.observable, strict=True) if not seen]
     along = " and ".join(names)
@@ -262,7 +264,7 @@ def _unobservable(target: TargetField) -> str:
     )
 
 
-def _where(target: TargetField, found: SingleFocus | NotSingle) -> dict[str, Any]:
+def _where(target: FrameTarget, found: SingleFocus | NotSingle) -> dict[str, Any]:
     force_n = found.force_n if isinstance(found, SingleFocus) else None
     if force_n is not None and not math.isfinite(force_n):
         force_n = None
@@ -272,7 +274,7 @@ def _where(target: TargetField, found: SingleFocus | NotSingle) -> dict[str, Any
     }
 
 
-def _place(target: TargetField, offset_m: Floats) -> dict[str, Any]:
+def _place(target: FrameTarget, offset_m: Floats) -> dict[str, Any]:
     """Return where a focus is, as far as that can be observed."""
     across_m, along_m = target.split(offset_m)
     place_m = (target.position_m + offset_m).tolist()
@@ -285,7 +287,7 @@ def _place(target: TargetField, offset_m: Floats) -> dict[str, Any]:
     }
 
 
-def _where_the_peak_is(target: TargetField, peaks: list[criteria.PeakError]) -> dict[str, Any]:
+def _where_the_peak_is(target: FrameTarget, peaks: list[criteria.PeakCriterion]) -> dict[str, Any]:
     """Return how far the pressure peak is from its place, if it was found all around."""
     offsets = [peak.offset_m for peak in peaks if peak.offset_m is not None]
     if len(offsets) != _ACROSS_AND_ALONG:

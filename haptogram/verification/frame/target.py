@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, fit_focus, focus_phases
 from haptogram.acoustics.field.reference import propagators
-from haptogram.acoustics.levels.shift import direction_covariance
-from haptogram.acoustics.model.own_axes import axes_about
-from haptogram.acoustics.solvers.focus import phase_response
+from haptogram.acoustics.levels.shift import focal_shift_covariance
+from haptogram.acoustics.model.own_axes import axes_about_normal
+from haptogram.acoustics.solvers.focus import focus_phase_response
 from haptogram.errors import ConfigurationError
 
-from ..tolerance import PlaceUncertainty, Tolerance, Uncertainty, tolerance_text
-from .peaks import LOST, Complexes, ExpectedPeak, Floats, PeakDirection, expected_peak
+from ..tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
+from .peaks import LOST, Complexes, ExpectedPeak, Floats, PeakDirection, expected_frame_peak
 
 Bools = NDArray[np.bool_]
 
@@ -32,7 +32,7 @@ _WIDTH_RAD: Final = 2.0 * 0.831  # of a focus at -3 dB, in radians of phase
 
 
 @dataclass(frozen=True, eq=False)
-class TargetField:
+class FrameTarget:
     """One focus, in the air and over the array that the frame was really radiated in.
 
     Attributes
@@ -88,7 +88,7 @@ class TargetField:
 
     @cached_property
     def _response(self) -> tuple[Floats, Bools]:
-        return phase_response(self.model, self.position_m, active=self.active)
+        return focus_phase_response(self.model, self.position_m, active=self.active)
 
     @property
     def response(self) -> Floats:
@@ -139,14 +139,14 @@ class TargetField:
     @cached_property
     def covariance(self) -> Floats:
         """(3, 3) C: the covariance of the unit vectors from the elements to the target."""
-        return direction_covariance(
+        return focal_shift_covariance(
             self.model, self.position_m, self.amplitudes * np.abs(self.arrivals)
         )
 
     def directions(self) -> list[PeakDirection]:
         """Return the plane across the beam and the line along it, if this array tells them."""
         found = []
-        for axes in (axes_about(self.axis)[:2], self.axis[None, :]):
+        for axes in (axes_about_normal(self.axis)[:2], self.axis[None, :]):
             direction = self.direction(axes)
             if np.linalg.eigvalsh(direction.metric)[0] > _TURNED_RATIO * self.model.wavenumber**2:
                 found.append(direction)
@@ -162,7 +162,7 @@ class TargetField:
         """The peaks of the ideal drive across and along the beam, as far as they have a place."""
         ideal = self.amplitudes * np.exp(1j * self.phases_rad)
         found = (
-            expected_peak(self.model, ideal, self.position_m, direction, self.phase_limit_rad)
+            expected_frame_peak(self.model, ideal, self.position_m, direction, self.phase_limit_rad)
             for direction in self.directions()
         )
         return [peak for peak in found if peak is not None]
@@ -239,31 +239,31 @@ class TargetField:
         longest = float(np.linalg.norm(self.bound_m + self.tolerated_m))
         return longest + self.tolerance.miss_mm / _MM
 
-    def place_uncertainty(self, known: Uncertainty) -> PlaceUncertainty | None:
+    def place_uncertainty(self, known: Uncertainty) -> VerdictUncertainty | None:
         """Return how well the place of the focus is known; None where it cannot be observed."""
         if not self.observable.all():
             return None
-        return place_uncertainty(self.model, self.position_m, self.response, known)
+        return target_place_uncertainty(self.model, self.position_m, self.response, known)
 
 
-def check_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: Tolerance) -> None:
+def check_frame_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: Tolerance) -> None:
     """Raise if a tolerance is more than half of the focus at one of (T, 3) points, in metres.
 
     Raises
     ------
     ConfigurationError
-        As :meth:`TargetField.check_tolerance`.
+        As :meth:`FrameTarget.check_frame_tolerance`.
     """
     if tolerance.is_strict:
         return
     everything = np.ones(model.array.count)
     for point in np.unique(np.atleast_2d(np.asarray(points_m, dtype=np.float64)), axis=0):
-        TargetField(model, point, everything, 0.0, tolerance).check_tolerance()
+        FrameTarget(model, point, everything, 0.0, tolerance).check_tolerance()
 
 
-def place_uncertainty(
+def target_place_uncertainty(
     model: AcousticModel, position_m: Floats, response: Floats, known: Uncertainty
-) -> PlaceUncertainty:
+) -> VerdictUncertainty:
     """Return the uncertainty of a place that moves by *response* (D, N) per radian of phase.
 
     Phases that are off by k r dc / c, all together, by k times the error of a position along the
@@ -272,7 +272,7 @@ def place_uncertainty(
     distances = np.linalg.norm(position_m - model.array.positions_m, axis=1)
     air_rad = known.speed_share(model.medium) * model.wavenumber * distances
     scatter = _MM * float(np.linalg.norm(response))
-    return PlaceUncertainty(
+    return VerdictUncertainty(
         air=_MM * float(np.linalg.norm(response @ air_rad)),
         positions=scatter * model.wavenumber * known.position_mm / _MM,
         phases=scatter * known.phase_rad,

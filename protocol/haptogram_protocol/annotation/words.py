@@ -8,18 +8,18 @@ from typing import Any
 from ..messages import Header, Message, MessageType
 from ..record import Record
 
-__all__ = ["fields_of", "header_text", "plain", "summary", "type_name"]
+__all__ = ["fields_of", "header_text", "message_summary", "message_type_name", "plain"]
 
 
 def header_text(header: Header) -> str:
     """Return a header in words."""
     return (
-        f"{type_name(header.type)} seq {header.seq} session {header.session:#06x} "
+        f"{message_type_name(header.type)} seq {header.seq} session {header.session:#06x} "
         f"flags {header.flags:#04x} t {header.time_us}"
     )
 
 
-def summary(message: Message) -> str:
+def message_summary(message: Message) -> str:
     """Return the fields of a message; bytes and lists by their length."""
     fields = []
     for name, value in _values(message):
@@ -30,7 +30,7 @@ def summary(message: Message) -> str:
     return ", ".join(fields) or "no payload"
 
 
-def type_name(number: int) -> str:
+def message_type_name(number: int) -> str:
     """Return the name of a message type, its number if it has none."""
     known = MessageType._value2member_map_.get(number)
     return known.name if isinstance(known, MessageType) else f"type {number:#04x}"

@@ -37,9 +37,9 @@ from ..messages import (
 )
 from .counters import LINK_COUNTERS
 from .events import NEED_DATA, BoardEvent, FrameDropped, NeedData, RequestReceived, StreamReceived
-from .inbox import Inbox
-from .outbox import OUTPUT_LIMIT, Outbox
-from .received import IMMEDIATE, ReceivedFrame, error_of, unknown_flags
+from .inbox import ConnectionInbox
+from .outbox import OUTPUT_LIMIT, ConnectionOutbox
+from .received import IMMEDIATE, ReceivedFrame, error_of_payload, unknown_flags
 
 # HG-4.10: never compared with the last request, because a repetition does no harm.
 _IDEMPOTENT: Final = frozenset({MessageType.MUTE, MessageType.UPLOAD_CHUNK})
@@ -89,8 +89,8 @@ class BoardConnection:
         self.counters = dict.fromkeys(LINK_COUNTERS, 0)
         self._output_limit = output_limit
         self._stuff = cobs.encode
-        self._inbox = Inbox(FrameDecoder(cobs) if decoder is None else decoder)
-        self._outbox = Outbox()
+        self._inbox = ConnectionInbox(FrameDecoder(cobs) if decoder is None else decoder)
+        self._outbox = ConnectionOutbox()
         self._greeting: HelloReply | None = None
         self._start_sequences(0)
 
@@ -224,7 +224,7 @@ class BoardConnection:
         try:
             message = kind.deserialize(frame.payload)
         except RemoteProtocolError as error:
-            return self._refuse(frame, error.reason, *error_of(kind, error), str(error))
+            return self._refuse(frame, error.reason, *error_of_payload(kind, error), str(error))
         if isinstance(message, Hello):
             return self._judge_hello(frame, message)
         return self._judge_control_seq(frame) or self._request(frame, message)

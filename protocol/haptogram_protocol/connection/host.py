@@ -50,7 +50,7 @@ from .events import (
     RequestRefused,
     RequestTimedOut,
 )
-from .inbox import Inbox
+from .inbox import ConnectionInbox
 from .pending import PendingRequest, PendingRequests
 
 
@@ -95,7 +95,7 @@ class HostConnection:
         self.warnings: list[str] = []
         self.counters = dict.fromkeys(HOST_COUNTERS, 0)
         self._stuff = cobs.encode
-        self._inbox = Inbox(FrameDecoder(cobs))
+        self._inbox = ConnectionInbox(FrameDecoder(cobs))
         self._output = bytearray()
         self._events: deque[HostEvent] = deque()
         self._pending = PendingRequests()

@@ -17,7 +17,7 @@ INPUT_LIMIT: Final = 1 << 20
 _SLICE: Final = 4096  # bytes decoded at a time: a chunk may hold thousands of damaged frames
 
 
-class Inbox:
+class ConnectionInbox:
     """Bounded queue of received chunks, cut into frames on demand."""
 
     def __init__(self, decoder: FrameDecoder) -> None:

@@ -9,7 +9,7 @@ from typing import Final
 OUTPUT_LIMIT: Final = 65_536  # bytes that may wait for the line
 
 
-class Outbox:
+class ConnectionOutbox:
     """Queue of whole frames; a frame without room is refused, never cut.
 
     Attributes

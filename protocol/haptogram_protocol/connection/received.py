@@ -52,7 +52,7 @@ def unknown_flags(header: Header) -> int:
     return header.flags & MUST_UNDERSTAND & ~known
 
 
-def error_of(kind: type[Message], error: RemoteProtocolError) -> tuple[ErrorCode, int]:
+def error_of_payload(kind: type[Message], error: RemoteProtocolError) -> tuple[ErrorCode, int]:
     """Return code and detail of the ERROR for a payload that could not be read.  HG-10.2."""
     if error.reason == "bad_length":
         return ErrorCode.BAD_LENGTH, 0 if kind.TAIL else kind.LAYOUT.size

@@ -19,12 +19,12 @@ from ..errors import LocalProtocolError
 __all__ = [
     "BoardEnd",
     "Dialect",
-    "End",
+    "DialectEnd",
     "HostEnd",
     "OneWayHost",
     "Operation",
     "Reply",
-    "no_bytes_for",
+    "no_dialect_bytes_for",
 ]
 
 
@@ -44,7 +44,7 @@ Sent_contra = TypeVar("Sent_contra", contravariant=True)
 Received = TypeVar("Received")
 
 
-class End(Protocol[Sent_contra, Received]):
+class DialectEnd(Protocol[Sent_contra, Received]):
     """One end of a wire."""
 
     @property
@@ -72,10 +72,10 @@ class End(Protocol[Sent_contra, Received]):
         ...
 
 
-HostEnd = End[Operation, Reply]
+HostEnd = DialectEnd[Operation, Reply]
 
 
-class BoardEnd(End[Reply, Operation], Protocol):
+class BoardEnd(DialectEnd[Reply, Operation], Protocol):
     """The board's end of a wire, which a simulator feeds so that each message has its time."""
 
     def next_end(self, data: bytes, at: int) -> int:
@@ -137,6 +137,6 @@ class OneWayHost:
         return []
 
 
-def no_bytes_for(message: object, wire: str) -> LocalProtocolError:
+def no_dialect_bytes_for(message: object, wire: str) -> LocalProtocolError:
     """Return the error of an end that was asked to send what its wire cannot say."""
     return LocalProtocolError(f"{wire} has no bytes for {message!r}")

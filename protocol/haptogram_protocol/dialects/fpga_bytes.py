@@ -17,14 +17,14 @@ from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
 from ..errors import LocalProtocolError
-from .codec import OneWayHost, Operation, Reply, no_bytes_for
+from .codec import OneWayHost, Operation, Reply, no_dialect_bytes_for
 
 __all__ = [
     "Begin",
     "BeginAmplitudes",
-    "ByteRules",
     "Clocks",
     "FpgaBoard",
+    "FpgaByteRules",
     "FpgaHost",
     "ModulationStep",
     "Select",
@@ -32,7 +32,7 @@ __all__ = [
     "SetPhases",
     "Swap",
     "ToggleMultiplex",
-    "masked",
+    "masked_register_codes",
 ]
 
 
@@ -108,13 +108,13 @@ class ToggleMultiplex(Operation):
 _CodesOf: TypeAlias = type[SetPhases] | type[SetAmplitudes]
 
 
-def masked(off: int) -> bytes:
+def masked_register_codes(off: int) -> bytes:
     """Return what each data byte becomes in a register of *off* steps: masked, *off* apart."""
     return bytes(off if byte == off else byte & (off - 1) for byte in range(256))
 
 
 @dataclass(frozen=True)
-class ByteRules:
+class FpgaByteRules:
     """What the bytes of one firmware mean.
 
     Attributes
@@ -146,7 +146,7 @@ class ByteRules:
     pattern: re.Pattern[bytes] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "taken", masked(self.off))
+        object.__setattr__(self, "taken", masked_register_codes(self.off))
         found = re.compile(b"[" + re.escape(bytes(sorted(self.commands))) + b"]")
         object.__setattr__(self, "pattern", found)
 
@@ -209,7 +209,7 @@ class FpgaBoard:
         :attr:`ByteRules.starts`, selecting a board starts its frame.
     """
 
-    def __init__(self, rules: ByteRules, boards: int = 1) -> None:
+    def __init__(self, rules: FpgaByteRules, boards: int = 1) -> None:
         self.counters: Counter[str] = Counter()
         self._rules = rules
         self._cursor = _Cursor(boards)
@@ -242,7 +242,7 @@ class FpgaBoard:
 
     def send(self, message: Reply) -> bytes:
         """Raise LocalProtocolError: these boards never answer."""
-        raise no_bytes_for(message, self._rules.wire)
+        raise no_dialect_bytes_for(message, self._rules.wire)
 
     def _command(self, operation: Operation, found: list[Operation]) -> None:
         self._count_frame(operation)
@@ -318,7 +318,7 @@ class FpgaHost(OneWayHost):
         Boards on the line.
     """
 
-    def __init__(self, rules: ByteRules, boards: int = 1) -> None:
+    def __init__(self, rules: FpgaByteRules, boards: int = 1) -> None:
         super().__init__()
         self._rules = rules
         self._cursor = _Cursor(boards)
@@ -337,7 +337,7 @@ class FpgaHost(OneWayHost):
             self._cursor.advance_to(self._cursor.at + len(message.codes))
             return message.codes
         if message not in self._bytes:
-            raise no_bytes_for(message, self._rules.wire)
+            raise no_dialect_bytes_for(message, self._rules.wire)
         self._cursor.command(message)
         return bytes([self._bytes[message]])
 

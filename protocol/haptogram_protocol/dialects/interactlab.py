@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..errors import LocalProtocolError
-from .codec import Dialect, OneWayHost, Operation, Reply, no_bytes_for
+from .codec import Dialect, OneWayHost, Operation, Reply, no_dialect_bytes_for
 
 __all__ = [
     "CHANNELS",
@@ -116,7 +116,7 @@ class InteractlabBoard:
 
     def send(self, message: Reply) -> bytes:
         """Raise LocalProtocolError: the board never answers."""
-        raise no_bytes_for(message, _WIRE)
+        raise no_dialect_bytes_for(message, _WIRE)
 
     def _find_start(self, data: bytes, at: int) -> int:
         match = _START.search(data, at)
@@ -155,7 +155,7 @@ class InteractlabHost(OneWayHost):
             If *message* is no frame, or its values do not fit.
         """
         if not isinstance(message, QueueFrame):
-            raise no_bytes_for(message, _WIRE)
+            raise no_dialect_bytes_for(message, _WIRE)
         _check(message)
         frame = bytearray(message.phases + message.duties)
         frame[0] |= _BIT

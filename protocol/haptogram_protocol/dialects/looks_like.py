@@ -13,7 +13,7 @@ from ..framing import FrameDecoder
 from .codec import Dialect
 from .table import DIALECTS
 
-__all__ = ["HAPTOGRAM", "HTTP2", "LOOKED_AT_BYTES", "looks_like"]
+__all__ = ["HAPTOGRAM", "HTTP2", "LOOKED_AT_BYTES", "looks_like_dialect"]
 
 HAPTOGRAM: Final = "haptogram"
 HTTP2: Final = "http/2"  # gRPC, which autd3 36 spoke on the link of "Remote"
@@ -21,7 +21,9 @@ LOOKED_AT_BYTES: Final = 4096
 _HTTP2_PREFACE: Final = re.compile(rb"PRI \* HTTP/2\.0\r\n")  # RFC 9113, 3.4
 
 
-def looks_like(data: bytes, dialects: Iterable[Dialect] = DIALECTS.values()) -> tuple[str, ...]:
+def looks_like_dialect(
+    data: bytes, dialects: Iterable[Dialect] = DIALECTS.values()
+) -> tuple[str, ...]:
     """Return the names of the wires that *data* looks like; none if it looks like none.
 
     Parameters

@@ -24,9 +24,9 @@ from typing import Final
 from .codec import Dialect, Operation
 from .fpga_bytes import (
     Begin,
-    ByteRules,
     Clocks,
     FpgaBoard,
+    FpgaByteRules,
     FpgaHost,
     ModulationStep,
     Select,
@@ -42,13 +42,13 @@ __all__ = [
     "TACTILE",
     "TACTILE_CORRECTION",
     "TACTILE_RULES",
-    "frame",
+    "sonicsurface_frame",
 ]
 
 CHANNELS: Final = 256
 OFF: Final = 32
 
-RULES: Final = ByteRules(
+RULES: Final = FpgaByteRules(
     "sonicsurface",
     CHANNELS,
     OFF,
@@ -61,7 +61,7 @@ RULES: Final = ByteRules(
         0xC1: Select(1),
     },
 )
-TACTILE_RULES: Final = ByteRules(
+TACTILE_RULES: Final = FpgaByteRules(
     "sonicsurface-tactile",
     CHANNELS,
     OFF,
@@ -83,7 +83,7 @@ TACTILE_CORRECTION: Final = bytes.fromhex(
 )
 
 
-def frame(codes: bytes, boards: tuple[int, ...] = (0,)) -> list[Operation]:
+def sonicsurface_frame(codes: bytes, boards: tuple[int, ...] = (0,)) -> list[Operation]:
     """Return the operations of a whole frame for the boards that listen.
 
     Parameters
@@ -96,22 +96,22 @@ def frame(codes: bytes, boards: tuple[int, ...] = (0,)) -> list[Operation]:
     return [Begin(), SetPhases(boards, 0, codes), Swap()]
 
 
-def board(*, boards: int = 1) -> FpgaBoard:
+def sonicsurface_board(*, boards: int = 1) -> FpgaBoard:
     """Return the end of a primary (``boards=1``) or of a primary and a secondary (``boards=2``)."""
     return FpgaBoard(RULES, boards)
 
 
-def host(*, boards: int = 1) -> FpgaHost:
+def sonicsurface_host(*, boards: int = 1) -> FpgaHost:
     """Return the host's end for a primary, or for a primary and a secondary."""
     return FpgaHost(RULES, boards)
 
 
-def tactile_board() -> FpgaBoard:
+def tactile_sonicsurface_board() -> FpgaBoard:
     """Return the end of a board with the tactile firmware."""
     return FpgaBoard(TACTILE_RULES)
 
 
-def tactile_host() -> FpgaHost:
+def tactile_sonicsurface_host() -> FpgaHost:
     """Return the host's end for a board with the tactile firmware."""
     return FpgaHost(TACTILE_RULES)
 
@@ -122,8 +122,8 @@ SONICSURFACE: Final = Dialect(
     bauds=(230_400, 1_462_857),
     steps=32,
     channels=CHANNELS,
-    board=board,
-    host=host,
+    board=sonicsurface_board,
+    host=sonicsurface_host,
     signature=re.compile(rb"\xfe(?:[\xc0\xc1]?[\x00-\x20]{256}){1,2}\xfd"),
 )
 TACTILE: Final = Dialect(
@@ -132,8 +132,8 @@ TACTILE: Final = Dialect(
     bauds=(230_400,),
     steps=32,
     channels=CHANNELS,
-    board=tactile_board,
-    host=tactile_host,
+    board=tactile_sonicsurface_board,
+    host=tactile_sonicsurface_host,
     signature=re.compile(
         rb"[\xa0-\xbf]\xfe[\x00-\x20]{256}\xfd|\xfe[\x00-\x20]{256}\xfd[\xa0-\xbf]"
     ),

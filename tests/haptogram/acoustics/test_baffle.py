@@ -22,17 +22,17 @@ from haptogram.acoustics import (
     RectangularPiston,
     Transducer,
     TransducerArray,
-    check_target,
+    check_focus_target,
     focus_phases,
-    in_front,
     largest_secondary_lobe,
     measure_spot,
+    points_in_front,
     pressure,
     propagators,
-    worst_place,
+    worst_exposure,
 )
 from haptogram.acoustics.field import reference as field_module
-from haptogram.acoustics.field.reference import clear_of_elements
+from haptogram.acoustics.field.reference import points_clear_of_elements
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose, seeds
 
@@ -112,7 +112,7 @@ def test_in_front_is_in_front_of_any_element(seed, count):
         any((point - s) @ n >= 0.0 for s, n in zip(array.positions_m, array.normals, strict=True))
         for point in points
     ]
-    assert in_front(model, points).tolist() == expected
+    assert points_in_front(model, points).tolist() == expected
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_in_front_is_in_front_of_any_element(seed, count):
 def test_the_directivity_tells_whether_there_is_a_baffle(directivity, baffled):
     model = AcousticModel(TransducerArray.grid(3, 3), Medium.air(), Transducer(directivity))
     behind, plane = [[0.05, 0.0, -0.02]], [[0.05, 0.0, 0.0]]
-    assert in_front(model, behind).tolist() == [not baffled]
+    assert points_in_front(model, behind).tolist() == [not baffled]
     assert np.abs(propagators(model, plane)).min() > 0.0
     if baffled:
         with pytest.raises(ConfigurationError, match="point 0 is 20 mm behind the baffle"):
@@ -152,8 +152,8 @@ def test_points_near_an_element_are_found_among_many():
     rng = np.random.default_rng(1)
     points = rng.uniform(-0.04, 0.04, (40_000, 3))
     distance = np.array([np.linalg.norm(points - s, axis=1) for s in FLAT.array.positions_m])
-    assert (clear_of_elements(FLAT, points, 2e-3) == (distance.min(axis=0) >= 2e-3)).all()
-    assert (clear_of_elements(FLAT, points, 50e-3) == (distance.min(axis=0) >= 50e-3)).all()
+    assert (points_clear_of_elements(FLAT, points, 2e-3) == (distance.min(axis=0) >= 2e-3)).all()
+    assert (points_clear_of_elements(FLAT, points, 50e-3) == (distance.min(axis=0) >= 50e-3)).all()
 
 
 def test_matrices_and_planes_are_refused_too():
@@ -172,7 +172,7 @@ def test_searches_around_a_focus_of_a_steep_array_leave_out_what_is_behind():
     target = model.array.centre_m + 0.12 * model.array.facing
     weights = np.exp(1j * focus_phases(model, target))
     corner = [target[0], 0.3, target[2]]
-    assert in_front(model, [target, corner]).tolist() == [True, False]
+    assert points_in_front(model, [target, corner]).tolist() == [True, False]
     assert largest_secondary_lobe(NumpyEngine(model), weights, target, 0.3).level_db < 0.0
     assert np.isfinite(measure_spot(NumpyEngine(model), weights, target).width_3db_m).all()
 
@@ -181,9 +181,9 @@ def test_the_loudest_place_is_looked_for_where_the_array_faces():
     flat = AcousticModel.default(8, 8)
     target = np.array([0.02, 0.0, 0.15])
     weights = np.exp(1j * focus_phases(flat, target))[None]
-    upright = worst_place(NumpyEngine(flat), weights, 0.5, 1e-3, directions=600)
+    upright = worst_exposure(NumpyEngine(flat), weights, 0.5, 1e-3, directions=600)
     model = Pose.about(0, math.radians(90.0)).model(flat)
-    tilted = worst_place(NumpyEngine(model), weights, 0.5, 1e-3, directions=600)
+    tilted = worst_exposure(NumpyEngine(model), weights, 0.5, 1e-3, directions=600)
     assert np.array(tilted.position_m) @ model.array.facing > 0.0
     assert tilted.equivalent_db_spl == pytest.approx(upright.equivalent_db_spl, abs=1.0)
 
@@ -192,8 +192,8 @@ def test_an_array_that_faces_down_has_its_targets_below():
     model = Pose.about(0, math.radians(180.0)).model(AcousticModel.default(4, 4))
     message = r"height z along the array's \(0, 0, -1\) is -100 mm, must be at least 20 mm"
     with pytest.raises(ConfigurationError, match=message):
-        check_target(model, [0.0, 0.0, 0.1])
-    check_target(model, [0.0, 0.0, -0.1])
+        check_focus_target(model, [0.0, 0.0, 0.1])
+    check_focus_target(model, [0.0, 0.0, -0.1])
 
 
 def test_elements_that_look_away_from_each_other_have_no_targets_between_them():

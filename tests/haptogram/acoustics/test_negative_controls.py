@@ -16,7 +16,7 @@ from haptogram.acoustics import (
     Medium,
     NumpyEngine,
     dequantise_phase,
-    find_peak,
+    find_pressure_peak,
     fit_focus,
     focus_phases,
     predict_focal_shift,
@@ -24,7 +24,7 @@ from haptogram.acoustics import (
     propagators,
     quantise_phase,
 )
-from haptogram.acoustics.levels.shift import direction_covariance
+from haptogram.acoustics.levels.shift import focal_shift_covariance
 from strategies_acoustics import hemisphere_targets, seeds, targets
 
 MODEL = AcousticModel.default()
@@ -99,13 +99,13 @@ def test_the_peak_is_the_shifted_focus(target, seed):
     """
     expected = target + predict_focal_shift(MODEL, target).offset_m
     shares = np.abs(propagators(MODEL, [target]))[0]
-    metric = MODEL.wavenumber**2 * direction_covariance(MODEL, target, shares)
+    metric = MODEL.wavenumber**2 * focal_shift_covariance(MODEL, target, shares)
     for weights, limit in (
         (weights_of(codes(target)), 0.03),
         (weights_of(codes(target, bits=4), 4), 0.05),
         (noisy(target, seed), 0.07),
     ):
-        found = find_peak(NumpyEngine(MODEL), weights, target)
+        found = find_pressure_peak(NumpyEngine(MODEL), weights, target)
         miss = found - expected
         assert math.sqrt(miss @ metric @ miss) <= limit
         level = np.abs(pressure(MODEL, weights, [target, found]))

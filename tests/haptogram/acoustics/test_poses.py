@@ -18,21 +18,21 @@ from haptogram.acoustics import (
     Reconstructor,
     SingleFocus,
     TransducerArray,
-    check_target,
+    check_focus_target,
     choose_engine,
-    find_peak,
+    find_pressure_peak,
     focus_phases,
     force_on_disc_n,
     grating_lobes,
     largest_secondary_lobe,
     measure_spot,
     predict_focal_shift,
-    solve,
-    worst_place,
+    solve_foci,
+    worst_exposure,
 )
-from haptogram.acoustics.levels.spot import predict_width_m
-from haptogram.acoustics.model.own_axes import own_axes
-from haptogram.acoustics.reconstruct.acquisition import Acquisition
+from haptogram.acoustics.levels.spot import predict_spot_width_m
+from haptogram.acoustics.model.own_axes import array_axes
+from haptogram.acoustics.reconstruct.acquisition import FocusAcquisition
 from haptogram.acoustics.reconstruct.cells import search_cells
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.acoustics.solvers.focus import steering_reach_m
@@ -119,7 +119,7 @@ def test_the_axes_turn_with_the_array(name, pose):
     moved = array.moved(pose.turn, pose.shift_m)
     assert moved.axes == pytest.approx(array.axes @ pose.turn.T, abs=1e-12)
     assert moved.half_extent_m == pytest.approx(array.half_extent_m, abs=1e-12)
-    found = own_axes(moved.positions_m, moved.normals, moved.grid_shape)
+    found = array_axes(moved.positions_m, moved.normals, moved.grid_shape)
     assert found @ found.T == pytest.approx(np.eye(3), abs=1e-12)
     assert np.linalg.det(found) == pytest.approx(1.0)
     assert found[2] == pytest.approx(moved.axes[2], abs=1e-9)
@@ -184,7 +184,7 @@ def test_a_pose_that_is_no_rigid_motion_is_refused(rotation, shift, message):
 def refusal(model, target):
     """What of a target is refused, and its value; None if it is in reach."""
     try:
-        check_target(model, target)
+        check_focus_target(model, target)
     except ConfigurationError as error:
         return re.sub(r" along the array's \(.*?\)", "", str(error))
     return None
@@ -203,10 +203,10 @@ def test_a_refusal_names_the_axes_of_a_turned_array():
     array = GRID.array.moved(TURNS["sideways"].turn)
     message = r"^target: height z along the array's \(1, 0, 0\) is 10 mm, must be at least 20 mm$"
     with pytest.raises(ConfigurationError, match=message):
-        check_target(model_of(array), [0.01, 0.0, 0.0])
+        check_focus_target(model_of(array), [0.01, 0.0, 0.0])
     message = r"offset \|x\| along the array's \(0, 0, -1\) is 240 mm, must be at most 190 mm"
     with pytest.raises(ConfigurationError, match=message):
-        check_target(model_of(array), [0.3, 0.0, -0.24])
+        check_focus_target(model_of(array), [0.3, 0.0, -0.24])
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -244,7 +244,7 @@ def test_what_is_reconstructed_moves_with_the_array(name, pose, target, silent):
         assert found.force_n == pytest.approx(expected.force_n, rel=2e-3)
     active = amplitudes > 0
     phases = np.angle(drive.weights())
-    fits = list(Acquisition(there, active).fits(phases, active, math.tau / 256, 12))
+    fits = list(FocusAcquisition(there, active).fits(phases, active, math.tau / 256, 12))
     best = min(fits, key=lambda fit: fit.residual_rms_rad)
     assert best.position_m == pytest.approx(place, abs=1e-6)
     if active.all():
@@ -258,8 +258,8 @@ def test_what_is_reconstructed_moves_with_the_array(name, pose, target, silent):
 def test_foci_are_solved_for_an_array_that_faces_anywhere(turn):
     pose, foci = TURNS[turn], np.array([[0.02, 0.01, 0.12], [-0.03, 0.0, 0.1]])
     there = model_of(GRID.array.moved(pose.turn, pose.shift_m))
-    expected = solve(GRID, foci, method="gs")
-    found = solve(there, pose.points(foci), method="gs")
+    expected = solve_foci(GRID, foci, method="gs")
+    found = solve_foci(there, pose.points(foci), method="gs")
     assert found == pytest.approx(expected, abs=1e-6)
 
 
@@ -303,14 +303,16 @@ def test_spot_shift_force_and_loudest_place_move_with_the_array(name, turn):
     spots = [measure_spot(NumpyEngine(m), weights, x) for m, x in ((here, target), (there, place))]
     assert spots[1].width_6db_m == pytest.approx(spots[0].width_6db_m, rel=1e-6)
     assert spots[1].depth_3db_m == pytest.approx(spots[0].depth_3db_m, rel=1e-6, nan_ok=True)
-    assert predict_width_m(there, place) == pytest.approx(predict_width_m(here, target), rel=1e-9)
+    assert predict_spot_width_m(there, place) == pytest.approx(
+        predict_spot_width_m(here, target), rel=1e-9
+    )
     assert force_on_disc_n(there, weights, place) == pytest.approx(
         force_on_disc_n(here, weights, target), rel=1e-9
     )
     assert force_on_disc_n(choose_engine(there), weights, place) == pytest.approx(
         force_on_disc_n(here, weights, target), rel=1e-4
     )
-    loudest = [worst_place(NumpyEngine(m), weights[None], 0.5, 1e-3, 600) for m in (here, there)]
+    loudest = [worst_exposure(NumpyEngine(m), weights[None], 0.5, 1e-3, 600) for m in (here, there)]
     assert loudest[1].position_m == pytest.approx(pose.points(loudest[0].position_m), abs=1e-6)
 
 
@@ -321,7 +323,7 @@ def peak_or_none(engine, weights, target):
     """Where the maximum is; None if it is said that there is none, and no other error."""
     message = None
     try:
-        return find_peak(engine, weights, target)
+        return find_pressure_peak(engine, weights, target)
     except ConfigurationError as error:
         message = str(error)
     assert message.startswith("no maximum of |p|")
@@ -348,7 +350,7 @@ def test_an_ascent_says_that_there_is_no_maximum_instead_of_an_element(shape, z_
 def test_an_ascent_that_starts_beside_an_element_has_no_maximum(offset_m):
     model = AcousticModel.default(5, 5)
     with pytest.raises(ConfigurationError, match=r"no maximum .* rises up to the array"):
-        find_peak(NumpyEngine(model), np.ones(25), [0.0, 0.0, offset_m])
+        find_pressure_peak(NumpyEngine(model), np.ones(25), [0.0, 0.0, offset_m])
 
 
 def test_searches_leave_out_what_is_within_a_millimetre_of_an_element():
@@ -359,7 +361,7 @@ def test_searches_leave_out_what_is_within_a_millimetre_of_an_element():
     lobe = largest_secondary_lobe(NumpyEngine(model), np.ones(36), target, 0.05)
     assert lobe is None or math.isfinite(lobe.level_db)
     line = AcousticModel.default(101, 1)
-    place = worst_place(NumpyEngine(line), np.ones((1, 101)), 0.5, 1e-3, 3000)
+    place = worst_exposure(NumpyEngine(line), np.ones((1, 101)), 0.5, 1e-3, 3000)
     assert math.isfinite(place.equivalent_db_spl)
 
 
@@ -388,6 +390,6 @@ def test_a_shift_that_is_predicted_is_found(nx, ny, z_m, seed, pose):
     shift = predict_focal_shift(model, target, taper)
     if not shift.valid:
         return
-    found = find_peak(NumpyEngine(model), taper * focus(model, target), target) - target
+    found = find_pressure_peak(NumpyEngine(model), taper * focus(model, target), target) - target
     miss = np.linalg.norm(found - shift.offset_m)
     assert miss <= 0.35 * max(np.linalg.norm(shift.offset_m), np.linalg.norm(found)) + 0.03e-3

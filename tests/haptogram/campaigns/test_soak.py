@@ -9,19 +9,26 @@ from typing import Any
 
 import pytest
 
-from haptogram.campaigns.soak import Campaign, Interrupted, Setup, Tally, campaign, run_segment
+from haptogram.campaigns.soak import (
+    Interrupted,
+    SoakCampaign,
+    SoakSetup,
+    SoakTally,
+    campaign,
+    run_segment,
+)
 from haptogram.campaigns.soak.faults import KINDS
 from haptogram.campaigns.soak.line import DAMAGE
-from haptogram.campaigns.soak.memory import GROWTH_LIMIT_BYTES, Memory
+from haptogram.campaigns.soak.memory import GROWTH_LIMIT_BYTES, SoakMemory
 from haptogram.cli import board_without_a_line, main
 from haptogram.errors import ConfigurationError
 from haptogram.report.soak import soak_text
 from haptogram.settings.faults.kinds import FAULT_KINDS
 
-SHORT = Setup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_s=0.4)
+SHORT = SoakSetup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_s=0.4)
 
 
-def segment(mutant: str | None = None, *, seed: int = 0, seconds: float = 1.5) -> Tally:
+def segment(mutant: str | None = None, *, seed: int = 0, seconds: float = 1.5) -> SoakTally:
     make = board_without_a_line(mutant)
     return run_segment(make, seed=seed, number=0, seconds=seconds, start_s=0.0, fault_rate=0.05)
 
@@ -30,11 +37,11 @@ def segment(mutant: str | None = None, *, seed: int = 0, seconds: float = 1.5) -
 
 
 @pytest.fixture(scope="module")
-def account() -> Tally:
+def account() -> SoakTally:
     return segment(seed=3, seconds=3.0)
 
 
-def test_a_healthy_board_is_found_healthy(account: Tally) -> None:
+def test_a_healthy_board_is_found_healthy(account: SoakTally) -> None:
     assert account.violations == {}
     assert account.totals["frames"] > 2000
     assert account.totals["latched"] > 1500
@@ -44,14 +51,14 @@ def test_its_faults_have_the_names_of_the_fault_plan_but_for_two() -> None:
     assert {f"line.{kind}" for kind in KINDS} - FAULT_KINDS.keys() == {"line.lose", "line.junk"}
 
 
-def test_every_fault_was_detected_or_harmless(account: Tally) -> None:
+def test_every_fault_was_detected_or_harmless(account: SoakTally) -> None:
     assert {f"down.{kind}" for kind in KINDS} <= set(account.injected)
     for kind, injected in account.injected.items():
         assert injected == account.detected[kind] + account.harmless[kind], kind
 
 
 def test_what_must_show_is_never_harmless_and_what_must_not_is_never_detected(
-    account: Tally,
+    account: SoakTally,
 ) -> None:
     for kind in ("down.flip", "down.break", "down.lose", "down.duplicate", "down.junk"):
         assert account.harmless[kind] == 0
@@ -59,7 +66,7 @@ def test_what_must_show_is_never_harmless_and_what_must_not_is_never_detected(
     assert account.detected["down.slice"] == 0
 
 
-def test_the_counters_of_the_board_are_the_sums_of_what_was_found(account: Tally) -> None:
+def test_the_counters_of_the_board_are_the_sums_of_what_was_found(account: SoakTally) -> None:
     for name in (*DAMAGE, "gap"):
         found = sum(
             count
@@ -86,8 +93,8 @@ def test_it_follows_from_seed_and_number_alone() -> None:
     assert first.as_dict() != other.as_dict()
 
 
-def test_an_account_comes_back_from_json(account: Tally) -> None:
-    assert Tally.from_dict(json.loads(json.dumps(account.as_dict()))) == account
+def test_an_account_comes_back_from_json(account: SoakTally) -> None:
+    assert SoakTally.from_dict(json.loads(json.dumps(account.as_dict()))) == account
 
 
 # --- boards that are wrong ---------------------------------------------------------------------
@@ -116,21 +123,21 @@ def test_the_command_fails_for_a_board_that_is_wrong(capsys: pytest.CaptureFixtu
 
 
 def test_a_process_that_grows_fails() -> None:
-    memory = Memory()
+    memory = SoakMemory()
     memory.begin_sitting()
     for resident in (100 << 20, (100 << 20) + GROWTH_LIMIT_BYTES):
         memory.add(1, resident)
-    assert Campaign(SHORT, memory=memory).failures == {}
+    assert SoakCampaign(SHORT, memory=memory).failures == {}
     memory.add(1, (101 << 20) + GROWTH_LIMIT_BYTES)
-    assert Campaign(SHORT, memory=memory).failures == {"memory grew": 1}
+    assert SoakCampaign(SHORT, memory=memory).failures == {"memory grew": 1}
 
 
 # --- sittings ----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def uninterrupted() -> Campaign:
-    whole = Campaign(SHORT)
+def uninterrupted() -> SoakCampaign:
+    whole = SoakCampaign(SHORT)
     whole.run(board_without_a_line(None))
     return whole
 
@@ -138,7 +145,7 @@ def uninterrupted() -> Campaign:
 def interrupt_at(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let somebody press Ctrl-C while segment *number* runs."""
 
-    def run(*arguments: Any, **options: Any) -> Tally:
+    def run(*arguments: Any, **options: Any) -> SoakTally:
         if options["number"] == number:
             raise KeyboardInterrupt
         return run_segment(*arguments, **options)
@@ -147,23 +154,23 @@ def interrupt_at(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_two_sittings_give_what_one_gives(
-    uninterrupted: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    uninterrupted: SoakCampaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "soak.json"
     with monkeypatch.context() as first:
         interrupt_at(1, first)
         with pytest.raises(Interrupted):
-            Campaign(SHORT).run(board_without_a_line(None), checkpoint=path)
-    resumed = Campaign.load(path, SHORT)
+            SoakCampaign(SHORT).run(board_without_a_line(None), checkpoint=path)
+    resumed = SoakCampaign.load(path, SHORT)
     assert (resumed.done, resumed.is_complete) == (1, False)
     resumed.run(board_without_a_line(None), checkpoint=path)
     assert resumed.is_complete
     assert resumed.tally == uninterrupted.tally
-    assert Campaign.load(path, SHORT).tally == uninterrupted.tally
+    assert SoakCampaign.load(path, SHORT).tally == uninterrupted.tally
 
 
-def test_processes_give_what_one_gives(uninterrupted: Campaign) -> None:
-    parallel = Campaign(SHORT)
+def test_processes_give_what_one_gives(uninterrupted: SoakCampaign) -> None:
+    parallel = SoakCampaign(SHORT)
     parallel.run(board_without_a_line(None), jobs=2)
     assert parallel.tally == uninterrupted.tally
 
@@ -188,19 +195,19 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(
 
 def test_a_checkpoint_of_another_soak_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "soak.json"
-    Campaign(SHORT).save(path)
-    other = functools.partial(Campaign.load, path)
+    SoakCampaign(SHORT).save(path)
+    other = functools.partial(SoakCampaign.load, path)
     with pytest.raises(ConfigurationError, match="another soak: seed 7, not 8"):
-        other(Setup(hours=SHORT.hours, fault_rate=0.05, seed=8, segment_s=0.4))
+        other(SoakSetup(hours=SHORT.hours, fault_rate=0.05, seed=8, segment_s=0.4))
     path.write_text("[]")
     with pytest.raises(ConfigurationError, match="no checkpoint of a soak"):
         other(SHORT)
     with pytest.raises(ConfigurationError, match=f"^cannot read the checkpoint {tmp_path}: Is a"):
-        Campaign.load(tmp_path, SHORT)
+        SoakCampaign.load(tmp_path, SHORT)
 
 
 def test_the_account_counts_in_words() -> None:
-    soak = Campaign(SHORT)
+    soak = SoakCampaign(SHORT)
     soak.tally.totals.update({"sessions": 1, "pauses": 2})
     said = soak_text(soak)
     assert " 1 session\n" in said
@@ -209,7 +216,7 @@ def test_the_account_counts_in_words() -> None:
 
 
 def test_segments_cover_the_whole_time() -> None:
-    setup = Setup(hours=1.0, segment_s=7.0)
+    setup = SoakSetup(hours=1.0, segment_s=7.0)
     lengths = [setup.length_s(number) for number in range(setup.segments)]
     assert sum(lengths) == pytest.approx(3600.0)
     assert min(lengths) > 0

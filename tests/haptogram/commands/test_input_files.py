@@ -10,7 +10,7 @@ import pytest
 
 from haptogram.cli import COMMANDS, command_parser, main
 from haptogram.commands.shell.output_files import INPUTS
-from haptogram.settings.parser import file_name
+from haptogram.settings.parser import file_name_option
 from sim_device import command as board_command
 
 OUTPUTS = {"csv", "frames", "html", "json", "junit", "picture", "write_baseline"}
@@ -34,7 +34,7 @@ def file_options(command: str) -> dict[str, argparse.Action]:
 
 
 def takes_file(action: argparse.Action) -> bool:
-    is_path = action.type is file_name or action.dest == "object"
+    is_path = action.type is file_name_option or action.dest == "object"
     return is_path or any(word in str(action.metavar) for word in ("FILE", "JSON", "json"))
 
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from haptogram.commands.shell.interrupts import heard_interrupts
+from haptogram.commands.shell.interrupts import hear_interrupts_in_callbacks
 
 
 def interrupted():
@@ -31,7 +31,7 @@ def heeded():
 
 @pytest.mark.usefixtures("heeded")
 def test_an_interrupt_that_was_dropped_comes_again():
-    with pytest.raises(KeyboardInterrupt), heard_interrupts():
+    with pytest.raises(KeyboardInterrupt), hear_interrupts_in_callbacks():
         call_and_go_on()
     assert sys.unraisablehook.__module__ != "haptogram.commands.shell.interrupts"
 
@@ -39,7 +39,7 @@ def test_an_interrupt_that_was_dropped_comes_again():
 def test_other_errors_of_a_callback_are_told_as_before(monkeypatch):
     told = []
     monkeypatch.setattr(sys, "unraisablehook", told.append)
-    with heard_interrupts():
+    with hear_interrupts_in_callbacks():
         ctypes.CFUNCTYPE(None)(lambda: 1 // 0)()
     assert [each.exc_type for each in told] == [ZeroDivisionError]
 
@@ -47,8 +47,8 @@ def test_other_errors_of_a_callback_are_told_as_before(monkeypatch):
 def test_the_end_of_the_program_looks_for_no_cycles():
     code = (
         "import gc\n"
-        "from haptogram.commands.shell.interrupts import leave_at_once\n"
-        "leave_at_once()\n"
+        "from haptogram.commands.shell.interrupts import exit_at_once\n"
+        "exit_at_once()\n"
         "class Loud:\n"
         "    def __init__(self): self.own = self\n"
         "    def __del__(self): print('looked for')\n"

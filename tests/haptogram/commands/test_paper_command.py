@@ -17,7 +17,7 @@ def computed_once():
     """Every test asks for the same seconds of work; the first does it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(document, "reproduce_paper", functools.cache(document.reproduce_paper))
-        patch.setattr(presets, "compare", functools.cache(presets.compare))
+        patch.setattr(presets, "compare_preset", functools.cache(presets.compare_preset))
         yield
 
 

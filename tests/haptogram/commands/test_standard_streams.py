@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from haptogram.cli import main
-from haptogram.commands.shell.standard_streams import patient_streams
+from haptogram.commands.shell.standard_streams import patient_standard_streams
 
 FULL = Path("/dev/full")
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
@@ -50,7 +50,7 @@ def test_a_command_goes_on_after_its_words_were_lost() -> None:
     with (
         open(writing, "w", buffering=1) as pipe,
         contextlib.redirect_stdout(pipe),
-        patient_streams(),
+        patient_standard_streams(),
     ):
         sys.stdout.write("nobody reads this\n")
         sys.stdout.write("nor this\n")

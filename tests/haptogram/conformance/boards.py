@@ -5,7 +5,7 @@ import serial
 import sim_device
 from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.run.access import VirtualAccess
-from haptogram.conformance.run.runner import Options, Runner
+from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import LinkLostError
 
@@ -25,7 +25,7 @@ def virtual(*, baud=BAUD, wrap=lambda transport: transport, **options):
 
 
 def run(access, *clauses, **options):
-    return Runner(access, Options(**options)).run(list(select(all_cases(), clauses)))
+    return SuiteRunner(access, SuiteOptions(**options)).run(list(select(all_cases(), clauses)))
 
 
 class Wrapped:

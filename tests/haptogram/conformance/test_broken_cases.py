@@ -8,12 +8,12 @@ import pytest
 
 from haptogram.conformance.case import case
 from haptogram.conformance.outcome import fail
-from haptogram.conformance.run.runner import Options, Runner
+from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError, DeviceError
 from haptogram.report.conformance.junit import write_conformance_junit
 from haptogram.report.conformance.page import write_conformance_page
-from haptogram.report.conformance.result import read_json, write_json
+from haptogram.report.conformance.result import read_suite_json, write_suite_json
 from haptogram.report.conformance.text import suite_text
 
 ERRORS = [
@@ -40,7 +40,7 @@ def broken(error, *, times=99):
 
 
 def run(*cases, **options):
-    return Runner(boards.virtual(array="2x2"), Options(**options)).run(cases)
+    return SuiteRunner(boards.virtual(array="2x2"), SuiteOptions(**options)).run(cases)
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
@@ -58,11 +58,11 @@ def test_it_is_no_verdict_on_the_board_and_keeps_its_traceback(tmp_path, error):
 
     files = [tmp_path / name for name in ("a.json", "a.xml", "a.html")]
     for path, write in zip(
-        files, (write_json, write_conformance_junit, write_conformance_page), strict=True
+        files, (write_suite_json, write_conformance_junit, write_conformance_page), strict=True
     ):
         write(path, suite)
     assert json.loads(files[0].read_text())["results"][0]["traceback"] == result.traceback
-    assert read_json(files[0]).results == suite.results
+    assert read_suite_json(files[0]).results == suite.results
     item = ElementTree.parse(files[1]).getroot().find("testsuite/testcase")
     assert item.find("error").get("type") == "INCONCLUSIVE"
     assert "in breaks_off" in item.find("system-out").text
@@ -75,11 +75,11 @@ def test_it_is_no_verdict_on_the_board_and_keeps_its_traceback(tmp_path, error):
 
 def test_results_written_before_there_were_tracebacks_are_read(tmp_path):
     path = tmp_path / "a.json"
-    write_json(path, run(broken(TypeError(), times=0)))
+    write_suite_json(path, run(broken(TypeError(), times=0)))
     old = json.loads(path.read_text())
     del old["results"][0]["traceback"]
     path.write_text(json.dumps(old))
-    assert read_json(path).results[0].traceback == ""
+    assert read_suite_json(path).results[0].traceback == ""
 
 
 def test_one_error_among_repetitions_is_not_flaky():
@@ -124,7 +124,7 @@ class Raising(boards.Wrapped):
 def test_an_error_before_or_after_a_case_ends_that_case_and_not_the_run(writes):
     access = boards.virtual(array="2x2", wrap=lambda inner: Raising(inner, writes))
     cases = [broken(TypeError(), times=0) for _ in range(4)]
-    suite = Runner(access, Options()).run(cases)
+    suite = SuiteRunner(access, SuiteOptions()).run(cases)
     assert len(suite.results) == 4
     assert suite.exit_status == 3
     errors = [result for result in suite.results if result.traceback]
@@ -134,7 +134,7 @@ def test_an_error_before_or_after_a_case_ends_that_case_and_not_the_run(writes):
 
 
 def test_a_board_that_does_not_answer_is_told_without_a_traceback():
-    suite = Runner(boards.port(), Options()).run([broken(TypeError())])
+    suite = SuiteRunner(boards.port(), SuiteOptions()).run([broken(TypeError())])
     (result,) = suite.results
     assert result.behaviour is Behaviour.INCONCLUSIVE
     assert not result.traceback

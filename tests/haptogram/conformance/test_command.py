@@ -156,16 +156,16 @@ def test_without_a_way_to_reset_these_clauses_are_not_observed(capsys):
 
 
 def test_an_interrupt_is_130_and_keeps_the_results(monkeypatch, capsys):
-    from haptogram.conformance.run.runner import Runner
+    from haptogram.conformance.run.runner import SuiteRunner
 
-    judged = Runner.result
+    judged = SuiteRunner.result
 
     def result(self, case):
         if case.id == "HG-4.1/1":
             raise KeyboardInterrupt
         return judged(self, case)
 
-    monkeypatch.setattr(Runner, "result", result)
+    monkeypatch.setattr(SuiteRunner, "result", result)
     assert main(["conform", *SMALL]) == 130
     out = capsys.readouterr().out
     assert "interrupted after" in out

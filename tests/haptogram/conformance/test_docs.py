@@ -6,9 +6,9 @@ from pathlib import Path
 
 from haptogram.cli import command_parser
 from haptogram.commands.acting_options import refuse_idle_options
-from haptogram.commands.conform.options import check
+from haptogram.commands.conform.options import check_conform_arguments
 from haptogram.conformance.cases import all_cases, select
-from haptogram.conformance.verdict import meaning_table
+from haptogram.conformance.verdict import verdict_meaning_table
 
 PAGE = Path(__file__).parents[3] / "docs" / "conformance.md"
 
@@ -26,11 +26,11 @@ def test_every_command_is_parsed_and_refused_nothing():
     for name, *words in found:
         arguments = command_parser(name).parse_args(words)
         refuse_idle_options(name, arguments)
-        check(arguments)
+        check_conform_arguments(arguments)
         assert all(any(select(all_cases(), [clause])) for clause in arguments.clause)
 
 
 def test_the_table_of_verdicts_is_that_of_the_code():
     text = PAGE.read_text("utf-8")
     table = re.search(r"<!-- verdicts -->\n```\n(.*?)\n```\n<!-- end -->", text, re.DOTALL)[1]
-    assert table == meaning_table()
+    assert table == verdict_meaning_table()

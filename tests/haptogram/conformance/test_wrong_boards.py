@@ -6,8 +6,8 @@ from boards import BAUD, Dying, Wrapped, port, run, virtual
 from haptogram.conformance.case import Case
 from haptogram.conformance.outcome import CaseEndedError, check
 from haptogram.conformance.run.access import VirtualAccess
-from haptogram.conformance.run.runner import Options, Runner
-from haptogram.conformance.verdict import Behaviour, Result, exit_status
+from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
+from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_status
 from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MessageType
@@ -66,7 +66,7 @@ class Drowsy(Wrapped):
 @pytest.mark.parametrize(("writes", "frames", "status"), [(0, 1, 0), (2, 3, 0), (3, None, 1)])
 def test_recovery_is_a_verdict_of_its_own(writes, frames, status):
     case = Case("HG-2.3/1", "loses writes", lambda board: board.link.send(b"lose %d" % writes))
-    suite = Runner(virtual(array="4x4", wrap=Drowsy), Options(timeout_s=0.2)).run([case])
+    suite = SuiteRunner(virtual(array="4x4", wrap=Drowsy), SuiteOptions(timeout_s=0.2)).run([case])
     (result,) = suite.results
     assert result.behaviour is Behaviour.OK
     assert (result.recovery.frames, result.recovers) == (frames, status == 0)
@@ -157,7 +157,7 @@ def test_a_mixed_result_is_flaky_and_counts_as_failed():
         check(len(seen) != 2, "this time")
 
     case = Case("HG-2.3/1", "fails every second time", body)
-    suite = Runner(virtual(array="4x4"), Options(repeat=3)).run([case])
+    suite = SuiteRunner(virtual(array="4x4"), SuiteOptions(repeat=3)).run([case])
     (result,) = suite.results
     assert result.behaviour is Behaviour.FLAKY
     assert result.seen == (Behaviour.OK, Behaviour.FAILED, Behaviour.OK)
@@ -167,13 +167,13 @@ def test_a_mixed_result_is_flaky_and_counts_as_failed():
 @pytest.mark.parametrize(("strict", "due"), [(False, "NON-STRICT"), (True, "FAILED")])
 def test_a_should_that_is_not_met(strict, due):
     case = Case("HG-4.11/3", "a SHOULD", lambda _: check(False, "not met"))
-    (result,) = Runner(virtual(array="4x4"), Options(strict=strict)).run([case]).results
+    (result,) = SuiteRunner(virtual(array="4x4"), SuiteOptions(strict=strict)).run([case]).results
     assert result.behaviour == due
 
 
 def test_a_case_that_breaks_off_is_no_verdict_on_the_board():
     case = Case("HG-2.3/1", "divides by zero", lambda _: 1 // 0)
-    (result,) = Runner(virtual(array="4x4"), Options()).run([case]).results
+    (result,) = SuiteRunner(virtual(array="4x4"), SuiteOptions()).run([case]).results
     assert result.behaviour is Behaviour.INCONCLUSIVE
     assert "ZeroDivisionError" in result.detail
 
@@ -188,7 +188,11 @@ def test_a_host_that_was_held_up_does_not_blame_the_board(away_s, due):
 
     asleep = Late(virtual(array="4x4").open())
     access = VirtualAccess("late", lambda _: asleep, baudrate=BAUD, virtual=True)
-    (result,) = Runner(access, Options()).run([Case("HG-2.3/1", "sleeps meanwhile", body)]).results
+    (result,) = (
+        SuiteRunner(access, SuiteOptions())
+        .run([Case("HG-2.3/1", "sleeps meanwhile", body)])
+        .results
+    )
     assert result.behaviour == due
     assert ("held up for 3.0 s" in result.detail) == (due == "INCONCLUSIVE")
 
@@ -206,7 +210,7 @@ class Late(Wrapped):
 
 
 def made(behaviour, expected=None):
-    return Result("a", "a", "", "", behaviour, Evidence.WIRE, expected=expected)
+    return CaseResult("a", "a", "", "", behaviour, Evidence.WIRE, expected=expected)
 
 
 @pytest.mark.parametrize(
@@ -223,4 +227,4 @@ def made(behaviour, expected=None):
     ],
 )
 def test_exit_status(results, status):
-    assert exit_status(results) == status
+    assert suite_exit_status(results) == status

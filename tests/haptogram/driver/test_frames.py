@@ -5,11 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.acoustics import AcousticModel, Drive, focus_phases, saturated, superpose
-from haptogram.acoustics.solvers.several import METHODS, solve
+from haptogram.acoustics import (
+    AcousticModel,
+    Drive,
+    focus_phases,
+    saturated_weights,
+    superpose_foci,
+)
+from haptogram.acoustics.solvers.several import METHODS, solve_foci
 from haptogram.driver.driver import Driver
-from haptogram.driver.frames.builder import FrameBuilder, sound_speed_mm_s
-from haptogram.driver.frames.targets import as_foci
+from haptogram.driver.frames.builder import FrameBuilder, frame_sound_speed_mm_s
+from haptogram.driver.frames.targets import as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
 from haptogram_protocol.messages import unpack_phases
@@ -28,7 +34,7 @@ def identity():
 
 @given(st.lists(POSITION, min_size=1, max_size=5), st.sampled_from([8, 6, 5]))
 def test_phases_are_the_conjugate_ones_rounded_to_the_wire(identity, positions, bits):
-    frames = FrameBuilder(MODEL, identity, bits).build(as_foci(positions), "phases")
+    frames = FrameBuilder(MODEL, identity, bits).build(as_frame_foci(positions), "phases")
     for frame, position in zip(frames, positions, strict=True):
         turns = focus_phases(MODEL, position) / math.tau
         codes = np.floor(turns * 2**bits + 0.5).astype(int) % 2**bits
@@ -47,13 +53,13 @@ def test_points_expect_what_the_rounded_foci_give(identity, foci):
         turn = (focus.phase_rad - rounded.phase_rad) / math.tau
         assert abs(turn - round(turn)) <= 0.5001 / 65536
         assert rounded.position_m == (point.x_um / 1e6, point.y_um / 1e6, point.z_um / 1e6)
-    weights = superpose(
+    weights = superpose_foci(
         MODEL,
         [f.position_m for f in frame.foci],
         [f.amplitude for f in frame.foci],
         [f.phase_rad for f in frame.foci],
     )
-    assert frame.drive == Drive.from_weights(saturated(weights))
+    assert frame.drive == Drive.from_weights(saturated_weights(weights))
     assert frame.board_computed
 
 
@@ -67,8 +73,10 @@ def test_drives_carry_phases_then_amplitudes(identity, foci):
 
 @given(st.lists(FOCUS, min_size=2, max_size=3), POSITION)
 def test_phases_of_several_foci_are_those_of_their_sum(identity, foci, position):
-    frames = FrameBuilder(MODEL, identity, 8).build([tuple(foci), *as_foci([position])], "phases")
-    weights = superpose(
+    frames = FrameBuilder(MODEL, identity, 8).build(
+        [tuple(foci), *as_frame_foci([position])], "phases"
+    )
+    weights = superpose_foci(
         MODEL,
         [f.position_m for f in foci],
         [f.amplitude for f in foci],
@@ -83,7 +91,7 @@ def test_phases_of_several_foci_are_those_of_their_sum(identity, foci, position)
 
 @pytest.mark.parametrize("mode", ["phases", "drives", "points"])
 def test_the_payload_is_as_long_as_announced(identity, mode):
-    frames = FrameBuilder(MODEL, identity, 5).build(as_foci([(0, 0, 0.1)]), mode)
+    frames = FrameBuilder(MODEL, identity, 5).build(as_frame_foci([(0, 0, 0.1)]), mode)
     assert frames[0].payload_bytes == len(frames[0].message.serialize())
 
 
@@ -105,18 +113,18 @@ def test_a_common_phase_turns_every_element(identity):
     ],
 )
 def test_targets_come_in_several_forms(targets):
-    assert as_foci(targets) == [(Focus((0.1, 0.1, 0.1)),)] * 2
+    assert as_frame_foci(targets) == [(Focus((0.1, 0.1, 0.1)),)] * 2
 
 
 @pytest.mark.parametrize("targets", [[], np.zeros((0, 3)), 3, (0, 0, 0.1), [[]], None, "abc"])
 def test_what_are_no_targets(targets):
     with pytest.raises(ConfigurationError):
-        as_foci(targets)
+        as_frame_foci(targets)
 
 
 @given(st.integers(300_000, 380_000))
 def test_the_speed_of_sound_survives_the_wire(speed_mm_s):
-    assert sound_speed_mm_s(MODEL.with_sound_speed(speed_mm_s / 1000)) == speed_mm_s
+    assert frame_sound_speed_mm_s(MODEL.with_sound_speed(speed_mm_s / 1000)) == speed_mm_s
 
 
 # --- Several foci by a solver --------------------------------------------------------------------
@@ -130,13 +138,13 @@ def test_several_foci_get_the_drive_of_the_solver(identity, solver, mode):
     (frame,) = FrameBuilder(MODEL, identity, 8).build([PAIR], mode, solver)
     positions, levels = [f.position_m for f in PAIR], [f.amplitude for f in PAIR]
     wanted = (
-        superpose(MODEL, positions, levels, [0.0, 0.0])
+        superpose_foci(MODEL, positions, levels, [0.0, 0.0])
         if solver == "naive"
-        else solve(MODEL, positions, levels, method=solver)
+        else solve_foci(MODEL, positions, levels, method=solver)
     )
     if mode == "phases":
         wanted = np.exp(1j * np.angle(wanted))
-    assert frame.drive == Drive.from_weights(saturated(wanted))
+    assert frame.drive == Drive.from_weights(saturated_weights(wanted))
     assert frame.solver == solver
 
 

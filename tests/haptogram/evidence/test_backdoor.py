@@ -9,9 +9,9 @@ from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
     BackdoorFile,
-    is_latch_of,
-    observations_of,
-    on_the_clock_of,
+    backdoor_observations,
+    is_latch_record_of,
+    observations_on_clock_of,
     silences_on_the_clock_of,
 )
 from haptogram.records.frame import Evidence, FrameKey
@@ -38,7 +38,7 @@ def test_what_was_latched_comes_back_as_it_was(tmp_path):
     driver = run(tmp_path / "file")
     backdoor = BackdoorFile(tmp_path / "file")
     assert backdoor.read() == len(backdoor.records)
-    observations = observations_of(backdoor.records, driver.session)
+    observations = backdoor_observations(backdoor.records, driver.session)
     assert [o.key for o in observations] == [i.key for i in driver.intended]
     assert [o.drive for o in observations] == [i.drive for i in driver.intended]
     assert [o.drive_crc for o in observations] == [i.drive.digest() for i in driver.intended]
@@ -54,7 +54,7 @@ def test_what_cannot_be_observed_is_infinitely_uncertain_again(tmp_path):
     run(tmp_path / "file", array=(64, 1))
     backdoor = BackdoorFile(tmp_path / "file")
     backdoor.read()
-    found = observations_of(backdoor.records)[0].reconstruction
+    found = backdoor_observations(backdoor.records)[0].reconstruction
     assert math.isinf(max(found.bound_m))
     assert found.observable == tuple(math.isfinite(bound) for bound in found.bound_m)
 
@@ -75,7 +75,7 @@ def test_every_kind_of_reconstruction_survives_the_file(tmp_path):
     ]  # fmt: skip
     for kind in kinds:
         fields = None if kind is None else json.loads(json.dumps(kind.as_dict()))
-        (observation,) = observations_of([latch | {"reconstruction": fields}])
+        (observation,) = backdoor_observations([latch | {"reconstruction": fields}])
         assert observation.reconstruction == kind
 
 
@@ -93,9 +93,9 @@ def test_a_line_that_is_not_whole_yet_waits(tmp_path):
 
 def test_records_are_found_by_their_key():
     record = {"kind": "latch", "session": 1, "sequence": 2, "loop": 3, "index": 4}
-    assert is_latch_of(record, FrameKey(1, 2, 3, 4))
-    assert not is_latch_of(record, FrameKey(1, 2, 3, 5))
-    assert not is_latch_of({"kind": "output"}, FrameKey(1, 2, 3, 4))
+    assert is_latch_record_of(record, FrameKey(1, 2, 3, 4))
+    assert not is_latch_record_of(record, FrameKey(1, 2, 3, 5))
+    assert not is_latch_record_of({"kind": "output"}, FrameKey(1, 2, 3, 4))
 
 
 @pytest.mark.parametrize("change", [{"t_latch_us": None, "drive_crc": None}, {"phase_codes": "!"}])
@@ -106,18 +106,18 @@ def test_what_is_no_latch_record_is_refused(tmp_path, change):
     record = next(record for record in backdoor.records if record["kind"] == "latch") | change
     del record["drive_crc"]
     with pytest.raises(ConfigurationError, match="latch record"):
-        observations_of([record])
+        backdoor_observations([record])
 
 
 def test_a_host_that_came_after_the_wrap_counts_from_its_own_start(tmp_path):
     driver = run(tmp_path / "file")
     backdoor = BackdoorFile(tmp_path / "file")
     backdoor.read()
-    observations = observations_of(backdoor.records)
+    observations = backdoor_observations(backdoor.records)
     late = [dataclasses.replace(i, t_apply_us=i.t_apply_us - 2**32) for i in driver.intended]
-    shifted = on_the_clock_of(late, observations)
+    shifted = observations_on_clock_of(late, observations)
     assert [o.t_latch_us for o in shifted] == [i.t_apply_us for i in late]
-    assert on_the_clock_of([], observations) == observations
+    assert observations_on_clock_of([], observations) == observations
 
 
 @pytest.mark.parametrize("wraps", [-1, 0, 3])
@@ -131,7 +131,7 @@ def test_a_run_may_take_longer_than_the_clock_takes_to_wrap(wraps):
         dataclasses.replace(seen(i), t_latch_us=(i.t_apply_us or 0) + wraps * 2**32)
         for i in intended
     ]
-    assert [o.t_latch_us for o in on_the_clock_of(intended, early)][1:] == [
+    assert [o.t_latch_us for o in observations_on_clock_of(intended, early)][1:] == [
         i.t_apply_us for i in intended[1:]
     ]
     records = [

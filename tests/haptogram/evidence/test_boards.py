@@ -6,7 +6,7 @@ import pytest
 
 from haptogram.cli import board_in_virtual_time
 from haptogram.evidence.boards import PortBoard
-from haptogram.evidence.run_record import RunRecord, measure
+from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.records.frame import Evidence
 from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import RunVerdict, verify_run
@@ -22,7 +22,7 @@ def run_on(port: BoardPort) -> tuple[RunRecord, RunVerdict]:
     """Run the job on *port*, and judge it by the board's own word."""
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = port
-    found = measure(CONFIG, board, None)
+    found = measure_run(CONFIG, board, None)
     run = verify_run(
         found.intended,
         found.observations,
@@ -64,7 +64,7 @@ def test_an_interrupt_cancels_what_is_on_its_way_and_loses_nothing() -> None:
         object="circle", radius_mm=20, resolution_mm=2, repeat=8, virtual_time=True
     )
     with board_in_virtual_time(config.virtual_board()) as board:
-        found = measure(config, board, interrupt)
+        found = measure_run(config, board, interrupt)
     assert found.interrupted
     run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)
     assert run.reasons == (f"interrupted after {len(found.intended)} of 504 frames",)
@@ -82,7 +82,7 @@ def test_a_frame_that_is_due_at_the_mute_is_not_lost(frame: int) -> None:
 
     config = VerifyConfig.of(object="circle", radius_mm=20, repeat=10, virtual_time=True)
     with board_in_virtual_time(config.virtual_board()) as board:
-        found = measure(config, board, interrupt)
+        found = measure_run(config, board, interrupt)
     run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)
     assert (run.counts["lost"], run.effect) == (0, None)
 
@@ -96,7 +96,7 @@ def test_the_ring_is_read_after_an_interrupt() -> None:
     config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, repeat=4)
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=features, trace_ring=1024)
-    found = measure(config, board, interrupt)
+    found = measure_run(config, board, interrupt)
     assert found.cut is not None
     assert found.cut.reason.startswith("interrupted after")
     assert len(found.observations) > 20

@@ -6,14 +6,14 @@ import sys
 
 import pytest
 
-from haptogram.machine.process import real_time
+from haptogram.machine.process import real_time_process
 
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux itself")
 
 
 def test_the_collector_pauses_and_comes_back():
     assert gc.isenabled()
-    with contextlib.suppress(KeyError), real_time():
+    with contextlib.suppress(KeyError), real_time_process():
         assert not gc.isenabled()
         raise KeyError
     assert gc.isenabled()
@@ -22,7 +22,7 @@ def test_the_collector_pauses_and_comes_back():
 def test_a_collector_that_was_off_stays_off():
     gc.disable()
     try:
-        with real_time():
+        with real_time_process():
             pass
         assert not gc.isenabled()
     finally:
@@ -37,7 +37,7 @@ def slack_ns():
 @linux
 def test_the_timer_slack_is_put_back():
     before = slack_ns()
-    with real_time() as refused:
+    with real_time_process() as refused:
         assert slack_ns() == 1
         assert refused == []
     assert slack_ns() == before
@@ -51,7 +51,7 @@ def locked_kb():
 @linux
 def test_what_is_permitted_holds_inside_and_is_put_back():
     before = (os.sched_getscheduler(0), gc.get_freeze_count(), locked_kb())
-    with real_time(strict=True) as refused:
+    with real_time_process(strict=True) as refused:
         assert gc.get_freeze_count() > before[1]
         fixed = os.sched_getscheduler(0) == os.SCHED_FIFO
         assert fixed != any("SCHED_FIFO" in line for line in refused)
@@ -77,7 +77,7 @@ def test_what_is_not_permitted_is_named_and_the_loop_runs_all_the_same(monkeypat
     library = ctypes.CDLL(None)
     monkeypatch.setattr(os, "sched_setscheduler", forbid)
     monkeypatch.setattr(ctypes, "CDLL", NoLocks)
-    with real_time(strict=True) as refused:
+    with real_time_process(strict=True) as refused:
         assert not gc.isenabled()
     assert len(refused) == 2
     assert "SCHED_FIFO 50) is not permitted" in refused[0]

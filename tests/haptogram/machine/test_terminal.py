@@ -7,7 +7,11 @@ import io
 import pytest
 
 from haptogram.cli import main
-from haptogram.machine.terminal import error_line, has_colour, paint_verdicts
+from haptogram.machine.terminal import (
+    paint_terminal_verdicts,
+    terminal_error_line,
+    terminal_has_colour,
+)
 
 
 class Terminal(io.StringIO):
@@ -37,7 +41,7 @@ def test_who_decides(
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    assert has_colour(stream) is expected
+    assert terminal_has_colour(stream) is expected
 
 
 def test_verdicts_at_the_beginning_of_a_line_have_their_colour(
@@ -46,11 +50,11 @@ def test_verdicts_at_the_beginning_of_a_line_have_their_colour(
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("TERM", "xterm")
     text = "PASS: all\nverdict      FAIL\nno PASS here\nPASSED"
-    assert paint_verdicts(text, Terminal()) == (
+    assert paint_terminal_verdicts(text, Terminal()) == (
         "\x1b[1;32mPASS\x1b[0m: all\nverdict      \x1b[1;31mFAIL\x1b[0m\nno PASS here\nPASSED"
     )
-    assert paint_verdicts(text, io.StringIO()) == text
-    assert error_line("prog", "why", Terminal()) == "\x1b[1;31mprog:\x1b[0m why"
+    assert paint_terminal_verdicts(text, io.StringIO()) == text
+    assert terminal_error_line("prog", "why", Terminal()) == "\x1b[1;31mprog:\x1b[0m why"
 
 
 def test_a_command_in_a_pipe_prints_no_escape(

@@ -9,7 +9,7 @@ import pytest
 
 from haptogram.driver.line.port import open_transport
 from haptogram.errors import LinkLostError
-from haptogram.machine.waiter import Waiter
+from haptogram.machine.waiter import DescriptorWaiter
 
 LOW, HIGH = 3, 1500
 
@@ -31,7 +31,7 @@ def pipe(request):
 
 def test_what_can_be_read_and_what_can_be_written_is_told(pipe):
     reading, writing = pipe
-    waiter = Waiter()
+    waiter = DescriptorWaiter()
     assert waiter.wait([reading], timeout_s=0) == set()
     assert waiter.wait([reading], [writing]) == {writing}
     os.write(writing, b"x")
@@ -44,12 +44,12 @@ def test_what_can_be_read_and_what_can_be_written_is_told(pipe):
 @pytest.mark.parametrize("timeout_s", [0.0, 1e-5, 3e-4, 2.5e-3])
 def test_it_waits_no_less_than_it_was_asked_to(pipe, timeout_s):
     before_s = time.monotonic()
-    assert Waiter().wait(pipe[:1], timeout_s=timeout_s) == set()
+    assert DescriptorWaiter().wait(pipe[:1], timeout_s=timeout_s) == set()
     assert time.monotonic() - before_s >= timeout_s
 
 
 def test_a_closed_descriptor_is_no_silence(pipe):
-    waiter, copy = Waiter(), os.dup(pipe[0])
+    waiter, copy = DescriptorWaiter(), os.dup(pipe[0])
     assert waiter.wait([copy], timeout_s=0) == set()
     os.close(copy)
     with pytest.raises(OSError, match="Bad file descriptor"):

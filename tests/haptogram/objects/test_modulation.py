@@ -13,12 +13,12 @@ from haptogram.errors import ConfigurationError
 from haptogram.objects.modulation import (
     MAX_FRAMES,
     Modulation,
-    dwell,
+    dwell_modulation,
     modulate_amplitude,
     modulate_place,
     spatio_temporal_modulation,
 )
-from haptogram.objects.signals import signal_at
+from haptogram.objects.signals import felt_signal_at
 
 MODEL = AcousticModel.default(8, 8)
 ENGINE = NumpyEngine(MODEL)
@@ -28,7 +28,7 @@ SQUARE = [(0.01, 0.01, 0.1), (-0.01, 0.01, 0.1), (-0.01, -0.01, 0.1), (0.01, -0.
 
 def amplitude_modulation(point, *, duration_s, rate_hz, **how):
     """A standing focus, modulated."""
-    return modulate_amplitude(dwell([point], dwell_s=duration_s, rate_hz=rate_hz), **how)
+    return modulate_amplitude(dwell_modulation([point], dwell_s=duration_s, rate_hz=rate_hz), **how)
 
 
 def line(signal, frequency):
@@ -39,7 +39,7 @@ def line(signal, frequency):
 
 def test_amplitude_modulation_makes_a_pure_tone_of_the_force():
     frames = amplitude_modulation(POINT, duration_s=0.05, rate_hz=40_000.0)
-    signal = signal_at(ENGINE, frames, POINT, samples_per_frame=1)
+    signal = felt_signal_at(ENGINE, frames, POINT, samples_per_frame=1)
     assert line(signal, 200) == pytest.approx(line(signal, 0), rel=1e-9)
     others = ~np.isclose(signal.frequency_hz, 0) & ~np.isclose(signal.frequency_hz, 200)
     assert signal.amplitude_pa[others].max() < 1e-9 * line(signal, 0)
@@ -61,7 +61,7 @@ def test_at_the_rate_of_the_loop_a_held_frame_brings_images_of_the_tone():
     """Five frames a period: the images at 1000 -+ 200 Hz follow the sinc of the hold."""
     frames = amplitude_modulation(POINT, duration_s=0.05, rate_hz=1000.0)
     assert len(frames.amplitudes) == 50
-    signal = signal_at(ENGINE, frames, POINT, samples_per_frame=64)
+    signal = felt_signal_at(ENGINE, frames, POINT, samples_per_frame=64)
     mean = line(signal, 0)
     for frequency in (200, 800, 1200):
         hold = abs(np.sinc(frequency / 1000))
@@ -70,8 +70,8 @@ def test_at_the_rate_of_the_loop_a_held_frame_brings_images_of_the_tone():
 
 def test_a_narrow_transducer_weakens_the_images_most():
     frames = amplitude_modulation(POINT, duration_s=0.05, rate_hz=1000.0)
-    sharp = signal_at(ENGINE, frames, POINT)
-    soft = signal_at(ENGINE, frames, POINT, Resonator.from_bandwidth())
+    sharp = felt_signal_at(ENGINE, frames, POINT)
+    soft = felt_signal_at(ENGINE, frames, POINT, Resonator.from_bandwidth())
     ratios = [line(soft, f) / line(sharp, f) for f in (200, 800, 1200)]
     assert 1.0 > ratios[0] > ratios[1] > ratios[2]
     assert ratios[0] > 0.9
@@ -80,21 +80,23 @@ def test_a_narrow_transducer_weakens_the_images_most():
 def test_the_signal_is_periodic_under_the_resonator():
     frames = amplitude_modulation(POINT, duration_s=0.005, rate_hz=1000.0)
     slow = Resonator(2e-3)
-    once = signal_at(ENGINE, frames, POINT, slow)
-    twice = signal_at(
+    once = felt_signal_at(ENGINE, frames, POINT, slow)
+    twice = felt_signal_at(
         ENGINE, amplitude_modulation(POINT, duration_s=0.010, rate_hz=1000.0), POINT, slow
     )
     assert twice.pressure_pa == pytest.approx(np.tile(once.pressure_pa, 2), rel=1e-9)
 
 
 def test_lateral_modulation_swings_around_its_point():
-    frames = modulate_place(dwell([POINT], dwell_s=0.02, rate_hz=4000.0), shift_m=(0.0, 2e-3, 0.0))
+    frames = modulate_place(
+        dwell_modulation([POINT], dwell_s=0.02, rate_hz=4000.0), shift_m=(0.0, 2e-3, 0.0)
+    )
     offset = frames.points_m - POINT
     assert np.abs(offset[:, [0, 2]]).max() == 0.0
     assert (offset[:, 1].max(), offset[:, 1].min()) == (pytest.approx(2e-3), pytest.approx(-2e-3))
     assert (frames.amplitudes == 1.0).all()
-    middle = signal_at(ENGINE, frames, POINT)
-    beside = signal_at(ENGINE, frames, (0.0, 2e-3, 0.1))
+    middle = felt_signal_at(ENGINE, frames, POINT)
+    beside = felt_signal_at(ENGINE, frames, (0.0, 2e-3, 0.1))
     assert line(middle, 200) < 1e-6 * line(middle, 400)
     assert line(beside, 200) > line(beside, 400)
 
@@ -111,7 +113,7 @@ def test_a_path_is_run_at_constant_speed_and_closed():
 
 def test_a_point_of_a_path_feels_the_path_s_frequency():
     frames = spatio_temporal_modulation(SQUARE, frequency_hz=100.0, duration_s=0.1, rate_hz=8000.0)
-    signal = signal_at(ENGINE, frames, SQUARE[1])
+    signal = felt_signal_at(ENGINE, frames, SQUARE[1])
     strongest = signal.frequency_hz[1:][np.argmax(signal.amplitude_pa[1:])]
     assert strongest == pytest.approx(100.0)
 
@@ -119,7 +121,7 @@ def test_a_point_of_a_path_feels_the_path_s_frequency():
 @given(st.integers(1, 5), st.integers(1, 20))
 def test_dwell_holds_each_point_for_whole_frames(count, frames_each):
     points = np.array(SQUARE * 2)[:count]
-    frames = dwell(points, dwell_s=frames_each / 1000.0, rate_hz=1000.0)
+    frames = dwell_modulation(points, dwell_s=frames_each / 1000.0, rate_hz=1000.0)
     assert frames.points_m.shape == (count * frames_each, 3)
     assert (frames.points_m[::frames_each] == points).all()
 
@@ -134,8 +136,8 @@ def test_the_frames_can_be_sent_as_drives():
 @given(st.integers(3, 40))
 def test_the_spectrum_holds_the_power_of_the_signal(count):
     rng = np.random.default_rng(count)
-    frames = dwell(rng.uniform(0.05, 0.1, (count, 3)), dwell_s=1e-3, rate_hz=1000.0)
-    signal = signal_at(ENGINE, frames, (0.07, 0.07, 0.07), samples_per_frame=1)
+    frames = dwell_modulation(rng.uniform(0.05, 0.1, (count, 3)), dwell_s=1e-3, rate_hz=1000.0)
+    signal = felt_signal_at(ENGINE, frames, (0.07, 0.07, 0.07), samples_per_frame=1)
     lines = signal.amplitude_pa.copy()
     lines[1 : (count + 1) // 2] /= math.sqrt(2.0)
     assert np.sum(lines**2) == pytest.approx(np.mean(signal.pressure_pa**2))
@@ -190,7 +192,7 @@ def test_steps_close_the_pass():
 
 def test_a_signal_names_its_lines_and_its_swing():
     frames = Modulation("am", 200.0, depth=0.5).frames([POINT], 40_000.0)
-    signal = signal_at(ENGINE, frames, POINT, samples_per_frame=1)
+    signal = felt_signal_at(ENGINE, frames, POINT, samples_per_frame=1)
     ((frequency, level),) = signal.lines(0.01)
     assert frequency == pytest.approx(200.0)
     assert level == pytest.approx(0.5 * signal.mean_pa, rel=1e-9)
@@ -198,7 +200,7 @@ def test_a_signal_names_its_lines_and_its_swing():
     assert signal.vibration_rms_pa == pytest.approx(level / math.sqrt(2.0), rel=1e-9)
     assert signal.share_above(300.0) == pytest.approx(0.0, abs=1e-12)
     assert signal.share_above(100.0) == pytest.approx(1.0)
-    still = signal_at(ENGINE, dwell([POINT], dwell_s=0.01, rate_hz=1000.0), POINT)
+    still = felt_signal_at(ENGINE, dwell_modulation([POINT], dwell_s=0.01, rate_hz=1000.0), POINT)
     assert still.lines(0.01) == []
     assert (still.swing, still.share_above(0.0)) == (pytest.approx(0.0, abs=1e-9), 0.0)
 
@@ -238,12 +240,12 @@ def test_a_modulation_that_cannot_be_is_refused_with_value_and_limit(modulation,
         lambda: spatio_temporal_modulation(
             [POINT, POINT], frequency_hz=10.0, duration_s=0.1, rate_hz=1000.0
         ),
-        lambda: dwell(SQUARE, dwell_s=1e-5, rate_hz=1000.0),
-        lambda: dwell([], dwell_s=1e-3, rate_hz=1000.0),
-        lambda: dwell(np.empty((0, 3)), dwell_s=1e-3, rate_hz=1000.0),
-        lambda: dwell(SQUARE, dwell_s=1e300, rate_hz=1e300),
-        lambda: dwell(SQUARE, dwell_s="long", rate_hz=1000.0),
-        lambda: dwell([[0.0, math.nan, 0.1]], dwell_s=1e-3, rate_hz=1000.0),
+        lambda: dwell_modulation(SQUARE, dwell_s=1e-5, rate_hz=1000.0),
+        lambda: dwell_modulation([], dwell_s=1e-3, rate_hz=1000.0),
+        lambda: dwell_modulation(np.empty((0, 3)), dwell_s=1e-3, rate_hz=1000.0),
+        lambda: dwell_modulation(SQUARE, dwell_s=1e300, rate_hz=1e300),
+        lambda: dwell_modulation(SQUARE, dwell_s="long", rate_hz=1000.0),
+        lambda: dwell_modulation([[0.0, math.nan, 0.1]], dwell_s=1e-3, rate_hz=1000.0),
         lambda: spatio_temporal_modulation(
             [POINT, (math.nan, 0.0, 0.1)], frequency_hz=10.0, duration_s=0.1, rate_hz=1000.0
         ),

@@ -8,7 +8,7 @@ import pytest
 
 from haptogram.acoustics import pressure
 from haptogram.acoustics.field.reference import NumpyEngine
-from haptogram.acoustics.levels.shift import find_peak
+from haptogram.acoustics.levels.shift import find_pressure_peak
 from haptogram.acoustics.solvers.focus import focus_phases
 from haptogram.errors import ConfigurationError
 from haptogram.published.paper import (
@@ -17,20 +17,20 @@ from haptogram.published.paper import (
     PRINTED,
     READINGS,
     RESOLUTIONS_M,
-    Constants,
-    concave_section,
+    PaperConstants,
     figure_4_model,
-    hemisphere,
-    reproduce,
+    figure_4_section,
+    paper_hemisphere,
+    reproduce_table_1,
 )
 from haptogram.published.paper import equations as eq
 
-CONSTANTS = Constants()
+CONSTANTS = PaperConstants()
 
 
 @pytest.fixture(scope="module")
 def best():
-    return reproduce()
+    return reproduce_table_1()
 
 
 def grid(count, pitch):
@@ -89,7 +89,7 @@ def test_the_printed_constants_cannot_give_millinewtons():
 
 
 def test_equation_9_has_the_wrong_power_of_length():
-    doubled = Constants(wavenumber=CONSTANTS.wavenumber / 2, pitch_m=0.02)
+    doubled = PaperConstants(wavenumber=CONSTANTS.wavenumber / 2, pitch_m=0.02)
     for law, power in ((eq.spot_eq9_printed, 1.5), (eq.spot_eq9_corrected, 1.0)):
         once = law(0.1, 256, CONSTANTS)
         assert law(0.2, 256, doubled) == pytest.approx(2**power * once)
@@ -102,7 +102,7 @@ def test_what_the_path_of_equation_5_costs_is_stated_for_the_energy(resolution_m
     """The mean of 1 - e^{-2 beta (r - z0)} over elements and foci, and its largest value."""
     side = (np.arange(16) - 7.5) * 0.010
     x, y = np.meshgrid(side, side)
-    focus = hemisphere(resolution_m)[:, None, None, :]
+    focus = paper_hemisphere(resolution_m)[:, None, None, :]
     path = np.sqrt((focus[..., 0] - x) ** 2 + (focus[..., 1] - y) ** 2 + focus[..., 2] ** 2)
     loss = 1.0 - np.exp(-2.0 * 0.115 * (path - focus[..., 2]))
     (fault,) = next(equation.faults for equation in EQUATIONS if equation.number == "(5)")
@@ -121,7 +121,7 @@ def test_energy_and_force_agree():
     ("resolution", "count"), list(zip(RESOLUTIONS_M, (33, 146, 615, 3963), strict=True))
 )
 def test_the_hemisphere_at_the_four_resolutions(resolution, count):
-    points = hemisphere(resolution)
+    points = paper_hemisphere(resolution)
     assert len(points) == count
     assert np.linalg.norm(points - [0.0, 0.0, 0.1], axis=1) == pytest.approx(np.full(count, 0.05))
     assert points[:, 2].min() == pytest.approx(0.05)
@@ -136,7 +136,7 @@ def test_the_hemisphere_at_the_four_resolutions(resolution, count):
 @pytest.mark.parametrize("resolution", [0.0, 5e-5, 0.06, math.nan])
 def test_an_impossible_resolution_is_refused(resolution):
     with pytest.raises(ConfigurationError):
-        hemisphere(resolution)
+        paper_hemisphere(resolution)
 
 
 def test_all_sixteen_averages_are_reproduced_with_one_scale(best):
@@ -167,7 +167,7 @@ def test_the_orders_of_the_table_hold(best):
 def test_the_averages_follow_from_a_sum_over_the_elements(best):
     """One cell again, by another way: 16 x 8 elements at 2 cm."""
     total = []
-    for point in hemisphere(0.02).tolist():
+    for point in paper_hemisphere(0.02).tolist():
         amplitude = 0.0
         for i in range(16):
             for j in range(8):
@@ -183,7 +183,7 @@ def test_the_averages_follow_from_a_sum_over_the_elements(best):
 
 
 def test_the_best_reading_is_the_best_of_those_that_are_shown():
-    results = [reproduce(reading) for reading in READINGS]
+    results = [reproduce_table_1(reading) for reading in READINGS]
     errors = [result.average_rms_mn for result in results]
     assert errors[0] == min(errors)
     assert [sum(c.average_reproduced for c in r.cells) for r in results[1:]] != [16] * 7
@@ -199,7 +199,7 @@ def test_the_printed_table_has_the_column_means_of_the_prose():
 
 
 def test_the_concave_section_faces_the_centre_of_its_arc():
-    array = concave_section(60, 1.4e-3, 0.0285)
+    array = figure_4_section(60, 1.4e-3, 0.0285)
     centre = np.array([0.0, 0.0, 0.0285])
     rays = centre - array.positions_m
     assert np.linalg.norm(rays, axis=1) == pytest.approx(np.full(60, 0.0285))
@@ -209,7 +209,7 @@ def test_the_concave_section_faces_the_centre_of_its_arc():
     )
     assert steps == pytest.approx(np.full(59, 1.4e-3))
     with pytest.raises(ConfigurationError, match="180"):
-        concave_section(65, 1.4e-3, 64 * 1.4e-3 / math.pi)
+        figure_4_section(65, 1.4e-3, 64 * 1.4e-3 / math.pi)
 
 
 @pytest.mark.parametrize("focus", FIGURE_4_FOCI_M)
@@ -219,7 +219,7 @@ def test_bent_along_x_the_section_cannot_focus_off_its_plane(focus):
     places = np.array([focus, (focus[0], -focus[1], focus[2])])
     level, image = np.abs(pressure(model, weights, places))
     assert image == pytest.approx(level, rel=1e-12)
-    peak = find_peak(NumpyEngine(model), weights, focus)
+    peak = find_pressure_peak(NumpyEngine(model), weights, focus)
     assert abs(peak[1]) < 1e-6
     assert abs(pressure(model, weights, [peak])[0]) > 1.3 * level
 
@@ -233,7 +233,7 @@ def test_bent_along_y_the_sound_is_focused_toward_the_target(focus):
     level = np.abs(pressure(model, weights, aside))
     assert level[0] > 1.4 * level[1:].max()
     # Diffraction pulls the maximum in, along the line from the middle of the section.
-    peak = find_peak(NumpyEngine(model), weights, focus)
+    peak = find_pressure_peak(NumpyEngine(model), weights, focus)
     rays = np.array([peak, target]) - model.array.centre_m
     lengths = np.linalg.norm(rays, axis=1)
     assert lengths[0] < lengths[1]

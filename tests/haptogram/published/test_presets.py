@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from haptogram.acoustics import check_target
+from haptogram.acoustics import check_focus_target
 from haptogram.acoustics.model.boards.grids import (
     autd_unit,
     autd_units,
@@ -13,11 +13,11 @@ from haptogram.acoustics.model.boards.grids import (
     sonicsurface_wire_index,
 )
 from haptogram.errors import ConfigurationError
-from haptogram.published.presets import PRESETS, compare, find_preset
+from haptogram.published.presets import PRESETS, compare_preset, find_preset
 
 
 def ours(preset, quantity):
-    return {row["quantity"]: row["ours"] for row in compare(find_preset(preset))}[quantity]
+    return {row["quantity"]: row["ours"] for row in compare_preset(find_preset(preset))}[quantity]
 
 
 def test_an_autd_unit_has_249_places_of_its_grid():
@@ -92,10 +92,10 @@ def test_the_maximum_in_front_of_the_screen_is_within_the_published_range():
 @pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset.name)
 def test_every_preset_can_be_focused_and_names_its_sources(preset):
     model = preset.build()
-    check_target(model, preset.focus_m)
+    check_focus_target(model, preset.focus_m)
     assert preset.source
     assert preset.array_source
-    for row in compare(preset):
+    for row in compare_preset(preset):
         assert math.isfinite(row["ours"])
         assert row["source"]
         assert row["published"]

@@ -14,7 +14,7 @@ from haptogram.driver.driver import Driver
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import FrameKey, Intended, Observation
-from haptogram.records.kept import MOST_KEPT, Kept, only
+from haptogram.records.kept import MOST_KEPT, KeptRecords, only_kept_records
 from haptogram.verification import FrameStatus, verify_run
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.messages import LatchKey, TraceDrive, TraceMode
@@ -29,7 +29,7 @@ CIRCLE = np.column_stack((0.03 * np.cos(ANGLE), 0.03 * np.sin(ANGLE), np.full(40
 @given(st.one_of(st.none(), st.integers(1, 9)), st.lists(st.integers(), max_size=30), st.data())
 def test_it_reads_like_the_end_of_a_list(most, entries, data):
     seen = []
-    kept = Kept(most, seen.append)
+    kept = KeptRecords(most, seen.append)
     kept.extend(entries)
     end = entries if most is None else entries[-most:]
     assert kept == end == list(kept)
@@ -201,7 +201,7 @@ def test_a_board_at_a_port_says_that_its_word_was_not_kept():
         driver.intended[-1],
         dataclasses.replace(driver.intended[-1], key=FrameKey(0, 0, 0, 1)),
     ]
-    for seen in (observations, only(observations, lambda _: True)):
+    for seen in (observations, only_kept_records(observations, lambda _: True)):
         run = verify_run(asked, seen, model=driver.model, min_verified=0.0)
         assert run.frames[1].status is FrameStatus.NOT_VERIFIED
         assert run.frames[1].note == "the driver keeps the last 30 latches it is told"

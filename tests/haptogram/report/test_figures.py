@@ -19,33 +19,33 @@ from haptogram.acoustics import (
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures import (
-    Plane,
+    PicturePlane,
     check_picture_format,
     draw_cuts,
     draw_isosurfaces,
     draw_plane,
     draw_spectrum,
-    encode,
-    isosurface,
-    sample_mean,
-    sample_plane,
-    shown_as,
+    encode_figure,
+    isosurface_mesh,
+    quantity_and_label,
+    sample_picture_mean,
+    sample_picture_plane,
 )
 
 MODEL = AcousticModel.default(8, 8)
 ENGINE = NumpyEngine(MODEL)
 TARGET = (0.01, -0.005, 0.08)
 WEIGHTS = np.exp(1j * focus_phases(MODEL, TARGET))
-PLANE = Plane("xy", TARGET, (-0.03, 0.03), (-0.02, 0.02), 2e-3)
+PLANE = PicturePlane("xy", TARGET, (-0.03, 0.03), (-0.02, 0.02), 2e-3)
 
 
 def field(plane=PLANE):
-    return sample_plane(ENGINE, WEIGHTS, plane)
+    return sample_picture_plane(ENGINE, WEIGHTS, plane)
 
 
 @given(st.sampled_from(["xy", "xz", "yz"]), st.integers(0, 5), st.integers(0, 5))
 def test_a_plane_holds_the_field_at_its_points(orientation, i, j):
-    plane = Plane(orientation, (0.003, 0.004, 0.06), (0.01, 0.03), (0.05, 0.07), 4e-3)
+    plane = PicturePlane(orientation, (0.003, 0.004, 0.06), (0.01, 0.03), (0.05, 0.07), 4e-3)
     values = field(plane).values
     across, up = plane.coordinates_m()
     assert values.shape == (len(up), len(across)) == (6, 6)
@@ -56,7 +56,7 @@ def test_a_plane_holds_the_field_at_its_points(orientation, i, j):
 
 
 def mean_field():
-    return sample_mean(ENGINE, WEIGHTS[None], PLANE, 1e-3, Resonator(1e-3))
+    return sample_picture_mean(ENGINE, WEIGHTS[None], PLANE, 1e-3, Resonator(1e-3))
 
 
 def test_the_peak_of_a_plane_lies_at_its_focus():
@@ -64,7 +64,7 @@ def test_the_peak_of_a_plane_lies_at_its_focus():
 
 
 def test_points_next_to_an_element_are_left_out():
-    values = field(Plane("xz", (0.005, 0.005, 0.0), (-0.05, 0.05), (0.0, 0.02), 1e-3)).values
+    values = field(PicturePlane("xz", (0.005, 0.005, 0.0), (-0.05, 0.05), (0.0, 0.02), 1e-3)).values
     assert np.isnan(values).any()
     assert np.isfinite(values).sum() > 0.9 * values.size
 
@@ -72,7 +72,9 @@ def test_points_next_to_an_element_are_left_out():
 def test_progress_reaches_its_end(monkeypatch):
     monkeypatch.setattr("haptogram.report.figures.planes._POINTS_PER_CALL", 100)
     told = []
-    values = sample_plane(ENGINE, WEIGHTS, PLANE, lambda done, of: told.append((done, of))).values
+    values = sample_picture_plane(
+        ENGINE, WEIGHTS, PLANE, lambda done, of: told.append((done, of))
+    ).values
     assert told[-1] == (values.size, values.size)
     assert len(told) == math.ceil(values.size / 100)
     monkeypatch.undo()
@@ -80,8 +82,8 @@ def test_progress_reaches_its_end(monkeypatch):
 
 
 def test_force_is_the_same_for_a_drive_and_for_its_mean():
-    assert shown_as(ENGINE, mean_field().values, "force")[0] == pytest.approx(
-        shown_as(ENGINE, field().values, "force")[0], rel=1e-9
+    assert quantity_and_label(ENGINE, mean_field().values, "force")[0] == pytest.approx(
+        quantity_and_label(ENGINE, field().values, "force")[0], rel=1e-9
     )
 
 
@@ -106,7 +108,7 @@ def test_phase_and_force_are_drawn_as_such():
     assert "rad" in phase[1].get_ylabel()
     force = draw_plane(ENGINE, field(), quantity="force").axes
     assert np.asarray(force[0].images[0].get_array()) == pytest.approx(
-        shown_as(ENGINE, field().values, "force")[0]
+        quantity_and_label(ENGINE, field().values, "force")[0]
     )
 
 
@@ -167,7 +169,7 @@ def test_the_surfaces_of_the_force_say_so_and_a_phase_has_none():
 def test_the_isosurface_of_a_ball_is_a_closed_sphere(radius, centre):
     grid = np.stack(np.meshgrid(*[np.arange(-9.0, 10.0)] * 3, indexing="ij"), axis=-1)
     distance = np.linalg.norm(grid - np.array(centre), axis=-1)
-    triangles = isosurface(-distance, -radius) - 9.0 - np.array(centre)
+    triangles = isosurface_mesh(-distance, -radius) - 9.0 - np.array(centre)
     assert np.linalg.norm(triangles, axis=2) == pytest.approx(
         np.full(triangles.shape[:2], radius), abs=0.5
     )
@@ -181,7 +183,7 @@ def test_the_isosurface_of_a_ball_is_a_closed_sphere(radius, centre):
 def test_an_isosurface_of_anything_is_watertight_inside_the_volume(seed):
     values = np.zeros((6, 6, 6))
     values[1:-1, 1:-1, 1:-1] = np.random.default_rng(seed).uniform(0.0, 1.0, (4, 4, 4))
-    triangles = isosurface(values, 0.5)
+    triangles = isosurface_mesh(values, 0.5)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     assert np.abs(normals.sum(axis=0)).max() < 1e-9
     edges = {}
@@ -195,14 +197,16 @@ def test_an_isosurface_of_anything_is_watertight_inside_the_volume(seed):
 
 
 def test_an_isosurface_out_of_reach_is_empty():
-    assert isosurface(np.zeros((3, 3, 3)), 1.0).shape == (0, 3, 3)
+    assert isosurface_mesh(np.zeros((3, 3, 3)), 1.0).shape == (0, 3, 3)
 
 
 def test_pictures_are_repeatable():
-    svg, again = (encode(draw_plane(ENGINE, field(), targets_m=[TARGET]), ".svg") for _ in range(2))
+    svg, again = (
+        encode_figure(draw_plane(ENGINE, field(), targets_m=[TARGET]), ".svg") for _ in range(2)
+    )
     assert svg == again
     assert b"sound pressure" in svg
-    png = encode(draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3), ".png")
+    png = encode_figure(draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3), ".png")
     assert png.startswith(b"\x89PNG")
 
 
@@ -218,7 +222,7 @@ def test_a_picture_says_what_it_is_of_and_where_and_marks_target_and_peak():
 
 @pytest.mark.parametrize("up_m", [(0.04, 0.14), (0.005, 0.06), (0.005, 0.70)])
 def test_nothing_of_a_picture_is_cut_whatever_the_shape_of_its_plane(up_m):
-    plane = Plane("xz", TARGET, (-0.06, 0.06), up_m, 5e-3)
+    plane = PicturePlane("xz", TARGET, (-0.06, 0.06), up_m, 5e-3)
     picture = draw_plane(ENGINE, field(plane), targets_m=[TARGET], title="a focus with a long name")
     picture.draw_without_rendering()
     whole, (width_in, height_in) = picture.get_tightbbox(), picture.get_size_inches()
@@ -241,18 +245,18 @@ def test_a_spectrum_shows_its_lines():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Plane("xx", TARGET, (0.0, 1.0), (0.0, 1.0)),
-        lambda: Plane("xy", TARGET, (0.0, 0.0), (0.0, 1.0)),
-        lambda: Plane("xy", TARGET, (0.0, math.nan), (0.0, 1.0)),
-        lambda: Plane("xy", TARGET, (0.0, 1.0), (0.0, 1.0), 0.0),
-        lambda: Plane("xy", TARGET, (0.0, 1.0), (0.0, 1.0), 1e-6),
-        lambda: field(Plane("xy", (0, 0, 1e-4), (0.0050, 0.0052), (0.0050, 0.0052), 1e-4)),
+        lambda: PicturePlane("xx", TARGET, (0.0, 1.0), (0.0, 1.0)),
+        lambda: PicturePlane("xy", TARGET, (0.0, 0.0), (0.0, 1.0)),
+        lambda: PicturePlane("xy", TARGET, (0.0, math.nan), (0.0, 1.0)),
+        lambda: PicturePlane("xy", TARGET, (0.0, 1.0), (0.0, 1.0), 0.0),
+        lambda: PicturePlane("xy", TARGET, (0.0, 1.0), (0.0, 1.0), 1e-6),
+        lambda: field(PicturePlane("xy", (0, 0, 1e-4), (0.0050, 0.0052), (0.0050, 0.0052), 1e-4)),
         lambda: draw_plane(ENGINE, field(), quantity="colour"),
         lambda: draw_plane(ENGINE, mean_field(), quantity="phase"),
         lambda: draw_cuts(ENGINE, WEIGHTS, TARGET, 2.0),
         lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=1e-5),
         lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=0.0),
-        lambda: isosurface(np.zeros((3, 3)), 0.0),
+        lambda: isosurface_mesh(np.zeros((3, 3)), 0.0),
         lambda: check_picture_format(Path("field.gif")),
     ],
 )
@@ -262,11 +266,11 @@ def test_impossible_pictures_are_refused(make):
 
 
 def test_a_plane_behind_the_array_is_refused_and_one_that_cuts_it_is_not():
-    behind = Plane("xy", (0.0, 0.0, -0.02), (-0.03, 0.03), (-0.02, 0.02), 5e-3)
+    behind = PicturePlane("xy", (0.0, 0.0, -0.02), (-0.03, 0.03), (-0.02, 0.02), 5e-3)
     with pytest.raises(ConfigurationError, match="20 mm behind the baffle"):
         field(behind)
-    half = field(Plane("xz", (0.0, 0.0, 0.0), (-0.03, 0.03), (-0.02, 0.02), 5e-3)).values
+    half = field(PicturePlane("xz", (0.0, 0.0, 0.0), (-0.03, 0.03), (-0.02, 0.02), 5e-3)).values
     assert np.isnan(half[:4]).all()
     assert np.nanmin(np.abs(half[5:])) > 0.0
     everywhere = AcousticModel(MODEL.array, MODEL.medium, Transducer(PointSource()))
-    assert np.abs(sample_plane(NumpyEngine(everywhere), WEIGHTS, behind).values).min() > 0.0
+    assert np.abs(sample_picture_plane(NumpyEngine(everywhere), WEIGHTS, behind).values).min() > 0.0

@@ -8,7 +8,7 @@ import pytest
 
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
-from haptogram.report.html import Picture, check_page, render_page
+from haptogram.report.html import PagePicture, check_html_page, render_html_page
 
 FRAME = {"title": "t", "heading": "h", "tone": "plain", "lead": []}
 PAGES = [
@@ -20,7 +20,7 @@ PAGES = [
 
 def comparison(**changes):
     content = {"names": ["a"], "rows": [], "totals": [], "tone_of": lambda _: "plain"}
-    return render_page("comparison.html", **FRAME, **(content | changes))
+    return render_html_page("comparison.html", **FRAME, **(content | changes))
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -41,11 +41,11 @@ def test_a_value_that_is_missing_is_an_error_and_no_gap():
     from jinja2 import UndefinedError
 
     with pytest.raises(UndefinedError, match="totals"):
-        render_page("comparison.html", **FRAME, names=[], rows=[], tone_of=None)
+        render_html_page("comparison.html", **FRAME, names=[], rows=[], tone_of=None)
 
 
 def test_a_picture_is_part_of_the_page():
-    assert Picture(b"png", "").source == "data:image/png;base64,cG5n"
+    assert PagePicture(b"png", "").source == "data:image/png;base64,cG5n"
 
 
 def test_dark_and_light_and_print_are_one_style_sheet():
@@ -88,9 +88,9 @@ def test_without_the_extra_a_command_refuses_before_it_works(
 
 def test_a_page_without_pictures_needs_no_matplotlib(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    check_page(pictures=False)
+    check_html_page(pictures=False)
     with pytest.raises(ConfigurationError, match="matplotlib"):
-        check_page()
+        check_html_page()
 
 
 def test_what_stands_between_backticks_is_code_and_still_escaped():

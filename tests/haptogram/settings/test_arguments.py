@@ -14,7 +14,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
 from haptogram.records.frame import Evidence, Focus, FrameKey, Observation
-from haptogram.settings.arguments import check_number, check_whole, shown
+from haptogram.settings.arguments import check_number, check_whole, shown_argument
 from latched_drives import intend
 from virtual_ports import BoardPort
 
@@ -355,5 +355,5 @@ def test_any_whole_number_will_do(value):
 
 
 def test_a_message_stays_on_one_line():
-    assert shown("a\nb" * 50).endswith("...")
-    assert "\n" not in shown(np.zeros((9, 9)))
+    assert shown_argument("a\nb" * 50).endswith("...")
+    assert "\n" not in shown_argument(np.zeros((9, 9)))

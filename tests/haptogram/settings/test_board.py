@@ -13,10 +13,10 @@ from haptogram.acoustics.arrays import MAX_TRANSDUCERS
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.settings.board import BOARD_OPTIONS, MOST_TRANSDUCERS, BoardConfig, FaultWords
-from haptogram.settings.board_url import URL_OPTIONS, PortConfig, read_url, write_url
-from haptogram.settings.command_line import add_options, written
-from haptogram.settings.command_line import given as given_words
-from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, words_of
+from haptogram.settings.board_url import URL_OPTIONS, PortConfig, read_board_url, write_board_url
+from haptogram.settings.command_line import add_setting_options, written_options
+from haptogram.settings.command_line import given_options as given_words
+from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, fault_words
 from haptogram.settings.faults.plan import Fault
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import Parser
@@ -63,13 +63,13 @@ def faults(draw, name):
     words = [f"{key}={value!r}" for key, value in parameters.items()]
     start_ns, length_ns = draw(st.integers(0, 10**12)), draw(st.integers(1, 10**12))
     times = {"from": f"from={start_ns}ns", "until": f"until={start_ns + length_ns}ns"}
-    usable = [word for word in words_of(name) if word in times]
+    usable = [word for word in fault_words(name) if word in times]
     if name == "line.disconnect" and "ms" in parameters:
         usable.remove("until")
     words += [times[key] for key in usable if draw(st.booleans())]
     if "until" in "".join(words) and "from" not in "".join(words):
         words.append(times["from"])
-    if "direction" in words_of(name):
+    if "direction" in fault_words(name):
         words.append(f"direction={draw(st.sampled_from(['down', 'up', 'both']))}")
     return Fault.parse(" ".join([name, *words]))
 
@@ -96,14 +96,14 @@ LINE = options_of(type(BoardConfig().line))
 
 def read_words(words):
     parser = Parser("board")
-    add_options(parser, BOARD_OPTIONS.values())
+    add_setting_options(parser, BOARD_OPTIONS.values())
     return BoardConfig.of(**given_words(parser.parse_args(words), BOARD_OPTIONS))
 
 
 @settings(max_examples=200)
 @given(boards())
 def test_a_command_line_that_was_written_reads_as_the_same_board(board):
-    assert read_words(written(board.non_default(), BOARD_OPTIONS)) == board
+    assert read_words(written_options(board.non_default(), BOARD_OPTIONS)) == board
 
 
 @settings(max_examples=200)
@@ -112,7 +112,7 @@ def test_a_url_that_was_written_reads_as_the_same_port(board, data):
     rows = options_of(PortConfig)
     given_ = {name: data.draw(values_of(row)) for name, row in rows.items()}
     port = PortConfig(board=board, **given_)
-    assert read_url(write_url(port)) == port
+    assert read_board_url(write_board_url(port)) == port
 
 
 @pytest.mark.parametrize("name", sorted(FAULT_KINDS))
@@ -121,8 +121,8 @@ def test_every_kind_of_fault_survives_url_and_command_line(name):
     @given(faults(name))
     def survives(fault):
         board = BoardConfig(faults=(fault,))
-        assert read_words(written(board.non_default(), BOARD_OPTIONS)) == board
-        assert read_url(write_url(PortConfig(board=board))).board == board
+        assert read_words(written_options(board.non_default(), BOARD_OPTIONS)) == board
+        assert read_board_url(write_board_url(PortConfig(board=board))).board == board
 
     survives()
 
@@ -137,8 +137,8 @@ def test_every_option_survives_url_and_command_line(name):
     def survives(value):
         board = BoardConfig.of(**(others | {name: value}))
         assert board.values()[name] == value
-        assert read_words(written(board.non_default(), BOARD_OPTIONS)) == board
-        assert read_url(write_url(PortConfig(board=board))).board == board
+        assert read_words(written_options(board.non_default(), BOARD_OPTIONS)) == board
+        assert read_board_url(write_board_url(PortConfig(board=board))).board == board
 
     survives()
 
@@ -158,7 +158,7 @@ def test_a_number_beyond_its_limits_is_the_same_error_everywhere(name):
         said = set()
         for read in (
             lambda value=value: BoardConfig.of(**{name: value}),
-            lambda value=value: read_url(f"haptogram://?{name}={value!r}"),
+            lambda value=value: read_board_url(f"haptogram://?{name}={value!r}"),
             lambda value=value: read_words([f"{row.word}={value!r}"]),
         ):
             with pytest.raises(ConfigurationError) as error:

@@ -8,15 +8,15 @@ from haptogram.settings.parser import (
     Parser,
     UsageError,
     attach_negative_values,
-    number,
-    whole_number,
+    number_option,
+    whole_number_option,
 )
 
 
 def parser() -> Parser:
     made = Parser("prog")
-    made.add_argument("--baud", type=whole_number(1200, 50_000_000, "Bd"))
-    made.add_argument("--rate-hz", type=number(0.5, 40_000.0, "Hz"), default=1000.0)
+    made.add_argument("--baud", type=whole_number_option(1200, 50_000_000, "Bd"))
+    made.add_argument("--rate-hz", type=number_option(0.5, 40_000.0, "Hz"), default=1000.0)
     made.add_argument("--mode", choices=("phases", "drives"))
     made.add_argument("--at-mm", nargs="?", const="here")
     made.add_argument("--quiet", action="store_true")

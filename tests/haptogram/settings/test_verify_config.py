@@ -9,7 +9,7 @@ import pytest
 
 from haptogram.acoustics.solvers.several import METHODS
 from haptogram.errors import ConfigurationError
-from haptogram.settings.verify_config import SOLVERS, SettingError, VerifyConfig, load_config
+from haptogram.settings.verify_config import SOLVERS, SettingError, VerifyConfig, load_verify_config
 
 
 def _file(tmp_path: Path, text: str) -> Path:
@@ -20,7 +20,7 @@ def _file(tmp_path: Path, text: str) -> Path:
 
 def test_command_line_wins_over_file_wins_over_default(tmp_path: Path) -> None:
     path = _file(tmp_path, "[verify]\nrate_hz = 500\nresolution_mm = 10\n")
-    config = load_config(path, {"rate_hz": 250.0, "seed": None})
+    config = load_verify_config(path, {"rate_hz": 250.0, "seed": None})
     assert (config.pace.rate_hz, config.shape.resolution_mm, config.limits.seed) == (250.0, 10.0, 0)
 
 
@@ -30,7 +30,7 @@ def test_file_converts_to_the_type_of_the_setting(tmp_path: Path) -> None:
         '[verify]\ncenter_mm = [1, 2, 120]\njson = "a.json"\nvirtual_time = true\nphase_bits = 6\n'
         "min_verified = 1\nboard_temperature_c = 25\n",
     )
-    config = load_config(path, {})
+    config = load_verify_config(path, {})
     assert config.shape.center_mm == (1.0, 2.0, 120.0)
     assert config.outputs.json == Path("a.json")
     assert (
@@ -74,7 +74,7 @@ def test_the_solvers_are_those_that_there_are() -> None:
 )
 def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: str) -> None:
     with pytest.raises(ConfigurationError, match=told.replace("(", r"\(")):
-        load_config(None, values)
+        load_verify_config(None, values)
 
 
 @pytest.mark.parametrize(
@@ -105,18 +105,20 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
 )
 def test_a_bad_file_is_named(tmp_path: Path, text: str, told: str) -> None:
     with pytest.raises(ConfigurationError, match=told):
-        load_config(_file(tmp_path, text), {})
+        load_verify_config(_file(tmp_path, text), {})
 
 
 def test_faults_are_a_list_in_the_file_and_the_command_line_has_its_own(tmp_path: Path) -> None:
     path = _file(tmp_path, '[verify]\nfault = ["line.drop p=0.1", "clock.ppm"]\n')
-    assert load_config(path, {}).faults.fault == ("line.drop p=0.1", "clock.ppm")
-    assert load_config(path, {"fault": ["line.flip"]}).result_options()["fault"] == ["line.flip"]
+    assert load_verify_config(path, {}).faults.fault == ("line.drop p=0.1", "clock.ppm")
+    assert load_verify_config(path, {"fault": ["line.flip"]}).result_options()["fault"] == [
+        "line.flip"
+    ]
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"absent\.toml"):
-        load_config(tmp_path / "absent.toml", {})
+        load_verify_config(tmp_path / "absent.toml", {})
 
 
 def test_least_verified_depends_on_the_clock() -> None:

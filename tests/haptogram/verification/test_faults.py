@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray, focus_phases
 from haptogram.acoustics.model.transducer import Transducer
-from haptogram.verification import FrameStatus, Judge, name_drive_faults
+from haptogram.verification import FrameJudge, FrameStatus, name_drive_faults
 from haptogram_protocol.messages import pack_phases
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
 
 MODEL = AcousticModel.default()
-JUDGE = Judge(MODEL, carrier_us=25)
+JUDGE = FrameJudge(MODEL, carrier_us=25)
 ELEMENTS = st.integers(0, 255)
 few = settings(max_examples=15)
 

@@ -16,12 +16,12 @@ from haptogram.records.frame import Focus
 from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import (
     REAL_BOARD,
+    FrameJudge,
     FrameStatus,
-    Judge,
     Tolerance,
     Uncertainty,
     Verdict,
-    check_tolerance,
+    check_frame_tolerance,
     tolerance_of,
     uncertainty_of,
     verify_run,
@@ -34,7 +34,7 @@ few = settings(max_examples=20)
 
 
 def judged(intended, drive=None, model=MODEL, **tolerance):
-    judge = Judge(model, carrier_us=25, tolerance=Tolerance(**tolerance))
+    judge = FrameJudge(model, carrier_us=25, tolerance=Tolerance(**tolerance))
     return judge.judge(intended, seen(intended, drive))
 
 
@@ -147,13 +147,13 @@ def test_an_uncertainty_that_cannot_be_is_refused(name, value):
 
 def test_a_tolerance_of_more_than_half_the_focus_is_refused():
     points = [(0.0, 0.0, 0.1), (0.0, 0.0, 0.05)]
-    check_tolerance(MODEL, points, Tolerance(miss_mm=2.4))
+    check_frame_tolerance(MODEL, points, Tolerance(miss_mm=2.4))
     with pytest.raises(ConfigurationError, match=r"tolerance of 3 mm; .* \(0\.0, 0\.0, 50\.0\) mm"):
-        check_tolerance(MODEL, points, Tolerance(miss_mm=3.0))
+        check_frame_tolerance(MODEL, points, Tolerance(miss_mm=3.0))
     with pytest.raises(ConfigurationError, match="tolerance of 9 mm"):
         judged(intend(MODEL, TARGET), miss_mm=9.0)
     with pytest.raises(ConfigurationError, match=r"2\.2 mm, air of ±20 °C, ±90 % humidity"):
-        check_tolerance(MODEL, points, Tolerance(2.2, 20.0, 90.0))
+        check_frame_tolerance(MODEL, points, Tolerance(2.2, 20.0, 90.0))
 
 
 NOT_FOCI = {

@@ -43,7 +43,7 @@ from haptogram_protocol.dialects.autd3.operations import (
     Tag,
     Truncated,
     Unsupported,
-    refusal,
+    autd3_refusal,
 )
 from haptogram_protocol.errors import LocalProtocolError
 from strategies_dialects import device_states
@@ -198,10 +198,10 @@ def test_a_frame_that_no_device_understands_is_counted(
 
 
 def test_every_unsupported_operation_has_its_error_code() -> None:
-    assert refusal(Unsupported(0x41)) is ErrorCode.NOT_SUPPORTED_TAG
-    assert refusal(Truncated(0x30)) is ErrorCode.NOT_SUPPORTED_TAG
-    assert [refusal(FirmwareInfo(kind)) for kind in (0, 1, 6, 7)] == [3, 0, 0, 3]
-    assert refusal(Clear()) is ErrorCode.NONE
+    assert autd3_refusal(Unsupported(0x41)) is ErrorCode.NOT_SUPPORTED_TAG
+    assert autd3_refusal(Truncated(0x30)) is ErrorCode.NOT_SUPPORTED_TAG
+    assert [autd3_refusal(FirmwareInfo(kind)) for kind in (0, 1, 6, 7)] == [3, 0, 0, 3]
+    assert autd3_refusal(Clear()) is ErrorCode.NONE
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,12 @@ import pytest
 from haptogram_protocol.dialects.codec import Operation
 from haptogram_protocol.dialects.fpga_bytes import Begin, SetAmplitudes, SetPhases, Swap
 from haptogram_protocol.dialects.interactlab import FULL_DUTY, QueueFrame
-from haptogram_protocol.dialects.sonicsurface import frame
+from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino import operations as nibbles
 from haptogram_protocol.dialects.ultraino.arduino import mega64_frame
-from haptogram_protocol.dialects.ultraino.fpga import chained_frame
-from haptogram_protocol.dialects.ultraino.fpga import frame as fpga_frame
+from haptogram_protocol.dialects.ultraino.fpga import chained_fpga_frame
+from haptogram_protocol.dialects.ultraino.fpga import fpga_frame as fpga_frame
 from haptogram_protocol.dialects.ultraino.slots import MEGA64_LAYOUT, Pulse
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
@@ -146,7 +146,7 @@ def test_the_host_end_makes_the_same_bytes(name: str) -> None:
 def test_frames_are_what_the_clients_send() -> None:
     codes = {name: bytes(of["codes"]) for name, of in EXPECTED.items() if "codes" in of}
     rows = {
-        "sonicsurface/focus_0_120_0": lambda c: frame(c),
+        "sonicsurface/focus_0_120_0": lambda c: sonicsurface_frame(c),
         "ultraino/simplefpga_ss_focus_0_120_0": lambda c: fpga_frame(c),
         "ultraino/simplefpga_ss_amp50_0_120_0": lambda c: fpga_frame(c, bytes([8] * 256)),
         "ultraino/simplefpga128_ss_focus_0_120_0": lambda c: [
@@ -154,7 +154,7 @@ def test_frames_are_what_the_clients_send() -> None:
             SetPhases((0,), 0, c[:72]),
             Swap(),
         ],
-        "ultraino/chainedfpga_512_ramp": lambda c: chained_frame([c[:256], c[256:]]),
+        "ultraino/chainedfpga_512_ramp": lambda c: chained_fpga_frame([c[:256], c[256:]]),
         "ultraino/mega_flat8x8_focus": lambda c: mega64_frame(
             [MEGA64_LAYOUT.slots([Pulse(code, 5) for code in c])]
         ),

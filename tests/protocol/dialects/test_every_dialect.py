@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.codec import BoardEnd, Operation
 from haptogram_protocol.dialects.fpga_bytes import SetAmplitudes, SetPhases
-from haptogram_protocol.dialects.looks_like import looks_like
+from haptogram_protocol.dialects.looks_like import looks_like_dialect
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.operations import Forward, SetPattern
 from haptogram_protocol.errors import LocalProtocolError
@@ -154,5 +154,5 @@ def test_captures_look_like_what_they_are(name: str) -> None:
         ),
     )
     if len(line) > 1:  # a lone FD says nothing
-        assert expected in looks_like(line)
-        assert set(looks_like(line)) <= {expected, "sonicsurface", "ultraino-fpga"}
+        assert expected in looks_like_dialect(line)
+        assert set(looks_like_dialect(line)) <= {expected, "sonicsurface", "ultraino-fpga"}

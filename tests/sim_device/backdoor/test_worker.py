@@ -8,11 +8,11 @@ import signal
 import numpy as np
 import pytest
 
-from haptogram.acoustics import AcousticModel, Drive, superpose
+from haptogram.acoustics import AcousticModel, Drive, superpose_foci
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.messages import LatchKey
 from sim_device.backdoor import worker as reconstruction
-from sim_device.backdoor.recorder import Estimator, InlineReconstruction
+from sim_device.backdoor.recorder import DriveEstimator, InlineReconstruction
 from sim_device.backdoor.worker import ReconstructionWorker
 from sim_device.board.events import Latch, SessionOpened
 from sim_device.board.settings import BoardSettings
@@ -22,7 +22,7 @@ SETTINGS = BoardSettings(model=MODEL)
 
 
 def a_latch(index, bits=8):
-    weights = superpose(MODEL, [(0.001 * (index % 7), 0.002, 0.05)], [1.0], [0.0])
+    weights = superpose_foci(MODEL, [(0.001 * (index % 7), 0.002, 0.05)], [1.0], [0.0])
     coarse = Drive.from_weights(weights, bits)
     drive = Drive(coarse.phase_codes << (8 - bits), coarse.amplitude_codes)
     key = LatchKey(sequence=0, loop=0, index=index)
@@ -116,7 +116,7 @@ def test_a_place_that_cannot_be_written_is_an_error_at_once(tmp_path):
 
 @pytest.mark.parametrize("bits", [8, 6, 5])
 def test_coarser_phases_are_judged_by_their_own_rounding(bits):
-    found = Estimator(MODEL).estimate(a_latch(3, bits))
+    found = DriveEstimator(MODEL).estimate(a_latch(3, bits))
     assert found.as_dict()["kind"] == "single_focus"
     offset = np.abs(np.array(found.position_m) - (0.003, 0.002, 0.05))
     assert (offset <= found.bound_m).all()
@@ -124,7 +124,7 @@ def test_coarser_phases_are_judged_by_their_own_rounding(bits):
 
 def test_what_was_seen_lately_is_remembered_within_bounds(monkeypatch):
     monkeypatch.setattr("sim_device.backdoor.recorder.MEMORY_DRIVES", 3)
-    estimator = Estimator(MODEL)
+    estimator = DriveEstimator(MODEL)
     first = estimator.estimate(a_latch(0))
     assert estimator.estimate(a_latch(7)) is first  # the same drive
     for index in range(1, 5):

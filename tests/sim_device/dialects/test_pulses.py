@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.acoustics.model.pulses import Pulses
+from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram.errors import ConfigurationError
 
 
@@ -15,7 +15,7 @@ def pulses(draw):
     count = draw(st.integers(1, 12))
     rises = draw(st.lists(st.integers(0, steps - 1), min_size=count, max_size=count))
     widths = draw(st.lists(st.integers(0, steps), min_size=count, max_size=count))
-    return Pulses(rises, widths, steps)
+    return PulseDrive(rises, widths, steps)
 
 
 def fundamental(levels):
@@ -39,15 +39,15 @@ def test_weights_are_the_fundamental_of_the_square_wave(found):
 
 def test_several_pulses_in_a_period_add_up():
     levels = bytes([1, 0, 0, 1, 1, 0, 0, 0])
-    found = Pulses([0], [3], 8, {0: levels})
+    found = PulseDrive([0], [3], 8, {0: levels})
     assert found.weights()[0] == pytest.approx(fundamental(list(levels)), abs=1e-3)
-    assert found != Pulses([0], [3], 8)
-    assert len({found, Pulses([0], [3], 8, {0: levels})}) == 1
+    assert found != PulseDrive([0], [3], 8)
+    assert len({found, PulseDrive([0], [3], 8, {0: levels})}) == 1
 
 
 def test_what_is_always_high_or_low_is_silent():
-    assert not Pulses([0, 3], [32, 0], 32).weights().any()
-    assert Pulses.off(3, 10).count == 3
+    assert not PulseDrive([0, 3], [32, 0], 32).weights().any()
+    assert PulseDrive.off(3, 10).count == 3
 
 
 @pytest.mark.parametrize(
@@ -63,4 +63,4 @@ def test_what_is_always_high_or_low_is_silent():
 )
 def test_values_out_of_range_are_refused(rises, widths, steps):
     with pytest.raises(ConfigurationError, match=r"must be|rises and"):
-        Pulses(rises, widths, steps)
+        PulseDrive(rises, widths, steps)

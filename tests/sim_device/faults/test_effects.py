@@ -16,8 +16,8 @@ from haptogram_protocol.state import OutputState
 from sim_device.board.clock import DeviceClock
 from sim_device.command import main
 from sim_device.faults.clock import faulty_clock
-from sim_device.faults.injector import on_line
-from sim_device.faults.line import Chunk
+from sim_device.faults.injector import inject_on_line
+from sim_device.faults.line import FaultChunk
 
 VIRTUAL = "haptogram://?clock=virtual&array=4x4&reconstruct=0"
 MS = 1_000_000
@@ -96,15 +96,15 @@ def test_a_wrong_frame_is_found_by_the_board_under_its_name(open_host, fault, co
 def test_what_is_no_frame_is_left_alone(noise, fault):
     plan = FaultPlan.parse([fault])
     noise = noise.replace(b"\x00", b"\x01")
-    assert on_line(plan, "down", 0, noise)[0] == [Chunk(0, noise)]
+    assert inject_on_line(plan, "down", 0, noise)[0] == [FaultChunk(0, noise)]
     frame = encode_frame(build_body(Ping(1), flags=0, seq=9, time_us=0, session=5))
-    assert on_line(plan, "up", 0, frame)[0][0].data == frame
+    assert inject_on_line(plan, "up", 0, frame)[0][0].data == frame
 
 
 def test_only_one_field_changes_and_the_crc_is_right():
     frame = encode_frame(build_body(Ping(77), flags=0, seq=9, time_us=3, session=5))
     for fault, change in (("sequence", {"seq": 8}), ("session", {"session": 6})):
-        chunks, fired = on_line(FaultPlan.parse([f"frame.{fault} p=1"]), "down", 0, frame)
+        chunks, fired = inject_on_line(FaultPlan.parse([f"frame.{fault} p=1"]), "down", 0, frame)
         (body,) = FrameDecoder().feed(chunks[0].data)
         header, message = parse_body(body)
         assert message == Ping(77)

@@ -13,7 +13,7 @@ from haptogram_protocol.state import OutputState
 from sim_device.board.clock import ClockChange, DeviceClock
 from sim_device.command import main
 from sim_device.faults.clock import faulty_clock
-from sim_device.faults.injector import on_line
+from sim_device.faults.injector import inject_on_line
 
 VIRTUAL = "haptogram://?clock=virtual&array=4x4&reconstruct=0"
 CODES = bytes(range(3, 19))
@@ -30,7 +30,7 @@ LINE = [
 
 
 def act(text, data=DATA, t_ns=0, seed=1):
-    chunks, fired = on_line(FaultPlan.parse([text], seed), "down", t_ns, data)
+    chunks, fired = inject_on_line(FaultPlan.parse([text], seed), "down", t_ns, data)
     return chunks, sum(fired.values())
 
 

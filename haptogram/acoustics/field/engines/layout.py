@@ -20,7 +20,7 @@ SingleArray: TypeAlias = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Layout:
+class EngineLayout:
     """Lengths in wavelengths, in a frame at the array's centroid.
 
     Attributes
@@ -55,7 +55,7 @@ class Layout:
     nodes: NDArray[np.int64]
 
     @classmethod
-    def of(cls, model: AcousticModel) -> Layout:
+    def of(cls, model: AcousticModel) -> EngineLayout:
         """Return the layout of *model*; every array is a writeable copy, C-contiguous."""
         wavelength, array = model.wavelength_m, model.array
         lattice = find_lattice(array)
@@ -78,6 +78,6 @@ class Layout:
         )
 
 
-def single(values: FloatArray) -> SingleArray:
+def as_single_precision(values: FloatArray) -> SingleArray:
     """Return *values* in single precision, C-contiguous."""
     return np.ascontiguousarray(values, dtype=np.float32)

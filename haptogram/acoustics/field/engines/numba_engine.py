@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.engines.compiled import load_kernels
-from haptogram.acoustics.field.engines.layout import Layout, SingleArray
-from haptogram.acoustics.field.engines.single_precision import CALL_POINTS, Reach, SingleEngine
-from haptogram.acoustics.field.reference import fronts
-from haptogram.acoustics.memory import chunks
+from haptogram.acoustics.field.engines.layout import EngineLayout, SingleArray
+from haptogram.acoustics.field.engines.single_precision import (
+    CALL_POINTS,
+    EngineReach,
+    SingleEngine,
+)
+from haptogram.acoustics.field.reference import sounding_half_spaces
+from haptogram.acoustics.memory import memory_chunks
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -39,7 +43,7 @@ class NumbaEngine(SingleEngine):
     True
     """
 
-    REACH = Reach(aperture=256.0, aperture_loss=0.15, few=1000.0, many=1000.0)
+    REACH = EngineReach(aperture=256.0, aperture_loss=0.15, few=1000.0, many=1000.0)
 
     def __init__(self, model: AcousticModel) -> None:
         super().__init__(model)
@@ -47,11 +51,11 @@ class NumbaEngine(SingleEngine):
         if kernels is None:
             raise ConfigurationError("numba is not installed: pip install 'haptogram[fast]'")
         self._kernels: ModuleType = kernels
-        self._layout = Layout.of(model)
+        self._layout = EngineLayout.of(model)
         half = np.ptp(model.array.bounds_m, axis=0) / 2
         shift = np.abs(model.array.bounds_m.mean(axis=0) - model.array.centre_m)
         self._bounds = np.concatenate([model.array.centre_m, half + shift + self._clearance_m])
-        self._fronts = fronts(model).copy()  # writeable, as all that the loops take
+        self._fronts = sounding_half_spaces(model).copy()  # writeable, as all that the loops take
 
     def warm_up(self) -> None:
         """Load or make the machine code of every call that this engine can make.
@@ -71,8 +75,8 @@ class NumbaEngine(SingleEngine):
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
         usable, refused = np.empty(len(points), dtype=np.bool_), 0
-        for part in chunks(len(points), CALL_POINTS):
-            refused += self._kernels.usable_points(
+        for part in memory_chunks(len(points), CALL_POINTS):
+            refused += self._kernels.usable_points_kernel(
                 _writeable(points[part]),
                 self._layout.positions_m,
                 self._fronts,
@@ -88,14 +92,14 @@ class NumbaEngine(SingleEngine):
     ) -> None:
         layout, points = self._layout, _writeable(points)
         polar = np.empty((2, len(drive)), dtype=np.float32)
-        self._kernels.polar_form(_writeable(drive), polar)
+        self._kernels.polar_form_kernel(_writeable(drive), polar)
         if layout.lattice is None:
-            self._kernels.free_pressure(
+            self._kernels.free_pressure_kernel(
                 points, layout.frame, layout.constants, careful, self._gain, layout.elements, polar,
                 result,
             )  # fmt: skip
         else:
-            self._kernels.lattice_pressure(
+            self._kernels.lattice_pressure_kernel(
                 points, layout.frame, layout.constants, careful, self._gain, layout.x, layout.y,
                 layout.nodes, polar, result,
             )  # fmt: skip
@@ -105,11 +109,11 @@ class NumbaEngine(SingleEngine):
         size = (len(points) + 15) // 16 * 16
         waves = np.empty((2, self._model.array.count, size), dtype=np.float32)
         if layout.lattice is None:
-            self._kernels.free_waves(
+            self._kernels.free_waves_kernel(
                 points, layout.frame, layout.constants, self._gain, layout.elements, waves
             )
         else:
-            self._kernels.lattice_waves(
+            self._kernels.lattice_waves_kernel(
                 points, layout.frame, layout.constants, self._gain, layout.x, layout.y,
                 layout.nodes, waves,
             )  # fmt: skip

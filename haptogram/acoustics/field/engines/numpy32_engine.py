@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
-from haptogram.acoustics.field.engines.layout import SingleArray, single
-from haptogram.acoustics.field.engines.single_precision import Reach, SingleEngine
-from haptogram.acoustics.field.reference import in_front
-from haptogram.acoustics.memory import chunks
+from haptogram.acoustics.field.engines.layout import SingleArray, as_single_precision
+from haptogram.acoustics.field.engines.single_precision import EngineReach, SingleEngine
+from haptogram.acoustics.field.reference import points_in_front
+from haptogram.acoustics.memory import memory_chunks
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import GRAZING
 
@@ -29,16 +29,16 @@ class Numpy32Engine(SingleEngine):
     True
     """
 
-    REACH = Reach(aperture=32.0, aperture_loss=0.06, few=32.0, many=72.0)
+    REACH = EngineReach(aperture=32.0, aperture_loss=0.06, few=32.0, many=72.0)
 
     def __init__(self, model: AcousticModel) -> None:
         super().__init__(model)
         wavelength, array = model.wavelength_m, model.array
         places = (array.positions_m - array.centre_m) / wavelength
         squares = (places**2).sum(axis=1)
-        self._squares = single(np.vstack([-2.0 * places.T, squares]))
+        self._squares = as_single_precision(np.vstack([-2.0 * places.T, squares]))
         along = -(places * array.normals).sum(axis=1)
-        self._cosines = single(np.vstack([array.normals.T, along]))
+        self._cosines = as_single_precision(np.vstack([array.normals.T, along]))
         self._size = max(1, (1 << 16) // array.count)
         shape = (self._size, array.count)
         self._buffers = [np.empty(shape, dtype=np.float32) for _ in range(4)]
@@ -52,10 +52,10 @@ class Numpy32Engine(SingleEngine):
         distance = np.linalg.norm(points - self._model.array.centre_m, axis=1)
         # r >= |x| - |s|: outside of twice the aperture no r is below half of the largest term.
         nearest = max(2.0 * self._radius_m, self._clearance_m)
-        within = (distance <= reach_m) & in_front(self._model, points)
+        within = (distance <= reach_m) & points_in_front(self._model, points)
         usable: BoolArray = within & (distance >= nearest)
         close = np.flatnonzero(within & ~usable)
-        for part in chunks(len(close), self._size):
+        for part in memory_chunks(len(close), self._size):
             usable[close[part]] = self._clear(points[close[part]])
         return None if usable.all() else usable
 
@@ -75,7 +75,7 @@ class Numpy32Engine(SingleEngine):
         result: ComplexArray,
     ) -> None:
         weights = drive.astype(np.complex64)
-        for part in chunks(len(points), self._size):
+        for part in memory_chunks(len(points), self._size):
             real, imaginary, turn = self._polar(points[part])
             both = np.stack([real @ weights, imaginary @ weights])
             result[part] = turn * (both[0] + 1j * both[1])
@@ -91,12 +91,12 @@ class Numpy32Engine(SingleEngine):
         places = (points - self._model.array.centre_m) / self._model.wavelength_m
         square = (places**2).sum(axis=1)
         distance = np.sqrt(square)
-        homogeneous = single(np.hstack([places, np.ones((len(places), 1))]))
+        homogeneous = as_single_precision(np.hstack([places, np.ones((len(places), 1))]))
         q, r, phase, level = (buffer[: len(points)] for buffer in self._buffers)
         np.matmul(homogeneous, self._squares, out=q)
-        np.add(q, single(square)[:, None], out=r)
+        np.add(q, as_single_precision(square)[:, None], out=r)
         np.sqrt(r, out=r)
-        np.add(r, single(distance)[:, None], out=phase)
+        np.add(r, as_single_precision(distance)[:, None], out=phase)
         np.divide(q, phase, out=phase)  # r - r0
         self._level(homogeneous, r, phase, (q, level))
         np.rint(phase, out=r)

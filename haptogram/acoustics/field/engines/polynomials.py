@@ -11,12 +11,12 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import CircularPiston, PointSource
 
-GAIN_DEGREE: Final = 5
+_GAIN_DEGREE: Final = 5
 _GAIN_ERROR: Final = 6e-6  # relative to the smallest gain in front of the element
 _SAMPLES: Final = 400
 
 
-def fit_polynomial(
+def fit_gain_polynomial(
     function: Callable[[FloatArray], FloatArray], degree: int, low: float, high: float
 ) -> tuple[FloatArray, float]:
     """Return power-basis coefficients on [low, high], near-minimax, and their largest error."""
@@ -43,6 +43,6 @@ def gain_polynomial(model: AcousticModel) -> FloatArray | None:
     def gain(cosine_squared: FloatArray) -> FloatArray:
         return directivity.gain(np.sqrt(np.maximum(cosine_squared, 0.0)), wavenumber)
 
-    coefficients, error = fit_polynomial(gain, GAIN_DEGREE, 0.0, 1.0)
+    coefficients, error = fit_gain_polynomial(gain, _GAIN_DEGREE, 0.0, 1.0)
     smallest = float(np.abs(gain(np.linspace(0.0, 1.0, _SAMPLES))).min())
     return coefficients if error <= _GAIN_ERROR * smallest else None

@@ -15,16 +15,16 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray, as_points
-from haptogram.acoustics.field.engines.layout import SingleArray, single
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray, as_point_array
+from haptogram.acoustics.field.engines.layout import SingleArray, as_single_precision
 from haptogram.acoustics.field.engines.polynomials import gain_polynomial
 from haptogram.acoustics.field.reference import (
     MIN_DISTANCE_M,
     NumpyEngine,
-    check_points,
+    check_field_points,
     propagators,
 )
-from haptogram.acoustics.memory import check_memory, chunks
+from haptogram.acoustics.memory import check_array_memory, memory_chunks
 from haptogram.acoustics.model.drive import as_drives
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -36,7 +36,7 @@ _MAX_LOSS: Final = 0.15  # nepers over the half-width of the range of distances 
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class EngineReach:
     """The limits within which an engine is exact to 2e-5.
 
     Attributes
@@ -59,7 +59,7 @@ class Reach:
 class SingleEngine(ABC):
     """Common part of both engines: checks, chunks, and the way to the reference."""
 
-    REACH: ClassVar[Reach]
+    REACH: ClassVar[EngineReach]
 
     @classmethod
     def why_not(cls, model: AcousticModel) -> str | None:
@@ -124,15 +124,15 @@ class SingleEngine(ABC):
             the baffle of all; a result of more than half of the memory.
         """
         drives = as_drives(weights, self._model.array.count)
-        points = np.ascontiguousarray(as_points("points_m", points_m))
+        points = np.ascontiguousarray(as_point_array("points_m", points_m))
         shape = (*drives.shape[:-1], len(points))
-        check_memory("a field", shape, 16)
+        check_array_memory("a field", shape, 16)
         radiated = self._model.radiated(drives)
         many = _effective_count(radiated) >= _MANY
         usable = self._usable(points, self._reach_of_many_m if many else self._reach_of_few_m)
         if usable is None:
             return self._fast(radiated, points, careful=not many)
-        check_points(self._model, points)
+        check_field_points(self._model, points)
         result = np.empty(shape, dtype=np.complex128)
         result[..., ~usable] = NumpyEngine(self._model).pressure(drives, points[~usable])
         result[..., usable] = self._fast(radiated, points[usable], careful=not many)
@@ -146,17 +146,17 @@ class SingleEngine(ABC):
         ConfigurationError
             As :meth:`pressure`.
         """
-        points = np.ascontiguousarray(as_points("points_m", points_m))
+        points = np.ascontiguousarray(as_point_array("points_m", points_m))
         shape = (len(points), self._model.array.count)
-        check_memory("a matrix", shape, 8)
+        check_array_memory("a matrix", shape, 8)
         usable = self._usable(points, self._reach_of_few_m)
         fast = np.ones(len(points), dtype=np.bool_) if usable is None else usable
         result = np.empty(shape, dtype=np.complex64)
         if usable is not None:
-            check_points(self._model, points)
+            check_field_points(self._model, points)
             result[~fast] = propagators(self._model, points[~fast])
         rows, response = np.flatnonzero(fast), self._model.response
-        for part in chunks(len(rows), self._wave_points):
+        for part in memory_chunks(len(rows), self._wave_points):
             real, imaginary = self._waves(points[rows[part]])
             result.real[rows[part]] = real.T
             result.imag[rows[part]] = imaginary.T
@@ -171,12 +171,12 @@ class SingleEngine(ABC):
         """
         result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
         if drives.ndim == 1:
-            for part in chunks(len(points), CALL_POINTS):
+            for part in memory_chunks(len(points), CALL_POINTS):
                 self._one_drive(drives, points[part], careful, result[part])
             return result
         matrix = _real_form(drives)
         count = len(drives)
-        for part in chunks(len(points), self._wave_points):
+        for part in memory_chunks(len(points), self._wave_points):
             waves = self._waves(points[part])
             both = matrix @ waves.reshape(-1, waves.shape[2])
             result[:, part].real = both[:count]
@@ -216,4 +216,4 @@ def _effective_count(drives: ComplexArray) -> float:
 def _real_form(drives: ComplexArray) -> SingleArray:
     """Return the (2F, 2N) real matrix that does to (real, imaginary) what *drives* do."""
     real, imaginary = drives.real, drives.imag
-    return single(np.block([[real, -imaginary], [imaginary, real]]))
+    return as_single_precision(np.block([[real, -imaginary], [imaginary, real]]))

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.model.boards.layout import Y_UP, BoardLayout, face_to_face
+from haptogram.acoustics.model.boards.layout import Y_UP, BoardLayout, arrays_face_to_face
 from haptogram.acoustics.model.geometry import TransducerArray
 
 AUTD_PITCH_M: Final = 10.16e-3
@@ -131,7 +131,7 @@ SONICSURFACE_STACK: Final = BoardLayout(
     "sonicsurface-stack",
     "two SonicSurfaces face to face, primary below",
     "243 mm apart: ARRAY_HEIGHT of its ESP32 firmware; how the upper one is turned: assumed",
-    lambda: face_to_face(sonicsurface(), STACK_M),
+    lambda: arrays_face_to_face(sonicsurface(), STACK_M),
     Y_UP,
 )
 ULTRAINO_SONICSURFACE: Final = BoardLayout(
@@ -145,7 +145,7 @@ ULTRAINO_STACK: Final = BoardLayout(
     "ultraino-sonicsurface-stack",
     "two SonicSurfaces face to face, as a chain of Ultraino's",
     "243 mm apart, the upper one turned around x: assumed",
-    lambda: face_to_face(ultraino_sonicsurface(), STACK_M),
+    lambda: arrays_face_to_face(ultraino_sonicsurface(), STACK_M),
     Y_UP,
 )
 ULTRAINO_FLAT8: Final = BoardLayout(

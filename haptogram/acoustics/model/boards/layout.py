@@ -68,7 +68,7 @@ class BoardLayout:
         return points + 0.0
 
 
-def face_to_face(array: TransducerArray, apart_m: float) -> TransducerArray:
+def arrays_face_to_face(array: TransducerArray, apart_m: float) -> TransducerArray:
     """Return *array* and a second one *apart_m* above it, turned around x to look down on it.
 
     The channels of the second board follow those of the first.

@@ -16,7 +16,7 @@ from haptogram.acoustics.model.boards.grids import (
 )
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import suggestion
+from haptogram.settings.arguments import did_you_mean
 
 LAYOUTS: Final = {
     layout.name: layout
@@ -43,7 +43,7 @@ LAYOUT_OF_DIALECT: Final = {
 }
 
 
-def layout_of(name: str) -> BoardLayout:
+def board_layout_of(name: str) -> BoardLayout:
     """Return the layout of that name.
 
     Raises
@@ -53,6 +53,6 @@ def layout_of(name: str) -> BoardLayout:
     """
     if name not in LAYOUTS:
         known = list(LAYOUTS)
-        guess = suggestion(name, known)
+        guess = did_you_mean(name, known)
         raise ConfigurationError(f"layout is {name!r}; known are {', '.join(known)}{guess}")
     return LAYOUTS[name]

@@ -15,14 +15,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
-from haptogram.acoustics.field.reference import has_field, propagators
+from haptogram.acoustics.field.reference import points_with_field, propagators
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.explain import (
     Explanation,
     explain_turning,
     explain_twin,
 )
-from haptogram.acoustics.reconstruct.patterns.fit import Phases, fit_point, place_uncertainty, rms
+from haptogram.acoustics.reconstruct.patterns.fit import (
+    PatternPhases,
+    fit_pattern_point,
+    pattern_place_uncertainty,
+    rms_of_residuals,
+)
 from haptogram.acoustics.reconstruct.patterns.found import (
     Off,
     OneFocus,
@@ -33,9 +38,9 @@ from haptogram.acoustics.reconstruct.patterns.found import (
     Vector,
     Vortex,
 )
-from haptogram.acoustics.reconstruct.patterns.search import PatternSearch, Start, sides_of
+from haptogram.acoustics.reconstruct.patterns.search import PatternSearch, Start, array_sides
 from haptogram.acoustics.reconstruct.patterns.several import find_foci
-from haptogram.acoustics.solvers.focus import wrap
+from haptogram.acoustics.solvers.focus import wrapped_phases
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
 
@@ -79,7 +84,7 @@ class PatternClassifier:
         self._model = model
         self._step_rad = 2.0 * math.pi / min(steps, _FINEST_STEPS)
         self._local = model.array.local_m(model.array.positions_m)
-        self._sides = sides_of(model.array)
+        self._sides = array_sides(model.array)
         self._searches: dict[int, PatternSearch] = {}
         self._last_m: FloatArray | None = None
 
@@ -95,8 +100,10 @@ class PatternClassifier:
         active = np.abs(drive) > _SILENT
         if not active.any():
             return Off()
-        phases = Phases(self._local[active], np.angle(drive[active]), self._model.wavenumber)
-        in_phase = np.abs(wrap(phases.phases_rad - phases.phases_rad[0])).max() < self._limit_rad
+        phases = PatternPhases(self._local[active], np.angle(drive[active]), self._model.wavenumber)
+        in_phase = (
+            np.abs(wrapped_phases(phases.phases_rad - phases.phases_rad[0])).max() < self._limit_rad
+        )
         if in_phase and self._is_plane:
             return Uniform(int(active.sum()))
         found = self._placed(drive, active, phases)
@@ -126,7 +133,9 @@ class PatternClassifier:
         radiated = self._model.radiated(np.where(np.isfinite(drive), drive, 0.0))
         return radiated
 
-    def _placed(self, drive: ComplexArray, active: BoolArray, phases: Phases) -> Pattern | None:
+    def _placed(
+        self, drive: ComplexArray, active: BoolArray, phases: PatternPhases
+    ) -> Pattern | None:
         """Return the pattern around one point or several, if the drive makes one."""
         if len(phases.phases_rad) < MIN_ACTIVE:
             return None
@@ -138,7 +147,7 @@ class PatternClassifier:
         search = self._search_for(active)
         return find_foci(self._model, drive, active, search.loudest, self._step_rad)
 
-    def _near_the_last(self, phases: Phases) -> Explanation | None:
+    def _near_the_last(self, phases: PatternPhases) -> Explanation | None:
         if self._last_m is None:
             return None
         found = explain_turning(phases, self._last_m, self._limit_rad, near=True)
@@ -152,7 +161,7 @@ class PatternClassifier:
         return self._searches[number]
 
     def _searched(
-        self, phases: Phases, search: PatternSearch, active: BoolArray, drive: ComplexArray
+        self, phases: PatternPhases, search: PatternSearch, active: BoolArray, drive: ComplexArray
     ) -> Explanation | None:
         """Return the explanation with the fewest outliers among those of the likeliest starts."""
         arrivals = np.where(active, np.exp(1j * np.angle(drive)), 0.0)
@@ -167,7 +176,7 @@ class PatternClassifier:
         return best
 
     def _from_start(
-        self, phases: Phases, start: Start, search: PatternSearch, active: BoolArray
+        self, phases: PatternPhases, start: Start, search: PatternSearch, active: BoolArray
     ) -> Explanation | None:
         place = self._model.array.local_m(start.position_m)
         axis = place[:2] if start.below else search.middle_m
@@ -182,17 +191,17 @@ class PatternClassifier:
 
     def _is_usable(self, found: Explanation) -> bool:
         place = self._model.array.world_m(found.fit.position_m)
-        return bool(has_field(self._model, place[None])[0])
+        return bool(points_with_field(self._model, place[None])[0])
 
     def _as_pattern(
-        self, found: Explanation, drive: ComplexArray, active: BoolArray, phases: Phases
+        self, found: Explanation, drive: ComplexArray, active: BoolArray, phases: PatternPhases
     ) -> Pattern:
         """Return an explanation as a pattern, its place fitted for the model's speed of sound."""
         focused = phases.turned(-found.added_rad).part(found.used)
-        fit = fit_point(focused, found.fit.position_m)
+        fit = fit_pattern_point(focused, found.fit.position_m)
         local = fit.position_m
         self._last_m = local if found.charge == 0 and found.normal is None else None
-        std, bound = place_uncertainty(focused, local, self._step_rad)
+        std, bound = pattern_place_uncertainty(focused, local, self._step_rad)
         turn = np.zeros(len(drive))
         turn[active] = found.added_rad
         place = self._model.array.world_m(local)
@@ -201,7 +210,7 @@ class PatternClassifier:
             "position_m": _vector(place),
             "std_m": self._in_world(std),
             "bound_m": self._in_world(bound),
-            "residual_rms_rad": rms(found.fit.residual_rad[found.used]),
+            "residual_rms_rad": rms_of_residuals(found.fit.residual_rad[found.used]),
             "coherence": coherence,
             "pressure_rms_pa": pressure,
             "speed_share": -found.fit.speed_share,

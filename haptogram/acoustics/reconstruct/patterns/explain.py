@@ -9,13 +9,13 @@ import numpy as np
 
 from haptogram.acoustics.arrays import BoolArray, FloatArray
 from haptogram.acoustics.reconstruct.patterns.fit import (
-    Phases,
+    PatternPhases,
     PointFit,
-    azimuths,
-    fit_point,
-    rms,
+    element_azimuths,
+    fit_pattern_point,
+    rms_of_residuals,
 )
-from haptogram.acoustics.solvers.focus import wrap
+from haptogram.acoustics.solvers.focus import wrapped_phases
 
 MOST_OUTLIERS: Final = 0.2  # share of the elements
 _HOPELESS_RAD: Final = 1.35  # chance leaves 1.8; a focus with a fifth of its elements wrong, 1.0
@@ -57,7 +57,7 @@ class Explanation:
 
 
 def explain_turning(
-    phases: Phases,
+    phases: PatternPhases,
     start_m: FloatArray,
     limit_rad: float,
     *,
@@ -88,9 +88,9 @@ def explain_turning(
         return None
     free = charge != 0
 
-    def refit(part: Phases, point: PointFit) -> PointFit:
+    def refit(part: PatternPhases, point: PointFit) -> PointFit:
         axis = point.axis_m if free else None
-        return fit_point(
+        return fit_pattern_point(
             part,
             point.position_m,
             charge=charge,
@@ -99,28 +99,30 @@ def explain_turning(
             free_speed=True,
         )
 
-    first = fit_point(phases, start, charge=charge, axis_m=axis_m)
+    first = fit_pattern_point(phases, start, charge=charge, axis_m=axis_m)
     if first.rms_rad > _HOPELESS_RAD:
         return None
     used = np.ones(len(phases.phases_rad), dtype=np.bool_)
     point = refit(phases, first)
     for _ in range(_TRIM_ROUNDS):
         residual, added = _residual_of_all(phases, point, used, charge)
-        if rms(residual[used]) <= limit_rad and abs(point.speed_share) <= _MOST_SPEED:
+        if rms_of_residuals(residual[used]) <= limit_rad and abs(point.speed_share) <= _MOST_SPEED:
             used = np.abs(residual) <= 2.0 * limit_rad
             if used.mean() < 1.0 - MOST_OUTLIERS:
                 return None
             return Explanation(charge, _with(point, residual), used, added)
         deviation = np.abs(residual)
         used = deviation <= max(2.0 * limit_rad, 3.0 * float(np.median(deviation)))
-        if used.mean() < 1.0 - MOST_OUTLIERS or (used.all() and rms(residual) > limit_rad):
+        if used.mean() < 1.0 - MOST_OUTLIERS or (
+            used.all() and rms_of_residuals(residual) > limit_rad
+        ):
             return None
         point = refit(phases.part(used), point)
     return None
 
 
 def explain_twin(
-    phases: Phases,
+    phases: PatternPhases,
     start_m: FloatArray,
     limit_rad: float,
     axis_m: FloatArray,
@@ -145,8 +147,10 @@ def explain_twin(
         if found is None:
             return None
         position = found
-        doubled = Phases(phases.positions_m, 2.0 * phases.phases_rad, 2.0 * phases.wavenumber)
-        point = fit_point(doubled, position)
+        doubled = PatternPhases(
+            phases.positions_m, 2.0 * phases.phases_rad, 2.0 * phases.wavenumber
+        )
+        point = fit_pattern_point(doubled, position)
         again = _halves(phases, point.position_m)
         if np.array_equal(again, flipped) or np.array_equal(~again, flipped):
             break
@@ -162,7 +166,7 @@ def explain_twin(
 
 
 def _widened(
-    phases: Phases,
+    phases: PatternPhases,
     start_m: FloatArray,
     charge: int,
     axis_m: FloatArray | None,
@@ -179,12 +183,14 @@ def _widened(
     if place is None:
         return None
     apart = np.array([0.0, 0.0, _STANDING * 2.0 * np.pi / phases.wavenumber])
-    fits = [fit_point(phases, place + n * apart, charge=charge, axis_m=axis_m) for n in _HEIGHTS]
+    fits = [
+        fit_pattern_point(phases, place + n * apart, charge=charge, axis_m=axis_m) for n in _HEIGHTS
+    ]
     return min(fits, key=lambda fit: fit.rms_rad).position_m
 
 
 def _by_more_and_more(
-    phases: Phases, start_m: FloatArray, charge: int, axis_m: FloatArray | None
+    phases: PatternPhases, start_m: FloatArray, charge: int, axis_m: FloatArray | None
 ) -> FloatArray | None:
     distance = np.linalg.norm(phases.positions_m - phases.positions_m.mean(axis=0), axis=1)
     order, count = np.argsort(distance, kind="stable"), _FIRST_COUNT
@@ -192,7 +198,7 @@ def _by_more_and_more(
     while count < len(order):
         part = np.zeros(len(order), dtype=np.bool_)
         part[order[:count]] = True
-        fit = fit_point(phases.part(part), position, charge=charge, axis_m=axis_m)
+        fit = fit_pattern_point(phases.part(part), position, charge=charge, axis_m=axis_m)
         if fit.rms_rad > _HOPELESS_RAD:
             return None
         position, count = fit.position_m, round(_WIDENING * count)
@@ -200,22 +206,26 @@ def _by_more_and_more(
 
 
 def _residual_of_all(
-    phases: Phases, point: PointFit, used: BoolArray, charge: int
+    phases: PatternPhases, point: PointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the residual of every element, and what the pattern adds to a focus."""
     distance = np.linalg.norm(point.position_m - phases.positions_m, axis=1)
-    added = charge * azimuths(phases.positions_m, point.axis_m) if charge else np.zeros(len(used))
+    added = (
+        charge * element_azimuths(phases.positions_m, point.axis_m)
+        if charge
+        else np.zeros(len(used))
+    )
     arrival = phases.phases_rad + phases.wavenumber * (1.0 + point.speed_share) * distance - added
     common = np.angle(np.exp(1j * arrival[used]).sum())
-    residual = wrap(arrival - common)
-    return wrap(residual - residual[used].mean()), added
+    residual = wrapped_phases(arrival - common)
+    return wrapped_phases(residual - residual[used].mean()), added
 
 
 def _with(point: PointFit, residual: FloatArray) -> PointFit:
     return PointFit(point.position_m, point.axis_m, point.speed_share, residual)
 
 
-def _halves(phases: Phases, position_m: FloatArray) -> BoolArray:
+def _halves(phases: PatternPhases, position_m: FloatArray) -> BoolArray:
     """Return which elements arrive half a turn off the others."""
     distance = np.linalg.norm(position_m - phases.positions_m, axis=1)
     arrival = np.exp(1j * (phases.phases_rad + phases.wavenumber * distance))

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import BoolArray, FloatArray
-from haptogram.acoustics.solvers.focus import wrap
+from haptogram.acoustics.solvers.focus import wrapped_phases
 
 #: Standard deviation of the speed of sound that a fit takes for likely: 6 degrees, or 3.5 m/s.
 SPEED_SHARE: Final = 0.01
@@ -25,7 +25,7 @@ _MAX_DAMPING: Final = 1e4
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Phases:
+class PatternPhases:
     """Phases of the elements that radiate.
 
     Attributes
@@ -42,13 +42,13 @@ class Phases:
     phases_rad: FloatArray
     wavenumber: float
 
-    def part(self, used: BoolArray) -> Phases:
+    def part(self, used: BoolArray) -> PatternPhases:
         """Return those of some elements."""
-        return Phases(self.positions_m[used], self.phases_rad[used], self.wavenumber)
+        return PatternPhases(self.positions_m[used], self.phases_rad[used], self.wavenumber)
 
-    def turned(self, added_rad: FloatArray) -> Phases:
+    def turned(self, added_rad: FloatArray) -> PatternPhases:
         """Return these phases plus others."""
-        return Phases(self.positions_m, self.phases_rad + added_rad, self.wavenumber)
+        return PatternPhases(self.positions_m, self.phases_rad + added_rad, self.wavenumber)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -75,23 +75,23 @@ class PointFit:
     @property
     def rms_rad(self) -> float:
         """Root mean square of the residual."""
-        return rms(self.residual_rad)
+        return rms_of_residuals(self.residual_rad)
 
 
-def rms(values: FloatArray) -> float:
+def rms_of_residuals(values: FloatArray) -> float:
     """Return the root mean square."""
     return math.sqrt(float(values @ values) / len(values))
 
 
-def azimuths(positions_m: FloatArray, axis_m: FloatArray) -> FloatArray:
+def element_azimuths(positions_m: FloatArray, axis_m: FloatArray) -> FloatArray:
     """Return (A,) the angles of elements around an axis along the array's z."""
     offset = positions_m[:, :2] - axis_m
     angles: FloatArray = np.arctan2(offset[:, 1], offset[:, 0])
     return angles
 
 
-def fit_point(
-    phases: Phases,
+def fit_pattern_point(
+    phases: PatternPhases,
     start_m: FloatArray,
     *,
     charge: int = 0,
@@ -116,8 +116,8 @@ def fit_point(
     return problem.solve(start_m)
 
 
-def place_uncertainty(
-    phases: Phases, position_m: FloatArray, step_rad: float
+def pattern_place_uncertainty(
+    phases: PatternPhases, position_m: FloatArray, step_rad: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return (3,) standard deviation and (3,) bound of a fitted place for phases of that step.
 
@@ -133,7 +133,7 @@ def place_uncertainty(
     return np.where(lost, np.inf, std), np.where(lost, np.inf, bound)
 
 
-def _slopes(phases: Phases, position_m: FloatArray) -> FloatArray:
+def _slopes(phases: PatternPhases, position_m: FloatArray) -> FloatArray:
     """Return (A, 3) the change of the phases with the place, their mean taken out."""
     rays = position_m - phases.positions_m
     rays = rays * (phases.wavenumber / np.maximum(np.linalg.norm(rays, axis=1), 1e-9))[:, None]
@@ -146,7 +146,7 @@ class _Problem:
 
     def __init__(
         self,
-        phases: Phases,
+        phases: PatternPhases,
         charge: int,
         axis_m: FloatArray | None,
         free_axis: bool,
@@ -199,9 +199,11 @@ class _Problem:
         speed = unknown[-1] if self._free_speed else 0.0
         arrival = phases.phases_rad + phases.wavenumber * (1.0 + speed) * distance
         if self._charge:
-            arrival = arrival - self._charge * azimuths(phases.positions_m, self._axis_at(unknown))
-        residual = wrap(arrival - np.angle(np.exp(1j * arrival).sum()))
-        residual = wrap(residual - residual.mean())
+            arrival = arrival - self._charge * element_azimuths(
+                phases.positions_m, self._axis_at(unknown)
+            )
+        residual = wrapped_phases(arrival - np.angle(np.exp(1j * arrival).sum()))
+        residual = wrapped_phases(residual - residual.mean())
         return residual, float(residual @ residual) + self._prior * speed**2
 
     @property

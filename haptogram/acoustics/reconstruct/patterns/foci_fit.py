@@ -15,7 +15,7 @@ import numpy as np
 from haptogram.acoustics.arrays import BoolArray as Bools
 from haptogram.acoustics.arrays import ComplexArray as Complexes
 from haptogram.acoustics.arrays import FloatArray as Floats
-from haptogram.acoustics.field.reference import has_field, propagators
+from haptogram.acoustics.field.reference import points_with_field, propagators
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import focus_phases
 
@@ -47,7 +47,7 @@ class FociFit(NamedTuple):
     residual_rad: float
 
 
-def waves_of(model: AcousticModel, *, superposed: bool) -> Waves:
+def waves_of_foci(model: AcousticModel, *, superposed: bool) -> Waves:
     """Return what makes of (F, 3) places the (F, N) drives that focus there, in m.
 
     Plain superposition drives all elements alike; solvers send back what arrives.
@@ -95,7 +95,7 @@ def fit_foci(
         share = min(1.0, _LONGEST_M / max(longest, 1e-12))
         weights = weights + share * (step[:count] + 1j * step[count : 2 * count])
         places = places + share * change
-        if not has_field(model, places).all():
+        if not points_with_field(model, places).all():
             return None
         if longest < _SETTLED_M:
             bound_m = problem.bound_m(phase_limit_rad)

@@ -146,7 +146,7 @@ KINDS = tuple(
 )
 
 
-def as_dict(pattern: Pattern) -> dict[str, object]:
+def pattern_dict(pattern: Pattern) -> dict[str, object]:
     """Return a pattern for JSON; infinite values become None."""
     values = {field.name: _plain(getattr(pattern, field.name)) for field in fields(pattern)}
     return {"kind": pattern.kind, **values}

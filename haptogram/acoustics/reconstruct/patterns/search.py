@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
-from haptogram.acoustics.field.reference import in_front
+from haptogram.acoustics.field.reference import points_in_front
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells
@@ -153,7 +153,7 @@ class PatternSearch:
                     return
 
 
-def sides_of(array: TransducerArray) -> list[BoolArray]:
+def array_sides(array: TransducerArray) -> list[BoolArray]:
     """Return the elements that look along the array's z and those that look against it."""
     ahead = array.normals @ array.axes[2] >= 0.0
     return [side for side in (ahead, ~ahead) if side.any()]
@@ -168,7 +168,7 @@ def _between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolAr
     lowest = np.full(len(cells), np.inf)
     for normal, plane in zip(normals, planes, strict=True):
         lowest = np.minimum(lowest, cells @ normal - plane)
-    inside: BoolArray = (lowest > _CLEARANCE_M) & in_front(model, cells)
+    inside: BoolArray = (lowest > _CLEARANCE_M) & points_in_front(model, cells)
     return inside
 
 

@@ -7,9 +7,14 @@ from typing import Final, Protocol
 import numpy as np
 
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
-from haptogram.acoustics.field.reference import has_field, propagators
+from haptogram.acoustics.field.reference import points_with_field, propagators
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.patterns.foci_fit import FociFit, Waves, fit_foci, waves_of
+from haptogram.acoustics.reconstruct.patterns.foci_fit import (
+    FociFit,
+    Waves,
+    fit_foci,
+    waves_of_foci,
+)
 from haptogram.acoustics.reconstruct.patterns.found import SeveralFoci, Vector
 from haptogram.acoustics.solvers.focus import focus_phases
 
@@ -111,11 +116,11 @@ def _fitted(
     step_rad: float,
 ) -> SeveralFoci | None:
     """Return the foci next to *places* if they explain the phases."""
-    if not has_field(model, places).all():
+    if not points_with_field(model, places).all():
         return None
     limit_rad = _ROUNDING * step_rad + _SLACK_RAD
     for superposed in (True, False):
-        waves = waves_of(model, superposed=superposed)
+        waves = waves_of_foci(model, superposed=superposed)
         fit = _fit_or_none(model, waves, places, drive, active, step_rad / 2.0)
         if fit is not None and fit.residual_rad <= limit_rad:
             return _as_pattern(model, drive, places + fit.offsets_m, fit)
@@ -141,7 +146,7 @@ def _as_pattern(
 ) -> SeveralFoci | None:
     """Return the foci, the strongest first; None if they are not several after all."""
     apart = np.linalg.norm(places[:, None] - places, axis=2) + 1e3 * np.eye(len(places))
-    if apart.min() < _APART * model.wavelength_m or not has_field(model, places).all():
+    if apart.min() < _APART * model.wavelength_m or not points_with_field(model, places).all():
         return None
     level = np.abs(propagators(model, places) @ drive)
     order = np.argsort(-level)

@@ -31,7 +31,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.uploads import upload
+from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _POINT: Final = FocalPoint(0, 0, 150_000, 65_535, 0)
@@ -92,7 +92,7 @@ def _tells(board: BoardClient, mode: TraceMode, kind: type[Message], name: str) 
 
 
 def _stores(board: BoardClient, kind: UploadKind, data: bytes, target: int, points: int) -> None:
-    upload(board, kind, target, data, points)
+    upload_to_board(board, kind, target, data, points)
 
 
 @case("HG-1.2/1", "every capability that the board advertises is used once, and works")

@@ -8,7 +8,7 @@ from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_dialogue
-from ...client.introduction import greet
+from ...client.introduction import greet_board
 from ...client.wire import Received
 from ...outcome import SELF_REPORTED, check, inconclusive
 
@@ -21,7 +21,7 @@ from ...outcome import SELF_REPORTED, check, inconclusive
 def has_crc32(board: BoardClient) -> None:
     board.link.session = 0
     for _ in range(3):
-        reply = greet(board)
+        reply = greet_board(board)
         if isinstance(reply, HelloReply):
             _check_crc(board)
             return
@@ -31,7 +31,7 @@ def has_crc32(board: BoardClient) -> None:
     check(not wrong, f"frames come, but none with its CRC-32: {wrong[0].fault if wrong else ''}")
     for name, data in malformed_frames.other_checksums(_hello_body(board)).items():
         since = board.link.mark()
-        board.link.send(malformed_frames.framed(data))
+        board.link.send(malformed_frames.malformed_frame(data))
         board.wire.wait_for(_is_greeting, since, board.wire.limits.answer_us)
         answered = _greetings(board, since)
         check(not answered, f"HELLO is answered if it ends with {name} instead of CRC-32")
@@ -83,7 +83,9 @@ def drops_a_wrong_crc(board: BoardClient) -> None:
         frame for frame in [*frames, malformed_frames.with_wrong_crc(stream)] if len(frame) >= 14
     ]
     with board.counting(crc=len(long), dropped_state=1):
-        board.link.unanswered("a frame with a wrong CRC", *map(malformed_frames.framed, long))
+        board.link.unanswered(
+            "a frame with a wrong CRC", *map(malformed_frames.malformed_frame, long)
+        )
         # Its number is still free: the next frame takes it, without a gap or a duplicate.
         board.link.send(board.link.stream_wire(board.flat_phases()))
 
@@ -101,7 +103,7 @@ def a_wrong_crc_renews_no_lease(board: BoardClient) -> None:
     board.arm()
     since = board.link.mark()
     for _ in range(2 * timeout_ms // 40):
-        board.link.send(malformed_frames.framed(malformed_frames.with_wrong_crc(body)))
+        board.link.send(malformed_frames.malformed_frame(malformed_frames.with_wrong_crc(body)))
         board.wire.idle(40_000)
     board.wire.idle(board.wire.limits.slack_us)
     check(bool(board.link.events(StateChanged, since)), "damaged frames have renewed the lease")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Ping
 
@@ -16,7 +16,7 @@ from ...outcome import SELF_REPORTED, check, fail
 @case("HG-2.1/1", "in a full dialogue no two frames share a delimiter")
 def sends_both_delimiters(board: BoardClient) -> None:
     pieces = full_dialogue(board)
-    shared = [describe(piece.piece) for piece in pieces if piece.shared]
+    shared = [annotated_frame_text(piece.piece) for piece in pieces if piece.shared]
     check(not shared, f"{len(shared)} frames share a zero with the one before: {shared[:1]}")
 
 
@@ -33,7 +33,9 @@ def accepts_a_shared_delimiter(board: BoardClient) -> None:
 @case("HG-2.1/3", "a PING is answered right behind noise, halves of frames and runs too long")
 def accepts_whatever_came_before(board: BoardClient) -> None:
     half = encode_frame(board.link.body(Ping.TYPE, bytes(8), seq=0x4444))[:-6]
-    junk = [malformed_frames.noise(board.random, size) for size in (1, 3, 17, 300, 4095, 5000)]
+    junk = [
+        malformed_frames.noise_bytes(board.random, size) for size in (1, 3, 17, 300, 4095, 5000)
+    ]
     for before in [b"\xff", b"\x01", half, b"boot: ok\r\n", *junk]:
         ping, seq = board.link.request_wire(Ping(len(before)))
         since = board.link.mark()

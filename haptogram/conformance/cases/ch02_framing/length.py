@@ -18,10 +18,10 @@ from ...outcome import SELF_REPORTED, check, fail
     evidence=SELF_REPORTED,
 )
 def drops_short_frames(board: BoardClient) -> None:
-    pieces = [malformed_frames.noise(board.random, size) for size in range(1, 14)]
+    pieces = [malformed_frames.noise_bytes(board.random, size) for size in range(1, 14)]
     pieces += [malformed_frames.with_crc(bytes([Ping.TYPE] * size)) for size in range(10)]
     with board.counting(short=len(pieces), frames=0):
-        board.link.send(*(malformed_frames.framed(piece) for piece in pieces))
+        board.link.send(*(malformed_frames.malformed_frame(piece) for piece in pieces))
 
 
 @case("HG-2.6/1", "no frame of a full dialogue is longer than 4096 bytes")
@@ -47,9 +47,9 @@ def reads_the_longest_frames(board: BoardClient) -> None:
 )
 def discards_a_run_too_long(board: BoardClient) -> None:
     inside = cobs_encode(malformed_frames.with_crc(board.link.body(Arm.TYPE, seq=0x7000)))
-    runs = [malformed_frames.noise(board.random, size) for size in (4097, 5000, 8192, 20_000)]
+    runs = [malformed_frames.noise_bytes(board.random, size) for size in (4097, 5000, 8192, 20_000)]
     with board.counting(oversize=len(runs) + 1):
-        for run in [*runs, malformed_frames.noise(board.random, 4096) + inside]:
+        for run in [*runs, malformed_frames.noise_bytes(board.random, 4096) + inside]:
             ping, seq = board.link.request_wire(Ping(len(run)))
             since = board.link.mark()
             board.link.send(b"\x00", run, b"\x00", ping)

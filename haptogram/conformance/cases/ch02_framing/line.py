@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import Ping, Pong
 
 from ...case import case
@@ -44,4 +44,7 @@ def takes_a_full_window(board: BoardClient) -> None:
 def is_silent_before_hello(board: BoardClient) -> None:
     board.wire.idle(_LISTEN_US)
     frames = [piece for piece in board.wire.received if piece.header is not None]
-    check(not frames, f"before the first HELLO: {describe(frames[0].piece) if frames else ''}")
+    check(
+        not frames,
+        f"before the first HELLO: {annotated_frame_text(frames[0].piece) if frames else ''}",
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import cobs_encode
 from haptogram_protocol.messages import Ping
 
@@ -23,7 +23,7 @@ def sends_cobs(board: BoardClient) -> None:
     broken = [piece for piece in pieces if not piece.unstuffed]
     check(not broken, f"no COBS: {broken[0].piece[:16].hex(' ') if broken else ''} ...")
     odd = [p for p in pieces if p.piece != cobs_encode(p.unstuffed)]
-    check(not odd, f"stuffed in another way: {describe(odd[0].piece) if odd else ''}")
+    check(not odd, f"stuffed in another way: {annotated_frame_text(odd[0].piece) if odd else ''}")
 
 
 @case(
@@ -35,7 +35,7 @@ def reads_long_runs(board: BoardClient) -> None:
     for run in _RUNS:
         data, seq = malformed_frames.mute_with_run(board.link, run)
         since = board.link.mark()
-        board.link.send(malformed_frames.framed(data))
+        board.link.send(malformed_frames.malformed_frame(data))
         if board.link.try_answer(seq, since) is None:
             fail(f"a frame that ends with {run} bytes without a zero is not read")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import HEADER_BYTES
 from haptogram_protocol.messages import (
     MessageType,
@@ -10,27 +10,33 @@ from haptogram_protocol.messages import (
 
 from ...case import about_host, case
 from ...client.board_client import BoardClient
-from ...client.dialogue import frames_in, full_dialogue, unstuffed_crc
+from ...client.dialogue import crc_of_piece, full_dialogue, undamaged_pieces
 from ...outcome import SELF_REPORTED, check
 
 
 @case("HG-3.1/1", "every frame of a full dialogue begins with a header of ten bytes")
 def begins_with_a_header(board: BoardClient) -> None:
     for piece in full_dialogue(board):
-        _, body = unstuffed_crc(piece)
-        check(len(body) >= HEADER_BYTES, f"a frame without a header: {describe(piece.piece)}")
-        check(body[0] >= 0x80, f"the board sends a frame of the host: {describe(piece.piece)}")
+        _, body = crc_of_piece(piece)
+        check(
+            len(body) >= HEADER_BYTES,
+            f"a frame without a header: {annotated_frame_text(piece.piece)}",
+        )
+        check(
+            body[0] >= 0x80,
+            f"the board sends a frame of the host: {annotated_frame_text(piece.piece)}",
+        )
 
 
 @case("HG-3.7/1", "every frame of a full dialogue carries its session; ERROR may carry 0")
 def carries_the_session(board: BoardClient) -> None:
-    for piece in frames_in(full_dialogue(board)):
+    for piece in undamaged_pieces(full_dialogue(board)):
         header = piece.header
         assert header is not None  # frames_in
         stale = header.type == MessageType.ERROR and header.session == 0
         check(
             header.session == board.link.session or stale,
-            f"another session than {board.link.session:#06x}: {describe(piece.piece)}",
+            f"another session than {board.link.session:#06x}: {annotated_frame_text(piece.piece)}",
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
     MUST_UNDERSTAND,
     ErrorCode,
@@ -15,8 +15,8 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import requests_of, session_for
-from ...client.dialogue import frames_in, full_dialogue
+from ...client.capabilities import requests_of_board, session_for
+from ...client.dialogue import full_dialogue, undamaged_pieces
 from ...client.latching import latch_now
 from ...outcome import SELF_REPORTED, check
 
@@ -58,15 +58,15 @@ def ignores_the_low_nibble(board: BoardClient) -> None:
 @case("HG-3.4/3", "no frame of a full dialogue has a flag but LATE, and only traces have LATE")
 def sends_no_flags(board: BoardClient) -> None:
     traces = {MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE}
-    for piece in frames_in(full_dialogue(board)):
+    for piece in undamaged_pieces(full_dialogue(board)):
         if piece.header is not None:
             allowed = Flag.LATE if piece.header.type in traces else 0
-            check(not piece.header.flags & ~allowed, f"flags: {describe(piece.piece)}")
+            check(not piece.header.flags & ~allowed, f"flags: {annotated_frame_text(piece.piece)}")
 
 
 @case("HG-3.5/1", "IMMEDIATE on any request but PLAY is refused with UNSUPPORTED, detail 0x10")
 def takes_immediate_where_it_belongs(board: BoardClient) -> None:
-    kinds = [kind for kind in requests_of(board) if kind is not Play]
+    kinds = [kind for kind in requests_of_board(board) if kind is not Play]
     for kind in kinds:
         board.link.refused_raw(
             kind.TYPE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.annotation.words import type_name
+from haptogram_protocol.annotation.words import message_type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -20,7 +20,7 @@ from haptogram_protocol.messages import (
 
 from ...case import about_host, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import requests_of, session_for
+from ...client.capabilities import requests_of_board, session_for
 from ...outcome import SELF_REPORTED, check
 
 _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
@@ -28,7 +28,7 @@ _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
 
 @case("HG-3.3/1", "each request is answered by its type + 0x40, or by ERROR")
 def answers_with_the_right_type(board: BoardClient) -> None:
-    kinds: list[type[Message]] = [*requests_of(board), Mute]
+    kinds: list[type[Message]] = [*requests_of_board(board), Mute]
     for kind in kinds:
         payload = bytes(kind.LAYOUT.size)
         if kind is Hello:
@@ -37,7 +37,7 @@ def answers_with_the_right_type(board: BoardClient) -> None:
         got = board.link.type_of(answer)
         check(
             got in (kind.TYPE + RESPONSE_OFFSET, MessageType.ERROR),
-            f"{kind.TYPE.name} is answered by {type_name(got)}",
+            f"{kind.TYPE.name} is answered by {message_type_name(got)}",
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
     ConfigReply,
     Drives,
@@ -26,7 +26,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import PLAYBACK, requests_of, session_for
+from ...client.capabilities import PLAYBACK, requests_of_board, session_for
 from ...client.dialogue import full_dialogue
 from ...outcome import SELF_REPORTED, check, not_observed
 
@@ -115,14 +115,14 @@ def text_is_filled(board: BoardClient) -> None:
 @case("HG-3.2/3", "every payload of a full dialogue has the length of its type")
 def payloads_have_their_length(board: BoardClient) -> None:
     wrong = [piece for piece in full_dialogue(board) if piece.reason == "bad_length"]
-    check(not wrong, f"{describe(wrong[0].piece) if wrong else ''}")
+    check(not wrong, f"{annotated_frame_text(wrong[0].piece) if wrong else ''}")
 
 
 @case(
     "HG-3.2/4", "requests a byte too long or too short are refused; the detail is the right length"
 )
 def refuses_a_wrong_length(board: BoardClient) -> None:
-    kinds = requests_of(board)
+    kinds = requests_of_board(board)
     wrong = [(kind, size) for kind in kinds for size in _wrong_sizes(kind.LAYOUT.size)]
     with board.counting(bad_length=len(wrong)):
         for kind, size in wrong:

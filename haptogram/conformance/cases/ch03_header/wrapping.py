@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Final
 
-from haptogram_protocol.annotation.frames import describe
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import FIRST_STREAM_SEQ, Feature, Ping, Pong, Status
 
 from ...case import case
@@ -73,7 +73,9 @@ def three_sequences(board: BoardClient) -> None:
         assert before.header is not None  # is_event
         assert after.header is not None
         step = (after.header.seq - before.header.seq) & 0xFFFF
-        check(step == 1, f"an event {step} after the one before: {describe(after.piece)}")
+        check(
+            step == 1, f"an event {step} after the one before: {annotated_frame_text(after.piece)}"
+        )
     board.hello()
     with board.counting(dropped_state=8):
         for number in range(8):
@@ -108,7 +110,7 @@ def first_event_number(board: BoardClient) -> None:
         first = next(piece for piece in board.wire.received[since:] if piece.is_event)
         header = first.header
         assert header is not None  # is_event
-        check(header.seq == 0, f"first event of the session: {describe(first.piece)}")
+        check(header.seq == 0, f"first event of the session: {annotated_frame_text(first.piece)}")
 
 
 @case(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Final
 
-from haptogram_protocol.annotation.words import type_name
+from haptogram_protocol.annotation.words import message_type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     Arm,
@@ -51,7 +51,7 @@ def responses_belong(board: BoardClient) -> None:
         assert header is not None  # ask
         check(
             header.session == board.link.session,
-            f"{type_name(header.type)} has session {header.session:#06x}, "
+            f"{message_type_name(header.type)} has session {header.session:#06x}, "
             f"open is {board.link.session:#06x}",
         )
     answer = board.link.ask(Ping(1), session=board.link.session ^ 0x0F0F)

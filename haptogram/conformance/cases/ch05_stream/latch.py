@@ -9,7 +9,13 @@ from haptogram_protocol.messages import DriveKind, DriveReply, Feature, ReadDriv
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import full_drive, latch_now, latches, shown_in, watch
+from ...client.latching import (
+    board_latches,
+    full_drive,
+    latch_now,
+    shown_drive_of_reply,
+    watch_board_latches,
+)
 from ...judge.witness import Witness
 from ...outcome import SELF_REPORTED, check, fail, not_observed
 
@@ -69,7 +75,7 @@ def immediate_on_the_carrier(board: BoardClient) -> None:
 )
 def latches_all_at_once(board: BoardClient) -> None:
     count = board.identity.transducers
-    mode = watch(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
+    mode = watch_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
     drives = (bytes([0x08]) * count, bytes([0xF0]) * count)
     since = board.link.mark()
     board.arm()
@@ -77,7 +83,7 @@ def latches_all_at_once(board: BoardClient) -> None:
         _check_burst(board, drives)
     if mode is not None:
         known = {zlib.crc32(full_drive(drive)) for drive in drives}
-        mixed = [latch for latch in latches(board, since, mode) if latch.crc not in known]
+        mixed = [latch for latch in board_latches(board, since, mode) if latch.crc not in known]
         check(not mixed, f"a traced drive is neither of the two: {mixed[:1]}")
 
 
@@ -101,7 +107,7 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
     board.link.send(*(wire for wire, _ in reads))
     for _, seq in reads:
         answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
-        shown = shown_in(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        shown = shown_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
         if len(set(shown.phases)) > 1:
             share = shown.phases.count(drives[0][0]), shown.phases.count(drives[1][0])
             fail(f"non-atomic latch: one read-back shows two drives mixed, {share} transducers")

@@ -38,10 +38,10 @@ def _model(board: BoardClient) -> AcousticModel:
     evidence=SELF_REPORTED,
 )
 def phases_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import check_focus, host_frames, judge_of
+    from ...judge.focusing import check_focus, host_frames, judge_of_model
 
     model = _model(board)
-    judge = judge_of(model)
+    judge = judge_of_model(model)
     board.arm()
     offered = [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
     for form, target in zip(offered, _TARGETS_M, strict=False):
@@ -58,10 +58,10 @@ def phases_make_a_focus(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def drives_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import check_focus, host_frames, judge_of
+    from ...judge.focusing import check_focus, host_frames, judge_of_model
 
     model = _model(board)
-    judge = judge_of(model)
+    judge = judge_of_model(model)
     board.arm()
     for frame in host_frames(model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "drives"):
         latch_now(board, frame.message)
@@ -75,10 +75,10 @@ def drives_make_a_focus(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def points_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import check_focus, host_frames, judge_of
+    from ...judge.focusing import check_focus, host_frames, judge_of_model
 
     model = _model(board)
-    judge = judge_of(model)
+    judge = judge_of_model(model)
     board.arm()
     for frame in host_frames(model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "points"):
         latch_now(board, frame.message)

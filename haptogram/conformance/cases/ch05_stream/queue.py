@@ -8,7 +8,7 @@ from haptogram_protocol.messages import Feature
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, latches, watch
+from ...client.latching import board_latches, latch_now, watch_board_latches
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _DEEPEST: Final = 512
@@ -136,7 +136,7 @@ def drops_beyond_the_window(board: BoardClient) -> None:
 )
 def latches_within_the_window(board: BoardClient) -> None:
     traced = board.identity.features & (Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING)
-    mode = watch(board) if traced else None
+    mode = watch_board_latches(board) if traced else None
     board.configure(late_window_us=_MAX_LATE_US, **({"trace_mode": mode} if mode else {}))
     board.arm()
     since = board.link.mark()
@@ -148,7 +148,7 @@ def latches_within_the_window(board: BoardClient) -> None:
         board.clock.require_in_time(t_us)
         board.clock.wait_until(t_us + 1000)
     if mode is not None:
-        flags = [latch.late for latch in latches(board, since, mode)]
+        flags = [latch.late for latch in board_latches(board, since, mode)]
         check(flags == [True, False], f"a late frame, then one in time: LATE is {flags}")
 
 

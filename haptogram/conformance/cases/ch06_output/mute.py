@@ -20,7 +20,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import about_host, case, unobservable
 from ...client.board_client import BoardClient
-from ...client.latching import is_silent, latch_now, radiated, shown_in
+from ...client.latching import is_board_silent, latch_now, read_back_radiated, shown_drive_of_reply
 from ...client.playback import play_now, store_phases
 from ...outcome import EXTERNAL, SELF_REPORTED, check
 
@@ -58,7 +58,7 @@ def mutes_always(board: BoardClient) -> None:
             with board.counting(dropped_state=1, latched=0):
                 latch_now(board, board.flat_phases())
             if board.has(Feature.READ_RADIATED):
-                check(is_silent(board), "MUTE is acknowledged, but the board still radiates")
+                check(is_board_silent(board), "MUTE is acknowledged, but the board still radiates")
 
 
 def _check_flush(board: BoardClient, message: Message) -> None:
@@ -141,7 +141,7 @@ def is_off_at_once(board: BoardClient) -> None:
         board.prepare()
         board.arm()
         latch_now(board, board.flat_phases())
-        check(radiated(board).loudest > 0, "a latch is not radiated")
+        check(read_back_radiated(board).loudest > 0, "a latch is not radiated")
         greets = message.TYPE == board.hello_message(1).TYPE
         session = getattr(message, "nonce", board.link.session)
         order, _ = board.link.request_wire(message, session=0 if greets else board.link.session)
@@ -151,7 +151,7 @@ def is_off_at_once(board: BoardClient) -> None:
         board.link.send(order, look)
         answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
         board.link.session = session
-        shown = shown_in(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        shown = shown_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
         check(shown.loudest == 0, f"right behind {message.TYPE.name}: amplitude {shown.loudest}")
 
 
@@ -167,7 +167,7 @@ def is_off_unless_armed(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
         board.link.ask(message)
         for _ in range(3):
-            check(is_silent(board), f"after {message.TYPE.name} the board radiates")
+            check(is_board_silent(board), f"after {message.TYPE.name} the board radiates")
             board.wire.idle(20_000)
         latch_now(board, board.flat_phases())
-        check(is_silent(board), f"after {message.TYPE.name} a stream frame is radiated")
+        check(is_board_silent(board), f"after {message.TYPE.name} a stream frame is radiated")

@@ -20,7 +20,7 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import ShownDrive, latch_now, radiated, shown_in
+from ...client.latching import ShownDrive, latch_now, read_back_radiated, shown_drive_of_reply
 from ...client.playback import play_now, store_phases
 from ...judge.timers import check_mute_time, muted_by_timer
 from ...outcome import SELF_REPORTED, check
@@ -91,7 +91,7 @@ def _read_at(board: BoardClient) -> tuple[int, ShownDrive]:
     answer = board.link.ask(read)
     assert answer.header is not None  # ask
     reply = board.link.reply_in(answer, DriveReply, ReadDrive.TYPE)
-    return board.clock.unwrap(answer.header.time_us), shown_in(reply)
+    return board.clock.unwrap(answer.header.time_us), shown_drive_of_reply(reply)
 
 
 @case(
@@ -150,15 +150,15 @@ def ramps_are_renewed(board: BoardClient) -> None:
     latch_now(board, board.flat_phases())
     board.wire.idle(300 * _MS)
     board.link.barrier()
-    check(radiated(board).loudest < 255, "a request ends the ramp of the hold")
+    check(read_back_radiated(board).loudest < 255, "a request ends the ramp of the hold")
     latch_now(board, board.flat_phases())
-    check(radiated(board).loudest == 255, "a latch does not end the ramp of the hold")
+    check(read_back_radiated(board).loudest == 255, "a latch does not end the ramp of the hold")
     board.configure(host_timeout_ms=100, ramp_ms=600)
     board.arm()
     latch_now(board, board.flat_phases())
     since = board.link.mark()
     board.wire.idle(400 * _MS)
-    check(radiated(board).loudest == 255, "a frame does not end the ramp of the lease")
+    check(read_back_radiated(board).loudest == 255, "a frame does not end the ramp of the lease")
     check(
         not board.link.events(StateChanged, since),
         "the lease muted the board before its ramp ended",

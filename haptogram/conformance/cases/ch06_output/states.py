@@ -20,7 +20,7 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import is_silent, latch_now
+from ...client.latching import is_board_silent, latch_now
 from ...client.playback import store_phases
 from ...outcome import SELF_REPORTED, check, fail
 
@@ -53,7 +53,7 @@ def starts_disarmed(board: BoardClient) -> None:
     with board.counting(dropped_state=1, latched=0):
         latch_now(board, board.flat_phases())
     if board.has(Feature.READ_RADIATED):
-        check(is_silent(board), "transducers are driven after a reset")
+        check(is_board_silent(board), "transducers are driven after a reset")
 
 
 @case(
@@ -137,14 +137,14 @@ def keeps_the_reason(board: BoardClient) -> None:
 )
 def is_silent_until_the_first_latch(board: BoardClient) -> None:
     board.arm()
-    check(is_silent(board), "ARM makes a sound")
+    check(is_board_silent(board), "ARM makes a sound")
     latch_now(board, board.flat_phases())
-    check(not is_silent(board), "a latch is not radiated")
+    check(not is_board_silent(board), "a latch is not radiated")
     board.disarm()
     board.arm()
-    check(is_silent(board), "ARM sounds the drive that was latched before")
+    check(is_board_silent(board), "ARM sounds the drive that was latched before")
     latch_now(board, board.flat_phases())
-    check(not is_silent(board), "a latch is not radiated")
+    check(not is_board_silent(board), "a latch is not radiated")
 
 
 @case("HG-6.3/2", "ARM while ARMED keeps the queue and the drive", evidence=SELF_REPORTED)
@@ -158,7 +158,7 @@ def arms_again(board: BoardClient) -> None:
         board.arm()
         board.clock.require_in_time(t_us)
         if board.has(Feature.READ_RADIATED):
-            check(not is_silent(board), "ARM while ARMED silences the board")
+            check(not is_board_silent(board), "ARM while ARMED silences the board")
         board.clock.wait_until(t_us + 2000)
 
 

@@ -22,7 +22,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.uploads import upload
+from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check, informational, not_observed
 
 _MS: Final = 1000
@@ -162,7 +162,7 @@ def config_crc_is_right(board: BoardClient) -> None:
         corrections.append(board.random.randbytes(len(none)))
     for correction in corrections:
         if board.has(Feature.CORRECTION):
-            upload(board, UploadKind.CORRECTION, 0, correction)
+            upload_to_board(board, UploadKind.CORRECTION, 0, correction)
         reply = board.link.call(GetConfig(), ConfigReply)
         due = zlib.crc32(reply.config.pack() + correction)
         places = {

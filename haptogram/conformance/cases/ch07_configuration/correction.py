@@ -10,8 +10,8 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, radiated, read_back
-from ...client.uploads import upload
+from ...client.latching import latch_now, read_back, read_back_radiated
+from ...client.uploads import upload_to_board
 from ...judge.witness import expect_shown
 from ...outcome import SELF_REPORTED, check
 
@@ -25,18 +25,18 @@ from ...outcome import SELF_REPORTED, check
 def adds_the_correction(board: BoardClient) -> None:
     count = board.identity.transducers
     correction = board.random.randbytes(count)
-    upload(board, UploadKind.CORRECTION, 0, correction)
+    upload_to_board(board, UploadKind.CORRECTION, 0, correction)
     registers = board.random_registers()
     board.arm()
     latch_now(board, board.phases(registers))
     full = b"\xff" * count
     expect_shown(board, read_back(board), registers, full)
-    shown = radiated(board)
+    shown = read_back_radiated(board)
     due = bytes((a + b) % 256 for a, b in zip(registers, correction, strict=True))
     wrong = sum(a != b for a, b in zip(shown.phases, due, strict=True))
     check(wrong == 0, f"{wrong} of {count} radiated phases are not latched + correction")
-    upload(board, UploadKind.CORRECTION, 0, bytes(count))
-    shown = radiated(board)
+    upload_to_board(board, UploadKind.CORRECTION, 0, bytes(count))
+    shown = read_back_radiated(board)
     check(shown.phases == registers, "a correction of 0 is not in force after its commit")
 
 

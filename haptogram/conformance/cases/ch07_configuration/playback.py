@@ -18,7 +18,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, latches, watch
+from ...client.latching import board_latches, latch_now, watch_board_latches
 from ...client.playback import play_at, play_now, store_phases
 from ...judge.timers import muted_by_timer
 from ...outcome import SELF_REPORTED, check, fail, not_observed
@@ -97,7 +97,7 @@ def play_flushes(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def plays_in_time(board: BoardClient) -> None:
-    mode = watch(board)
+    mode = watch_board_latches(board)
     store_phases(board, 1, frames=3)
     least_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
     period_us, loops = max(1003, least_us), 20
@@ -106,7 +106,7 @@ def plays_in_time(board: BoardClient) -> None:
     start_us = board.clock.soon_us(bytes(100)) + 5003
     play_at(board, 1, start_us, loops=loops, period_us=period_us)
     event = _ended(board, since, 3 * loops * period_us + 200 * _MS)
-    seen = latches(board, since, mode)
+    seen = board_latches(board, since, mode)
     due = [
         (1, number // 3, number % 3, board.clock.on_carrier(start_us + number * period_us))
         for number in range(3 * loops)

@@ -19,9 +19,9 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import latches, watch
+from ...client.latching import board_latches, watch_board_latches
 from ...client.playback import play_now, store_phases
-from ...client.uploads import begin_upload, send_chunks, upload
+from ...client.uploads import begin_upload, send_chunks, upload_to_board
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _ANY: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CORRECTION
@@ -189,7 +189,7 @@ def refuses_stray_chunks(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def keeps_the_old_one(board: BoardClient) -> None:
-    mode = watch(board)
+    mode = watch_board_latches(board)
     old = store_phases(board, 6, frames=2)
     new = [board.random.randbytes(len(old[0])) for _ in range(2)]
     begin_upload(board, UploadKind.PHASES, 6, b"".join(new))
@@ -197,13 +197,13 @@ def keeps_the_old_one(board: BoardClient) -> None:
     for due in (old, new):
         board.hello()  # a new session: the ring begins anew, and an upload that is not committed
         if due is new:
-            upload(board, UploadKind.PHASES, 6, b"".join(new))
+            upload_to_board(board, UploadKind.PHASES, 6, b"".join(new))
         board.arm()
         since = board.link.mark()
         play_now(board, 6, loops=1)
         board.link.await_event(PlaybackEnded, since, 100_000)
         full = b"\xff" * len(old[0])
-        got = [latch.crc for latch in latches(board, since, mode)]
+        got = [latch.crc for latch in board_latches(board, since, mode)]
         wanted = [zlib.crc32(phases + full) for phases in due]
         which = "old" if due is old else "new"
         check(got == wanted, f"the {which} sequence is due; traced are {len(got)} other drives")

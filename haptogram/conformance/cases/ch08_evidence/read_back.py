@@ -15,7 +15,13 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, latches, read_back, shown_in, watch
+from ...client.latching import (
+    board_latches,
+    latch_now,
+    read_back,
+    shown_drive_of_reply,
+    watch_board_latches,
+)
 from ...judge.witness import expect_shown
 from ...outcome import SELF_REPORTED, check
 
@@ -37,7 +43,7 @@ def reads_some(board: BoardClient) -> None:
     for first in {0, 1, count // 2, count - 1} & set(range(count)):
         for asked in (0, 1, 7, 0xFFFF):
             reply = board.link.call(ReadDrive(kind, first, asked), DriveReply)
-            shown = shown_in(reply)
+            shown = shown_drive_of_reply(reply)
             due = registers[first : first + asked]
             check(reply.first == first, f"asked from {first}, shown from {reply.first}")
             check(shown.phases == due, f"{asked} from {first}: other codes than were sent")
@@ -64,7 +70,7 @@ def reads_no_more(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def reads_one_latch(board: BoardClient) -> None:
-    mode = watch(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
+    mode = watch_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
     board.arm()
     for _ in range(8):
         registers, index = board.random_registers(), board.link.stream_next
@@ -77,7 +83,7 @@ def reads_one_latch(board: BoardClient) -> None:
         got, due = shown.reply.t_latch_us, status.last_latch_us
         check(got == due, f"the read-back was latched at {got} us, says STATUS {due} us")
         if mode is not None:
-            seen = latches(board, since, mode)
+            seen = board_latches(board, since, mode)
             check(bool(seen) and seen[-1].crc == shown.crc, "trace and read-back disagree")
 
 

@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import full_drive, latch_now, latches, watch
+from ...client.latching import board_latches, full_drive, latch_now, watch_board_latches
 from ...client.playback import flood_with_traces, play_now, store_phases
 from ...outcome import SELF_REPORTED, check, not_observed
 
@@ -60,7 +60,7 @@ def reports_by_its_mode(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def keys_are_unique(board: BoardClient) -> None:
-    mode = watch(board)
+    mode = watch_board_latches(board)
     board.arm()
     since, first = board.link.mark(), board.link.stream_next
     for _ in range(40):
@@ -71,7 +71,7 @@ def keys_are_unique(board: BoardClient) -> None:
         play_now(board, 12, loops=2)
         board.link.await_event(PlaybackEnded, since, 100_000)
         due += [(12, loop, index) for loop in range(2) for index in range(3)]
-    got = [(latch.sequence, latch.loop, latch.index) for latch in latches(board, since, mode)]
+    got = [(latch.sequence, latch.loop, latch.index) for latch in board_latches(board, since, mode)]
     check(len(set(got)) == len(got), f"{len(got)} latches have {len(set(got))} keys")
     wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
     check(got == due, f"keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}")
@@ -92,7 +92,7 @@ def traces_tell_the_time(board: BoardClient) -> None:
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         board.clock.require_in_time(t_us)
         board.clock.wait_until(t_us + 100)
-        seen = latches(board, since, TraceMode.CRC)
+        seen = board_latches(board, since, TraceMode.CRC)
         check(len(seen) == 1, f"one latch gives {len(seen)} TRACE")
         latch = seen[0]
         due_us = board.clock.on_carrier(t_us)
@@ -118,7 +118,7 @@ def traces_hash_the_drive(board: BoardClient) -> None:
         drives += store_phases(board, 3, frames=3)
         play_now(board, 3, loops=1)
         board.link.await_event(PlaybackEnded, since, 100_000)
-    got = [latch.crc for latch in latches(board, since, TraceMode.CRC)]
+    got = [latch.crc for latch in board_latches(board, since, TraceMode.CRC)]
     due = [zlib.crc32(full_drive(registers)) for registers in drives]
     wrong = sum(a != b for a, b in zip(got, due, strict=False))
     check(len(got) == len(due), f"{len(got)} of {len(due)} latches are traced")

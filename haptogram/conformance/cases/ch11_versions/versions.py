@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from haptogram_protocol.annotation.frames import describe
-from haptogram_protocol.annotation.words import type_name
+from haptogram_protocol.annotation.frames import annotated_frame_text
+from haptogram_protocol.annotation.words import message_type_name
 from haptogram_protocol.messages import (
     MESSAGES,
     VERSION_MAJOR,
@@ -19,7 +19,7 @@ from haptogram_protocol.messages import (
 
 from ...case import about_host, about_text, case
 from ...client.board_client import BoardClient
-from ...client.dialogue import frames_in, full_dialogue
+from ...client.dialogue import full_dialogue, undamaged_pieces
 from ...outcome import SELF_REPORTED, check
 
 minor_rules = about_text("HG-11.2/1")
@@ -56,11 +56,11 @@ def uses_the_smaller_minor(board: BoardClient) -> None:
     board.adopt(reply)
     check(reply.minor >= VERSION_MINOR, f"HELLO_REPLY says minor {reply.minor}")
     board.hello()
-    unknown = [p for p in frames_in(full_dialogue(board)) if p.reason == "unknown_type"]
+    unknown = [p for p in undamaged_pieces(full_dialogue(board)) if p.reason == "unknown_type"]
     check(
         not unknown,
         f"to a host of {VERSION_MAJOR}.{VERSION_MINOR}: "
-        f"{describe(unknown[0].piece) if unknown else ''}",
+        f"{annotated_frame_text(unknown[0].piece) if unknown else ''}",
     )
 
 
@@ -80,11 +80,11 @@ def sends_nothing_reserved(board: BoardClient) -> None:
     known = sum(int(feature) for feature in Feature)
     spare = board.identity.features & ~known
     check(not spare, f"capability bits {spare:#x} are in no table")
-    for piece in frames_in(full_dialogue(board)):
+    for piece in undamaged_pieces(full_dialogue(board)):
         header = piece.header
         assert header is not None  # frames_in
-        check(header.type in MESSAGES, f"{type_name(header.type)} is in no table")
-        check(piece.reason != "bad_value", f"{describe(piece.piece)}")
+        check(header.type in MESSAGES, f"{message_type_name(header.type)} is in no table")
+        check(piece.reason != "bad_value", f"{annotated_frame_text(piece.piece)}")
         if isinstance(piece.message, Error):
             code = piece.message.code
             check(code in ErrorCode._value2member_map_, f"error code {code} is in no table")

@@ -24,7 +24,7 @@ from typing import Final
 from ...errors import LocalProtocolError
 from ..codec import Operation
 from .operations import ErrorCode, Truncated, Unsupported
-from .payload import PAYLOAD_BYTES, pack_operation, parse_operation
+from .payload import PAYLOAD_BYTES, pack_autd3_operation, parse_autd3_operation
 
 __all__ = ["DEVICE_FRAME_BYTES", "MAX_MESSAGE_ID", "DeviceFrame", "DeviceReader", "DeviceState"]
 
@@ -63,7 +63,7 @@ class DeviceFrame:
             raise LocalProtocolError(f"message id {self.message_id}; it is 0 to {MAX_MESSAGE_ID}")
         if not 1 <= len(self.operations) <= 2:
             raise LocalProtocolError(f"{len(self.operations)} operations in a frame; it has 1 or 2")
-        packed = [pack_operation(operation) for operation in self.operations]
+        packed = [pack_autd3_operation(operation) for operation in self.operations]
         payload = b"".join(packed)
         if len(payload) > PAYLOAD_BYTES:
             raise LocalProtocolError(f"operations of {len(payload)} bytes; {PAYLOAD_BYTES} fit")
@@ -132,7 +132,7 @@ class DeviceReader:
         return DeviceFrame(message_id, tuple(operations))
 
     def _read_operation(self, payload: bytes, at: int) -> Operation:
-        operation, self._foci_of_pattern = parse_operation(payload, at, self._foci_of_pattern)
+        operation, self._foci_of_pattern = parse_autd3_operation(payload, at, self._foci_of_pattern)
         if isinstance(operation, Unsupported):
             self._counters["operations_unsupported"] += 1
         elif isinstance(operation, Truncated):

@@ -27,7 +27,7 @@ from collections.abc import Callable
 from typing import Final
 
 from ...errors import LocalProtocolError
-from ..codec import Dialect, Operation, Reply, no_bytes_for
+from ..codec import Dialect, Operation, Reply, no_dialect_bytes_for
 from .frame import DEVICE_FRAME_BYTES, DeviceReader, DeviceState
 from .messages import (
     VERSION,
@@ -113,7 +113,7 @@ class Autd3Board:
         if isinstance(message, Refused):
             text = message.reason.encode("utf-8", "replace")[:MAX_TEXT_BYTES]
             return struct.pack("<BI", _ERROR, len(text)) + text
-        raise no_bytes_for(message, _WIRE)
+        raise no_dialect_bytes_for(message, _WIRE)
 
     def _read_all(self, received: bytes, found: list[Operation]) -> None:
         at = 0
@@ -266,7 +266,7 @@ class Autd3Host:
             return bytes([_WRITE]) + b"".join(frame.pack() for frame in message.frames)
         if isinstance(message, Read | Close):
             return bytes([_READ if isinstance(message, Read) else _CLOSE])
-        raise no_bytes_for(message, _WIRE)
+        raise no_dialect_bytes_for(message, _WIRE)
 
     def _pack_geometry(self, message: Open | Update) -> bytes:
         if not 1 <= len(message.devices) <= MAX_DEVICES:

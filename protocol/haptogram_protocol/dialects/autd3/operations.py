@@ -32,7 +32,7 @@ __all__ = [
     "TransitionMode",
     "Truncated",
     "Unsupported",
-    "refusal",
+    "autd3_refusal",
 ]
 
 CHANNELS: Final = 249  # 18 x 14 - 3 emitters a device
@@ -280,7 +280,7 @@ class Truncated(Operation):
     tag: int
 
 
-def refusal(operation: Operation) -> ErrorCode:
+def autd3_refusal(operation: Operation) -> ErrorCode:
     """Return the error that *operation* gives on any device, whatever its state."""
     if isinstance(operation, Unsupported | Truncated):
         return ErrorCode.NOT_SUPPORTED_TAG

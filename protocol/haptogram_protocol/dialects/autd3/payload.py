@@ -29,7 +29,7 @@ from .operations import (
     Unsupported,
 )
 
-__all__ = ["PAYLOAD_BYTES", "pack_operation", "parse_operation"]
+__all__ = ["PAYLOAD_BYTES", "pack_autd3_operation", "parse_autd3_operation"]
 
 PAYLOAD_BYTES: Final = 622
 
@@ -47,7 +47,7 @@ _SWAP_WITH_TRANSITION: Final = struct.Struct("<xBB5xQ")
 _GAIN_BYTES: Final = 2 * CHANNELS
 
 
-def parse_operation(payload: bytes, at: int, foci_of_pattern: int) -> tuple[Operation, int]:
+def parse_autd3_operation(payload: bytes, at: int, foci_of_pattern: int) -> tuple[Operation, int]:
     """Return the operation at *at* of *payload*, and the foci of a pattern from there on.
 
     Parameters
@@ -74,7 +74,7 @@ def parse_operation(payload: bytes, at: int, foci_of_pattern: int) -> tuple[Oper
     return operation, foci_of_pattern
 
 
-def pack_operation(operation: Operation) -> bytes:
+def pack_autd3_operation(operation: Operation) -> bytes:
     """Return the bytes of *operation*, an even number of them.
 
     Raises

@@ -34,7 +34,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ...errors import LocalProtocolError
-from ..codec import Dialect, OneWayHost, Operation, Reply, no_bytes_for
+from ..codec import Dialect, OneWayHost, Operation, Reply, no_dialect_bytes_for
 from .operations import CommitDurations, Forward, Restart, SetDurations, SetPattern, Swap
 
 __all__ = [
@@ -46,8 +46,8 @@ __all__ = [
     "NANO16",
     "NANO16_FIRMWARE",
     "ArduinoBoard",
+    "ArduinoFirmware",
     "ArduinoHost",
-    "Firmware",
     "mega64_frame",
 ]
 
@@ -59,7 +59,7 @@ _BYTES_OF_DURATION: Final = 4
 
 
 @dataclass(frozen=True)
-class Firmware:
+class ArduinoFirmware:
     """What a firmware has room for.
 
     Attributes
@@ -85,9 +85,13 @@ class Firmware:
         return 2 * self.pattern_bytes
 
 
-MEGA64_FIRMWARE: Final = Firmware("ultraino-mega64", pattern_bytes=100, patterns=32, durations=32)
-NANO16_FIRMWARE: Final = Firmware("ultraino-nano16", pattern_bytes=32, patterns=1, durations=0)
-NANO8_FIRMWARE: Final = Firmware("ultraino-nano8", pattern_bytes=24, patterns=1, durations=0)
+MEGA64_FIRMWARE: Final = ArduinoFirmware(
+    "ultraino-mega64", pattern_bytes=100, patterns=32, durations=32
+)
+NANO16_FIRMWARE: Final = ArduinoFirmware(
+    "ultraino-nano16", pattern_bytes=32, patterns=1, durations=0
+)
+NANO8_FIRMWARE: Final = ArduinoFirmware("ultraino-nano8", pattern_bytes=24, patterns=1, durations=0)
 
 _HIGH_NIBBLE: Final = b"".join(b"%x" % (byte >> 4) for byte in range(256))  # as hexadecimal digit
 _PARTS: Final = {
@@ -116,7 +120,7 @@ _ACTS: Final = re.compile(rb"[" + re.escape(_SWAP + _COMMAND) + rb"]")
 class _Memory:
     """Half slot bytes that a board has taken since its last swap."""
 
-    def __init__(self, board: int, firmware: Firmware) -> None:
+    def __init__(self, board: int, firmware: ArduinoFirmware) -> None:
         self._board = board
         self._firmware = firmware
         self._patterns = 0
@@ -169,7 +173,7 @@ class ArduinoBoard:
         bytes), ``durations_without_commit``.
     """
 
-    def __init__(self, firmware: Firmware, boards: int = 1) -> None:
+    def __init__(self, firmware: ArduinoFirmware, boards: int = 1) -> None:
         if not 1 <= boards <= MAX_BOARDS:
             raise LocalProtocolError(f"a chain of {boards} boards; it has 1 to {MAX_BOARDS}")
         self.counters: Counter[str] = Counter()
@@ -210,7 +214,7 @@ class ArduinoBoard:
         """Return the byte that the last board sends on."""
         if isinstance(message, Forward):
             return bytes([message.byte & 0xFF])
-        raise no_bytes_for(message, self._firmware.wire)
+        raise no_dialect_bytes_for(message, self._firmware.wire)
 
     def _take_halves(self, hops: int, halves: bytes, found: list[Operation]) -> None:
         if hops > self._boards:
@@ -277,7 +281,7 @@ class ArduinoHost(OneWayHost):
         Boards in the chain.
     """
 
-    def __init__(self, firmware: Firmware, boards: int = 1) -> None:
+    def __init__(self, firmware: ArduinoFirmware, boards: int = 1) -> None:
         super().__init__()
         self._firmware = firmware
         self._boards = boards
@@ -303,7 +307,7 @@ class ArduinoHost(OneWayHost):
             return _SWAP
         if isinstance(message, CommitDurations if firmware.durations else Restart):
             return _COMMAND
-        raise no_bytes_for(message, firmware.wire)
+        raise no_dialect_bytes_for(message, firmware.wire)
 
     def _pattern(self, message: SetPattern) -> bytes:
         if not 0 <= message.board < self._boards:
@@ -344,7 +348,7 @@ def _to_pairs(durations: bytes) -> bytes:
     return bytes(0x30 | value << up & 0xC0 for value in durations for up in (0, 2, 4, 6))
 
 
-def _dialect(firmware: Firmware, title: str, steps: int, channels: int) -> Dialect:
+def _dialect(firmware: ArduinoFirmware, title: str, steps: int, channels: int) -> Dialect:
     def board(*, boards: int = 1) -> ArduinoBoard:
         return ArduinoBoard(firmware, boards)
 

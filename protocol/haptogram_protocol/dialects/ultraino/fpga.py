@@ -32,9 +32,9 @@ from ..codec import Dialect, Operation
 from ..fpga_bytes import (
     Begin,
     BeginAmplitudes,
-    ByteRules,
     Clocks,
     FpgaBoard,
+    FpgaByteRules,
     FpgaHost,
     Select,
     SetAmplitudes,
@@ -53,9 +53,9 @@ __all__ = [
     "RULES_128",
     "SIMPLE",
     "SIMPLE_128",
-    "chained_frame",
+    "chained_fpga_frame",
     "chained_rules",
-    "frame",
+    "fpga_frame",
 ]
 
 CHANNELS: Final = 256
@@ -66,8 +66,8 @@ FALLS_THROUGH: Final = "falls-through"  # what the published HDL does with FB
 _COMMON: Final[dict[int, Operation]] = {0xFD: Swap(), 0x96: Clocks(False), 0x97: Clocks(True)}
 _SIMPLE: Final = {0xFE: Begin(), 0xC0: Select(0), 0xC1: Select(1), **_COMMON}
 RULES: Final = {
-    FALLS_THROUGH: ByteRules("ultraino-fpga", CHANNELS, 32, _SIMPLE),
-    "amplitude": ByteRules(
+    FALLS_THROUGH: FpgaByteRules("ultraino-fpga", CHANNELS, 32, _SIMPLE),
+    "amplitude": FpgaByteRules(
         "ultraino-fpga",
         CHANNELS,
         32,
@@ -75,12 +75,12 @@ RULES: Final = {
         amplitude_limit=16,
     ),
 }
-RULES_128: Final = ByteRules(
+RULES_128: Final = FpgaByteRules(
     "ultraino-fpga-128", CHANNELS_128, 128, {0xFE: Begin(), 0xFD: Swap()}, wraps=False
 )
 
 
-def frame(codes: bytes, amplitudes: bytes | None = None) -> list[Operation]:
+def fpga_frame(codes: bytes, amplitudes: bytes | None = None) -> list[Operation]:
     """Return the operations of SimpleFPGA's frame; with *amplitudes* for ``fb="amplitude"``."""
     operations: list[Operation] = [Begin(), SetPhases((0,), 0, codes)]
     if amplitudes is not None:
@@ -88,7 +88,7 @@ def frame(codes: bytes, amplitudes: bytes | None = None) -> list[Operation]:
     return [*operations, Swap()]
 
 
-def chained_frame(codes: list[bytes]) -> list[Operation]:
+def chained_fpga_frame(codes: list[bytes]) -> list[Operation]:
     """Return the operations of ChainedFPGA's frame, from the codes of each board."""
     operations: list[Operation] = []
     for number, of_board in enumerate(codes):
@@ -96,50 +96,50 @@ def chained_frame(codes: list[bytes]) -> list[Operation]:
     return [*operations, Swap()]
 
 
-def board(*, fb: str = FALLS_THROUGH) -> FpgaBoard:
+def fpga_board(*, fb: str = FALLS_THROUGH) -> FpgaBoard:
     """Return the end of a board that takes FB as *fb* says."""
     return FpgaBoard(_simple(fb))
 
 
-def host(*, fb: str = FALLS_THROUGH) -> FpgaHost:
+def fpga_host(*, fb: str = FALLS_THROUGH) -> FpgaHost:
     """Return the host's end for a board that takes FB as *fb* says."""
     return FpgaHost(_simple(fb))
 
 
-def board_128() -> FpgaBoard:
+def fpga_board_128() -> FpgaBoard:
     """Return the end of a board of 128 steps."""
     return FpgaBoard(RULES_128)
 
 
-def host_128() -> FpgaHost:
+def fpga_host_128() -> FpgaHost:
     """Return the host's end for a board of 128 steps."""
     return FpgaHost(RULES_128)
 
 
-def chained_board(*, boards: int = 2) -> FpgaBoard:
+def chained_fpga_board(*, boards: int = 2) -> FpgaBoard:
     """Return the end of a chain of *boards*, 1 to 16."""
     return FpgaBoard(chained_rules(boards), boards)
 
 
-def chained_host(*, boards: int = 2) -> FpgaHost:
+def chained_fpga_host(*, boards: int = 2) -> FpgaHost:
     """Return the host's end for a chain of *boards*, 1 to 16."""
     return FpgaHost(chained_rules(boards), boards)
 
 
-def _simple(fb: str) -> ByteRules:
+def _simple(fb: str) -> FpgaByteRules:
     if fb not in RULES:
         raise LocalProtocolError(f"fb={fb!r}; it is one of {', '.join(map(repr, RULES))}")
     return RULES[fb]
 
 
-def chained_rules(boards: int) -> ByteRules:
+def chained_rules(boards: int) -> FpgaByteRules:
     """Return the rules of a chain of *boards*, 1 to 16."""
     if not 1 <= boards <= MAX_BOARDS:
         raise LocalProtocolError(f"a chain of {boards} boards; it has 1 to {MAX_BOARDS}")
     # The published HDL reacts to C0 and C1 on every board, alone or not.
     numbers = range(max(2, boards))
     commands = {0xC0 + number: Select(number) for number in numbers}
-    return ByteRules(
+    return FpgaByteRules(
         "ultraino-fpga-chained",
         CHANNELS,
         32,
@@ -154,8 +154,8 @@ SIMPLE: Final = Dialect(
     bauds=(230_400,),
     steps=32,
     channels=CHANNELS,
-    board=board,
-    host=host,
+    board=fpga_board,
+    host=fpga_host,
     signature=re.compile(rb"\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
 )
 SIMPLE_128: Final = Dialect(
@@ -164,8 +164,8 @@ SIMPLE_128: Final = Dialect(
     bauds=(1_500_000,),
     steps=128,
     channels=CHANNELS_128,
-    board=board_128,
-    host=host_128,
+    board=fpga_board_128,
+    host=fpga_host_128,
     signature=re.compile(rb"\xfe[\x00-\x80]{72}\xfd"),
 )
 CHAINED: Final = Dialect(
@@ -174,7 +174,7 @@ CHAINED: Final = Dialect(
     bauds=(230_400,),
     steps=32,
     channels=CHANNELS,
-    board=chained_board,
-    host=chained_host,
+    board=chained_fpga_board,
+    host=chained_fpga_host,
     signature=re.compile(rb"(?<!\xfe)(?:[\xc0-\xcf][\x00-\x20]{256})+\xfd"),
 )

@@ -13,7 +13,7 @@ from typing import Final
 
 from ...errors import LocalProtocolError
 
-__all__ = ["MEGA64_LAYOUT", "NANO8_LAYOUT", "NANO16_LAYOUT", "Layout", "Pulse"]
+__all__ = ["MEGA64_LAYOUT", "NANO8_LAYOUT", "NANO16_LAYOUT", "Pulse", "SlotLayout"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Pulse:
 
 
 @dataclass(frozen=True)
-class Layout:
+class SlotLayout:
     """Where a channel's bit stands in the bytes of a slot.
 
     Attributes
@@ -90,6 +90,6 @@ _PORT_MAPPING: Final = """
     51 52 53 54 28 29 30 31 47 46 45 44 43 42 41 40 56 57 58 59 48 49 72 69 39 38 37 36 35 34 33 32
     21 23 65 63  9 11 13 15 20 22 64 66  8 10 12 14 24 25 26 27 16 17 18 19  7  6  5  4  3  2  1  0
 """
-MEGA64_LAYOUT: Final = Layout(10, 10, tuple(map(int, _PORT_MAPPING.split())))
-NANO16_LAYOUT: Final = Layout(16, 2, tuple(range(16)))
-NANO8_LAYOUT: Final = Layout(24, 1, tuple(range(8)))
+MEGA64_LAYOUT: Final = SlotLayout(10, 10, tuple(map(int, _PORT_MAPPING.split())))
+NANO16_LAYOUT: Final = SlotLayout(16, 2, tuple(range(16)))
+NANO8_LAYOUT: Final = SlotLayout(24, 1, tuple(range(8)))

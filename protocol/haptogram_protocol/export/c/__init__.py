@@ -11,17 +11,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from .layouts import wire_header
-from .values import values_header
+from .layouts import c_wire_header
+from .values import c_values_header
 
 #: Maker of each header, by the name of its file.
 HEADERS: Final[Mapping[str, Callable[[], str]]] = {
-    "haptogram.h": wire_header,
-    "haptogram_messages.h": values_header,
+    "haptogram.h": c_wire_header,
+    "haptogram_messages.h": c_values_header,
 }
 
 
-def write_headers(folder: Path) -> list[Path]:
+def write_c_headers(folder: Path) -> list[Path]:
     """Write every header into *folder*, which must exist; return their paths."""
     paths = []
     for name, make in HEADERS.items():
@@ -31,4 +31,4 @@ def write_headers(folder: Path) -> list[Path]:
     return paths
 
 
-__all__ = ["HEADERS", "write_headers"]
+__all__ = ["HEADERS", "write_c_headers"]

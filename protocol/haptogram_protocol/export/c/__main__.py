@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from . import write_headers
+from . import write_c_headers
 
 _FOLDER = Path(__file__).resolve().parents[3] / "c"
 
@@ -20,7 +20,7 @@ def main(arguments: list[str] | None = None) -> int:
     folder: Path = parser.parse_args(arguments).folder
     if not folder.is_dir():
         parser.error(f"{folder} is no folder")
-    for path in write_headers(folder):
+    for path in write_c_headers(folder):
         print(path)
     return 0
 

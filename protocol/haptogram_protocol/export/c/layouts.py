@@ -11,15 +11,15 @@ from ..tables import CONSTANTS, description_hash
 from .names import (
     ALL,
     PREFIXES,
-    comment,
-    described,
-    enumerated,
-    lower_name,
-    macro,
-    member_name,
-    members,
-    snake,
-    upper_name,
+    c_comment,
+    c_described,
+    c_enumerated,
+    c_lower_name,
+    c_macro,
+    c_member_name,
+    c_members,
+    c_snake_name,
+    c_upper_name,
 )
 
 _TOP = """\
@@ -114,7 +114,7 @@ static inline int32_t hg_ahead_u32(uint32_t a, uint32_t b)
 _END = "#endif\n"
 
 
-def wire_header() -> str:
+def c_wire_header() -> str:
     """Return the text of ``haptogram.h``."""
     parts = [
         _TOP,
@@ -144,30 +144,30 @@ def _constants() -> str:
 
 def _enumeration(kind: type[enum.IntEnum] | type[enum.IntFlag]) -> str:
     summary = str(kind.__doc__).splitlines()[0]
-    lines = [comment(summary), f"enum hg_{snake(kind.__name__)} {{"]
-    for number, member in enumerate(members(kind), 1):
+    lines = [c_comment(summary), f"enum hg_{c_snake_name(kind.__name__)} {{"]
+    for number, member in enumerate(c_members(kind), 1):
         comma = "," if number < len(kind) else ""
         code = f"    {PREFIXES[kind]}_{member.name} = {int(member):#04x}{comma}"
-        lines.append(described(code, getattr(member, "doc", "")))
+        lines.append(c_described(code, getattr(member, "doc", "")))
     return "\n".join([*lines, "};", ""])
 
 
 def _counters() -> str:
     names = list(m.Counters.WIRE)
     lines = [
-        comment("Place of each counter in STATUS; also why a frame was dropped (HG-9.2)."),
+        c_comment("Place of each counter in STATUS; also why a frame was dropped (HG-9.2)."),
         "enum hg_counter {",
         *(f"    HG_COUNTER_{name.upper()} = {place}," for place, name in enumerate(names)),
         f"    HG_COUNTERS = {len(names)}",
         "};",
         "",
-        macro("HG_COUNTER_NAMES", (f"{name.upper()}, {name}" for name in names)),
+        c_macro("HG_COUNTER_NAMES", (f"{name.upper()}, {name}" for name in names)),
     ]
     return "\n".join([*lines, ""])
 
 
 def _layout(record: type[Record]) -> str:
-    upper, lower = upper_name(record), lower_name(record)
+    upper, lower = c_upper_name(record), c_lower_name(record)
     struct = f"struct hg_wire_{lower}"
     size = record.LAYOUT.size
     members = [_member(name, field) for name, field in record.WIRE.items()]
@@ -176,7 +176,7 @@ def _layout(record: type[Record]) -> str:
         for name, field in record.WIRE.items()
     ]
     checks = [
-        f"HG_STATIC_ASSERT(offsetof({struct}, {member_name(name)}) == {field.offset},\n"
+        f"HG_STATIC_ASSERT(offsetof({struct}, {c_member_name(name)}) == {field.offset},\n"
         f"                 {lower}_{name});"
         for name, field in record.WIRE.items()
     ]
@@ -196,8 +196,8 @@ def _layout(record: type[Record]) -> str:
 
 def _member(name: str, field: WireField) -> str:
     if field.record is not None:
-        return described(f"    struct hg_wire_{lower_name(field.record)} {name};", field.doc)
-    return described(f"    uint8_t {member_name(name)}[{field.size}];", field.doc)
+        return c_described(f"    struct hg_wire_{c_lower_name(field.record)} {name};", field.doc)
+    return c_described(f"    uint8_t {c_member_name(name)}[{field.size}];", field.doc)
 
 
 def _messages() -> str:
@@ -210,17 +210,17 @@ def _messages() -> str:
         "Every message: X(name, type, bytes of the fixed part, unit of the tail or 0 without one, "
         "units that it has at least)."
     )
-    return "\n".join([comment(text), macro("HG_MESSAGES", rows), ""])
+    return "\n".join([c_comment(text), c_macro("HG_MESSAGES", rows), ""])
 
 
 def _allowed() -> str:
     rows = [
         f"{kind.TYPE.name}, {offset}, {mask:#06x}"
         for kind in m.MESSAGES.values()
-        for offset, mask in enumerated(kind)
+        for offset, mask in c_enumerated(kind)
     ]
     text = (
         "Bytes of a payload that may have some values only: X(name, offset, mask); bit v of the "
         "mask allows the value v."
     )
-    return "\n".join([comment(text), macro("HG_ALLOWED_VALUES", rows), ""])
+    return "\n".join([c_comment(text), c_macro("HG_ALLOWED_VALUES", rows), ""])

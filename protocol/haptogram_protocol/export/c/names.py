@@ -50,39 +50,39 @@ PREFIXES: Final[dict[type[enum.IntEnum] | type[enum.IntFlag], str]] = {
 ALL: Final[tuple[type[Record], ...]] = (*RECORDS, *m.MESSAGES.values())
 
 
-def upper_name(record: type[Record]) -> str:
+def c_upper_name(record: type[Record]) -> str:
     """Return e.g. ``HELLO_REPLY``, ``FOCAL_POINT``."""
     if issubclass(record, m.Message):
         return record.TYPE.name
-    return snake(record.__name__).upper()
+    return c_snake_name(record.__name__).upper()
 
 
-def lower_name(record: type[Record]) -> str:
+def c_lower_name(record: type[Record]) -> str:
     """Return e.g. ``hello_reply``, ``focal_point``."""
-    return upper_name(record).lower()
+    return c_upper_name(record).lower()
 
 
-def snake(name: str) -> str:
+def c_snake_name(name: str) -> str:
     """Return e.g. ``focal_point`` for ``FocalPoint``."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
-def is_text(field: WireField) -> bool:
+def is_c_text(field: WireField) -> bool:
     """Return True if *field* holds characters."""
     return field.code.endswith("s")
 
 
-def leaves(record: type[Record]) -> Iterator[tuple[str, int, WireField]]:
+def c_leaves(record: type[Record]) -> Iterator[tuple[str, int, WireField]]:
     """Yield name, offset and form of every number, nested ones as ``config.hold_ms``."""
     for name, field in record.WIRE.items():
         if field.record is None:
             yield name, field.offset, field
             continue
-        for inner, offset, form in leaves(field.record):
+        for inner, offset, form in c_leaves(field.record):
             yield f"{name}.{inner}", field.offset + offset, form
 
 
-def enumerated(record: type[Record]) -> Iterator[tuple[int, int]]:
+def c_enumerated(record: type[Record]) -> Iterator[tuple[int, int]]:
     """Yield the offset of every number that may have some values only, and their bit mask.
 
     Raises
@@ -90,9 +90,9 @@ def enumerated(record: type[Record]) -> Iterator[tuple[int, int]]:
     LocalProtocolError
         If a value has no place in 32 bits, or stands in a tail, where C would not look for it.
     """
-    if record.TAIL and record.TAIL.record and any(enumerated(record.TAIL.record)):
+    if record.TAIL and record.TAIL.record and any(c_enumerated(record.TAIL.record)):
         raise LocalProtocolError(f"enumeration in the tail of {record.__name__}")
-    for name, offset, form in leaves(record):
+    for name, offset, form in c_leaves(record):
         if form.enumeration is None:
             continue
         values = [int(member) for member in form.enumeration]
@@ -101,33 +101,33 @@ def enumerated(record: type[Record]) -> Iterator[tuple[int, int]]:
         yield offset, sum(1 << value for value in values)
 
 
-def members(kind: type[enum.IntEnum] | type[enum.IntFlag]) -> list[enum.IntEnum | enum.IntFlag]:
+def c_members(kind: type[enum.IntEnum] | type[enum.IntFlag]) -> list[enum.IntEnum | enum.IntFlag]:
     """Return what an enumeration holds, in order."""
     return list(kind)
 
 
-def member_name(name: str) -> str:
+def c_member_name(name: str) -> str:
     """Return the name of a field in C, where some words are taken."""
     return f"{name}_" if _KEYWORDS(name) else name
 
 
-def described(code: str, doc: str) -> str:
+def c_described(code: str, doc: str) -> str:
     """Return a line of code with its comment: behind it, or above where the line is too long."""
     line = f"{code} /* {doc} */"
     if not doc or len(line) <= _WIDTH:
         return line if doc else code
     indent = code[: len(code) - len(code.lstrip())]
-    return f"{comment(doc, indent)}\n{code}"
+    return f"{c_comment(doc, indent)}\n{code}"
 
 
-def comment(text: str, indent: str = "") -> str:
+def c_comment(text: str, indent: str = "") -> str:
     """Return *text* as a C comment of at most 100 columns."""
     lines = textwrap.wrap(text.replace("`", ""), _WIDTH - 6 - len(indent))
     body = f"\n{indent}   ".join(lines)
     return f"{indent}/* {body} */"
 
 
-def macro(name: str, rows: Iterable[str]) -> str:
+def c_macro(name: str, rows: Iterable[str]) -> str:
     """Return a macro that applies its argument X to every row."""
     body = " \\\n".join(f"    X({row})" for row in rows)
     return f"#define {name}(X) \\\n{body}"

@@ -10,14 +10,14 @@ from haptogram_protocol.record import Record, WireField
 from .names import (
     ALL,
     SCALARS,
-    comment,
-    described,
-    is_text,
-    leaves,
-    lower_name,
-    macro,
-    member_name,
-    upper_name,
+    c_comment,
+    c_described,
+    c_leaves,
+    c_lower_name,
+    c_macro,
+    c_member_name,
+    c_upper_name,
+    is_c_text,
 )
 
 _TOP = """\
@@ -37,21 +37,21 @@ _TOP = """\
 """
 
 
-def values_header() -> str:
+def c_values_header() -> str:
     """Return the text of ``haptogram_messages.h``."""
     structs = [_struct(record) for record in ALL if record.WIRE]
     return "\n".join([_TOP, *structs, _fields(), _tails(), "#endif\n"])
 
 
 def _struct(record: type[Record]) -> str:
-    lower = lower_name(record)
+    lower = c_lower_name(record)
     parameter = f"struct hg_{lower}"
     return "\n".join(
         [
-            comment(_summary(record)),
+            c_comment(_summary(record)),
             f"{parameter} {{",
             *(
-                described(f"    {_member(name, field)};", field.doc)
+                c_described(f"    {_member(name, field)};", field.doc)
                 for name, field in _items(record)
             ),
             "};",
@@ -79,7 +79,7 @@ def _signature(name: str, first: str, second: str) -> list[str]:
 
 
 def _items(record: type[Record]) -> Iterator[tuple[str, WireField]]:
-    return ((member_name(name), field) for name, field in record.WIRE.items())
+    return ((c_member_name(name), field) for name, field in record.WIRE.items())
 
 
 def _summary(record: type[Record]) -> str:
@@ -89,51 +89,51 @@ def _summary(record: type[Record]) -> str:
 
 def _member(name: str, field: WireField) -> str:
     if field.record is not None:
-        return f"struct hg_{lower_name(field.record)} {name}"
-    if is_text(field):
+        return f"struct hg_{c_lower_name(field.record)} {name}"
+    if is_c_text(field):
         return f"char {name}[{field.size}]"
     return f"{SCALARS[field.code][0]} {name}"
 
 
 def _read(name: str, field: WireField) -> str:
     if field.record is not None:
-        return f"hg_{lower_name(field.record)}_read(&value->{name}, from + {field.offset})"
-    if is_text(field):
+        return f"hg_{c_lower_name(field.record)}_read(&value->{name}, from + {field.offset})"
+    if is_c_text(field):
         return f"memcpy(value->{name}, from + {field.offset}, {field.size})"
     return f"value->{name} = hg_get_{SCALARS[field.code][1]}(from + {field.offset})"
 
 
 def _write(name: str, field: WireField) -> str:
     if field.record is not None:
-        return f"hg_{lower_name(field.record)}_write(to + {field.offset}, &value->{name})"
-    if is_text(field):
+        return f"hg_{c_lower_name(field.record)}_write(to + {field.offset}, &value->{name})"
+    if is_c_text(field):
         return f"memcpy(to + {field.offset}, value->{name}, {field.size})"
     return f"hg_put_{SCALARS[field.code][1]}(to + {field.offset}, value->{name})"
 
 
 def _fields() -> str:
     rows = [
-        f"{upper_name(record)}, {name}, {offset}, {_kind(form)}"
+        f"{c_upper_name(record)}, {name}, {offset}, {_kind(form)}"
         for record in ALL
-        for name, offset, form in leaves(record)
+        for name, offset, form in c_leaves(record)
     ]
     text = (
         "Every number of every message and record, for a monitor or a test: X(owner, name, offset, "
         "type); TEXT is 16 bytes."
     )
-    return "\n".join([comment(text), macro("HG_FIELDS", rows), ""])
+    return "\n".join([c_comment(text), c_macro("HG_FIELDS", rows), ""])
 
 
 def _kind(form: WireField) -> str:
-    return "TEXT" if is_text(form) else SCALARS[form.code][1].upper()
+    return "TEXT" if is_c_text(form) else SCALARS[form.code][1].upper()
 
 
 def _tails() -> str:
     rows = [
         f"{kind.TYPE.name}, {kind.TAIL.name}, "
-        f"{upper_name(kind.TAIL.record) if kind.TAIL.record else 'BYTES'}"
+        f"{c_upper_name(kind.TAIL.record) if kind.TAIL.record else 'BYTES'}"
         for kind in m.MESSAGES.values()
         if kind.TAIL
     ]
     text = "What the tails hold: X(message, name, record or BYTES)."
-    return "\n".join([comment(text), macro("HG_TAILS", rows), ""])
+    return "\n".join([c_comment(text), c_macro("HG_TAILS", rows), ""])

@@ -5,6 +5,6 @@ that stand between a ``generated`` marker and an ``end`` marker; ``--json`` prin
 for generators of other languages.
 """
 
-from .schema import CONSTANTS, ENUMERATIONS, RECORDS, description, description_hash
+from .schema import CONSTANTS, ENUMERATIONS, RECORDS, description_hash, wire_description
 
-__all__ = ["CONSTANTS", "ENUMERATIONS", "RECORDS", "description", "description_hash"]
+__all__ = ["CONSTANTS", "ENUMERATIONS", "RECORDS", "description_hash", "wire_description"]

@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from .schema import description
+from .schema import wire_description
 from .spec import update_spec
 
 
@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     action.add_argument("--json", action="store_true", help="write the description as JSON")
     options = parser.parse_args(arguments)
     if options.json:
-        sys.stdout.write(json.dumps(description(), indent=2) + "\n")
+        sys.stdout.write(json.dumps(wire_description(), indent=2) + "\n")
     else:
         options.spec.write_text(update_spec(options.spec.read_text("utf-8")), "utf-8")
     return 0

@@ -53,7 +53,7 @@ CONSTANTS: Final[Mapping[str, int]] = {
 }
 
 
-def description() -> dict[str, Any]:
+def wire_description() -> dict[str, Any]:
     """Return the protocol as data that JSON can hold: what a generator for a language needs."""
     return {
         "constants": dict(CONSTANTS),
@@ -75,7 +75,7 @@ def description() -> dict[str, Any]:
 def _record(record: type[Record]) -> dict[str, Any]:
     tail = record.TAIL
     return {
-        "doc": summary(record),
+        "doc": spec_summary(record),
         "size": record.LAYOUT.size,
         "fields": [_field(name, field) for name, field in record.WIRE.items()],
         "tail": tail
@@ -94,13 +94,13 @@ def _field(name: str, field: WireField) -> dict[str, Any]:
         "name": name,
         "offset": field.offset,
         "size": field.size,
-        "type": type_name(field),
+        "type": spec_type_name(field),
         "enumeration": field.enumeration and field.enumeration.__name__,
         "doc": field.doc,
     }
 
 
-def type_name(field: WireField) -> str:
+def spec_type_name(field: WireField) -> str:
     """Return the name of a field's type in SPEC.md: ``u16``, ``i32``, ``text[16]``, a record."""
     if field.record is not None:
         return field.record.__name__
@@ -109,7 +109,7 @@ def type_name(field: WireField) -> str:
     return _TYPE_NAMES[field.code]
 
 
-def summary(kind: type) -> str:
+def spec_summary(kind: type) -> str:
     """Return the docstring of a message without its section number, on one line of Markdown."""
     text = " ".join((kind.__doc__ or "").split()).replace("``", "`")
     return re.sub(r" HG-[\d.]+$", "", text)
@@ -120,7 +120,7 @@ def description_hash() -> int:
 
     Words do not matter: two ends whose comments differ understand each other.
     """
-    text = json.dumps(_without_docs(description()), sort_keys=True, separators=(",", ":"))
+    text = json.dumps(_without_docs(wire_description()), sort_keys=True, separators=(",", ":"))
     return zlib.crc32(text.encode("ascii"))
 
 

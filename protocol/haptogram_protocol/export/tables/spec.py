@@ -17,8 +17,8 @@ from ...state import (
     OutputInput,
     OutputState,
 )
-from .schema import CONSTANTS, ENUMERATIONS, description_hash, summary, type_name
-from .worked import EXCHANGE, WORKED_FRAMES, worked_frame
+from .schema import CONSTANTS, ENUMERATIONS, description_hash, spec_summary, spec_type_name
+from .worked import EXCHANGE, WORKED_FRAMES, worked_spec_frame
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:
@@ -26,11 +26,11 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def record_table(name: str) -> str:
+def _record_table(name: str) -> str:
     """Return the byte table of a record or message, given the name of its class."""
     record = getattr(m, name)
     rows = [
-        [str(field.offset), str(field.size), type_name(field), f"`{key}`", field.doc]
+        [str(field.offset), str(field.size), spec_type_name(field), f"`{key}`", field.doc]
         for key, field in record.WIRE.items()
     ]
     if tail := record.TAIL:
@@ -42,12 +42,12 @@ def record_table(name: str) -> str:
     head = f"**{title}**, {record.LAYOUT.size} bytes{' and a tail' if tail else ''}. "
     return (
         head
-        + summary(record)
+        + spec_summary(record)
         + ("\n\n" + _table(["offset", "size", "type", "field", "meaning"], rows) if rows else "")
     )
 
 
-def enumeration_table(name: str) -> str:
+def _enumeration_table(name: str) -> str:
     """Return the table of an enumeration of :data:`ENUMERATIONS`."""
     kind = next(kind for kind in ENUMERATIONS if kind.__name__ == name)
     flags = issubclass(kind, enum.IntFlag)
@@ -62,10 +62,10 @@ def _doc(member: enum.IntEnum | enum.IntFlag) -> str:
     return str(getattr(member, "doc", ""))
 
 
-def types_table(_: str = "") -> str:
+def _types_table(_: str = "") -> str:
     """Return the table of all message types."""
     rows = [
-        [f"`{kind.TYPE:#04x}`", kind.TYPE.name, _length(kind), summary(kind)]
+        [f"`{kind.TYPE:#04x}`", kind.TYPE.name, _length(kind), spec_summary(kind)]
         for kind in m.MESSAGES.values()
     ]
     return _table(["type", "name", "payload, bytes", "what it is"], rows)
@@ -91,17 +91,17 @@ def _target(state: enum.Enum | None) -> str:
     return state.name if state is not None else "-"
 
 
-def output_table(_: str = "") -> str:
+def _output_table(_: str = "") -> str:
     """Return the transition table of the board's output."""
     return _transitions(OUTPUT_TRANSITIONS, OutputState, OutputInput)
 
 
-def link_table(_: str = "") -> str:
+def _link_table(_: str = "") -> str:
     """Return the transition table of the host's link."""
     return _transitions(LINK_TRANSITIONS, LinkState, LinkInput)
 
 
-def constants_table(_: str = "") -> str:
+def _constants_table(_: str = "") -> str:
     """Return the table of the numbers that both ends must agree on."""
     return _table(
         ["constant", "value", "hex"],
@@ -109,7 +109,7 @@ def constants_table(_: str = "") -> str:
     )
 
 
-def hash_line(_: str = "") -> str:
+def _hash_line(_: str = "") -> str:
     """Return the description hash of this version."""
     return f"`description_hash` of this version: `{description_hash():#010x}`."
 
@@ -117,18 +117,18 @@ def hash_line(_: str = "") -> str:
 # --- Worked frames and exchange (chapter 13) -----------------------------------------------------
 
 
-def frames_text(_: str = "") -> str:
+def _frames_text(_: str = "") -> str:
     """Return every worked frame in hex: header and payload, then the bytes on the line."""
     parts = []
     for number, title in enumerate(WORKED_FRAMES, 1):
-        body, wire = worked_frame(title)
+        body, wire = worked_spec_frame(title)
         parts.append(
             f"**Frame {number}.** {title}.\n\n```\nbody {_hex(body)}\nline {_hex(wire)}\n```"
         )
     return "\n\n".join(parts)
 
 
-def exchange_text(_: str = "") -> str:
+def _exchange_text(_: str = "") -> str:
     """Return the worked exchange: when, who, what, and header and payload in hex."""
     lines = ["   us  from"]
     for step in EXCHANGE:
@@ -148,15 +148,15 @@ def _rows(data: bytes, width: int = 24) -> list[str]:
 # --- SPEC.md -----------------------------------------------------------------------------------
 
 _GENERATORS: Final[Mapping[str, Callable[[str], str]]] = {
-    "record": record_table,
-    "enumeration": enumeration_table,
-    "types": types_table,
-    "output-states": output_table,
-    "link-states": link_table,
-    "constants": constants_table,
-    "hash": hash_line,
-    "frames": frames_text,
-    "exchange": exchange_text,
+    "record": _record_table,
+    "enumeration": _enumeration_table,
+    "types": _types_table,
+    "output-states": _output_table,
+    "link-states": _link_table,
+    "constants": _constants_table,
+    "hash": _hash_line,
+    "frames": _frames_text,
+    "exchange": _exchange_text,
 }
 
 _BLOCK: Final = re.compile(

@@ -64,7 +64,7 @@ WORKED_FRAMES: Final[Mapping[str, tuple[m.Message, dict[str, int]]]] = {
 }
 
 
-def worked_frame(title: str) -> tuple[bytes, bytes]:
+def worked_spec_frame(title: str) -> tuple[bytes, bytes]:
     """Return body and wire bytes of one of :data:`WORKED_FRAMES`."""
     message, header = WORKED_FRAMES[title]
     fields = {"flags": 0, "time_us": 0, "session": _SESSION} | header
@@ -76,7 +76,7 @@ def worked_frame(title: str) -> tuple[bytes, bytes]:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class WorkedStep:
     """A frame of the worked exchange.
 
     Attributes
@@ -168,17 +168,17 @@ def _wire_us(t_us: int) -> int:
 
 def _host(
     t_us: int, words: str, message: m.Message, seq: int, session: int = _SESSION, time_us: int = 0
-) -> Step:
-    return Step(t_us, words, message, {"seq": seq, "session": session, "time_us": time_us})
+) -> WorkedStep:
+    return WorkedStep(t_us, words, message, {"seq": seq, "session": session, "time_us": time_us})
 
 
-def _board(t_us: int, words: str, message: m.Message, seq: int) -> Step:
+def _board(t_us: int, words: str, message: m.Message, seq: int) -> WorkedStep:
     header = {"seq": seq, "session": _SESSION, "time_us": _wire_us(t_us)}
-    return Step(t_us, words, message, header)
+    return WorkedStep(t_us, words, message, header)
 
 
 #: From HELLO to the first latch and MUTE: a board of 2 x 2 transducers that has just started.
-EXCHANGE: Final[tuple[Step, ...]] = (
+EXCHANGE: Final[tuple[WorkedStep, ...]] = (
     _host(
         1004,
         "HELLO: the host's first request, seq 0, no session yet",

@@ -13,40 +13,40 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from .acceptable import acceptable_frames
-from .dialogues import dialogues
-from .invalid import invalid_frames
-from .packing import packings
-from .valid import valid_frames
+from .acceptable import acceptable_frame_vectors
+from .dialogues import dialogue_vectors
+from .invalid import invalid_frame_vectors
+from .packing import packing_vectors
+from .valid import valid_frame_vectors
 
 _Vectors = list[dict[str, Any]]
 
 #: Maker of each file, by its name, and the subject of the file.
 FILES: Final[Mapping[str, tuple[Callable[[], _Vectors], str]]] = {
-    "frames-valid.json": (valid_frames, "Frames as a sender of this version emits them."),
+    "frames-valid.json": (valid_frame_vectors, "Frames as a sender of this version emits them."),
     "frames-acceptable.json": (
-        acceptable_frames,
+        acceptable_frame_vectors,
         "Bytes that no sender of this version emits, and every receiver must take as stated.",
     ),
     "frames-invalid.json": (
-        invalid_frames,
+        invalid_frame_vectors,
         "Bytes that a receiver must drop, each with the counter that counts them.",
     ),
-    "packing.json": (packings, "Phase codes of 8, 6 and 5 bits, packed and unpacked."),
+    "packing.json": (packing_vectors, "Phase codes of 8, 6 and 5 bits, packed and unpacked."),
     "dialogues-typed.json": (
-        dialogues,
+        dialogue_vectors,
         "Dialogues of host and board, by the board's clock, about clauses that no case judges.",
     ),
 }
 
 
-def text(name: str) -> str:
+def vector_file_text(name: str) -> str:
     """Return the text of one of :data:`FILES`."""
     make, about = FILES[name]
-    return document_text(about, make())
+    return vector_document_text(about, make())
 
 
-def document_text(about: str, vectors: Sequence[Mapping[str, Any]]) -> str:
+def vector_document_text(about: str, vectors: Sequence[Mapping[str, Any]]) -> str:
     """Return the text of a file of *vectors*: one vector a line, so that a change is readable."""
     contents = {"$schema": "schema.json", "protocol": "1.0", "about": about}
     head = json.dumps(contents, ensure_ascii=False, indent=1)[:-2]
@@ -59,9 +59,9 @@ def write_vectors(folder: Path) -> list[Path]:
     paths = []
     for name in FILES:
         path = folder / name
-        path.write_text(text(name), "utf-8")
+        path.write_text(vector_file_text(name), "utf-8")
         paths.append(path)
     return paths
 
 
-__all__ = ["FILES", "document_text", "text", "write_vectors"]
+__all__ = ["FILES", "vector_document_text", "vector_file_text", "write_vectors"]

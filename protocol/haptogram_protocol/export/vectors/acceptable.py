@@ -8,17 +8,26 @@ from typing import Any, Final
 from haptogram_protocol import messages as m
 from haptogram_protocol.framing import MAX_ENCODED_BYTES
 
-from .samples import sample
-from .vector import Outcome, body_of, dropped, ending_in_run, frame, rejected, vector, wire
+from .samples import vector_sample
+from .vector import (
+    Outcome,
+    dropped_outcome,
+    frame_outcome,
+    rejected_outcome,
+    vector_body,
+    vector_ending_in_run,
+    vector_entry,
+    vector_wire,
+)
 
 _ARM: Final = m.Arm()
-_ARM_BODY: Final = body_of(_ARM)
-_ARM_LINE: Final = wire(_ARM_BODY)
-_PING_LINE: Final = wire(body_of(m.Ping(0x0102030405060708)))
-_TAKEN: Final = frame(_ARM, _ARM_BODY)
+_ARM_BODY: Final = vector_body(_ARM)
+_ARM_LINE: Final = vector_wire(_ARM_BODY)
+_PING_LINE: Final = vector_wire(vector_body(m.Ping(0x0102030405060708)))
+_TAKEN: Final = frame_outcome(_ARM, _ARM_BODY)
 
 
-def acceptable_frames() -> list[dict[str, Any]]:
+def acceptable_frame_vectors() -> list[dict[str, Any]]:
     """Return every vector of ``frames-acceptable.json``."""
     return [*_delimiters(), *_after_damage(), *_flags(), *_values(), _added_piece()]
 
@@ -26,15 +35,15 @@ def acceptable_frames() -> list[dict[str, Any]]:
 def _made(
     name: str, line: bytes, outcome: list[Outcome], clauses: str, flags: str, comment: str
 ) -> dict[str, Any]:
-    return vector(f"acceptable/{name}", line, outcome, clauses, flags, comment)
+    return vector_entry(f"acceptable/{name}", line, outcome, clauses, flags, comment)
 
 
 def _delimiters() -> Iterator[dict[str, Any]]:
     ping = m.Ping(7)
-    body = body_of(ping, seq=2)
-    both = [_TAKEN, frame(ping, body)]
+    body = vector_body(ping, seq=2)
+    both = [_TAKEN, frame_outcome(ping, body)]
     for zeros in (1, 2, 3, 100):
-        line = b"\0" + _ARM_LINE[1:-1] + bytes(zeros) + wire(body)[1:-1] + b"\0"
+        line = b"\0" + _ARM_LINE[1:-1] + bytes(zeros) + vector_wire(body)[1:-1] + b"\0"
         text = f"{zeros} delimiters between two frames"
         clauses = "HG-2.1/2" if zeros == 1 else "HG-2.3/1"
         yield _made(f"delimiters-{zeros}", line, both, clauses, "delimiter", text)
@@ -60,14 +69,14 @@ def _after_damage() -> Iterator[dict[str, Any]]:
     }
     for name, (bytes_before, reason, text) in junk.items():
         line = bytes_before + _ARM_LINE
-        outcome = [dropped(reason), _TAKEN]
+        outcome = [dropped_outcome(reason), _TAKEN]
         text = f"a frame right behind {text}"
         yield _made(f"after-{name}", line, outcome, "HG-2.1/3", "resync", text)
     unknown = _body_of_type(0x7F)
     yield _made(
         "after-unknown-type",
-        wire(unknown) + _ARM_LINE,
-        [rejected("unknown_type", unknown), _TAKEN],
+        vector_wire(unknown) + _ARM_LINE,
+        [rejected_outcome("unknown_type", unknown), _TAKEN],
         "HG-3.8/2",
         "resync",
         "a frame behind one of an unknown type",
@@ -80,10 +89,12 @@ def _body_of_type(kind: int) -> bytes:
 
 def _flags() -> Iterator[dict[str, Any]]:
     for flags in (0x01, 0x02, 0x04, 0x08, 0x0F):
-        body = body_of(_ARM, flags=flags)
+        body = vector_body(_ARM, flags=flags)
         text = f"bits {flags:#04x} of the low nibble, which have no meaning here"
-        outcome = [frame(_ARM, body)]
-        yield _made(f"flags-{flags:02x}", wire(body), outcome, "HG-3.4/2", "may-ignore", text)
+        outcome = [frame_outcome(_ARM, body)]
+        yield _made(
+            f"flags-{flags:02x}", vector_wire(body), outcome, "HG-3.4/2", "may-ignore", text
+        )
 
 
 def _values() -> Iterator[dict[str, Any]]:
@@ -95,7 +106,7 @@ def _values() -> Iterator[dict[str, Any]]:
         )
     error = m.Error(0x7F, m.ErrorCode.UNSUPPORTED, 0x7F)
     yield _plain("error-request-7f", error, "HG-10.1/3", "future", "refusal of an unknown request")
-    reply = sample(m.HelloReply, "random")
+    reply = vector_sample(m.HelloReply, "random")
     assert isinstance(reply, m.HelloReply)
     text = "capability bits that this version does not know"
     future = m.HelloReply(
@@ -107,13 +118,15 @@ def _values() -> Iterator[dict[str, Any]]:
 
 
 def _plain(name: str, message: m.Message, clauses: str, flags: str, text: str) -> dict[str, Any]:
-    body = body_of(message)
-    return _made(name, wire(body), [frame(message, body)], clauses, flags, text)
+    body = vector_body(message)
+    return _made(name, vector_wire(body), [frame_outcome(message, body)], clauses, flags, text)
 
 
 def _added_piece() -> dict[str, Any]:
     """Return a frame that ends in a full COBS piece, and in the code 01 that some encoders add."""
-    chunk, body = ending_in_run(250)
-    line = wire(body)[:-1] + b"\x01\x00"
+    chunk, body = vector_ending_in_run(250)
+    line = vector_wire(body)[:-1] + b"\x01\x00"
     text = "a code 01 behind a full last piece, which stands for nothing"
-    return _made("full-piece-then-01", line, [frame(chunk, body)], "HG-2.2/3", "cobs-254", text)
+    return _made(
+        "full-piece-then-01", line, [frame_outcome(chunk, body)], "HG-2.2/3", "cobs-254", text
+    )

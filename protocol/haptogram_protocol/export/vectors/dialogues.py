@@ -11,14 +11,14 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ..tables.worked import EXCHANGE
-from .script import Script
-from .vector import SESSION, wire
+from .script import DialogueScript
+from .vector import SESSION, vector_wire
 
 _T = m.MessageType
 _E = m.ErrorCode
 
 
-def dialogues() -> list[dict[str, Any]]:
+def dialogue_vectors() -> list[dict[str, Any]]:
     """Return every vector of ``dialogues-typed.json``."""
     scripts = (
         _before_a_session(),
@@ -30,8 +30,8 @@ def dialogues() -> list[dict[str, Any]]:
     return [script.finish() for script in scripts]
 
 
-def _before_a_session() -> Script:
-    s = Script(
+def _before_a_session() -> DialogueScript:
+    s = DialogueScript(
         "before-a-session",
         "HG-4.1/1 HG-4.7/1 HG-4.12/1 HG-6.1/1 HG-6.4/1",
         "session",
@@ -48,8 +48,8 @@ def _before_a_session() -> Script:
     return s
 
 
-def _other_versions() -> Script:
-    s = Script(
+def _other_versions() -> DialogueScript:
+    s = DialogueScript(
         "other-versions",
         "HG-4.4/1 HG-11.2/2 HG-11.3/1",
         "version",
@@ -65,8 +65,8 @@ def _other_versions() -> Script:
     return s
 
 
-def _control_wraps() -> Script:
-    s = Script("control-wraps", "HG-3.6/1 HG-4.8/3", "wrap", "request numbers wrap at 2^16")
+def _control_wraps() -> DialogueScript:
+    s = DialogueScript("control-wraps", "HG-3.6/1 HG-4.8/3", "wrap", "request numbers wrap at 2^16")
     s.open_session()
     for seq in (0x4000, 0x7FFF, 0xBFFF, 0xFFFE, 0xFFFF, 0, 1):
         s.seq = seq
@@ -75,8 +75,8 @@ def _control_wraps() -> Script:
     return s
 
 
-def _first_latch() -> Script:
-    s = Script(
+def _first_latch() -> DialogueScript:
+    s = DialogueScript(
         "first-latch",
         "HG-4.1/1 HG-4.8/4 HG-3.6/3 HG-3.6/4 HG-5.8/1 HG-8.3/1",
         "worked-exchange",
@@ -85,7 +85,7 @@ def _first_latch() -> Script:
     for step in EXCHANGE:
         s.t_us = step.t_us
         if step.from_host:
-            s.send(wire(step.body))
+            s.send(vector_wire(step.body))
         elif isinstance(step.message, m.HelloReply):  # its other fields are the board's own
             s.answer_with(_T.HELLO_REPLY, {"nonce": SESSION}, **step.header)
         else:
@@ -95,8 +95,8 @@ def _first_latch() -> Script:
     return s
 
 
-def _amplitude_zero() -> Script:
-    s = Script(
+def _amplitude_zero() -> DialogueScript:
+    s = DialogueScript(
         "amplitude-zero", "HG-5.3/2", "layout", "a drive of amplitude 0 is latched as any other"
     )
     s.open_session()

@@ -10,14 +10,22 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.framing import CRC_BYTES, HEADER_BYTES, MAX_ENCODED_BYTES, cobs_encode
 from haptogram_protocol.record import Record
 
-from .samples import sample
-from .vector import Outcome, body_of, crc_of, dropped, rejected, vector, wire
+from .samples import vector_sample
+from .vector import (
+    Outcome,
+    dropped_outcome,
+    rejected_outcome,
+    vector_body,
+    vector_crc,
+    vector_entry,
+    vector_wire,
+)
 
-_ARM_BODY: Final = body_of(m.Arm())
-_ARM_LINE: Final = wire(_ARM_BODY)
+_ARM_BODY: Final = vector_body(m.Arm())
+_ARM_LINE: Final = vector_wire(_ARM_BODY)
 
 
-def invalid_frames() -> list[dict[str, Any]]:
+def invalid_frame_vectors() -> list[dict[str, Any]]:
     """Return every vector of ``frames-invalid.json``."""
     return [
         *_checksums(),
@@ -32,7 +40,7 @@ def invalid_frames() -> list[dict[str, Any]]:
 def _made(
     name: str, line: bytes, outcome: list[Outcome], clauses: str, flags: str, comment: str
 ) -> dict[str, Any]:
-    return vector(f"invalid/{name}", line, outcome, clauses, flags, comment)
+    return vector_entry(f"invalid/{name}", line, outcome, clauses, flags, comment)
 
 
 def _framed(decoded: bytes) -> bytes:
@@ -71,8 +79,8 @@ def _checksums() -> Iterator[dict[str, Any]]:
     for name, (crc, text) in wrong.items():
         line = _framed(body + crc.to_bytes(CRC_BYTES, "little"))
         yield _checksum(f"crc/{name}", line, f"CRC-32 {text}")
-    ping = body_of(m.Ping(0x0102030405060708))
-    good = ping + crc_of(ping)
+    ping = vector_body(m.Ping(0x0102030405060708))
+    good = ping + vector_crc(ping)
     for place in range(len(good)):
         damaged = bytearray(good)
         damaged[place] ^= 1 << place % 8
@@ -89,7 +97,7 @@ def _checksums() -> Iterator[dict[str, Any]]:
 
 
 def _checksum(name: str, line: bytes, text: str) -> dict[str, Any]:
-    return _made(name, line, [dropped("crc")], "HG-2.4/2", "crc-not-checked", text)
+    return _made(name, line, [dropped_outcome("crc")], "HG-2.4/2", "crc-not-checked", text)
 
 
 def _stuffing() -> Iterator[dict[str, Any]]:
@@ -108,7 +116,9 @@ def _stuffing() -> Iterator[dict[str, Any]]:
         ("not-stuffed", b"\x41\x55\x01\x02", "bytes that were never stuffed"),
     ):
         line = b"\0" + encoded + b"\0"
-        yield _made(f"cobs/{name}", line, [dropped("cobs")], "HG-2.2/2", "cobs-trusted", text)
+        yield _made(
+            f"cobs/{name}", line, [dropped_outcome("cobs")], "HG-2.2/2", "cobs-trusted", text
+        )
 
 
 def _sizes() -> Iterator[dict[str, Any]]:
@@ -116,16 +126,20 @@ def _sizes() -> Iterator[dict[str, Any]]:
     for size in range(least):
         body = _ARM_BODY[: max(0, size - CRC_BYTES)]
         text = f"{size} bytes; header and CRC take {least}"
-        line = _framed((body + crc_of(body))[:size])
-        yield _made(f"short/{size}", line, [dropped("short")], "HG-2.5/1", "length-trusted", text)
+        line = _framed((body + vector_crc(body))[:size])
+        yield _made(
+            f"short/{size}", line, [dropped_outcome("short")], "HG-2.5/1", "length-trusted", text
+        )
     for size in (MAX_ENCODED_BYTES + 1, MAX_ENCODED_BYTES + 2, 3 * MAX_ENCODED_BYTES):
         line = b"\0" + b"\x7e" * size + b"\0"
         text = f"{size} bytes between two delimiters"
-        yield _made(f"oversize/{size}", line, [dropped("oversize")], "HG-2.6/3", "buffer", text)
-    body = body_of(m.UploadChunk(0, bytes(range(1, 256)) * 16))
+        yield _made(
+            f"oversize/{size}", line, [dropped_outcome("oversize")], "HG-2.6/3", "buffer", text
+        )
+    body = vector_body(m.UploadChunk(0, bytes(range(1, 256)) * 16))
     text = "a frame that is right but for its length"
-    line = _framed(body + crc_of(body))
-    yield _made("oversize/frame", line, [dropped("oversize")], "HG-2.6/3", "buffer", text)
+    line = _framed(body + vector_crc(body))
+    yield _made("oversize/frame", line, [dropped_outcome("oversize")], "HG-2.6/3", "buffer", text)
 
 
 # --- Chapter 3 ---------------------------------------------------------------------------------
@@ -134,8 +148,8 @@ def _sizes() -> Iterator[dict[str, Any]]:
 def _lengths() -> Iterator[dict[str, Any]]:
     """Yield every message with a byte too few, and too many where its length is fixed."""
     for kind in m.MESSAGES.values():
-        message = sample(kind, "ordered")
-        body, tail = body_of(message), kind.TAIL
+        message = vector_sample(kind, "ordered")
+        body, tail = vector_body(message), kind.TAIL
         wrong = []
         if kind.LAYOUT.size:
             wrong.append(("empty", body[:HEADER_BYTES], "no payload at all"))
@@ -150,8 +164,8 @@ def _lengths() -> Iterator[dict[str, Any]]:
         for name, bad, text in wrong:
             yield _made(
                 f"length/{kind.TYPE.name.lower()}-{name}",
-                wire(bad),
-                [rejected("bad_length", bad)],
+                vector_wire(bad),
+                [rejected_outcome("bad_length", bad)],
                 "HG-3.2/3 HG-3.2/4",
                 "length-trusted",
                 f"{kind.TYPE.name}: {text}",
@@ -162,7 +176,7 @@ def _enumerations() -> Iterator[dict[str, Any]]:
     """Yield every field that may have some values only with values that it may not have."""
     for kind in m.MESSAGES.values():
         for name, offset, allowed in _choices(kind):
-            good = body_of(sample(kind, "least"))
+            good = vector_body(vector_sample(kind, "least"))
             for value in sorted({*range(min(allowed) - 1, max(allowed) + 2), 0xFF} - allowed):
                 if value < 0:
                     continue
@@ -170,8 +184,8 @@ def _enumerations() -> Iterator[dict[str, Any]]:
                 bad = good[:place] + bytes([value]) + good[place + 1 :]
                 yield _made(
                     f"value/{kind.TYPE.name.lower()}-{name}-{value}",
-                    wire(bad),
-                    [rejected("bad_value", bad, offset)],
+                    vector_wire(bad),
+                    [rejected_outcome("bad_value", bad, offset)],
                     "HG-3.2/5",
                     "value-not-checked",
                     f"{kind.TYPE.name}: {name} is {value}",
@@ -190,6 +204,6 @@ def _types() -> Iterator[dict[str, Any]]:
     for kind in (0x00, 0x04, 0x3F, 0x50, 0x7F, 0x90, 0xBE, 0xC6, 0xFF):
         bad = bytes([kind]) + _ARM_BODY[1:]
         text = f"type {kind:#04x}, which is none: not damage"
-        outcome = [rejected("unknown_type", bad)]
+        outcome = [rejected_outcome("unknown_type", bad)]
         clauses = "HG-3.3/2 HG-3.3/4" if kind < 0x40 or kind >= 0x80 else "HG-3.3/3"
-        yield _made(f"type/{kind:02x}", wire(bad), outcome, clauses, "unknown-type", text)
+        yield _made(f"type/{kind:02x}", vector_wire(bad), outcome, clauses, "unknown-type", text)

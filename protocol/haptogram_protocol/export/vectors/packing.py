@@ -8,7 +8,7 @@ from typing import Any
 from haptogram_protocol.messages import PhaseFormat, packed_size
 
 
-def packings() -> list[dict[str, Any]]:
+def packing_vectors() -> list[dict[str, Any]]:
     """Return every vector of ``packing.json``."""
     return [*_right(), *_wrong()]
 

@@ -47,7 +47,7 @@ HOW: Final[Mapping[str, str]] = {
 }
 
 
-def sample(kind: type[m.Message], how: str) -> m.Message:
+def vector_sample(kind: type[m.Message], how: str) -> m.Message:
     """Return a message of *kind*; *how* is one of :data:`HOW`."""
     choices = {"least": _least, "most": _most, "ordered": _ordered}
     choose = choices.get(how) or _random(kind.__name__)

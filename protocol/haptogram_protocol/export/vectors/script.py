@@ -10,7 +10,7 @@ from typing import Any, Final
 from haptogram_protocol import messages as m
 
 from ..tables import description_hash
-from .vector import SESSION, body_of, jsonable, vector_fields_of, wire
+from .vector import SESSION, vector_body, vector_fields_of, vector_json, vector_wire
 
 _BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9
 #: The array and the limits of the board that a dialogue is for.
@@ -26,7 +26,7 @@ BOARD: Final = {
 _Fields = dict[str, Any]
 
 
-class Script:
+class DialogueScript:
     """One dialogue with a board that has just been switched on.
 
     Parameters
@@ -68,7 +68,7 @@ class Script:
     def raw(self, message: m.Message, **header: Any) -> None:
         """Send *message*; a header field that is not given is that of the dialogue."""
         fields = {"seq": self.seq, "session": self.session} | header
-        self.send(wire(body_of(message, **fields)))
+        self.send(vector_wire(vector_body(message, **fields)))
 
     def request(self, message: m.Message, **header: Any) -> None:
         """Send a request with the next number."""
@@ -84,8 +84,8 @@ class Script:
         known = {"time_us": self.wire_us, "seq": self.seq, "session": self.session, "flags": 0}
         frame = {
             "message": kind.name,
-            "header": {name: jsonable(value) for name, value in (known | header).items()},
-            "fields": {name: jsonable(value) for name, value in fields.items()},
+            "header": {name: vector_json(value) for name, value in (known | header).items()},
+            "fields": {name: vector_json(value) for name, value in fields.items()},
         }
         self._steps[-1]["expect"].append(frame)
 

@@ -8,9 +8,16 @@ from typing import Any, Final
 from haptogram_protocol import messages as m
 from haptogram_protocol.framing import MAX_BODY_BYTES
 
-from ..tables.worked import WORKED_FRAMES, worked_frame
-from .samples import HOW, sample
-from .vector import SESSION, body_of, ending_in_run, frame, vector, wire
+from ..tables.worked import WORKED_FRAMES, worked_spec_frame
+from .samples import HOW, vector_sample
+from .vector import (
+    SESSION,
+    frame_outcome,
+    vector_body,
+    vector_ending_in_run,
+    vector_entry,
+    vector_wire,
+)
 
 _EIGHT: Final = m.PhaseFormat.BITS_8
 # The header goes along with the payload: from all zeros to all ones.
@@ -28,16 +35,16 @@ _SAMPLE_FLAGS: Final = {
 }
 
 
-def valid_frames() -> list[dict[str, Any]]:
+def valid_frame_vectors() -> list[dict[str, Any]]:
     """Return every vector of ``frames-valid.json``."""
     return [*_worked(), *_samples(), *_runs(), *_arrays(), _fullest()]
 
 
 def _worked() -> Iterator[dict[str, Any]]:
     for number, (title, (message, _)) in enumerate(WORKED_FRAMES.items(), 1):
-        body, line = worked_frame(title)
-        outcome = [frame(message, body)]
-        yield vector(
+        body, line = worked_spec_frame(title)
+        outcome = [frame_outcome(message, body)]
+        yield vector_entry(
             f"valid/worked/{number}", line, outcome, "HG-2.1/1 HG-3.1/1", "worked-frame", title
         )
 
@@ -45,12 +52,12 @@ def _worked() -> Iterator[dict[str, Any]]:
 def _samples() -> Iterator[dict[str, Any]]:
     for kind in m.MESSAGES.values():
         for how, about in HOW.items():
-            message = sample(kind, how)
-            body = body_of(message, **_HEADERS[how])
-            yield vector(
+            message = vector_sample(kind, how)
+            body = vector_body(message, **_HEADERS[how])
+            yield vector_entry(
                 f"valid/{kind.TYPE.name.lower()}/{how}",
-                wire(body),
-                [frame(message, body)],
+                vector_wire(body),
+                [frame_outcome(message, body)],
                 "HG-2.2/1 HG-2.4/1 HG-3.2/1 HG-3.2/3",
                 _SAMPLE_FLAGS[how],
                 f"{kind.TYPE.name}: {about}",
@@ -61,21 +68,26 @@ def _runs() -> Iterator[dict[str, Any]]:
     """Yield runs without a zero around the 254 bytes of a full COBS piece."""
     for length in (*range(236, 262), 500, 508, 512, 762, 1016):
         chunk = m.UploadChunk(0x01010101, bytes([0xAA]) * length)
-        body = body_of(chunk, seq=0x0101, time_us=0x01010101)
+        body = vector_body(chunk, seq=0x0101, time_us=0x01010101)
         text = f"{length} bytes of data, no zero in the whole body"
         yield _run(f"no-zero-{length}", chunk, body, text)
     for length in (253, 254, 255):
         chunk = m.UploadChunk(0, bytes([0x55]) * length + bytes(1) + bytes([0x55]) * 3)
         text = f"a zero behind {length} bytes without one"
-        yield _run(f"zero-behind-{length}", chunk, body_of(chunk), text)
+        yield _run(f"zero-behind-{length}", chunk, vector_body(chunk), text)
     for length in (249, 250, 251):
-        chunk, body = ending_in_run(length)
+        chunk, body = vector_ending_in_run(length)
         yield _run(f"ends-{length}", chunk, body, f"ends in {length} bytes of data and the CRC")
 
 
 def _run(name: str, chunk: m.UploadChunk, body: bytes, text: str) -> dict[str, Any]:
-    return vector(
-        f"valid/cobs/{name}", wire(body), [frame(chunk, body)], "HG-2.2/1", "cobs-254", text
+    return vector_entry(
+        f"valid/cobs/{name}",
+        vector_wire(body),
+        [frame_outcome(chunk, body)],
+        "HG-2.2/1",
+        "cobs-254",
+        text,
     )
 
 
@@ -92,17 +104,27 @@ def _arrays() -> Iterator[dict[str, Any]]:
 
 
 def _stream(name: str, message: m.Message, text: str) -> dict[str, Any]:
-    body = body_of(message, seq=m.FIRST_STREAM_SEQ, time_us=0xFF676980)
-    return vector(
-        f"valid/array/{name}", wire(body), [frame(message, body)], "HG-5.2/1", "array-size", text
+    body = vector_body(message, seq=m.FIRST_STREAM_SEQ, time_us=0xFF676980)
+    return vector_entry(
+        f"valid/array/{name}",
+        vector_wire(body),
+        [frame_outcome(message, body)],
+        "HG-5.2/1",
+        "array-size",
+        text,
     )
 
 
 def _fullest() -> dict[str, Any]:
     size = MAX_BODY_BYTES - m.Header.LAYOUT.size - m.UploadChunk.LAYOUT.size
     chunk = m.UploadChunk(0x01010101, bytes([0xA5]) * size)
-    body = body_of(chunk, flags=0x01, seq=0x0101, time_us=0x01010101)
+    body = vector_body(chunk, flags=0x01, seq=0x0101, time_us=0x01010101)
     text = "largest body that always fits, 4096 bytes between the delimiters"
-    return vector(
-        "valid/longest", wire(body), [frame(chunk, body)], "HG-2.6/1 HG-2.6/2", "buffer", text
+    return vector_entry(
+        "valid/longest",
+        vector_wire(body),
+        [frame_outcome(chunk, body)],
+        "HG-2.6/1 HG-2.6/2",
+        "buffer",
+        text,
     )

@@ -13,14 +13,14 @@ SESSION: Final = 0x5EED
 Outcome = dict[str, Any]
 
 
-def jsonable(value: Any, code: str = "") -> Any:
+def vector_json(value: Any, code: str = "") -> Any:
     """Return *value* as JSON: bytes in hex, u64 in decimal digits, records as objects."""
     if isinstance(value, Record):
         return vector_fields_of(value)
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, tuple):
-        return [jsonable(item) for item in value]
+        return [vector_json(item) for item in value]
     if isinstance(value, str | dict | list):
         return value
     return str(value) if code == "Q" else int(value)
@@ -28,47 +28,47 @@ def jsonable(value: Any, code: str = "") -> Any:
 
 def vector_fields_of(record: Record) -> dict[str, Any]:
     """Return every field of *record* by name, the tail too."""
-    fields = {name: jsonable(getattr(record, name), f.code) for name, f in record.WIRE.items()}
+    fields = {name: vector_json(getattr(record, name), f.code) for name, f in record.WIRE.items()}
     if record.TAIL:
-        fields[record.TAIL.name] = jsonable(getattr(record, record.TAIL.name))
+        fields[record.TAIL.name] = vector_json(getattr(record, record.TAIL.name))
     return fields
 
 
-def body_of(
+def vector_body(
     message: m.Message, *, flags: int = 0, seq: int = 1, time_us: int = 0, session: int = SESSION
 ) -> bytes:
     """Return header and payload; everything in the header has a default."""
     return m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
 
 
-def vector_header_of(body: bytes) -> dict[str, int]:
+def _vector_header_of(body: bytes) -> dict[str, int]:
     """Return the header of *body* by field."""
     return vector_fields_of(m.Header.unpack(body[:HEADER_BYTES]))
 
 
-def frame(message: m.Message, body: bytes) -> Outcome:
+def frame_outcome(message: m.Message, body: bytes) -> Outcome:
     """Return the outcome of a frame that is taken."""
     return {
         "frame": {
             "body": body.hex(),
-            "header": vector_header_of(body),
+            "header": _vector_header_of(body),
             "message": message.TYPE.name,
             "fields": vector_fields_of(message),
         }
     }
 
 
-def dropped(reason: str) -> Outcome:
+def dropped_outcome(reason: str) -> Outcome:
     """Return the outcome of bytes that are no frame; *reason* is the counter."""
     return {"drop": reason}
 
 
-def rejected(reason: str, body: bytes, offset: int = 0) -> Outcome:
+def rejected_outcome(reason: str, body: bytes, offset: int = 0) -> Outcome:
     """Return the outcome of a frame without damage whose message is wrong at *offset*."""
-    return {"reject": reason, "header": vector_header_of(body), "offset": offset}
+    return {"reject": reason, "header": _vector_header_of(body), "offset": offset}
 
 
-def vector(
+def vector_entry(
     name: str, line: bytes, outcome: list[Outcome], clauses: str, flags: str, comment: str
 ) -> dict[str, Any]:
     """Return one vector; *clauses* and *flags* are lists separated by spaces."""
@@ -82,18 +82,18 @@ def vector(
     }
 
 
-def wire(body: bytes) -> bytes:
+def vector_wire(body: bytes) -> bytes:
     """Return the frame around *body*."""
     return encode_frame(body)
 
 
-def ending_in_run(length: int) -> tuple[m.UploadChunk, bytes]:
+def vector_ending_in_run(length: int) -> tuple[m.UploadChunk, bytes]:
     """Return a chunk of *length* bytes without a zero, and its body, whose CRC has none either."""
     chunks = (m.UploadChunk(0, bytes([fill]) * length) for fill in range(1, 256))
-    made = ((chunk, body_of(chunk)) for chunk in chunks)
-    return next((chunk, body) for chunk, body in made if 0 not in crc_of(body))
+    made = ((chunk, vector_body(chunk)) for chunk in chunks)
+    return next((chunk, body) for chunk, body in made if 0 not in vector_crc(body))
 
 
-def crc_of(body: bytes) -> bytes:
+def vector_crc(body: bytes) -> bytes:
     """Return the CRC-32 of *body* as it stands behind it."""
     return zlib.crc32(body).to_bytes(CRC_BYTES, "little")

@@ -20,13 +20,13 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
     force_on_disc_n,
-    in_front,
+    points_in_front,
     propagators,
 )
 from haptogram.acoustics.field.engines import engine as engine_module
 from haptogram.acoustics.field.engines import single_precision
 from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine, choose_engine
-from haptogram.acoustics.field.engines.polynomials import fit_polynomial
+from haptogram.acoustics.field.engines.polynomials import fit_gain_polynomial
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose, grids, models, seeds
 
@@ -73,7 +73,7 @@ def test_elements_with_any_normals_agree_with_the_reference(kind, seed, count, o
     directivity = PointSource() if omni else CircularPiston(rng.uniform(2e-3, 4.7e-3))
     model = AcousticModel(array, Medium(343.2, 1.2, loss), Transducer(directivity))
     points = 5.0 + rng.uniform(-0.4, 0.4, (30, 3))
-    points = points[in_front(model, points)]
+    points = points[points_in_front(model, points)]
     drives = rng.normal(size=(2, count, 2)) @ [1, 1j]
     assert_agrees(kind(model), drives[0], points)
     assert_agrees(kind(model), drives, points)
@@ -97,7 +97,7 @@ def test_compiled_loops_serve_wide_arrays_and_far_points(seed, side, width, bent
         array, Medium.air(), Transducer(PointSource() if omni else CircularPiston(4.5e-3))
     )
     points = np.column_stack([rng.uniform(-width, width, (40, 2)), rng.uniform(0.02, 0.9, 40)])
-    points = points[in_front(model, points)]
+    points = points[points_in_front(model, points)]
     weights = rng.normal(size=(side * side, 2)) @ [1, 1j]
     engine = NumbaEngine(model)
     with pytest.MonkeyPatch.context() as patch:
@@ -299,7 +299,7 @@ def test_the_polynomials_of_the_kernels_are_the_fitted_ones():
         (_kernels.COSINE, cosine, 0.25, 5e-8),
         (_kernels.ARCTANGENT, arctangent, 1.0, 6e-9),
     ):
-        coefficients, error = fit_polynomial(function, len(constants) - 1, 0.0, end)
+        coefficients, error = fit_gain_polynomial(function, len(constants) - 1, 0.0, end)
         assert constants == pytest.approx(coefficients, rel=1e-6)
         assert error < limit
 
@@ -327,7 +327,7 @@ from haptogram.acoustics.field.engines.engine import NumbaEngine, choose_engine
 from haptogram.acoustics.solvers.batch import FocusCodes
 from haptogram.acoustics.field.grid import GridField
 from haptogram.acoustics.field.plane import PlaneField
-from haptogram.acoustics.solvers.several import quality, solve
+from haptogram.acoustics.solvers.several import solver_quality, solve_foci
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.errors import ConfigurationError
 model = AcousticModel.default(8, 8)
@@ -340,7 +340,7 @@ assert np.allclose(GridField(model, points).pressure(np.ones(64)), exact, rtol=1
 assert (FocusCodes(model).codes(points) == quantise_phase(focus_phases(model, points), 8)).all()
 assert (FocusCodes(model).focus(0.0, 0.01, 0.2) == FocusCodes(model).codes(points)[0]).all()
 assert PlaneField(model, 0.1, half_width_m=0.02).pressure(np.ones(64)).any()
-assert quality(model, solve(model, points), points, np.ones(2)).uniformity > 0.99
+assert solver_quality(model, solve_foci(model, points), points, np.ones(2)).uniformity > 0.99
 for needs_numba in (NumbaEngine, FocusTracker):
     try:
         needs_numba(model)
@@ -358,10 +358,10 @@ def test_the_kernels_say_the_same_as_plain_python():
     code = """
 import numpy as np
 from haptogram.acoustics import AcousticModel, TransducerArray, focus_phases, quantise_phase
-from haptogram.acoustics import propagators, superpose
+from haptogram.acoustics import propagators, superpose_foci
 from haptogram.acoustics.solvers.batch import FocusCodes
 from haptogram.acoustics.field.engines.engine import NumbaEngine
-from haptogram.acoustics.solvers.several import solve, weighted_gerchberg_saxton
+from haptogram.acoustics.solvers.several import solve_foci, weighted_gerchberg_saxton
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 np.seterr(over="ignore")
 flat = AcousticModel.default(3, 2)
@@ -379,9 +379,9 @@ for model in (flat, free):
     fix = FocusTracker(model).fit(codes[0], (0.011, 0.019, 0.098))
     assert np.linalg.norm(np.array(fix.position_m) - points[0]) < 2e-3, fix
 matrix, ones = propagators(flat, points[:2]), np.ones(2)
-start = superpose(flat, points[:2], ones, np.zeros(2))
+start = superpose_foci(flat, points[:2], ones, np.zeros(2))
 expected = weighted_gerchberg_saxton(matrix, ones, start, 5)
-assert np.allclose(solve(flat, points[:2], rounds=5), expected, atol=1e-4)
+assert np.allclose(solve_foci(flat, points[:2], rounds=5), expected, atol=1e-4)
 """
     run_python(code, NUMBA_DISABLE_JIT="1")
 
@@ -396,7 +396,7 @@ caching.CacheImpl._locator_classes = [
 from haptogram.acoustics.field.engines.compiled import load_kernels
 kernels = load_kernels()
 assert load_kernels() is kernels
-print(kernels.focus_codes.stats.cache_path)
+print(kernels.focus_codes_kernel.stats.cache_path)
 """
     environment = {"TMPDIR": str(tmp_path)}
     if "NUMBA_CACHE_DIR" in os.environ:

@@ -13,9 +13,9 @@ from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.exposure import (
     a_weighting_db,
     exposure_at,
-    half_sphere,
+    half_sphere_directions,
     switching_level_db_a,
-    worst_place,
+    worst_exposure,
 )
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import seeds
@@ -81,8 +81,8 @@ def test_no_place_of_a_dense_scan_is_louder_than_the_worst(target):
     model = AcousticModel.default(12, 12)
     weights = np.exp(1j * focus_phases(model, target))
     engine = choose_engine(model)
-    worst = worst_place(engine, weights[None], 0.5, 1e-3)
-    dense = 0.5 * half_sphere(np.array([0.0, 0.0, 1.0]), 200_000)
+    worst = worst_exposure(engine, weights[None], 0.5, 1e-3)
+    dense = 0.5 * half_sphere_directions(np.array([0.0, 0.0, 1.0]), 200_000)
     loudest = np.abs(engine.pressure(weights, dense)).max() / np.sqrt(2.0)
     assert worst.equivalent_db_spl >= 20.0 * np.log10(loudest / 20e-6) - 0.01
     assert np.linalg.norm(worst.position_m) == pytest.approx(0.5)
@@ -90,7 +90,7 @@ def test_no_place_of_a_dense_scan_is_louder_than_the_worst(target):
 
 def test_the_worst_place_is_ahead_of_a_small_array_that_looks_ahead():
     weights = np.exp(1j * focus_phases(MODEL, np.array([[0.0, 0.0, 1.0]])))
-    worst = worst_place(ENGINE, weights, 1.0, 1e-3)
+    worst = worst_exposure(ENGINE, weights, 1.0, 1e-3)
     assert worst.position_m[2] > 0.95
     (ahead,) = exposure_at(ENGINE, weights, [[0.0, 0.0, 1.0]], 1e-3)
     assert worst.equivalent_db_spl == pytest.approx(ahead.equivalent_db_spl, abs=0.5)
@@ -146,7 +146,7 @@ def test_the_directions_of_a_half_sphere_are_even(seed, count):
     """Their first two moments are those of the half sphere: a half of its axis, a third of I."""
     axis = np.random.default_rng(seed).normal(size=3)
     axis /= np.linalg.norm(axis)
-    directions = half_sphere(axis, count)
+    directions = half_sphere_directions(axis, count)
     assert np.linalg.norm(directions, axis=1) == pytest.approx(np.ones(count))
     assert (directions @ axis).min() > 0.0
     assert directions.mean(axis=0) == pytest.approx(axis / 2, abs=2 / count)
@@ -165,8 +165,8 @@ def test_a_constant_drive_switches_nothing():
         lambda: mean_square_pressure(ENGINE, PASS[0], POINTS, 1e-3),
         lambda: mean_square_pressure(ENGINE, np.empty((0, 36)), POINTS, 1e-3),
         lambda: mean_square_pressure(ENGINE, PASS, POINTS, 0.0),
-        lambda: worst_place(ENGINE, PASS, 1.0, 1e-3, directions=9),
-        lambda: worst_place(ENGINE, PASS, -1.0, 1e-3),
+        lambda: worst_exposure(ENGINE, PASS, 1.0, 1e-3, directions=9),
+        lambda: worst_exposure(ENGINE, PASS, -1.0, 1e-3),
         lambda: a_weighting_db(40e3),
         lambda: a_weighting_db([100.0, 5.0]),
     ],

@@ -13,7 +13,7 @@ from haptogram.acoustics.levels.dynamics import (
     amplitude_to_duty,
     duty_to_amplitude,
     hop_mean_square,
-    hop_response,
+    pressure_after_hop,
 )
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import seeds, targets
@@ -110,7 +110,7 @@ def test_an_immediate_transducer_follows_at_once():
 def test_a_hop_takes_its_travel_time_and_then_its_rise_time():
     model, resonator = AcousticModel.default(), Resonator.from_bandwidth()
     times = np.arange(0.0, 3e-3, 1e-6)
-    response = hop_response(model, resonator, HOP, times)
+    response = pressure_after_hop(model, resonator, HOP, times)
     assert times[np.argmax(response > 0.5)] == pytest.approx(0.545e-3, abs=5e-6)
     assert times[np.argmax(response > 0.9)] == pytest.approx(0.990e-3, abs=5e-6)
     assert response[-1] == pytest.approx(1.0, abs=2e-3)
@@ -131,13 +131,13 @@ def test_nothing_is_heard_before_the_first_sound_arrives(old, new, tau, seed):
     nearest = np.linalg.norm(new - model.array.positions_m, axis=1).min()
     arrival = nearest / model.medium.sound_speed_m_s
     before = np.random.default_rng(seed).uniform(-1e-3, arrival, 10)
-    response = hop_response(model, Resonator(tau), (old, new), before)
+    response = pressure_after_hop(model, Resonator(tau), (old, new), before)
     assert np.ptp(response) == 0.0
     fields = [np.exp(1j * focus_phases(model, place)) for place in (old, new)]
     still, settled = np.abs(pressure(model, np.array(fields), [new]))[:, 0]
     assert response[0] == pytest.approx(still / settled, rel=1e-9, abs=1e-12)
     if np.linalg.norm(old - new) > 0.02:
-        later = hop_response(model, Resonator(tau), (old, new), [arrival + 5e-5])
+        later = pressure_after_hop(model, Resonator(tau), (old, new), [arrival + 5e-5])
         assert later[0] != response[0]
 
 

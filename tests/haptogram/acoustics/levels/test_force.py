@@ -18,9 +18,9 @@ from haptogram.acoustics import (
     pressure,
     propagators,
     radiation_pressure_pa,
-    superpose,
+    superpose_foci,
 )
-from haptogram.acoustics.levels.force import disc_nodes
+from haptogram.acoustics.levels.force import force_disc_nodes
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import seeds, targets
 
@@ -96,7 +96,7 @@ def test_the_quadrature_agrees_with_a_midpoint_rule(target, seed):
     rng = np.random.default_rng(seed)
     model = AcousticModel.default(*[(16, 16), (8, 8), (32, 4)][seed % 3])
     points = [target, target + rng.normal(0, 0.006, 3) + [0, 0, 0.01]]
-    weights = superpose(model, points, [1.0, rng.uniform(0, 1)], [0.0, rng.uniform(0, 6)])
+    weights = superpose_foci(model, points, [1.0, rng.uniform(0, 1)], [0.0, rng.uniform(0, 6)])
     centre = target + rng.normal(0, 0.002, 3)
     radius = [0.003, 0.010, 0.025][seed % 3]
     expected = midpoint_force(model, weights, centre, radius)
@@ -143,7 +143,7 @@ def test_a_focus_is_overstated_as_said_next_to_the_stress_on_a_rigid_wall(nx, z_
     model, focus = AcousticModel.default(nx, nx), np.array([0.0, 0.0, z_m])
     weights = np.exp(1j * focus_phases(model, focus))
     step = 1e-5
-    offsets, areas = disc_nodes(0.010, model.wavenumber)
+    offsets, areas = force_disc_nodes(0.010, model.wavenumber)
     shifts = step * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     here, *around = pressure(
         model, weights, (shifts[:, None] + offsets + focus).reshape(-1, 3)
@@ -180,7 +180,7 @@ def test_a_standing_wave_counts_as_from_ahead():
 
 
 def test_the_nodes_cover_the_disc_exactly_once():
-    offsets, areas = disc_nodes(0.010, 732.3)
+    offsets, areas = force_disc_nodes(0.010, 732.3)
     assert len(areas) <= 300
     assert areas.sum() == pytest.approx(math.pi * 1e-4, rel=1e-12)
     assert areas @ (offsets[:, 0] ** 2) == pytest.approx(math.pi * 1e-8 / 4, rel=1e-12)
@@ -213,7 +213,7 @@ def disc_that_faces(model, normal):
         (lambda m: radiation_pressure_pa(1.0, m.medium, 2.5), "reflection is 2.5, must be 1 to 2"),
         (lambda _: level_db_spl(-1.0), "pressure_rms_pa is -1"),
         (lambda _: level_db_spl(math.nan), "pressure_rms_pa is nan"),
-        (lambda _: disc_nodes(0.01, 0.0), "wavenumber is 0"),
+        (lambda _: force_disc_nodes(0.01, 0.0), "wavenumber is 0"),
     ],
 )
 def test_bad_arguments_are_refused_with_value_and_limit(call, complaint):

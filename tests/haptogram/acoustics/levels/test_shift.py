@@ -19,8 +19,12 @@ from haptogram.acoustics import (
     pressure,
 )
 from haptogram.acoustics.levels.lobes import grating_lobes, largest_secondary_lobe
-from haptogram.acoustics.levels.shift import find_peak, paraxial_shift_m, predict_focal_shift
-from haptogram.acoustics.levels.spot import measure_spot, predict_width_m
+from haptogram.acoustics.levels.shift import (
+    find_pressure_peak,
+    paraxial_focal_shift_m,
+    predict_focal_shift,
+)
+from haptogram.acoustics.levels.spot import measure_spot, predict_spot_width_m
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import hemisphere_targets, targets
 
@@ -33,7 +37,7 @@ def focus(model, target):
 
 
 def peak(model, target):
-    return find_peak(NumpyEngine(model), focus(model, target), target)
+    return find_pressure_peak(NumpyEngine(model), focus(model, target), target)
 
 
 # On the axis, in mm: 1/r only, 1/r and directivity, the paraxial formula.
@@ -57,7 +61,9 @@ def test_the_maximum_on_the_axis_is_where_it_was_found_before(z, plain, shift, p
         found = peak(model, target) - target
         assert found[2] * 1e3 == pytest.approx(expected, abs=0.01 + 0.0025 * abs(expected))
         assert np.abs(found[:2]).max() < 1e-9
-    assert paraxial_shift_m(MODEL, z) * 1e3 == pytest.approx(paraxial, abs=0.006 + 0.002 * z * 1e3)
+    assert paraxial_focal_shift_m(MODEL, z) * 1e3 == pytest.approx(
+        paraxial, abs=0.006 + 0.002 * z * 1e3
+    )
 
 
 @pytest.mark.parametrize(("z", "shift"), [(0.1, -0.50), (0.2, -6.4)])
@@ -86,7 +92,7 @@ def test_the_prediction_bounds_the_shift(target):
 @given(targets(lateral=0.03, low=0.06, high=0.12), st.floats(0.1, 0.5))
 def test_the_louder_half_of_an_array_pulls_the_maximum_its_way(target, share):
     amplitudes = np.where(MODEL.array.positions_m[:, 0] < 0.0, 1.0, share)
-    found = find_peak(ENGINE, amplitudes * focus(MODEL, target), target) - target
+    found = find_pressure_peak(ENGINE, amplitudes * focus(MODEL, target), target) - target
     predicted = predict_focal_shift(MODEL, target, amplitudes).offset_m
     assert np.linalg.norm(predicted - found) < 0.02e-3 + 0.1 * np.linalg.norm(found)
     even = predict_focal_shift(MODEL, target).offset_m
@@ -97,7 +103,7 @@ def test_the_louder_half_of_an_array_pulls_the_maximum_its_way(target, share):
 @given(targets(low=0.08, high=0.2), st.floats(-3e-3, 3e-3), st.floats(-3e-3, 3e-3))
 def test_the_peak_is_a_maximum_found_from_anywhere_in_the_lobe(target, dx, dz):
     weights = focus(MODEL, target)
-    found = find_peak(ENGINE, weights, target + np.array([dx / 3, 0.0, dz]))
+    found = find_pressure_peak(ENGINE, weights, target + np.array([dx / 3, 0.0, dz]))
     around = found + 2e-4 * np.random.default_rng(0).normal(size=(50, 3))
     level = np.abs(pressure(MODEL, weights, np.vstack([found, around])))
     assert level[0] >= level[1:].max()
@@ -119,12 +125,12 @@ def test_around_a_line_of_elements_a_prediction_holds_where_all_are_equally_loud
 def test_a_single_element_has_no_maximum_in_front_of_it():
     model = AcousticModel.default(1, 1)
     with pytest.raises(ConfigurationError, match="rises up to the array"):
-        find_peak(NumpyEngine(model), [1.0], (0.0, 0.0, 0.05))
+        find_pressure_peak(NumpyEngine(model), [1.0], (0.0, 0.0, 0.05))
 
 
 def test_silence_has_no_maximum():
     with pytest.raises(ConfigurationError, match="no sound"):
-        find_peak(ENGINE, np.zeros(256), (0.0, 0.0, 0.1))
+        find_pressure_peak(ENGINE, np.zeros(256), (0.0, 0.0, 0.1))
     with pytest.raises(ConfigurationError, match="no element"):
         predict_focal_shift(MODEL, (0.0, 0.0, 0.1), np.zeros(256))
 
@@ -151,7 +157,7 @@ def test_the_spot_has_the_size_that_was_measured_before(z, three, six, null, bel
     from_target = np.array(spot.depth_3db_m) + np.array([-1, 1]) * spot.axial_peak_m
     assert 1e3 * from_target == pytest.approx([below, above], rel=0.035)
     assert spot.axial_peak_m == pytest.approx(peak(MODEL, target)[2] - z, abs=0.3e-3)
-    assert predict_width_m(MODEL, target)[0] == pytest.approx(spot.width_3db_m[0], rel=0.045)
+    assert predict_spot_width_m(MODEL, target)[0] == pytest.approx(spot.width_3db_m[0], rel=0.045)
 
 
 def test_a_wide_array_makes_a_narrow_spot_across_its_width():
@@ -163,7 +169,7 @@ def test_a_wide_array_makes_a_narrow_spot_across_its_width():
         assert (across, along) == pytest.approx((y, x), rel=1e-9)
         assert y > 1.5 * x
     for model, spot in zip((wide, deep), spots, strict=True):
-        assert predict_width_m(model, target) == pytest.approx(spot.width_3db_m, rel=0.06)
+        assert predict_spot_width_m(model, target) == pytest.approx(spot.width_3db_m, rel=0.06)
 
 
 def test_far_away_the_spot_is_that_of_a_square_aperture():

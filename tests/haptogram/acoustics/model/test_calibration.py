@@ -36,32 +36,32 @@ from haptogram.acoustics import (
     demodulated_lines,
     dequantise_phase,
     exposure_at,
-    find_peak,
+    find_pressure_peak,
     fit_focus,
     focus_phases,
     force_on_disc_n,
-    hop_response,
     largest_secondary_lobe,
     mean_square_pressure,
     measure_spot,
     predict_focal_shift,
-    predict_width_m,
+    predict_spot_width_m,
     pressure,
+    pressure_after_hop,
     propagators,
-    quality,
     quantise_phase,
     radiated_power_w,
-    solve,
-    superpose,
+    solve_foci,
+    solver_quality,
+    superpose_foci,
     switching_level_db_a,
     weights_for_foci,
-    worst_place,
+    worst_exposure,
 )
 from haptogram.acoustics.levels.dynamics import hop_mean_square
-from haptogram.acoustics.levels.shift import direction_covariance
+from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.calibration import HEADER
 from haptogram.acoustics.reconstruct import reconstruction, tracking
-from haptogram.acoustics.reconstruct.acquisition import Acquisition
+from haptogram.acoustics.reconstruct.acquisition import FocusAcquisition
 from haptogram.acoustics.solvers.several import METHODS
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose
@@ -167,7 +167,7 @@ OF_A_DRIVE = {
         lambda m, w, c: exposure_at(NumpyEngine(m), w, c.points, FRAME_S, LAG),
         1e-12,
     ),
-    "worst_place": (lambda m, w, _: worst_place(NumpyEngine(m), w, 0.5, FRAME_S, 500), 1e-9),
+    "worst_exposure": (lambda m, w, _: worst_exposure(NumpyEngine(m), w, 0.5, FRAME_S, 500), 1e-9),
     "switching_level_db_a": (
         lambda m, w, c: switching_level_db_a(NumpyEngine(m), w, c.target, FRAME_S, LAG),
         1e-12,
@@ -181,7 +181,10 @@ OF_A_DRIVE = {
         lambda m, w, _: demodulated_level_db_a(NumpyEngine(m), w, 1.0, FRAME_S, LAG),
         1e-9,
     ),
-    "find_peak": (lambda m, w, c: find_peak(NumpyEngine(m), w[0], c.target), 1e-6),
+    "find_pressure_peak": (
+        lambda m, w, c: find_pressure_peak(NumpyEngine(m), w[0], c.target),
+        1e-6,
+    ),
     "measure_spot": (lambda m, w, c: measure_spot(NumpyEngine(m), w[0], c.target), 1e-9),
     "largest_secondary_lobe": (
         lambda m, w, c: largest_secondary_lobe(NumpyEngine(m), w[0], c.target, 0.35),
@@ -249,8 +252,8 @@ def test_what_focuses_takes_the_phases_of_the_elements_off(case):
     one = FocusCodes(case.real).focus(*case.target)
     assert (one == FocusCodes(case.real).codes(case.target)).all()
     arguments = targets, [1.0, 0.5], [0.0, 0.8]
-    assert superpose(case.real, *arguments) == pytest.approx(
-        superpose(case.placed, *arguments) * np.exp(-1j * lags), abs=1e-9
+    assert superpose_foci(case.real, *arguments) == pytest.approx(
+        superpose_foci(case.placed, *arguments) * np.exp(-1j * lags), abs=1e-9
     )
 
 
@@ -264,20 +267,20 @@ def test_every_solver_takes_the_phases_of_the_elements_off(name, pose, method):
     """
     c = Case.of(name, pose, gain=0.0)
     points = [c.target, c.other]
-    found = solve(c.real, points, [1.0, 0.6], method=method, rounds=20)
-    expected = solve(c.placed, points, [1.0, 0.6], method=method, rounds=20) * np.conj(c.h)
+    found = solve_foci(c.real, points, [1.0, 0.6], method=method, rounds=20)
+    expected = solve_foci(c.placed, points, [1.0, 0.6], method=method, rounds=20) * np.conj(c.h)
     assert found == pytest.approx(expected, abs=2e-2 if method == "gradient" else 1e-3)
     same = weights_for_foci(c.real, points, [1.0, 0.6], [0.0, 0.0], method=method)
     again = weights_for_foci(c.placed, points, [1.0, 0.6], [0.0, 0.0], method=method)
-    assert quality(c.real, same, points, [1.0, 0.6]).uniformity == pytest.approx(
-        quality(c.placed, again, points, [1.0, 0.6]).uniformity, abs=1e-2
+    assert solver_quality(c.real, same, points, [1.0, 0.6]).uniformity == pytest.approx(
+        solver_quality(c.placed, again, points, [1.0, 0.6]).uniformity, abs=1e-2
     )
 
 
 def test_a_solver_evens_out_the_foci_of_elements_of_unequal_gain(case):
     points = [case.target, case.other]
     knowing, guessing = (
-        np.abs(pressure(case.placed, solve(model, points, method="gradient") * case.h, points))
+        np.abs(pressure(case.placed, solve_foci(model, points, method="gradient") * case.h, points))
         for model in (case.real, case.placed)
     )
     assert knowing.min() >= 0.98 * knowing.max()
@@ -288,18 +291,21 @@ def test_quality_is_of_what_the_elements_make(case):
     points, levels = np.array([case.target, case.other]), np.array([1.0, 0.5])
     matrix = propagators(case.placed, points) * case.h
     share = np.abs(matrix @ case.drives[0]) / np.abs(matrix).sum(axis=1)
-    found = quality(case.real, case.drives[0], points, levels)
+    found = solver_quality(case.real, case.drives[0], points, levels)
     assert found.efficiency == pytest.approx((share**2).sum(), rel=1e-12)
-    same = quality(case.placed, case.drives[0] * case.h, points, levels)
+    same = solver_quality(case.placed, case.drives[0] * case.h, points, levels)
     assert found.uniformity == pytest.approx(same.uniformity, rel=1e-9)
 
 
 def test_the_width_of_a_focus_is_that_of_what_arrives(case):
     shares = np.abs(propagators(case.placed, case.target[None])[0] * case.h)
-    covariance, axes = direction_covariance(case.placed, case.target, shares), case.real.array.axes
+    covariance, axes = (
+        focal_shift_covariance(case.placed, case.target, shares),
+        case.real.array.axes,
+    )
     spread = np.sqrt(np.diag(axes @ covariance @ axes.T)[:2])
     half = math.sqrt(3.0 * math.log(10.0) / 10.0)
-    assert predict_width_m(case.real, case.target) == pytest.approx(
+    assert predict_spot_width_m(case.real, case.target) == pytest.approx(
         2.0 * half / (case.real.wavenumber * spread), rel=1e-9
     )
 
@@ -313,7 +319,7 @@ def test_a_hop_builds_up_from_what_each_element_makes(case):
     left = np.exp(-np.maximum(heard, 0.0) / LAG.time_constant_s)
     expected = np.abs((new + left * (old - new)) @ path) / abs(new @ path)
     targets = case.target, case.other
-    assert hop_response(case.real, LAG, targets, times) == pytest.approx(expected, rel=1e-9)
+    assert pressure_after_hop(case.real, LAG, targets, times) == pytest.approx(expected, rel=1e-9)
     without_phases = dataclasses.replace(
         case.real.calibration, phase_rad=np.zeros(case.real.array.count)
     )
@@ -344,7 +350,7 @@ def test_a_focus_is_found_from_the_phases_that_are_radiated(name, pose, dead):
     for fix in (tracker.fit(codes, tuple(start)), tracker.acquire(codes)):
         assert np.array(fix.position_m) == pytest.approx(fit.position_m, abs=5e-6)
         assert tracker.explains(fix)
-    fits = Acquisition(c.real, heard).fits(phases, heard, math.tau / 256, 12)
+    fits = FocusAcquisition(c.real, heard).fits(phases, heard, math.tau / 256, 12)
     found = min(fits, key=lambda one: one.residual_rms_rad)
     assert found.position_m == pytest.approx(fit.position_m, abs=1e-6)
 
@@ -381,7 +387,7 @@ def test_the_compiled_search_scores_places_by_what_is_radiated(name, monkeypatch
 
 @pytest.mark.parametrize("pose", POSES)
 def test_elements_that_are_always_dead_do_not_slow_the_search_down(pose, monkeypatch):
-    monkeypatch.setattr(reconstruction, "Acquisition", None)
+    monkeypatch.setattr(reconstruction, "FocusAcquisition", None)
     c = Case.of("grid", pose, dead=[0, 9])
     for _ in range(2):
         found = Reconstructor(c.real).reconstruct_weights(c.drives[0])
@@ -413,11 +419,16 @@ def test_the_host_that_does_not_know_the_elements_misses():
     assert not isinstance(Reconstructor(c.real).reconstruct_weights(nominal), SingleFocus)
 
 
-GEOMETRY_ALONE = {"check_target", "grating_lobes", "in_front", "paraxial_shift_m"}
+GEOMETRY_ALONE = {
+    "check_focus_target",
+    "grating_lobes",
+    "points_in_front",
+    "paraxial_focal_shift_m",
+}
 OTHERWISE_ABOVE = {
     "FocusCodes", "FocusTracker", "NumbaEngine", "Numpy32Engine", "PlaneField", "Reconstructor",
-    "fit_focus", "focus_phases", "hop_response", "predict_width_m", "quality", "solve",
-    "superpose", "weights_for_foci",
+    "fit_focus", "focus_phases", "predict_spot_width_m", "pressure_after_hop", "solve_foci",
+    "solver_quality", "superpose_foci", "weights_for_foci",
 }  # fmt: skip
 
 

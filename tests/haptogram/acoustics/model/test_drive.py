@@ -8,7 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptogram.acoustics import Drive, dequantise_phase, phase_step_rad, quantise_phase, saturated
+from haptogram.acoustics import (
+    Drive,
+    dequantise_phase,
+    phase_step_rad,
+    quantise_phase,
+    saturated_weights,
+)
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import drives, phase_bits, seeds, weights_of
 
@@ -89,7 +95,7 @@ def test_a_weight_above_one_is_refused_or_saturated_and_zero_has_phase_code_zero
     weights = [3j, 0.0, complex(-0.0, -0.0), -0.25]
     with pytest.raises(ConfigurationError, match=r"weights\[0\] has the magnitude 3, must be 1"):
         Drive.from_weights(weights)
-    drive = Drive.from_weights(saturated(weights))
+    drive = Drive.from_weights(saturated_weights(weights))
     assert list(drive.amplitude_codes) == [255, 0, 0, 64]
     assert list(drive.phase_codes) == [64, 0, 0, 128]
 

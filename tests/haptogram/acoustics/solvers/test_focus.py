@@ -11,16 +11,16 @@ from haptogram.acoustics import (
     AcousticModel,
     Medium,
     TransducerArray,
-    check_target,
+    check_focus_target,
     dequantise_phase,
     fit_focus,
     focus_phases,
     phase_step_rad,
     pressure,
     quantise_phase,
-    superpose,
+    superpose_foci,
 )
-from haptogram.acoustics.solvers.focus import steering_reach_m, wrap
+from haptogram.acoustics.solvers.focus import steering_reach_m, wrapped_phases
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import finite_angles, grids, models, seeds, targets
 
@@ -53,18 +53,20 @@ def test_focus_phases_are_minus_k_r(model, target):
 @settings(max_examples=25)
 def test_superposition_is_the_sum_of_the_single_foci(first, second, lag):
     single = np.exp(1j * focus_phases(MODEL, [first, second]))
-    weights = superpose(MODEL, [first, second], [0.5, 0.25], [lag, 0.0])
+    weights = superpose_foci(MODEL, [first, second], [0.5, 0.25], [lag, 0.0])
     expected = 0.5 * np.exp(1j * lag) * single[0] + 0.25 * single[1]
     assert np.abs(weights - expected).max() <= 1e-13
-    assert abs(superpose(MODEL, [first], [1.0], [0.0])[7]) == pytest.approx(1.0)
+    assert abs(superpose_foci(MODEL, [first], [1.0], [0.0])[7]) == pytest.approx(1.0)
 
 
 def test_a_superposition_reaches_every_point_with_its_amplitude_and_phase():
     """Two far points hardly disturb each other: each is within 25 % of its own focus."""
     points, amplitudes, lags = [[0.03, 0, 0.12], [-0.03, 0.01, 0.12]], [0.6, 0.3], [0.0, 2.0]
-    field = pressure(MODEL, superpose(MODEL, points, amplitudes, lags), points)
+    field = pressure(MODEL, superpose_foci(MODEL, points, amplitudes, lags), points)
     for i in range(2):
-        own = pressure(MODEL, superpose(MODEL, [points[i]], [amplitudes[i]], [lags[i]]), points)[i]
+        own = pressure(
+            MODEL, superpose_foci(MODEL, [points[i]], [amplitudes[i]], [lags[i]]), points
+        )[i]
         assert abs(field[i] - own) < 0.25 * abs(own)
         assert np.angle(own) == pytest.approx(lags[i], abs=1e-9)
 
@@ -83,20 +85,20 @@ def test_a_superposition_reaches_every_point_with_its_amplitude_and_phase():
 )
 def test_a_target_out_of_reach_is_refused_with_value_and_limit(target, complaint):
     with pytest.raises(ConfigurationError, match=complaint):
-        check_target(MODEL, target)
+        check_focus_target(MODEL, target)
 
 
 @pytest.mark.parametrize("target", [[0, 0, 0.02], [0.23, -0.23, 0.1], [0, 0, 1.0]])
 def test_a_target_at_the_limit_is_accepted(target):
-    check_target(MODEL, target)
+    check_focus_target(MODEL, target)
 
 
 def test_reach_is_counted_from_the_array_wherever_it_is():
     moved = TransducerArray.from_positions(MODEL.array.positions_m + np.array([1.0, 0, 0.5]))
     model = AcousticModel(moved, MODEL.medium, MODEL.transducer)
-    check_target(model, [1.0, 0, 0.6])
+    check_focus_target(model, [1.0, 0, 0.6])
     with pytest.raises(ConfigurationError, match="offset"):
-        check_target(model, [0.5, 0, 0.6])
+        check_focus_target(model, [0.5, 0, 0.6])
     assert steering_reach_m(model) == pytest.approx((0.225, 0.225))
 
 
@@ -104,7 +106,7 @@ def test_a_target_among_the_elements_of_a_bowl_is_refused():
     array = TransducerArray.from_positions([[0, 0, 0], [0.1, 0, 0.1], [-0.1, 0, 0.1]])
     model = AcousticModel(array, MODEL.medium, MODEL.transducer)
     with pytest.raises(ConfigurationError, match="distance from an element is 10 mm"):
-        check_target(model, [0.1, 0, 0.11])
+        check_focus_target(model, [0.1, 0, 0.11])
 
 
 @pytest.mark.parametrize(
@@ -112,8 +114,8 @@ def test_a_target_among_the_elements_of_a_bowl_is_refused():
     [
         lambda: focus_phases(MODEL, [0, 0]),
         lambda: focus_phases(MODEL, [0, math.inf, 1]),
-        lambda: superpose(MODEL, [[0, 0, 0.1]], [1.0, 1.0], [0.0]),
-        lambda: superpose(MODEL, [[0, 0, 0.1]], [1.0], [math.nan]),
+        lambda: superpose_foci(MODEL, [[0, 0, 0.1]], [1.0, 1.0], [0.0]),
+        lambda: superpose_foci(MODEL, [[0, 0, 0.1]], [1.0], [math.nan]),
         lambda: fit_focus(MODEL, np.zeros(255), [0, 0, 0.1], phase_bits=8),
         lambda: fit_focus(MODEL, np.full(256, np.nan), [0, 0, 0.1], phase_bits=8),
         lambda: fit_focus(MODEL, np.zeros(256), [0, 0, math.nan], phase_bits=8),
@@ -132,7 +134,7 @@ def test_bad_arguments_are_refused(call):
 
 @given(st.lists(st.floats(-100.0, 100.0), min_size=1, max_size=9))
 def test_wrapping_keeps_the_angle_and_stays_within_half_a_turn(angles):
-    wrapped = wrap(np.array(angles))
+    wrapped = wrapped_phases(np.array(angles))
     assert np.abs(wrapped).max() <= math.pi + 1e-12
     assert np.exp(1j * wrapped) == pytest.approx(np.exp(1j * np.array(angles)), abs=1e-12)
 
@@ -146,7 +148,7 @@ def test_exact_phases_give_the_target_back(target, seed, common):
     assert fit.converged
     assert np.abs(fit.position_m - target).max() <= 1e-12 + 1e-9 * 1e-3
     assert fit.residual_rms_rad <= 1e-9
-    assert abs(wrap(np.array(fit.phase_rad - common))) <= 1e-6
+    assert abs(wrapped_phases(np.array(fit.phase_rad - common))) <= 1e-6
 
 
 @pytest.mark.parametrize("bits", [4, 5, 8])
@@ -211,11 +213,11 @@ def test_scatter_of_random_targets_is_that_of_the_cramer_rao_bound():
 @settings(max_examples=25)
 def test_residuals_of_rounded_phases_span_at_most_one_step(target, seed):
     """S1: around the target, the half-range of the residual is at most pi / 2^b."""
-    residual = wrap(quantised(MODEL, target, 8) + MODEL.wavenumber * distances(target))
+    residual = wrapped_phases(quantised(MODEL, target, 8) + MODEL.wavenumber * distances(target))
     assert np.ptp(residual) / 2 <= math.pi / 256 + 1e-9
     faulty = quantised(MODEL, target, 8)
     faulty[seed % 256] += 2 * phase_step_rad(8)
-    residual = wrap(faulty + MODEL.wavenumber * distances(target))
+    residual = wrapped_phases(faulty + MODEL.wavenumber * distances(target))
     assert np.ptp(residual) / 2 > math.pi / 256
 
 

@@ -21,15 +21,15 @@ from haptogram.acoustics import (
     SingleFocus,
     TransducerArray,
     dequantise_phase,
-    find_peak,
+    find_pressure_peak,
     fit_focus,
     focus_phases,
     predict_focal_shift,
     propagators,
-    quality,
     quantise_phase,
-    solve,
-    superpose,
+    solve_foci,
+    solver_quality,
+    superpose_foci,
 )
 from strategies_acoustics import poses, seeds, targets, upright_poses
 
@@ -58,7 +58,7 @@ def test_phases_and_weights_stay(model, pose, target, other, lag):
         focus_phases(model, [target, other]), abs=1e-11
     )
     arguments = [1.0, 0.5], [0.0, lag]
-    difference = superpose(moved, places, *arguments) - superpose(
+    difference = superpose_foci(moved, places, *arguments) - superpose_foci(
         model, [target, other], *arguments
     )
     assert np.abs(difference).max() <= 1e-11
@@ -95,7 +95,9 @@ def test_peaks_turn_with_the_array(model, pose, target):
     assert shift.offset_m == pytest.approx(pose.turn @ expected.offset_m, abs=1e-7, nan_ok=True)
     assert shift.gain == pytest.approx(expected.gain, abs=1e-7, nan_ok=True)
     weights = np.exp(1j * focus_phases(model, target))
-    peaks = [find_peak(NumpyEngine(m), weights, x) for m, x in ((moved, place), (model, target))]
+    peaks = [
+        find_pressure_peak(NumpyEngine(m), weights, x) for m, x in ((moved, place), (model, target))
+    ]
     assert peaks[0] == pytest.approx(pose.points(peaks[1]), abs=1e-6)
 
 
@@ -120,9 +122,12 @@ def test_solvers_serve_the_foci_wherever_they_are(method, pose, lag):
     c, s = 0.02 * math.cos(lag), 0.02 * math.sin(lag)
     foci, wanted = np.array([[c, s, 0.12], [-s, c, 0.13], [-c, 0.03, 0.12]]), [1.0, 0.7, 0.9]
     moved, places = pose.model(GRID), pose.points(foci)
-    expected = solve(GRID, foci, wanted, method=method, rounds=20)
-    found = solve(moved, places, wanted, method=method, rounds=20)
+    expected = solve_foci(GRID, foci, wanted, method=method, rounds=20)
+    found = solve_foci(moved, places, wanted, method=method, rounds=20)
     level = np.abs(propagators(moved, places) @ found)
     assert level == pytest.approx(np.abs(propagators(GRID, foci) @ expected), rel=2e-3)
-    here, there = quality(GRID, expected, foci, wanted), quality(moved, found, places, wanted)
+    here, there = (
+        solver_quality(GRID, expected, foci, wanted),
+        solver_quality(moved, found, places, wanted),
+    )
     assert there.uniformity == pytest.approx(here.uniformity, abs=5e-3)

@@ -14,14 +14,14 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
     propagators,
-    saturated,
-    superpose,
+    saturated_weights,
+    superpose_foci,
 )
 from haptogram.acoustics.solvers.several import (
     METHODS,
-    compare,
-    quality,
-    solve,
+    compare_solvers,
+    solve_foci,
+    solver_quality,
     weighted_gerchberg_saxton,
     weights_for_foci,
 )
@@ -44,7 +44,7 @@ def spread_foci(seed, count):
 @pytest.mark.parametrize("method", METHODS)
 def test_one_focus_gets_the_conjugate_phases(method):
     target = [[0.01, -0.02, 0.15]]
-    weights = solve(BOARD, target, method=method)
+    weights = solve_foci(BOARD, target, method=method)
     arrivals = propagators(BOARD, target)[0] * weights
     assert abs(arrivals.sum()) == pytest.approx(np.abs(arrivals).sum(), rel=1e-3)
 
@@ -53,7 +53,7 @@ def test_one_focus_gets_the_conjugate_phases(method):
 @given(seed=seeds, count=st.integers(2, 8))
 @settings(max_examples=10)
 def test_magnitudes_never_exceed_one(method, seed, count):
-    weights = solve(BOARD, spread_foci(seed, count), method=method, rounds=10)
+    weights = solve_foci(BOARD, spread_foci(seed, count), method=method, rounds=10)
     assert weights.shape == (256,)
     assert np.abs(weights).max() <= 1.0 + 1e-9
     if method in PHASE_ONLY:
@@ -64,8 +64,8 @@ def test_magnitudes_never_exceed_one(method, seed, count):
 @settings(max_examples=15)
 def test_the_weighted_solver_evens_out_what_the_plain_one_leaves(seed, count):
     foci, ones = spread_foci(seed, count), np.ones(count)
-    plain = quality(BOARD, solve(BOARD, foci, method="gs", rounds=60), foci, ones)
-    even = quality(BOARD, solve(BOARD, foci, method="wgs", rounds=60), foci, ones)
+    plain = solver_quality(BOARD, solve_foci(BOARD, foci, method="gs", rounds=60), foci, ones)
+    even = solver_quality(BOARD, solve_foci(BOARD, foci, method="wgs", rounds=60), foci, ones)
     assert even.uniformity > 0.95
     assert even.uniformity >= plain.uniformity - 1e-3
     assert even.efficiency > 0.8 * plain.efficiency
@@ -74,10 +74,10 @@ def test_the_weighted_solver_evens_out_what_the_plain_one_leaves(seed, count):
 def test_foci_are_superposed_or_solved_and_never_driven_beyond_what_there_is():
     points, levels, lags = spread_foci(3, 4), [1.0, 0.8, 0.6, 0.9], [0.0, 1.0, 2.0, 3.0]
     naive = weights_for_foci(BOARD, points, levels, lags)
-    assert (naive == saturated(superpose(BOARD, points, levels, lags))).all()
+    assert (naive == saturated_weights(superpose_foci(BOARD, points, levels, lags))).all()
     assert np.abs(naive).max() == pytest.approx(1.0)
     solved = weights_for_foci(BOARD, points, levels, lags, method="wgs")
-    assert (solved == solve(BOARD, points, levels, method="wgs")).all()
+    assert (solved == solve_foci(BOARD, points, levels, method="wgs")).all()
     one = weights_for_foci(BOARD, points[:1], [0.5], [1.0], method="wgs")
     assert np.abs(one) == pytest.approx(0.5)  # a single focus needs no solver, and has its level
 
@@ -85,8 +85,8 @@ def test_foci_are_superposed_or_solved_and_never_driven_beyond_what_there_is():
 def test_the_gradient_lowers_the_misfit_that_naive_phases_leave():
     for seed in range(4):
         foci, ones = spread_foci(seed, 6), np.ones(6)
-        naive = quality(BOARD, solve(BOARD, foci, method="naive"), foci, ones)
-        found = quality(BOARD, solve(BOARD, foci, method="gradient"), foci, ones)
+        naive = solver_quality(BOARD, solve_foci(BOARD, foci, method="naive"), foci, ones)
+        found = solver_quality(BOARD, solve_foci(BOARD, foci, method="gradient"), foci, ones)
         assert found.uniformity > max(0.9, naive.uniformity)
         assert found.efficiency > 2.0 * naive.efficiency
 
@@ -94,7 +94,7 @@ def test_the_gradient_lowers_the_misfit_that_naive_phases_leave():
 @pytest.mark.parametrize(("method", "within"), [("wgs", 0.01), ("gradient", 0.1), ("gspat", 0.2)])
 def test_wanted_amplitudes_are_followed(method, within):
     foci, wanted = spread_foci(3, 3), np.array([1.0, 0.5, 0.8])
-    weights = solve(BOARD, foci, wanted, method=method, rounds=200)
+    weights = solve_foci(BOARD, foci, wanted, method=method, rounds=200)
     level = np.abs(propagators(BOARD, foci) @ weights)
     assert level / level[0] == pytest.approx(wanted, rel=within)
 
@@ -110,7 +110,7 @@ def test_the_gradient_is_the_derivative_of_the_misfit(monkeypatch):
 
     original = scipy.optimize.minimize
     monkeypatch.setattr(scipy.optimize, "minimize", spy)
-    solve(AcousticModel.default(4, 4), spread_foci(1, 3) * [0.3, 0.3, 1], method="gradient")
+    solve_foci(AcousticModel.default(4, 4), spread_foci(1, 3) * [0.3, 0.3, 1], method="gradient")
     rng = np.random.default_rng(0)
     phases, direction = captured["start"] + 0.1, rng.normal(size=16)
     _, slope = captured["function"](phases)
@@ -124,10 +124,10 @@ def test_the_gradient_is_the_derivative_of_the_misfit(monkeypatch):
 def test_the_compiled_solver_follows_the_reference(seed, count, rounds):
     foci = spread_foci(seed, count)
     matrix, ones = propagators(BOARD, foci), np.ones(count)
-    start = superpose(BOARD, foci, ones, np.zeros(count))
+    start = superpose_foci(BOARD, foci, ones, np.zeros(count))
     slow = weighted_gerchberg_saxton(matrix, ones, start, rounds)
-    expected = quality(BOARD, slow, foci, ones)
-    reached = quality(BOARD, solve(BOARD, foci, rounds=rounds), foci, ones)
+    expected = solver_quality(BOARD, slow, foci, ones)
+    reached = solver_quality(BOARD, solve_foci(BOARD, foci, rounds=rounds), foci, ones)
     assert reached.efficiency == pytest.approx(expected.efficiency, abs=0.02)
     assert reached.uniformity == pytest.approx(expected.uniformity, abs=0.03)
 
@@ -135,15 +135,15 @@ def test_the_compiled_solver_follows_the_reference(seed, count, rounds):
 def test_quality_of_a_perfect_and_of_a_lopsided_drive():
     foci = np.array([[-0.03, 0, 0.15], [0.03, 0, 0.15]])
     matrix = propagators(BOARD, foci)
-    perfect = quality(BOARD, matrix[0].conj() / np.abs(matrix[0]), foci[:1], [1.0])
+    perfect = solver_quality(BOARD, matrix[0].conj() / np.abs(matrix[0]), foci[:1], [1.0])
     assert (perfect.efficiency, perfect.uniformity) == pytest.approx((1.0, 1.0))
-    lopsided = quality(BOARD, matrix[0].conj() / np.abs(matrix[0]), foci, [1.0, 1.0])
+    lopsided = solver_quality(BOARD, matrix[0].conj() / np.abs(matrix[0]), foci, [1.0, 1.0])
     assert lopsided.uniformity < 0.1
 
 
 def test_the_table_has_a_row_for_each_method_and_number():
     ticks = itertools.count(0, 1000)
-    rows = compare(
+    rows = compare_solvers(
         BOARD, lambda: next(ticks), counts=(1, 3), methods=("naive", "wgs"), sets=2, rounds=5
     )
     assert [(row.foci, row.method) for row in rows] == [
@@ -169,7 +169,7 @@ def test_the_table_has_a_row_for_each_method_and_number():
 )
 def test_bad_input_is_refused(points, options, message):
     with pytest.raises(ConfigurationError, match=message):
-        solve(BOARD, points, **options)
+        solve_foci(BOARD, points, **options)
 
 
 def test_a_focus_that_no_element_reaches_is_refused():
@@ -178,11 +178,11 @@ def test_a_focus_that_no_element_reaches_is_refused():
     foci = [[0, 0, 0.1], [0.15, 0, 0.05]]
     for method in METHODS:
         with pytest.raises(ConfigurationError, match="focus 1 gets no sound"):
-            solve(model, foci, method=method)
+            solve_foci(model, foci, method=method)
     with pytest.raises(ConfigurationError, match="focus 1 gets no sound"):
-        quality(model, np.ones(16), foci, [1, 1])
+        solver_quality(model, np.ones(16), foci, [1, 1])
 
 
 def test_quality_wants_one_weight_per_element():
     with pytest.raises(ConfigurationError, match="weights have shape"):
-        quality(BOARD, np.ones(3), [[0, 0, 0.1]], [1.0])
+        solver_quality(BOARD, np.ones(3), [[0, 0, 0.1]], [1.0])

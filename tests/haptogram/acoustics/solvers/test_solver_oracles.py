@@ -6,7 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import solver_oracles
-from haptogram.acoustics import AcousticModel, propagators, quality, solve, superpose
+from haptogram.acoustics import (
+    AcousticModel,
+    propagators,
+    solve_foci,
+    solver_quality,
+    superpose_foci,
+)
 from haptogram.acoustics.solvers.several import weighted_gerchberg_saxton
 from strategies_acoustics import seeds
 
@@ -34,11 +40,11 @@ def some_foci(seed):
 @settings(max_examples=12)
 def test_a_solver_does_what_its_paper_says(method, seed, rounds):
     foci, wanted = some_foci(seed)
-    start = superpose(MODEL, foci, wanted, np.zeros(len(foci)))
+    start = superpose_foci(MODEL, foci, wanted, np.zeros(len(foci)))
     start /= np.abs(start).max()
     gains = propagators(MODEL, foci).tolist()
     expected = ORACLES[method](gains, wanted.tolist(), start.tolist(), rounds)
-    found = solve(MODEL, foci, wanted, method=method, rounds=rounds)
+    found = solve_foci(MODEL, foci, wanted, method=method, rounds=rounds)
     assert np.abs(found - expected).max() <= (1e-3 if method == "wgs" else 1e-9)
     if method == "wgs":  # the one that is compiled has a reference of its own
         slow = weighted_gerchberg_saxton(np.array(gains), wanted, start, rounds)
@@ -53,7 +59,7 @@ def test_the_measures_are_those_of_the_paper(seed):
     drive = rng.uniform(0.1, 1.0, 20) * np.exp(2j * np.pi * rng.random(20))
     gains = propagators(MODEL, foci).tolist()
     efficiency, uniformity = solver_oracles.measures(gains, wanted.tolist(), drive.tolist())
-    found = quality(MODEL, drive, foci, wanted)
+    found = solver_quality(MODEL, drive, foci, wanted)
     assert found.efficiency == pytest.approx(efficiency, rel=1e-12)
     assert found.uniformity == pytest.approx(uniformity, rel=1e-9, abs=1e-12)
 
@@ -66,7 +72,7 @@ def test_a_focus_that_is_asked_for_less_gets_less(method, seed, share):
     model = AcousticModel.default(12, 12)
     foci = [[-0.03, 0.0, 0.12], [0.03, rng.uniform(-0.02, 0.02), 0.12]]
     even, less = (
-        np.abs(propagators(model, foci) @ solve(model, foci, wanted, method=method, rounds=30))
+        np.abs(propagators(model, foci) @ solve_foci(model, foci, wanted, method=method, rounds=30))
         for wanted in ([1.0, 1.0], [1.0, share])
     )
     assert less[1] / less[0] < 0.9 * even[1] / even[0]

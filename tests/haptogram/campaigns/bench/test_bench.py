@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptogram.campaigns.bench.measure import BenchConfig, run_bench
-from haptogram.campaigns.bench.result import STAGES, as_dict, read_result
+from haptogram.campaigns.bench.result import STAGES, bench_dict, read_bench_result
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.virtual_board import VirtualBoard
@@ -71,13 +71,13 @@ def test_the_command_writes_compares_and_draws(tmp_path, capsys):
     assert json.loads(new.read_text())["frames"]["due"] == 250
     assert page.read_text().count("data:image/png") == 2
     assert picture.read_text().startswith("<?xml")
-    assert read_result(new)["configuration"]["trim"]
+    assert read_bench_result(new)["configuration"]["trim"]
 
 
 def test_a_result_survives_its_file(run, tmp_path):
     path = tmp_path / "x.json"
-    path.write_text(json.dumps(as_dict(run)))
-    assert read_result(path) == json.loads(path.read_text())
+    path.write_text(json.dumps(bench_dict(run)))
+    assert read_bench_result(path) == json.loads(path.read_text())
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_a_file_that_is_no_result_is_refused(tmp_path, content, text):
     path = tmp_path / "old.json"
     path.write_text(content)
     with pytest.raises(ConfigurationError, match=text):
-        read_result(path)
+        read_bench_result(path)
 
 
 @pytest.mark.parametrize(

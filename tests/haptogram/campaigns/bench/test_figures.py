@@ -7,16 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.campaigns.bench.compare import compare, differences
-from haptogram.campaigns.bench.control import ControlLoop
-from haptogram.campaigns.bench.focus_error import focus_error
-from haptogram.campaigns.bench.percentiles import BLOCKS, Percentiles, with_missed_ticks
-from haptogram.machine.fingerprint import cpu_share, cpu_times, fingerprint
+from haptogram.campaigns.bench.compare import bench_differences, compare_benches
+from haptogram.campaigns.bench.control import NoiseFloorLoop
+from haptogram.campaigns.bench.focus_error import bench_focus_error
+from haptogram.campaigns.bench.percentiles import (
+    BLOCKS,
+    TimingPercentiles,
+    percentiles_with_missed_ticks,
+)
+from haptogram.machine.fingerprint import cpu_share, cpu_times, machine_fingerprint
 
 
 @given(st.lists(st.floats(-10, 1e6), min_size=1, max_size=400))
 def test_percentiles_are_values_that_occurred(values):
-    found = Percentiles.of(values)
+    found = TimingPercentiles.of(values)
     ranked = sorted(values)
     assert found.count == len(values)
     assert found.greatest == ranked[-1]
@@ -25,18 +29,18 @@ def test_percentiles_are_values_that_occurred(values):
         assert value in ranked
         assert sum(v <= value for v in ranked) >= share * len(ranked) - 1e-6
         assert sum(v < value for v in ranked) <= share * len(ranked)
-    assert Percentiles.from_dict(json.loads(json.dumps(found.as_dict()))) == found
+    assert TimingPercentiles.from_dict(json.loads(json.dumps(found.as_dict()))) == found
 
 
 def test_what_nobody_saw_is_left_out():
-    assert Percentiles.of([np.nan, 1.0]).count == 1
-    assert Percentiles.of([np.nan]) == Percentiles(0, {}, 0.0, {})
+    assert TimingPercentiles.of([np.nan, 1.0]).count == 1
+    assert TimingPercentiles.of([np.nan]) == TimingPercentiles(0, {}, 0.0, {})
 
 
 def test_the_tenths_of_a_run_are_in_order_of_time():
-    found = Percentiles.of(np.repeat(np.arange(BLOCKS), 50))
+    found = TimingPercentiles.of(np.repeat(np.arange(BLOCKS), 50))
     assert found.blocks["p50"] == list(range(BLOCKS))
-    assert Percentiles.of(np.arange(100)).blocks == {}
+    assert TimingPercentiles.of(np.arange(100)).blocks == {}
 
 
 @given(st.lists(st.integers(0, 20), min_size=1, max_size=50))
@@ -46,7 +50,7 @@ def test_missed_ticks_are_late_too(tenths):
     for late in tenths:
         expected += [late - 5 * k for k in range(late // 5 + 1)]
         tick += late // 5 + 1
-    found = with_missed_ticks(np.array(tenths, float), 5.0)
+    found = percentiles_with_missed_ticks(np.array(tenths, float), 5.0)
     assert found.tolist() == expected
     assert len(found) == tick
 
@@ -59,12 +63,12 @@ def a_result(seed, **shift_us):
     stages = {}
     for name in ("wake", "work", "control"):
         values = random.gamma(4.0, 10.0, 5000) + shift_us.get(name, 0.0)
-        stages[name] = Percentiles.of(values).as_dict()
+        stages[name] = TimingPercentiles.of(values).as_dict()
     return {"stages": stages, "configuration": {"rate_hz": 1000}, "environment": {"cpu": "x"}}
 
 
 def changed(old, new):
-    return {(c.stage, c.level): c for c in compare(old, new) if c.beyond_noise}
+    return {(c.stage, c.level): c for c in compare_benches(old, new) if c.beyond_noise}
 
 
 @pytest.mark.parametrize("seed", range(1, 21))
@@ -92,7 +96,7 @@ def test_what_the_control_did_too_is_put_down_to_the_machine():
 def test_what_was_set_differently_is_named():
     old, new = a_result(0), a_result(1)
     new["configuration"] = {"rate_hz": 2000}
-    assert differences(old, new) == ["configuration: rate_hz was 1000, is 2000"]
+    assert bench_differences(old, new) == ["configuration: rate_hz was 1000, is 2000"]
 
 
 # --- space ---------------------------------------------------------------------------------------
@@ -102,7 +106,7 @@ DUE_US = np.arange(10) * 1000
 
 
 def error_of(latched_us):
-    return focus_error(LINE_M, DUE_US, np.asarray(latched_us, float), carrier_us=25)
+    return bench_focus_error(LINE_M, DUE_US, np.asarray(latched_us, float), carrier_us=25)
 
 
 def test_on_time_there_is_no_error():
@@ -146,7 +150,7 @@ def test_before_the_first_latch_no_focus_is_wrong():
 
 
 def test_the_control_runs_beside_on_its_own_grid_and_never_early():
-    with ControlLoop(1_000_000, 5.0) as control:
+    with NoiseFloorLoop(1_000_000, 5.0) as control:
         sum(range(3_000_000))
     assert len(control.deadline_ns) > 0
     assert (control.lateness_us >= 0).all()
@@ -155,7 +159,7 @@ def test_the_control_runs_beside_on_its_own_grid_and_never_early():
 
 
 def test_a_span_is_stalled_if_the_control_was_late_within_it():
-    control = ControlLoop(1_000_000, 1.0)
+    control = NoiseFloorLoop(1_000_000, 1.0)
     control.deadline_ns = np.array([0, 1, 2, 7, 8]) * 1_000_000
     control.wake_ns = np.array([0.01, 1.02, 6.5, 7.05, 8.2]) * 1_000_000
     spans = np.array([[0.0, 1.9], [1.5, 2.5], [3.0, 4.0], [6.6, 7.9], [7.0, 8.1], [8.3, 9.0]]) * 1e6
@@ -164,7 +168,7 @@ def test_a_span_is_stalled_if_the_control_was_late_within_it():
 
 
 def test_the_fingerprint_names_the_machine_and_nobody():
-    found = fingerprint()
+    found = machine_fingerprint()
     assert found["cpu"]
     assert found["kernel"]
     assert found["packages"]["numpy"]

@@ -1,29 +1,29 @@
 import pytest
 
 from haptogram.campaigns.bench.frame_budget import (
-    frame_formats,
+    bench_frame_formats,
     measure_frame_budget,
     measure_wake_ns,
 )
 from haptogram.cli import main
-from haptogram.driver.line.budget import frame_bytes
+from haptogram.driver.line.budget import frame_bytes_on_line
 from haptogram_protocol import encode_frame
 from haptogram_protocol.messages import build_body
 
 
 @pytest.mark.parametrize("transducers", [1, 64, 256, 1024])
 def test_every_format_is_budgeted_as_long_as_its_longest_frame(transducers):
-    for name, message in frame_formats(transducers).items():
+    for name, message in bench_frame_formats(transducers).items():
         body = build_body(message, flags=0, seq=1, time_us=1, session=1)
         budget = measure_frame_budget(name, message, baudrate=3_000_000)
-        assert len(encode_frame(body)) <= budget.size == frame_bytes(len(body) - 10)
+        assert len(encode_frame(body)) <= budget.size == frame_bytes_on_line(len(body) - 10)
         assert min(budget.encode_ns, budget.write_ns, budget.decode_ns) > 0
         assert budget.wire_ns == -(-budget.size * 10**10 // 3_000_000)
         assert budget.highest_hz == min(budget.line_hz, budget.host_hz)
 
 
 def test_the_lead_is_the_sum_of_the_stages():
-    message = frame_formats(256)["phases, 8 bit"]
+    message = bench_frame_formats(256)["phases, 8 bit"]
     budget = measure_frame_budget("x", message, baudrate=921_600)
     stages = budget.encode_ns + budget.write_ns + budget.wire_ns + budget.decode_ns
     assert budget.latency_ns(50_000) == 50_000 + stages + 25_000
@@ -38,7 +38,7 @@ def test_the_command_says_what_fits_and_what_does_not(capsys):
     text = capsys.readouterr().out
     assert "wire        920.0 us   92.0 %  276 bytes of 10 bits at 3000000 baud" in text
     assert "1000 Hz fits: the line is 92.0 % full" in text
-    for name in frame_formats(256):
+    for name in bench_frame_formats(256):
         assert name in text
     assert "latency timer of 16 ms, as it comes   16193.3 us" in text
     assert main(["budget", "--baud", "115200", "--rate-hz", "1000"]) == 1

@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 
 from haptogram.driver.line.budget import (
     LineModel,
-    check_rate,
-    frame_bytes,
-    highest_rate_hz,
-    round_trip_ns,
-    transmission_ns,
+    check_line_rate,
+    frame_bytes_on_line,
+    highest_line_rate_hz,
+    line_round_trip_ns,
+    line_transmission_ns,
 )
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.framing import encode_frame
@@ -19,33 +19,35 @@ from haptogram_protocol.framing import encode_frame
 @given(st.integers(0, 2060), st.randoms(use_true_random=False))
 def test_no_frame_is_longer_than_its_budget(payload, random):
     body = bytes(random.choices(range(1, 256), k=10 + payload))
-    assert frame_bytes(payload) - 2 <= len(encode_frame(body)) <= frame_bytes(payload)
-    assert len(encode_frame(os.urandom(10 + payload))) <= frame_bytes(payload)
+    assert (
+        frame_bytes_on_line(payload) - 2 <= len(encode_frame(body)) <= frame_bytes_on_line(payload)
+    )
+    assert len(encode_frame(os.urandom(10 + payload))) <= frame_bytes_on_line(payload)
 
 
 def test_the_figures_of_the_design():
-    size = frame_bytes(2 + 256)
+    size = frame_bytes_on_line(2 + 256)
     assert size == 276
-    assert transmission_ns(size, 3_000_000) == 920_000
-    assert int(highest_rate_hz(size, 3_000_000)) == 1086
+    assert line_transmission_ns(size, 3_000_000) == 920_000
+    assert int(highest_line_rate_hz(size, 3_000_000)) == 1086
 
 
 def test_a_latency_timer_holds_back_the_answer():
-    assert round_trip_ns(28, 30, 3_000_000) == 93_334 + 100_000
-    assert round_trip_ns(28, 30, 3_000_000, 16_000_000) == 16_000_000 + 193_334
+    assert line_round_trip_ns(28, 30, 3_000_000) == 93_334 + 100_000
+    assert line_round_trip_ns(28, 30, 3_000_000, 16_000_000) == 16_000_000 + 193_334
 
 
 def test_a_rate_that_the_line_cannot_carry_is_refused_with_both_rates():
-    check_rate(276, baudrate=3_000_000, rate_hz=1086)
+    check_line_rate(276, baudrate=3_000_000, rate_hz=1086)
     text = "rate_hz is 2000; 276 bytes a frame at 3000000 baud carry 1086 frames/s"
     with pytest.raises(ConfigurationError, match=text):
-        check_rate(276, baudrate=3_000_000, rate_hz=2000)
+        check_line_rate(276, baudrate=3_000_000, rate_hz=2000)
 
 
 @given(st.integers(1, 5000), st.integers(300, 12_000_000))
 def test_transmission_is_never_shorter_than_the_bits(size, baudrate):
     bits_ns = size * 10 * 10**9
-    assert bits_ns <= transmission_ns(size, baudrate) * baudrate < bits_ns + baudrate
+    assert bits_ns <= line_transmission_ns(size, baudrate) * baudrate < bits_ns + baudrate
 
 
 def test_a_line_empties_at_its_rate():

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.driver.timing.clock import ClockEstimate, Sample, fit_drift
+from haptogram.driver.timing.clock import ClockEstimate, ClockSample, fit_clock_drift
 from haptogram.errors import NoAnswerError
 
 WRAP_US = 2**32
@@ -162,19 +162,19 @@ def test_the_drift_is_reckoned_with_once_it_is_known(ppm):
 
 
 def test_the_bound_of_the_drift_is_what_wrong_margins_could_do():
-    samples = [Sample(0, 0, 1000), Sample(10**9, 0, 1000)]
-    drift = fit_drift(samples)
+    samples = [ClockSample(0, 0, 1000), ClockSample(10**9, 0, 1000)]
+    drift = fit_clock_drift(samples)
     assert drift.ppm == 0.0
     # one end up by its margin, the other down by its own: 2 us in a second
     assert drift.uncertainty_ppm == pytest.approx(2.0)
 
 
 def test_old_samples_fade():
-    steady = [Sample(n * 10**9, 0, 1000) for n in range(60)]
-    drifting = [Sample((60 + n) * 10**9, 50_000 * n, 1000) for n in range(30)]
-    assert fit_drift(steady + drifting[:1]).ppm == pytest.approx(0.0, abs=0.1)
+    steady = [ClockSample(n * 10**9, 0, 1000) for n in range(60)]
+    drifting = [ClockSample((60 + n) * 10**9, 50_000 * n, 1000) for n in range(30)]
+    assert fit_clock_drift(steady + drifting[:1]).ppm == pytest.approx(0.0, abs=0.1)
     # the line of all is less than 25 ppm; the newest third weighs more
-    assert fit_drift(steady + drifting).ppm > 25.0
+    assert fit_clock_drift(steady + drifting).ppm > 25.0
 
 
 @given(

@@ -5,7 +5,7 @@ from fractions import Fraction
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.driver.timing.lead import LeadTrim, SafetyMargin, default_lead_us, sufficient_lead_us
+from haptogram.driver.timing.lead import LeadMargin, LeadTrim, default_lead_us, sufficient_lead_us
 
 DELAYS = st.lists(st.integers(-1000, 60_000), min_size=1, max_size=400)
 
@@ -74,7 +74,7 @@ def test_one_freak_in_a_thousand_frames_is_not_waited_for():
 
 @given(st.lists(st.integers(-30_000, 90_000), max_size=100), st.floats(0, 1000))
 def test_the_safety_margin_covers_clock_and_lateness_within_its_limit(margins, uncertainty):
-    safety = SafetyMargin(uncertainty)
+    safety = LeadMargin(uncertainty)
     for margin in margins:
         before = safety.ns
         safety.take(margin, uncertainty)
@@ -85,7 +85,7 @@ def test_the_safety_margin_covers_clock_and_lateness_within_its_limit(margins, u
 
 
 def test_the_safety_margin_fades_when_nothing_is_late():
-    safety = SafetyMargin(5.0)
+    safety = LeadMargin(5.0)
     safety.take(-400, 5.0)
     assert safety.ns == 405_000
     for _ in range(100):

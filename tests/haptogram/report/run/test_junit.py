@@ -9,7 +9,7 @@ import pytest
 from haptogram.acoustics import AcousticModel
 from haptogram.records.frame import FrameKey
 from haptogram.report import run as report
-from haptogram.report.run.checks import NAMED_FRAMES, Outcome, checks
+from haptogram.report.run.checks import NAMED_FRAMES, CheckOutcome, run_checks
 from haptogram.verification import Cut, RunVerdict, Verdict
 from judged_runs import (
     Change,
@@ -150,10 +150,10 @@ def test_the_checks_agree_with_the_verdict(
     changes = {} if change is None else {1: change}
     for cut in (None, Cut("interrupted")):
         run = make_run(model, targets(2), changes, min_verified=min_verified, cut=cut)
-        outcomes = {check.outcome for check in checks(run, None if cut is None else cut.reason)}
-        assert (Outcome.FAILED in outcomes) == (run.verdict is Verdict.FAIL)
+        outcomes = {check.outcome for check in run_checks(run, None if cut is None else cut.reason)}
+        assert (CheckOutcome.FAILED in outcomes) == (run.verdict is Verdict.FAIL)
         if run.verdict is not Verdict.FAIL:
-            assert (Outcome.INCONCLUSIVE in outcomes) == (run.verdict is Verdict.INCONCLUSIVE)
+            assert (CheckOutcome.INCONCLUSIVE in outcomes) == (run.verdict is Verdict.INCONCLUSIVE)
 
 
 def test_a_latch_that_nobody_intended_fails(tmp_path: Path, model: AcousticModel) -> None:

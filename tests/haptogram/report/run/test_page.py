@@ -62,7 +62,7 @@ def written(path: Path, run: RunVerdict, model: AcousticModel, **changes: Any) -
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the pictures out, which take most of the time."""
     monkeypatch.setattr("haptogram.report.run.page._pictures", lambda *_: ())
-    monkeypatch.setattr("haptogram.report.run.page.picture_field", lambda *_: None)
+    monkeypatch.setattr("haptogram.report.run.page.frame_field_picture", lambda *_: None)
 
 
 def test_a_page_holds_everything_in_itself(

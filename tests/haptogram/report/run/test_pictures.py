@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray
-from haptogram.report.html import embed
+from haptogram.report.html import embed_picture
 from haptogram.report.run import pictures
-from haptogram.report.run.fieldmap import picture_field
-from haptogram.report.run.series import bounds_mm, measured_mm, relative_error, thinned, worst
+from haptogram.report.run.fieldmap import frame_field_picture
+from haptogram.report.run.series import (
+    plotted_bounds_mm,
+    plotted_focus_mm,
+    plotted_relative_error,
+    thinned_frames_of_run,
+    worst_frames_of_run,
+)
 from haptogram.verification import FrameStatus, RunVerdict
 from judged_runs import aim, damage, delay, hide, lose, make_run, targets
 
@@ -24,11 +30,13 @@ pytest.importorskip("matplotlib")
 Scene = tuple[RunVerdict, AcousticModel]
 
 PICTURES: dict[str, Callable[[RunVerdict, AcousticModel], Figure]] = {
-    "foci": pictures.draw_foci,
-    "errors": pictures.draw_errors,
-    "field": lambda run, model: pictures.draw_field(picture_field(run, model, None, 8), model),
-    "along_object": lambda run, _: pictures.draw_along_object(run),
-    "lateness": pictures.draw_lateness,
+    "foci": pictures.draw_run_foci,
+    "errors": pictures.draw_run_errors,
+    "field": lambda run, model: pictures.draw_run_field(
+        frame_field_picture(run, model, None, 8), model
+    ),
+    "along_object": lambda run, _: pictures.draw_run_along_object(run),
+    "lateness": pictures.draw_run_lateness,
 }
 LEAST_BYTES = 5_000  # of a picture that holds no more than a sentence
 
@@ -69,7 +77,7 @@ CASES = [*((place, name) for place in SCENES for name in PICTURES), ("column", "
 
 @pytest.mark.parametrize(("place", "name"), CASES)
 def test_every_run_gives_every_picture(place: str, name: str) -> None:
-    png = embed(PICTURES[name](*scene(place)), name).png
+    png = embed_picture(PICTURES[name](*scene(place)), name).png
     assert png[:8] == b"\x89PNG\r\n\x1a\n"
     width, height = struct.unpack(">II", png[16:24])
     assert width == 1200
@@ -78,16 +86,18 @@ def test_every_run_gives_every_picture(place: str, name: str) -> None:
 
 
 def test_the_same_run_gives_the_same_picture(good_run: RunVerdict, model: AcousticModel) -> None:
-    png, again = (embed(pictures.draw_errors(good_run, model), "").png for _ in range(2))
+    png, again = (
+        embed_picture(pictures.draw_run_errors(good_run, model), "").png for _ in range(2)
+    )
     assert png == again
 
 
 def test_a_picture_leaves_the_settings_of_the_user_alone(good_run: RunVerdict) -> None:
     import matplotlib
 
-    usual = embed(pictures.draw_along_object(good_run), "")
+    usual = embed_picture(pictures.draw_run_along_object(good_run), "")
     with matplotlib.rc_context({"font.size": 31.0}):
-        assert embed(pictures.draw_along_object(good_run), "") == usual
+        assert embed_picture(pictures.draw_run_along_object(good_run), "") == usual
         assert matplotlib.rcParams["font.size"] == 31.0
 
 
@@ -97,7 +107,7 @@ def test_a_picture_leaves_the_settings_of_the_user_alone(good_run: RunVerdict) -
 def test_the_peak_of_the_field_is_where_the_focus_is(
     good_run: RunVerdict, model: AcousticModel
 ) -> None:
-    shown = picture_field(good_run, model, None, 8)
+    shown = frame_field_picture(good_run, model, None, 8)
     assert shown is not None
     assert not shown.latched
     x, y, _ = (1e3 * value for value in shown.frame.target_m)
@@ -114,11 +124,11 @@ def test_a_drive_that_is_given_is_the_one_that_is_shown(model: AcousticModel) ->
     elsewhere = points[2] + [0.012, 0.0, 0.0]
     run = make_run(model, points, {2: aim(model, elsewhere)})
     assert run.frames[2].status is FrameStatus.OFF_TARGET
-    ideal = picture_field(run, model, None, 8)
+    ideal = frame_field_picture(run, model, None, 8)
     assert ideal is not None
     assert ideal.frame.number != 2  # an ideal drive would belie the frame that was wrong
     drives = {2: _drive(model, elsewhere)}
-    shown = picture_field(run, model, drives, 8)
+    shown = frame_field_picture(run, model, drives, 8)
     assert shown is not None
     assert (shown.latched, shown.frame.number) == (True, 2)
     assert shown.close_level.peak_mm[0] == pytest.approx(1e3 * elsewhere[0], abs=1.0)
@@ -136,7 +146,7 @@ def test_a_point_inside_an_element_is_left_out() -> None:
     raised[5, 2] = 0.040  # an element that stands in the vertical plane
     model = AcousticModel(TransducerArray.from_positions(raised), plane.medium, plane.transducer)
     run = make_run(model, [(float(raised[5, 0]), float(raised[5, 1]), 0.15)])
-    shown = picture_field(run, model, None, 8)
+    shown = frame_field_picture(run, model, None, 8)
     assert shown is not None
     assert np.isnan(shown.upright.pressure_kpa).any()
     assert np.isfinite(shown.most_kpa)
@@ -145,19 +155,19 @@ def test_a_point_inside_an_element_is_left_out() -> None:
 def test_a_coordinate_that_cannot_be_observed_has_no_error() -> None:
     run, model = scene("line")
     frame = run.frames[0]
-    assert measured_mm(frame)[1:] == pytest.approx([0.0, 150.0], abs=1e-12)
+    assert plotted_focus_mm(frame)[1:] == pytest.approx([0.0, 150.0], abs=1e-12)
     assert frame.bound_mm is not None
-    assert relative_error(frame) == pytest.approx(
-        abs(measured_mm(frame)[0] + 100.0) / frame.bound_mm[0]
+    assert plotted_relative_error(frame) == pytest.approx(
+        abs(plotted_focus_mm(frame)[0] + 100.0) / frame.bound_mm[0]
     )
-    assert bounds_mm(model, frame) is None  # across the beam is along y, too
+    assert plotted_bounds_mm(model, frame) is None  # across the beam is along y, too
 
 
 def test_errors_stay_within_the_bounds_that_are_drawn(
     good_run: RunVerdict, model: AcousticModel
 ) -> None:
     for frame in good_run.frames:
-        bounds = bounds_mm(model, frame)
+        bounds = plotted_bounds_mm(model, frame)
         assert bounds is not None
         assert frame.lateral_error_mm is not None
         assert frame.lateral_error_mm <= bounds[0]
@@ -168,17 +178,17 @@ def test_errors_stay_within_the_bounds_that_are_drawn(
 
 def test_the_worst_frames_come_first() -> None:
     run, _ = scene("everything")
-    first, second, *rest = worst(run, 10)
+    first, second, *rest = worst_frames_of_run(run, 10)
     assert {first.number, second.number} == {3, 5}
-    errors = [relative_error(frame) or 0.0 for frame in rest]
+    errors = [plotted_relative_error(frame) or 0.0 for frame in rest]
     assert errors == sorted(errors, reverse=True)
 
 
 def test_thinning_keeps_what_went_wrong() -> None:
     run, _ = scene("everything")
-    kept = [frame.number for frame in thinned(run.frames, 2)]
+    kept = [frame.number for frame in thinned_frames_of_run(run.frames, 2)]
     assert kept == [0, 1, 3, 4, 5]
-    assert thinned(run.frames, 6) == run.frames
+    assert thinned_frames_of_run(run.frames, 6) == run.frames
 
 
 def test_a_tilted_and_a_sideways_array_have_their_field_drawn(model: AcousticModel) -> None:
@@ -192,7 +202,7 @@ def test_a_tilted_and_a_sideways_array_have_their_field_drawn(model: AcousticMod
         array = model.array.moved(rotation, (0.0, 0.0, 0.1))
         placed = AcousticModel(array, model.medium, model.transducer)
         target = rotation @ np.array([0.01, 0.0, 0.12]) + np.array([0.0, 0.0, 0.1])
-        shown = picture_field(make_run(placed, [target]), placed, None, 8)
+        shown = frame_field_picture(make_run(placed, [target]), placed, None, 8)
         assert shown is not None
         assert shown.most_kpa > 1.0
         assert shown.upright.up_mm[0] < 1e3 * target[2] < shown.upright.up_mm[-1]

@@ -18,7 +18,7 @@ from judged_runs import lose, make_result, make_run, targets
 def test_the_same_run_gives_the_same_bytes(tmp_path: Path, model: AcousticModel) -> None:
     for name in ("first", "second"):
         run = make_run(model, targets(4), {2: lose})
-        report.write_json(tmp_path / name, make_result(run))
+        report.write_run_json(tmp_path / name, make_result(run))
     first, second = ((tmp_path / name).read_bytes() for name in ("first", "second"))
     assert first == second
     assert first.endswith(b"}\n")
@@ -26,7 +26,7 @@ def test_the_same_run_gives_the_same_bytes(tmp_path: Path, model: AcousticModel)
 
 def test_the_file_holds_what_the_result_says(tmp_path: Path, good_run: RunVerdict) -> None:
     result = make_result(good_run, warnings=["port '\udc80\u2028<b>' is odd"])
-    report.write_json(tmp_path / "result.json", result)
+    report.write_run_json(tmp_path / "result.json", result)
     read = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert read == result
     assert next(iter(read.items())) == ("format", 2)
@@ -40,7 +40,7 @@ def test_in_virtual_time_the_result_knows_neither_when_nor_where(good_run: RunVe
 
 
 def test_on_the_wall_clock_it_tells_the_versions(good_run: RunVerdict) -> None:
-    result = make_result(good_run, host={"sent": 12}, environment=report.environment())
+    result = make_result(good_run, host={"sent": 12}, environment=report.run_environment())
     assert result["environment"]["numpy"] == np.__version__
     assert result["environment"]["pyserial"] == importlib.metadata.version("pyserial")
     assert result["host"] == {"sent": 12}
@@ -53,7 +53,7 @@ def test_a_package_without_metadata_has_no_version(
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "version", missing)
-    assert report.environment()["scipy"] is None
+    assert report.run_environment()["scipy"] is None
 
 
 def test_every_value_becomes_one_that_json_knows(good_run: RunVerdict) -> None:
@@ -82,7 +82,7 @@ def test_every_value_becomes_one_that_json_knows(good_run: RunVerdict) -> None:
 
 
 def test_nan_is_never_written(tmp_path: Path) -> None:
-    report.write_json(tmp_path / "result.json", {"value": float("nan")})
+    report.write_run_json(tmp_path / "result.json", {"value": float("nan")})
     assert (tmp_path / "result.json").read_bytes() == b'{\n  "value": null\n}\n'
 
 
@@ -102,7 +102,7 @@ def test_a_pass_that_was_cut_short_is_refused(good_run: RunVerdict) -> None:
 def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, good_run: RunVerdict) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ConfigurationError, match=r"file/result\.json"):
-        report.write_json(tmp_path / "file" / "result.json", make_result(good_run))
+        report.write_run_json(tmp_path / "file" / "result.json", make_result(good_run))
 
 
 def test_a_host_that_was_held_up_says_so(model: AcousticModel) -> None:
@@ -110,8 +110,8 @@ def test_a_host_that_was_held_up_says_so(model: AcousticModel) -> None:
     host = {"skipped": [1], "tick_lateness_us_max": 2_003_000.0}
     result = make_result(run, host=host)
     said = "this machine, not the board, was held up, for up to 2003 ms: too late"
-    (line,) = report.faults_and_troubles(result)
+    (line,) = report.faults_and_troubles_text(result)
     assert line.startswith(f"host: {said} to send 1 frame")
-    assert any(said[1:] in sentence for sentence in prose.summary(result))
+    assert any(said[1:] in sentence for sentence in prose.run_summary_sentences(result))
     in_time = make_result(run, host=host | {"skipped": []})
-    assert list(report.faults_and_troubles(in_time)) == []
+    assert list(report.faults_and_troubles_text(in_time)) == []

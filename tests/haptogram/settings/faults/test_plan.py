@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import BoardConfig
-from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, described, words_of
+from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, described_faults, fault_words
 from haptogram.settings.faults.plan import Fault, FaultPlan
 
 MS = 1_000_000
@@ -33,7 +33,7 @@ def fault_texts(draw):
         words.append(f"{draw(st.sampled_from(places))}={draw(st.integers(0, 9))}")
     from_ns, length_ns = draw(st.integers(1, 10**12)), draw(st.integers(1, 10**12))
     times = {"from": f"from={from_ns}ns", "until": f"until={from_ns + length_ns}ns"}
-    may = [key for key in words_of(name) if key in times]
+    may = [key for key in fault_words(name) if key in times]
     if name == "line.disconnect" and words:
         may.remove("until")
     said = draw(st.sets(st.sampled_from(may))) if may else set()
@@ -105,7 +105,7 @@ def test_texts_that_make_no_sense(text, problem):
 def test_every_fault_is_in_the_documentation_with_what_it_takes():
     rows = re.findall(r"^\| `([a-z]+\.[a-z_]+)` \| (.*?) \|", DOCS.read_text(), re.MULTILINE)
     documented = dict(rows)
-    for text in described():
+    for text in described_faults():
         name, *words = text.split()
         expected = " ".join(word for word in words if "=N" not in word)
         assert expected in documented.pop(name).replace("`", ""), text
@@ -149,7 +149,7 @@ NEVER = {
 NEVER |= {  # every kind that takes times
     f"{name} {place}from=5s until=1s": f"{name} from=5s until=1s: until must be after 5s"
     for name in FAULT_KINDS
-    if "until" in words_of(name)
+    if "until" in fault_words(name)
     for place in ["bank=0 " if "bank" in FAULT_KINDS[name] else ""]
 }
 

@@ -16,15 +16,15 @@ from haptogram.acoustics import (
     Reconstructor,
     SingleFocus,
     focus_phases,
-    superpose,
+    superpose_foci,
 )
 from haptogram.records.frame import Evidence, Focus
-from haptogram.verification import FrameStatus, Judge
+from haptogram.verification import FrameJudge, FrameStatus
 from haptogram.verification.frame import judge as judge_module
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
 
 MODEL = AcousticModel.default()
-JUDGE = Judge(MODEL, carrier_us=25)
+JUDGE = FrameJudge(MODEL, carrier_us=25)
 TARGET = (0.013, -0.021, 0.11)
 few = settings(max_examples=15)
 
@@ -42,7 +42,7 @@ def aside(point, distance_m, angle_rad):
 @pytest.mark.parametrize("bits", [8, 6, 5])
 def test_right_drives_of_other_arrays_are_on_target(shape, bits):
     model = AcousticModel.default(*shape)
-    judge = Judge(model, carrier_us=25)
+    judge = FrameJudge(model, carrier_us=25)
     rng = np.random.default_rng(shape[0] + bits)
     for target in rng.uniform((-0.06, -0.06, 0.05), (0.06, 0.06, 0.3), (25, 3)):
         intended = intend(model, target, bits)
@@ -91,7 +91,7 @@ def test_other_air_over_the_board_moves_the_focus_along_the_beam(sound_speed, lo
 
 def test_a_line_of_elements_tells_x_only():
     model = AcousticModel.default(128, 1)
-    judge = Judge(model, carrier_us=25)
+    judge = FrameJudge(model, carrier_us=25)
     intended = intend(model, (0.02, 0.0, 0.15))
     found = judge.judge(intended, seen(intended))
     assert found.status is FrameStatus.NOT_VERIFIED
@@ -123,7 +123,7 @@ def test_the_back_door_s_word_on_what_was_radiated_counts():
 def test_two_points_that_suit_the_same_phases_are_no_evidence():
     # Twelve elements with 5 bits: a blind search may come out at either.
     model = AcousticModel.default(4, 3)
-    judge = Judge(model, carrier_us=25)
+    judge = FrameJudge(model, carrier_us=25)
     intended = intend(model, (0.0506002, 0.0, 0.11256724), 5)
     blind = Reconstructor(model, 5).reconstruct(intended.drive)
     assert isinstance(blind, SingleFocus)
@@ -181,7 +181,7 @@ def test_a_board_that_computes_may_differ_by_one_step(target, seed):
 def test_two_foci_are_judged_by_the_pressure_at_each(target, phase_rad, bits):
     points = [target, (-0.03, 0.015, 0.1)]
     foci = (Focus.at(points[0], 0.5), Focus.at(points[1], 0.5, phase_rad))
-    weights = superpose(MODEL, points, [0.5, 0.5], [0.0, phase_rad])
+    weights = superpose_foci(MODEL, points, [0.5, 0.5], [0.0, phase_rad])
     exact = Drive.from_weights(weights)
     drive = Drive(registers(np.angle(weights), bits).phase_codes, exact.amplitude_codes)
     intended = intend(MODEL, target, bits, foci=foci, drive=drive)
@@ -209,7 +209,7 @@ def test_what_repeats_is_judged_once_but_for_its_times(monkeypatch):
     monkeypatch.setattr(
         judge_module, "name_drive_faults", lambda *a: judged.append(a) or name_drive_faults(*a)
     )
-    own = Judge(MODEL, carrier_us=25)
+    own = FrameJudge(MODEL, carrier_us=25)
     first, again = (intend(MODEL, TARGET, number=number) for number in (0, 7))
     found = own.judge(first, seen(first))
     late = own.judge(again, seen(again, t_latch_us=again.t_apply_us + 50))

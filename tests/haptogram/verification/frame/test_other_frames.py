@@ -16,18 +16,18 @@ from haptogram.acoustics import (
     NotSingle,
     Reconstructor,
     focus_phases,
-    superpose,
+    superpose_foci,
 )
 from haptogram.acoustics.model.drive import quantise_phase
-from haptogram.acoustics.solvers.several import solve
+from haptogram.acoustics.solvers.several import solve_foci
 from haptogram.records.frame import Focus
-from haptogram.verification import FrameStatus, Judge, Verdict, verify_run
+from haptogram.verification import FrameJudge, FrameStatus, Verdict, verify_run
 from haptogram.verification.frame import judge as judge_module
-from haptogram.verification.frame.ideal_drive import FociLevels
+from haptogram.verification.frame.ideal_drive import IdealFociLevels
 from latched_drives import codes, drive_of, field_of, intend, registers, seen, working_volume
 
 MODEL = AcousticModel.default()
-JUDGE = Judge(MODEL, carrier_us=25)
+JUDGE = FrameJudge(MODEL, carrier_us=25)
 TARGET = (0.013, -0.021, 0.11)
 few = settings(max_examples=15)
 
@@ -88,11 +88,13 @@ def test_elements_that_the_calibration_calls_dead_are_not_verified(count):
     elements = Calibration(gain, np.zeros(256), MODEL.array.positions_m)
     points = [TARGET, (-0.02, 0.01, 0.1)][:count]
     drive = Drive.from_weights(
-        np.where(gain == 0.0, superpose(MODEL, points, [1.0 / count] * count, [0.0] * count), 0.0)
+        np.where(
+            gain == 0.0, superpose_foci(MODEL, points, [1.0 / count] * count, [0.0] * count), 0.0
+        )
     )
     foci = tuple(Focus.at(point, 1.0 / count) for point in points)
     intended = intend(MODEL, TARGET, foci=foci, drive=drive)
-    found = Judge(MODEL.calibrated(elements), carrier_us=25).judge(intended, seen(intended))
+    found = FrameJudge(MODEL.calibrated(elements), carrier_us=25).judge(intended, seen(intended))
     assert found.status is FrameStatus.NOT_VERIFIED
     assert "gain of 0" in found.note
 
@@ -111,7 +113,7 @@ def test_what_does_not_fit_the_array_is_not_verified():
 def test_a_focus_of_no_amplitude_among_others_needs_no_place():
     points = [TARGET, (-0.03, 0.015, 0.1), (0.0, 0.03, 0.12)]
     levels = [0.5, 0.5, 0.0]
-    drive = Drive.from_weights(superpose(MODEL, points, levels, [0.0] * 3))
+    drive = Drive.from_weights(superpose_foci(MODEL, points, levels, [0.0] * 3))
     foci = tuple(Focus.at(point, level) for point, level in zip(points, levels, strict=True))
     found = judge(intend(MODEL, TARGET, foci=foci, drive=drive))
     assert found.status is FrameStatus.ON_TARGET, found
@@ -119,7 +121,7 @@ def test_a_focus_of_no_amplitude_among_others_needs_no_place():
 
 def test_a_board_that_computes_may_round_a_faint_element_to_nothing():
     points = [TARGET, (-0.03, 0.015, 0.1)]
-    drive = Drive.from_weights(superpose(MODEL, points, [0.5, 0.5], [0.0, 0.0]))
+    drive = Drive.from_weights(superpose_foci(MODEL, points, [0.5, 0.5], [0.0, 0.0]))
     faint = drive.amplitude_codes.copy()
     faint[7] = 1
     foci = tuple(Focus.at(point, 0.5) for point in points)
@@ -143,7 +145,7 @@ def test_warmer_air_over_the_board_draws_the_focus_toward_it(host_c, board_c, si
     host = AcousticModel.default(temperature_c=host_c)
     board = AcousticModel.default(temperature_c=board_c)
     intended = intend(host, (0.0, 0.0, height_m), bits)
-    found = Judge(board, carrier_us=25).judge(intended, seen(intended))
+    found = FrameJudge(board, carrier_us=25).judge(intended, seen(intended))
     assert (found.status, found.faults) == (FrameStatus.OFF_TARGET, ())
     assert not found.criteria["S1"]
     assert 0.5 < sign * found.axial_error_mm < 3.0
@@ -231,7 +233,7 @@ def test_the_bound_that_is_reported_holds_the_allowance():
 def test_several_foci_of_phases_only_are_judged_at_full_amplitude(target, phase_rad, bits):
     points = [target, (-0.03, 0.015, 0.1)]
     foci = (Focus.at(points[0], 0.5), Focus.at(points[1], 0.5, phase_rad))
-    weights = superpose(MODEL, points, [0.5, 0.5], [0.0, phase_rad])
+    weights = superpose_foci(MODEL, points, [0.5, 0.5], [0.0, phase_rad])
     drive = registers(np.angle(weights), bits)
     intended = intend(MODEL, target, bits, foci=foci, drive=drive)
     found = judge(intended)
@@ -245,10 +247,10 @@ def test_several_foci_of_phases_only_are_judged_at_full_amplitude(target, phase_
 def test_several_foci_in_other_air_are_off_target():
     board = AcousticModel.default(temperature_c=40.0)
     points = [TARGET, (-0.03, 0.015, 0.1)]
-    drive = Drive.from_weights(superpose(MODEL, points, [0.5, 0.5], [0.0, 0.0]))
+    drive = Drive.from_weights(superpose_foci(MODEL, points, [0.5, 0.5], [0.0, 0.0]))
     foci = tuple(Focus.at(point, 0.5) for point in points)
     intended = intend(MODEL, TARGET, foci=foci, drive=drive)
-    found = Judge(board, carrier_us=25).judge(intended, seen(intended))
+    found = FrameJudge(board, carrier_us=25).judge(intended, seen(intended))
     assert (found.status, found.faults) == (FrameStatus.OFF_TARGET, ())
 
 
@@ -257,7 +259,7 @@ RING = [(0.03 * math.cos(turn), 0.03 * math.sin(turn), 0.12) for turn in np.aran
 
 def solved(points, *, drive_for=None, **changes):
     """Intend foci on *points*, with the drive of a solver for them or for others."""
-    weights = solve(MODEL, points if drive_for is None else drive_for, method="wgs")
+    weights = solve_foci(MODEL, points if drive_for is None else drive_for, method="wgs")
     foci = tuple(Focus.at(point) for point in points)
     drive = Drive.from_weights(weights)
     return intend(MODEL, points[0], foci=foci, drive=drive, solver="wgs", **changes)
@@ -275,15 +277,15 @@ def test_every_focus_of_a_solver_is_there():
 @pytest.mark.parametrize("amplitude", [1.0, 0.1])
 def test_efficiency_is_of_the_output_that_was_asked_for(amplitude):
     """Foci that are quiet on purpose are no worse for it; one that is missing is, loud or quiet."""
-    weights = amplitude * solve(MODEL, RING, method="wgs")
+    weights = amplitude * solve_foci(MODEL, RING, method="wgs")
     foci = tuple(Focus.at(point, amplitude) for point in RING)
     intended = intend(MODEL, RING[0], foci=foci, drive=Drive.from_weights(weights), solver="wgs")
     targets = [field_of(MODEL, focus.position_m) for focus in foci]
-    right = FociLevels.of(intended, weights, targets)
+    right = IdealFociLevels.of(intended, weights, targets)
     assert right.made
     assert right.efficiency == pytest.approx(1.0, abs=0.15)
-    alone = amplitude * solve(MODEL, RING[:1], method="wgs")
-    assert not FociLevels.of(intended, alone, targets).made
+    alone = amplitude * solve_foci(MODEL, RING[:1], method="wgs")
+    assert not IdealFociLevels.of(intended, alone, targets).made
 
 
 @pytest.mark.parametrize(
@@ -302,17 +304,19 @@ def test_a_solver_that_served_other_foci_is_found_out(drive_for):
 def test_foci_of_a_solver_in_other_air_are_off_target():
     board = AcousticModel.default(temperature_c=40.0)
     intended = solved(RING)
-    found = Judge(board, carrier_us=25).judge(intended, seen(intended))
+    found = FrameJudge(board, carrier_us=25).judge(intended, seen(intended))
     assert (found.status, found.criteria["S3"]) == (FrameStatus.OFF_TARGET, False)
 
 
 def test_phases_that_make_no_foci_never_pass_whatever_the_solver_says(monkeypatch):
     noise = np.exp(1j * np.random.default_rng(1).uniform(0.0, math.tau, MODEL.array.count))
-    monkeypatch.setattr(judge_module, "weights_of_foci", lambda *_, **__: noise)
+    monkeypatch.setattr(judge_module, "frame_weights", lambda *_, **__: noise)
     foci = tuple(Focus.at(point) for point in RING)
     drive = Drive.from_weights(noise)
     intended = intend(MODEL, RING[0], foci=foci, drive=drive, solver="wgs")
-    found = Judge(MODEL, carrier_us=25).judge(intended, seen(intended))  # one that remembers none
+    found = FrameJudge(MODEL, carrier_us=25).judge(
+        intended, seen(intended)
+    )  # one that remembers none
     assert found.status is FrameStatus.NOT_VERIFIED
     assert "did not make the foci" in found.note
 

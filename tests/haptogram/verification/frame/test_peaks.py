@@ -11,9 +11,9 @@ from haptogram.acoustics import AcousticModel, focus_phases, pressure
 from haptogram.verification.frame import criteria
 from haptogram.verification.frame.peaks import (
     NEXT_TO_TARGET_RAD,
-    expected_peak,
-    find_peak,
-    peak_response,
+    expected_frame_peak,
+    find_frame_peak,
+    frame_peak_response,
 )
 from latched_drives import field_of, registers, working_volume
 
@@ -52,7 +52,7 @@ def test_the_peak_climbed_to_is_the_loudest_point_of_a_grid(target, bits):
     directions = field.directions()
     assert [len(direction.axes) for direction in directions] == [2, 1]
     for direction in [*directions, field.direction(np.eye(3))]:
-        found = find_peak(model, weights, field.position_m, direction)
+        found = find_frame_peak(model, weights, field.position_m, direction)
         searched = grid_peak_m(model, weights, field.position_m, direction)
         assert apart_rad(found, searched, direction) < 0.02
 
@@ -65,7 +65,7 @@ def test_the_peak_sits_where_diffraction_puts_it(height_m, shift_mm):
     model = AcousticModel.default()
     field = field_of(model, (0.0, 0.0, height_m))
     _, along = field.directions()
-    found = find_peak(model, np.exp(1j * field.phases_rad), field.position_m, along)
+    found = find_frame_peak(model, np.exp(1j * field.phases_rad), field.position_m, along)
     assert 1e3 * found[0] == pytest.approx(shift_mm, abs=0.2)
 
 
@@ -157,10 +157,10 @@ def test_there_is_no_peak_behind_the_array_at_an_element_or_in_silence():
     _, along = field.directions()
     only_middle = np.zeros(25, dtype=complex)
     only_middle[12] = 1.0
-    assert find_peak(model, only_middle, field.position_m, along) is None
-    assert find_peak(model, np.zeros(25, dtype=complex), field.position_m, along) is None
-    assert expected_peak(model, only_middle, field.position_m, along, 0.01) is None
-    assert peak_response(model, np.zeros(25, dtype=complex), field.position_m, along) is None
+    assert find_frame_peak(model, only_middle, field.position_m, along) is None
+    assert find_frame_peak(model, np.zeros(25, dtype=complex), field.position_m, along) is None
+    assert expected_frame_peak(model, only_middle, field.position_m, along, 0.01) is None
+    assert frame_peak_response(model, np.zeros(25, dtype=complex), field.position_m, along) is None
 
 
 @pytest.mark.parametrize("shape", [(5, 5), (3, 5), (5, 7), (7, 7), (6, 6), (1, 7), (20, 3)])

@@ -8,7 +8,7 @@ import pytest
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray, focus_phases
 from haptogram.errors import HaptogramError, VerificationError
 from haptogram.records.frame import Focus
-from haptogram.verification import FrameStatus, Judge, Verdict, verify_run
+from haptogram.verification import FrameJudge, FrameStatus, Verdict, verify_run
 from latched_drives import drive_of, intend, registers, seen
 
 POINT = (0.0, 0.0, 0.1)
@@ -61,7 +61,7 @@ def test_what_can_be_seen_to_be_wrong_still_fails(shape):
     model = array_of(shape)
     intended = intend(model, POINT)
     silent = Drive(intended.drive.phase_codes, np.zeros(model.array.count, np.uint8))
-    found = Judge(model, carrier_us=25).judge(intended, seen(intended, silent))
+    found = FrameJudge(model, carrier_us=25).judge(intended, seen(intended, silent))
     assert found.status is FrameStatus.WRONG_DRIVE
 
 
@@ -71,7 +71,7 @@ def test_what_can_be_seen_to_be_wrong_still_fails(shape):
 @pytest.mark.parametrize("bits", [8, 6, 5])
 def test_arrays_with_an_element_in_the_middle_are_judged_like_others(shape, bits):
     model = array_of(shape)
-    judge = Judge(model, carrier_us=25)
+    judge = FrameJudge(model, carrier_us=25)
     rng = np.random.default_rng(shape[0] + bits)
     for target in rng.uniform((-0.05, -0.05, 0.05), (0.05, 0.05, 0.25), (12, 3)):
         intended = intend(model, target, bits)
@@ -93,7 +93,7 @@ APERTURES = {
 @pytest.mark.parametrize("bits", [8, 6])
 def test_part_of_the_aperture_and_tapers_are_judged_by_what_was_intended(name, bits):
     model = array_of((16, 16))
-    judge = Judge(model, carrier_us=25)
+    judge = FrameJudge(model, carrier_us=25)
     levels = APERTURES[name](model.array.positions_m)
     amplitudes = np.rint(255 * levels).astype(np.uint8)
     rng = np.random.default_rng(7)
@@ -129,13 +129,15 @@ def test_a_moved_and_turned_array_is_judged_like_the_same_array_in_its_place(see
         there = rotation @ target + shift
         here = intend(plain, target)
         moved = intend(model, there, drive=here.drive)
-        found = Judge(model, carrier_us=25).judge(moved, seen(moved))
-        like = Judge(plain, carrier_us=25).judge(here, seen(here))
+        found = FrameJudge(model, carrier_us=25).judge(moved, seen(moved))
+        like = FrameJudge(plain, carrier_us=25).judge(here, seen(here))
         assert found.status is like.status is FrameStatus.ON_TARGET, found
         assert found.lateral_error_mm == pytest.approx(like.lateral_error_mm, abs=1e-3)
         assert found.axial_error_mm == pytest.approx(like.axial_error_mm, abs=1e-3)
         off = intend(model, there, drive=registers(focus_phases(model, there + 0.002)))
-        assert Judge(model, carrier_us=25).judge(off, seen(off)).status is FrameStatus.OFF_TARGET
+        assert (
+            FrameJudge(model, carrier_us=25).judge(off, seen(off)).status is FrameStatus.OFF_TARGET
+        )
 
 
 def test_foci_that_merge_are_not_verified_each():
@@ -144,7 +146,7 @@ def test_foci_that_merge_are_not_verified_each():
     foci = tuple(Focus.at(point, 0.5) for point in points)
     phases = sum(np.exp(1j * focus_phases(model, point)) for point in points)
     intended = intend(model, points[0], foci=foci, drive=registers(np.angle(phases)))
-    found = Judge(model, carrier_us=25).judge(intended, seen(intended))
+    found = FrameJudge(model, carrier_us=25).judge(intended, seen(intended))
     assert found.status in (FrameStatus.NOT_VERIFIED, FrameStatus.ON_TARGET)
     assert found.status is FrameStatus.NOT_VERIFIED or found.smallest_miss_mm > 0.0
 

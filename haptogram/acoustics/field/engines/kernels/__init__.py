@@ -5,32 +5,32 @@ is installed.
 Lengths are in wavelengths and phases in half turns, so that r modulo the wavelength is exact.
 """
 
-from haptogram.acoustics.field.engines.kernels.blocks import usable_points
+from haptogram.acoustics.field.engines.kernels.blocks import usable_points_kernel
 from haptogram.acoustics.field.engines.kernels.fields import (
-    free_pressure,
-    free_waves,
-    lattice_pressure,
-    lattice_waves,
-    polar_form,
+    free_pressure_kernel,
+    free_waves_kernel,
+    lattice_pressure_kernel,
+    lattice_waves_kernel,
+    polar_form_kernel,
 )
-from haptogram.acoustics.field.engines.kernels.foci import fit_phases, focus_codes
-from haptogram.acoustics.field.engines.kernels.multifocus import weighted_gerchberg_saxton
-from haptogram.acoustics.field.engines.kernels.search import best_cell, cell_scores
+from haptogram.acoustics.field.engines.kernels.foci import fit_phases_kernel, focus_codes_kernel
+from haptogram.acoustics.field.engines.kernels.multifocus import gerchberg_saxton_kernel
+from haptogram.acoustics.field.engines.kernels.search import best_cell_kernel, cell_scores_kernel
 from haptogram.acoustics.field.engines.kernels.waves import ARCTANGENT, COSINE, SINE
 
 __all__ = [
     "ARCTANGENT",
     "COSINE",
     "SINE",
-    "best_cell",
-    "cell_scores",
-    "fit_phases",
-    "focus_codes",
-    "free_pressure",
-    "free_waves",
-    "lattice_pressure",
-    "lattice_waves",
-    "polar_form",
-    "usable_points",
-    "weighted_gerchberg_saxton",
+    "best_cell_kernel",
+    "cell_scores_kernel",
+    "fit_phases_kernel",
+    "focus_codes_kernel",
+    "free_pressure_kernel",
+    "free_waves_kernel",
+    "gerchberg_saxton_kernel",
+    "lattice_pressure_kernel",
+    "lattice_waves_kernel",
+    "polar_form_kernel",
+    "usable_points_kernel",
 ]

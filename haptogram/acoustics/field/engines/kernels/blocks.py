@@ -19,7 +19,7 @@ _GENTLE_LOSS: Final = 0.08  # nepers across a block; a quadratic is then off by 
 
 
 @jit_checked
-def usable_points(
+def usable_points_kernel(
     points: F8, positions: F8, fronts: F8, bounds: F8, reach: float, clearance: float,
     usable: NDArray[np.bool_],
 ) -> int:  # fmt: skip
@@ -79,14 +79,14 @@ def _nearest_square(point: F8, positions: F8) -> float:
 
 
 @jit
-def padded(count: int) -> int:
+def padded_block_length(count: int) -> int:
     """Return the length of the equal blocks of *count* points: whole vectors of up to 16 values."""
     blocks = max(1, (count + BLOCK - 1) // BLOCK)
     return max(16, (count + 16 * blocks - 1) // (16 * blocks) * 16)
 
 
 @jit
-def block(
+def block_kernel(
     points: F8, frame: F8, constants: F8, careful: bool, places: F8, loss: F4
 ) -> bool:  # fmt: skip
     """Express a block of points in the array's frame, in wavelengths; fit the loss over it.

@@ -8,16 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.field.engines.kernels.blocks import F4, F8, block, padded
+from haptogram.acoustics.field.engines.kernels.blocks import (
+    F4,
+    F8,
+    block_kernel,
+    padded_block_length,
+)
 from haptogram.acoustics.field.engines.kernels.jit import jit, jit_inline
 from haptogram.acoustics.field.engines.kernels.waves import (
     ONE,
     WAVES,
     ZERO,
-    add_waves,
-    arctangent,
-    rays,
-    set_waves,
+    add_waves_kernel,
+    arctangent_kernel,
+    rays_kernel,
+    set_waves_kernel,
 )
 
 # Wavelengths by which rounding may put a point behind an element in whose plane it is.
@@ -25,12 +30,12 @@ _ROUNDING = np.float32(1e-5)
 
 
 @jit
-def polar_form(drive: NDArray[np.complex128], polar: F4) -> None:
+def polar_form_kernel(drive: NDArray[np.complex128], polar: F4) -> None:
     """Set the magnitudes and the phases, in half turns, of a drive."""
     for n in range(drive.size):
         x, y = drive[n].real, drive[n].imag
         large, small = max(abs(x), abs(y)), min(abs(x), abs(y))
-        eighth = arctangent(small / max(large, 1e-300))
+        eighth = arctangent_kernel(small / max(large, 1e-300))
         quarter = 0.5 - eighth if abs(y) > abs(x) else eighth
         half = 1.0 - quarter if x < 0.0 else quarter
         polar[0, n] = math.sqrt(x * x + y * y)
@@ -38,7 +43,7 @@ def polar_form(drive: NDArray[np.complex128], polar: F4) -> None:
 
 
 @jit
-def lattice_pressure(
+def lattice_pressure_kernel(
     points: F8, frame: F8, constants: F8, careful: bool, gain: F4, gx: F8, gy: F8,
     nodes: NDArray[np.int64], drive: F4, result: NDArray[np.complex128],
 ) -> None:  # fmt: skip
@@ -49,7 +54,7 @@ def lattice_pressure(
     for none. *drive* (2, N): magnitudes, and phases in half turns. r^2 = (x - gx)^2 + z^2 +
     (y - gy)^2 is the sum of one of nx and one of ny rows that are computed once a block.
     """
-    size = padded(len(points))
+    size = padded_block_length(len(points))
     places, depth, height = np.empty((3, size)), np.empty(size), np.empty(size, np.float32)
     rows, a = np.empty((2, gy.size, size), np.float32), np.empty((2, size), np.float32)
     scratch, sums = np.empty((2, size), np.float32), np.empty((2, size), np.float32)
@@ -58,7 +63,7 @@ def lattice_pressure(
     for start in range(0, len(points), size):
         part = points[start : start + size]
         # A choice inside the loops would slow both of its sides down.
-        if block(part, frame, constants, careful, places, loss):
+        if block_kernel(part, frame, constants, careful, places, loss):
             _lattice_block(
                 places, True, gain, loss, gx, gy, nodes, drive, depth, height, rows, a, scratch, t,
                 m, sums,
@@ -87,7 +92,7 @@ def _lattice_block(
         for j in range(gy.size):
             n = nodes[i, j]
             if n >= 0 and drive[0, n] != ZERO:
-                rays(
+                rays_kernel(
                     a[0], rows[0, j], a[1], rows[1, j], height, drive[0, n], drive[1, n], careful,
                     gain, loss, scratch, t[held], m[held],
                 )  # fmt: skip
@@ -100,7 +105,7 @@ def _held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
     """Return how many waves are held after one more: all are added as soon as they are enough."""
     if held + 1 < WAVES:
         return held + 1
-    add_waves(t, m, re, im)
+    add_waves_kernel(t, m, re, im)
     return 0
 
 
@@ -108,7 +113,7 @@ def _held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 def _add_held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
     if held:
         m[held:] = ZERO
-        add_waves(t, m, re, im)
+        add_waves_kernel(t, m, re, im)
 
 
 @jit
@@ -135,7 +140,7 @@ def _squares(x: Any, s: Any, rest: Any, careful: Any, high: Any, low: Any) -> An
 
 
 @jit
-def lattice_waves(
+def lattice_waves_kernel(
     points: F8, frame: F8, constants: F8, gain: F4, gx: F8, gy: F8, nodes: NDArray[np.int64],
     waves: F4,
 ) -> None:  # fmt: skip
@@ -143,27 +148,27 @@ def lattice_waves(
 
     *nodes* (nx, ny): the element at each node, -1 for none.
     """
-    size = padded(len(points))
+    size = padded_block_length(len(points))
     places, depth, height = np.empty((3, size)), np.empty(size), np.empty(size, np.float32)
     rows, a = np.empty((2, gy.size, size), np.float32), np.empty((2, size), np.float32)
     scratch = np.empty((2, size), np.float32)
     t, m, loss = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(4, np.float32)
-    block(points, frame, constants, True, places, loss)
+    block_kernel(points, frame, constants, True, places, loss)
     _lattice_rows(places, gy, True, rows, depth, height)
     for i in range(gx.size):
         _squares(places[0], gx[i], depth, True, a[0], a[1])
         for j in range(gy.size):
             n = nodes[i, j]
             if n >= 0:
-                rays(
+                rays_kernel(
                     a[0], rows[0, j], a[1], rows[1, j], height, ONE, ZERO, True, gain, loss,
                     scratch, t, m,
                 )  # fmt: skip
-                set_waves(t, m, waves[0, n], waves[1, n])
+                set_waves_kernel(t, m, waves[0, n], waves[1, n])
 
 
 @jit
-def free_pressure(
+def free_pressure_kernel(
     points: F8, frame: F8, constants: F8, careful: bool, gain: F4, elements: F8, drive: F4,
     result: NDArray[np.complex128],
 ) -> None:  # fmt: skip
@@ -171,14 +176,14 @@ def free_pressure(
 
     *elements* (N, 6): positions over the wavelength and normals, in the frame; *drive* (2, N).
     """
-    size = padded(len(points))
+    size = padded_block_length(len(points))
     places, pairs = np.empty((3, size)), np.empty((6, size), np.float32)
     offset, scratch = np.zeros((5, size), np.float32), np.empty((2, size), np.float32)
     t, m = np.zeros((WAVES, size), np.float32), np.empty((WAVES, size), np.float32)
     sums, loss = np.empty((2, size), np.float32), np.empty(4, np.float32)
     for start in range(0, len(points), size):
         part = points[start : start + size]
-        slow = block(part, frame, constants, careful, places, loss)
+        slow = block_kernel(part, frame, constants, careful, places, loss)
         _split(places, pairs)
         if slow:
             _free_block(
@@ -233,7 +238,7 @@ def _free_wave(
         _exact_offsets(places, s, square, low, height, ahead)
     else:
         _offsets(pairs, s, square, height, ahead)
-    rays(
+    rays_kernel(
         square, none, low, none, height, amplitude, phase, careful, gain, loss, scratch, t, m
     )  # fmt: skip
     front, rounding, r = np.float32(constants[2]), ZERO if careful else _ROUNDING, scratch[0]
@@ -270,19 +275,19 @@ def _exact_offsets(
 
 
 @jit
-def free_waves(
+def free_waves_kernel(
     points: F8, frame: F8, constants: F8, gain: F4, elements: F8, waves: F4
 ) -> None:  # fmt: skip
     """Set the (2, N, B) real and imaginary parts of the propagators to at most `BLOCK` points."""
-    size = padded(len(points))
+    size = padded_block_length(len(points))
     places, pairs = np.empty((3, size)), np.empty((6, size), np.float32)
     offset, scratch = np.zeros((5, size), np.float32), np.empty((2, size), np.float32)
     t, m, loss = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(4, np.float32)
-    block(points, frame, constants, True, places, loss)
+    block_kernel(points, frame, constants, True, places, loss)
     _split(places, pairs)
     for n in range(len(elements)):
         _free_wave(
             places, pairs, elements[n], ONE, ZERO, True, constants, gain, loss, offset, scratch, t,
             m,
         )  # fmt: skip
-        set_waves(t, m, waves[0, n], waves[1, n])
+        set_waves_kernel(t, m, waves[0, n], waves[1, n])

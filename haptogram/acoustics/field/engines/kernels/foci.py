@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.field.engines.kernels.blocks import F4, F8
 from haptogram.acoustics.field.engines.kernels.jit import jit, jit_inline, jit_sums
-from haptogram.acoustics.field.engines.kernels.waves import ONE, ZERO, cos_sin, flip
+from haptogram.acoustics.field.engines.kernels.waves import (
+    ONE,
+    ZERO,
+    cos_sin_kernel,
+    flip_sign_kernel,
+)
 
 # Added to a float32 below 2^22, it rounds to a whole number and leaves that in the lowest bits: two
 # operations less than rounding and converting.
@@ -20,7 +25,7 @@ Fitted: TypeAlias = tuple[tuple[float, float, float], float, float, int, bool, f
 
 
 @jit
-def focus_codes(
+def focus_codes_kernel(
     targets: F8, frame: F8, places: F4, code_steps: int, codes: NDArray[np.uint8]
 ) -> None:
     """Set the phase codes -r steps (mod steps) that focus on each target; *places* is (3, N).
@@ -56,7 +61,7 @@ def _codes(
 
 
 @jit
-def fit_phases(
+def fit_phases_kernel(
     codes: NDArray[np.uint8], order: NDArray[np.int64], places: F4, lags: F4, frame: F8,
     start: tuple[float, float, float], code_steps: int, count: int, max_steps: int,
 ) -> Fitted:  # fmt: skip
@@ -112,8 +117,8 @@ def _coherent_phase(phases: Any, places: Any, x: Any, y: Any, z: Any) -> Any:
         square = dx * dx + dy * dy + dz * dz
         twice = np.float32(2.0) * (square * (ONE / np.sqrt(square)) + phases[n])
         turns = np.rint(twice)
-        cosine, sine = cos_sin(twice - turns)
-        sign = flip(ONE, turns)
+        cosine, sine = cos_sin_kernel(twice - turns)
+        sign = flip_sign_kernel(ONE, turns)
         re += sign * cosine
         im += sign * sine
     return np.float32(math.atan2(im, re) / (2.0 * math.pi))

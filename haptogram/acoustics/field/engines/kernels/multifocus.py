@@ -12,11 +12,11 @@ from haptogram.acoustics.field.engines.kernels.waves import ONE, ZERO
 
 # A point that cannot be served as it wants gains weight in every round: before it overflows, all
 # are divided by a power of two, which changes no ratio between them.
-LARGEST_WEIGHT = np.float32(2.0**40)
+_LARGEST_WEIGHT = np.float32(2.0**40)
 
 
 @jit
-def weighted_gerchberg_saxton(
+def gerchberg_saxton_kernel(
     re: F4, im: F4, wanted: F4, rounds: int, drive_re: F4, drive_im: F4
 ) -> None:
     """Turn the phases of a drive of unit magnitude until the points are equally well served.
@@ -44,8 +44,8 @@ def weighted_gerchberg_saxton(
                 re[i], im[i], weight[i] * p / level, weight[i] * q / level, drive_re, drive_im
             )
         _normalise(drive_re, drive_im)
-        if weight.max() > LARGEST_WEIGHT:
-            weight /= LARGEST_WEIGHT
+        if weight.max() > _LARGEST_WEIGHT:
+            weight /= _LARGEST_WEIGHT
 
 
 @jit_sums

@@ -14,7 +14,7 @@ from haptogram.acoustics.field.engines.kernels.waves import ONE
 
 
 @jit
-def cell_scores(
+def cell_scores_kernel(
     codes: NDArray[np.uint8], order: NDArray[np.int64], phasors: F4, code_steps: int
 ) -> F4:
     """Return |sum of e^(j (phi + k r))|^2 at each cell.
@@ -38,7 +38,7 @@ def _turn_and_add(pr: Any, pi: Any, cosine: Any, sine: Any, re: Any, im: Any) ->
 
 
 @jit
-def best_cell(score: F4, cells: F8, apart: F8) -> int:
+def best_cell_kernel(score: F4, cells: F8, apart: F8) -> int:
     """Return the cell of the highest score; take it and those nearer than *apart* out."""
     best = 0
     for c in range(score.size):

@@ -45,14 +45,14 @@ def _lengths(a: Any, b: Any, r: Any, inverse: Any) -> Any:
 
 
 @jit_inline
-def flip(value: Any, half_turns: Any) -> Any:
+def flip_sign_kernel(value: Any, half_turns: Any) -> Any:
     """Return *value* times (-1)^half_turns: the lowest bit moves into the sign."""
     bits = np.float32(value).view(np.int32)
     return np.int32(bits ^ (np.int32(half_turns) << np.int32(31))).view(np.float32)
 
 
 @jit_inline
-def cos_sin(t: Any) -> Any:
+def cos_sin_kernel(t: Any) -> Any:
     """Return cosine and sine of pi t, |t| <= 1/2; errors 5e-8 and 1.2e-6."""
     w = t * t
     sine = t * (((_S3 * w + _S2) * w + _S1) * w + _S0)
@@ -61,7 +61,7 @@ def cos_sin(t: Any) -> Any:
 
 
 @jit_inline
-def arctangent(t: Any) -> Any:
+def arctangent_kernel(t: Any) -> Any:
     """Return arctan(t) in half turns, |t| <= 1; error 5e-9. Unlike atan2 of C, it is vectorised."""
     a0, a1, a2, a3, a4, a5, a6, a7, a8 = ARCTANGENT
     w = t * t
@@ -78,7 +78,7 @@ def _gain_at(q: Any, gain: Any) -> Any:
 
 
 @jit_inline
-def rays(
+def rays_kernel(
     a: Any, b: Any, a_low: Any, b_low: Any, height: Any, amplitude: Any, phase: Any, careful: Any,
     gain: Any, loss: Any, scratch: Any, t: Any, m: Any,
 ) -> Any:  # fmt: skip
@@ -113,7 +113,7 @@ def _waves(
         t[p] = (twice - turns) + phase
         slow = (e3 * r[p] + e2) * r[p] + e1 if cubic else e2 * r[p] + e1
         level = _gain_at(height[p] * (inverse[p] * inverse[p]), gain) * (e0 * inverse[p] + slow)
-        m[p] = flip(level, turns)
+        m[p] = flip_sign_kernel(level, turns)
 
 
 @jit_inline
@@ -127,21 +127,21 @@ def _losses(loss: Any, amplitude: Any) -> Any:
 
 
 @jit_inline
-def add_waves(t: Any, m: Any, re: Any, im: Any) -> Any:
+def add_waves_kernel(t: Any, m: Any, re: Any, im: Any) -> Any:
     """Add `WAVES` waves, of phases *t* and magnitudes *m*, to a block of sums."""
     for p in range(re.size):
-        c0, s0 = cos_sin(t[0, p])
-        c1, s1 = cos_sin(t[1, p])
-        c2, s2 = cos_sin(t[2, p])
-        c3, s3 = cos_sin(t[3, p])
+        c0, s0 = cos_sin_kernel(t[0, p])
+        c1, s1 = cos_sin_kernel(t[1, p])
+        c2, s2 = cos_sin_kernel(t[2, p])
+        c3, s3 = cos_sin_kernel(t[3, p])
         re[p] = re[p] + (m[0, p] * c0 + m[1, p] * c1) + (m[2, p] * c2 + m[3, p] * c3)
         im[p] = im[p] + (m[0, p] * s0 + m[1, p] * s1) + (m[2, p] * s2 + m[3, p] * s3)
 
 
 @jit_inline
-def set_waves(t: Any, m: Any, re: Any, im: Any) -> Any:
+def set_waves_kernel(t: Any, m: Any, re: Any, im: Any) -> Any:
     """Set the real and imaginary parts of waves of phases *t* and magnitudes *m*."""
     for p in range(t.size):
-        cosine, sine = cos_sin(t[p])
+        cosine, sine = cos_sin_kernel(t[p])
         re[p] = m[p] * cosine
         im[p] = m[p] * sine

@@ -14,7 +14,7 @@ from haptogram.acoustics import AcousticModel, Calibration, CircularPiston, Medi
 from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.acoustics.reconstruct.patterns import classifier
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
-from haptogram.acoustics.reconstruct.patterns.found import KINDS, as_dict
+from haptogram.acoustics.reconstruct.patterns.found import KINDS, pattern_dict
 from haptogram.errors import ConfigurationError
 
 DATA = Path(__file__).parents[4] / "data" / "dialects"
@@ -188,7 +188,7 @@ def test_the_same_place_again_is_found_from_the_last_one():
 
 def test_patterns_are_plain_values_for_json():
     found = classifier_of("sonicsurface").classify(np.ones(256))
-    assert json.loads(json.dumps(as_dict(found))) == {"kind": "uniform", "active": 256}
+    assert json.loads(json.dumps(pattern_dict(found))) == {"kind": "uniform", "active": 256}
 
 
 def test_wrong_arguments_are_refused():
