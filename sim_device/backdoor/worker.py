@@ -29,6 +29,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import Drive
+from haptogram.acoustics.model.pulses import Pulses
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram_protocol.messages import LatchKey
 
@@ -269,6 +270,8 @@ def _drive_of(phase_codes: bytes, amplitude_codes: bytes, phase_bits: int) -> Dr
 _REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {
     Drive: _reduced_drive,
     Latch: _by_fields(Latch),
+    PulseLatch: _by_fields(PulseLatch),
+    Pulses: _by_fields(Pulses),
     LatchKey: _by_fields(LatchKey),
 }
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TypeAlias
 
 from haptogram.acoustics import Drive
@@ -105,7 +104,7 @@ class PulseLatch:
     index: int = 0
     modulation: Modulation | None = None
     number: int = 0
-    counted: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    counted: Mapping[str, int] = field(default_factory=dict)
     radiated: ComplexArray | None = None
     is_faulty: bool = False
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Callable
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -167,7 +166,7 @@ class ForeignDialect:
                 dataclasses.replace(
                     latch,
                     number=self._latched,
-                    counted=MappingProxyType(counted),
+                    counted=counted,
                     radiated=latch.pulses.weights()[self._channels],
                 )
             )

@@ -15,8 +15,8 @@ from haptogram.settings.option import Settings, options_of
 
 from .emulation import INTERFACE, Emulation
 from .sonicsurface import SONICSURFACE, TACTILE
-from .ultraino_arduino import MEGA64, NANO8, NANO16
-from .ultraino_fpga import CHAINED, SIMPLE, SIMPLE_128
+from .ultraino.arduino import MEGA64, NANO8, NANO16
+from .ultraino.fpga import CHAINED, SIMPLE, SIMPLE_128
 
 GROUP: Final = "haptogram.dialects"
 EMULATIONS: Final[Mapping[str, Emulation]] = MappingProxyType(

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Final, Self
 
 import numpy as np
@@ -54,7 +53,7 @@ class PulseDrive:
     rises: NDArray[np.uint16]
     widths: NDArray[np.uint16]
     steps: int
-    levels: Mapping[int, bytes] = field(default_factory=lambda: MappingProxyType({}))
+    levels: Mapping[int, bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not 2 <= self.steps <= MAX_STEPS:
@@ -89,7 +88,7 @@ class PulseDrive:
         starts = levels & ~np.roll(levels, 1, axis=0)
         several = np.flatnonzero(starts.sum(axis=0) > 1)
         others = {int(c): levels[:, c].astype(np.uint8).tobytes() for c in several}
-        return cls(starts.argmax(axis=0), levels.sum(axis=0), len(levels), MappingProxyType(others))
+        return cls(starts.argmax(axis=0), levels.sum(axis=0), len(levels), others)
 
     @property
     def count(self) -> int:

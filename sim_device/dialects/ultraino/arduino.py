@@ -19,7 +19,7 @@ from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.dialects.ultraino import arduino as wire
 from haptogram_protocol.dialects.ultraino.slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_LAYOUT
 
-from .emulation import Emulation
+from ..emulation import Emulation
 from .slot_boards import Outputs, SlotBoards
 
 _USUAL, _ANIMATION = "usual", "animation"

@@ -22,7 +22,7 @@ from haptogram_protocol.dialects.ultraino.operations import (
 )
 from haptogram_protocol.dialects.ultraino.slots import SlotLayout
 
-from ..board.events import PulseLatch
+from ...board.events import PulseLatch
 from .playlist import PERIOD_US, Playlist
 
 POWER_UP: Final = "power-up"
@@ -52,7 +52,7 @@ class Outputs:
 
 
 class SlotBoards:
-    """All boards of a chain; see :class:`~.unit.Unit`.
+    """All boards of a chain; see :class:`~..unit.Unit`.
 
     They radiate from power-up on: in the first half of the slots every output is high. Patterns
     overwrite what their buffer held, byte by byte. As long as a list of patterns is the same, only

@@ -1,8 +1,8 @@
 """Ultraino's FPGA boards: SimpleFPGA, SimpleFPGA_128 and ChainedFPGA.
 
-They do what the published HDL does, that of SonicSurface (see :mod:`.double_buffer`). Not known, as
-no HDL is published: what the board of 128 steps radiates at power-up (code 0 here, as the other),
-and whether a frame without amplitudes is at full amplitude (it is here).
+They do what the published HDL does, that of SonicSurface (see :mod:`..double_buffer`). Not known,
+as no HDL is published: what the board of 128 steps radiates at power-up (code 0 here, as the
+other), and whether a frame without amplitudes is at full amplitude (it is here).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.ultraino import fpga as wire
 
-from .double_buffer import DoubleBuffer, Registers
-from .emulation import Emulation
+from ..double_buffer import DoubleBuffer, Registers
+from ..emulation import Emulation
 
 _WIDTH, _WIDTH_128 = 16, 64  # half a period
 

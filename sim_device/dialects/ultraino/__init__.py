@@ -1,0 +1,1 @@
+"""Ultraino's boards: FPGAs (:mod:`.fpga`) and Arduinos (:mod:`.arduino`)."""
