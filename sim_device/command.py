@@ -21,6 +21,7 @@ from haptogram.settings.faults.kinds import described_faults
 from haptogram.settings.line import LineSettings
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import Parser
+from haptogram_protocol.dialects.table import DIALECTS
 
 if TYPE_CHECKING:
     from .backdoor.worker import ReconstructionWorker
@@ -46,8 +47,12 @@ examples:
                      a UART of 16 bytes, emptied every 50 us: one that does not overrun
   PROGRAM --link /tmp/board --seed 1 --fault "line.flip ber=1e-5" \\
       --fault "device.stuck column=3 from=2s"
+  PROGRAM --link /tmp/board --dialect sonicsurface
+                     a board that other programs drive: start yours on /tmp/board
+  PROGRAM --link /tmp/board --dialect ultraino-mega64 --dialect-option boards=2 --array tinylev
 
-Without --baud the line takes no time, as a pseudo-terminal does, and holds as much as one.
+Without --baud the line takes no time, as a pseudo-terminal does, and holds as much as one; that of
+another dialect has the rate of its boards.
 With --baud a byte takes 10 bits, in both directions; the other options give the line the
 imperfections of a real one.  The bytes that it loses by them are counted in the log at the end
 and in the last record of the back door.
@@ -69,7 +74,9 @@ def set_up(parser: Parser) -> None:
     where.add_argument("--link", metavar="PATH", help="pseudo-terminal with this stable name")
     where.add_argument("--tcp", metavar="[HOST:]PORT", help="TCP server [host 127.0.0.1]")
     where.add_argument(
-        "--serial", metavar="PORT", help="real serial port, at its far end; --baud is 3000000 there"
+        "--serial",
+        metavar="PORT",
+        help="real serial port, at its far end; --baud is 3000000 there, or that of the dialect",
     )
     line = options_of(LineSettings)
     board = [row for name, row in BOARD_OPTIONS.items() if name not in line]
@@ -90,13 +97,16 @@ def set_up(parser: Parser) -> None:
 
 
 def _epilog(program: str) -> str:
-    """Return examples, and the faults with their parameters."""
+    """Return examples, the faults with their parameters, and the dialects."""
+    dialects = "\n".join(f"  {name:<23}{row.title}" for name, row in DIALECTS.items())
     faults = "\n".join(f"  {text}" for text in described_faults())
     return (
         f"{_EPILOG.replace('PROGRAM', program)}\n"
         "faults, their parameters and defaults (all but those of the clock also take\n"
         "from=500ms until=2s, those of the line direction=down or up; see docs/faults.md):\n"
         f"{faults}\n"
+        "\ndialects; their options are in docs/dialects.md, and packages may bring more:\n"
+        f"{dialects}\n"
     )
 
 
@@ -144,7 +154,7 @@ def _run(options: argparse.Namespace) -> None:
     settings, parts, plan = board.settings, board.parts, board.faults
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
-    port = _open_port(options, config)
+    port = _open_port(options, settings.line)
     worker = None
     with contextlib.ExitStack() as signals:  # heard until everything is closed
         try:
@@ -187,7 +197,8 @@ def _config(options: argparse.Namespace) -> BoardConfig:
     if options.serial is not None:
         if imperfect := [word for word in line if word != "--baud"]:
             raise ConfigurationError(f"{', '.join(imperfect)}: the line of --serial is a real one")
-        values.setdefault("baud", _SERIAL_BAUD)
+        if options.dialect is None:
+            values.setdefault("baud", _SERIAL_BAUD)
     values.setdefault("seed", secrets.randbits(32))
     return BoardConfig.of(**values)
 
@@ -210,7 +221,7 @@ def _check_files(options: argparse.Namespace) -> None:
     )
 
 
-def _open_port(options: argparse.Namespace, config: BoardConfig) -> BoardPort:
+def _open_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:
     from .line.pty_port import PtyPort
     from .line.serial_port import SerialPort
     from .line.tcp_port import TcpPort
@@ -218,7 +229,7 @@ def _open_port(options: argparse.Namespace, config: BoardConfig) -> BoardPort:
     if options.link is not None:
         return PtyPort(options.link)
     if options.serial is not None:
-        return SerialPort(options.serial, config.line.baud or _SERIAL_BAUD)
+        return SerialPort(options.serial, line.baud or _SERIAL_BAUD)
     host, _, port = options.tcp.rpartition(":")
     if not port.isdecimal() or int(port) > 0xFFFF:
         raise ConfigurationError(f"--tcp {options.tcp}: must be HOST:PORT, the port 0 to 65535")

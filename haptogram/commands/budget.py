@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
+from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_choice
 from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import number_option, whole_number_option
@@ -19,11 +21,15 @@ _TIMERS_MS: Final = {
     "latency timer of 1 ms": 1,
     "latency timer of 16 ms, as it comes": 16,
 }
+_OF_VERIFY: Final = ("baud", "phase_bits")
+_TRANSDUCERS: Final = 256
 _EXAMPLES: Final = """\
 examples:
   haptogram budget --baud 3000000 --rate-hz 1000 --phase-bits 8
       256 phases of 8 bit a thousand times a second over 3 Mbaud
   haptogram budget --baud 921600 --transducers 64
+  haptogram budget --dialect sonicsurface --rate-hz 100
+      a board that somebody else has built
 
 exit status:
   0    the rate fits the line and the host
@@ -45,8 +51,8 @@ def set_up(parser: Parser) -> None:
     parser.rename(rate="rate_hz")
     parser.set_defaults(run=run)
     rows = options_of(VerifyConfig)
-    add_setting_options(parser, [rows[name] for name in ("baud", "phase_bits")])
-    parser.set_defaults(baud=rows["baud"].default, phase_bits=rows["phase_bits"].default)
+    baud = f"{rows['baud'].default}, with --dialect: that of its boards"
+    add_setting_options(parser, [rows[name] for name in _OF_VERIFY], baud=baud)
     parser.add_argument(
         "--rate-hz",
         type=number_option(0.001, 40_000.0, "Hz"),
@@ -55,12 +61,36 @@ def set_up(parser: Parser) -> None:
         help="frames per second [1000]",
     )
     parser.add_argument(
-        "--transducers", type=whole_number_option(1, 1024), default=256, metavar="N", help="[256]"
+        "--transducers", type=whole_number_option(1, 1024), metavar="N", help="[256]"
+    )
+    parser.add_argument(
+        "--dialect",
+        metavar="NAME",
+        help="wire of other boards, at the rates that they have and at --baud, if it is given",
+    )
+    parser.add_argument(
+        "--boards",
+        type=whole_number_option(1, 16),
+        metavar="N",
+        help="boards on the line, with --dialect [1]",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
+    if arguments.dialect is not None:
+        return _run_dialect(arguments)
+    if arguments.boards is not None:
+        raise ConfigurationError("--boards acts only with --dialect; leave it out")
+    rows = options_of(VerifyConfig)
+    defaults = {name: rows[name].default for name in _OF_VERIFY} | {"transducers": _TRANSDUCERS}
+    for name, value in defaults.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, value)
+    return _run_own(arguments)
+
+
+def _run_own(arguments: argparse.Namespace) -> int:
     from haptogram.campaigns.bench.frame_budget import (
         bench_frame_formats,
         measure_frame_budget,
@@ -77,6 +107,36 @@ def run(arguments: argparse.Namespace) -> int:
     print(_all_formats(budgets, wake_ns))
     print(_answers(arguments.baud))
     return 0 if asked.highest_hz >= arguments.rate_hz else 1
+
+
+def _run_dialect(arguments: argparse.Namespace) -> int:
+    """Print the frames per second over the line of other boards; 0 if the usual rate suffices."""
+    from haptogram.driver.line.budget import highest_line_rate_hz, line_transmission_ns
+    from haptogram_protocol.dialects.table import DIALECTS
+
+    for name in ("phase_bits", "transducers"):
+        if getattr(arguments, name) is not None:
+            word = f"--{name.replace('_', '-')}"
+            raise ConfigurationError(f"{word} acts on frames of Haptogram; leave it out")
+    check_choice("--dialect", arguments.dialect, tuple(DIALECTS))
+    dialect, boards = DIALECTS[arguments.dialect], arguments.boards or 1
+    bauds = (arguments.baud,) if arguments.baud else dialect.bauds
+    if not bauds:
+        raise ConfigurationError(
+            f"{dialect.name} has no serial line, whose rate could limit it; give --baud for one"
+        )
+    size = dialect.frame_bytes(boards)
+    what = "a board" if boards == 1 else f"{boards} boards"
+    print(f"{dialect.title}: {size} bytes a frame for {what}")
+    for baud in bauds:
+        rate_hz = highest_line_rate_hz(size, baud)
+        verdict = "fits" if rate_hz >= arguments.rate_hz else "does not fit"
+        frame_ms = line_transmission_ns(size, baud) / 1e6
+        print(
+            f"  {baud:>9} baud {frame_ms:9.3f} ms a frame {rate_hz:9.1f} frames/s at most: "
+            f"{arguments.rate_hz:g} Hz {verdict}"
+        )
+    return 0 if highest_line_rate_hz(size, bauds[0]) >= arguments.rate_hz else 1
 
 
 def _one_frame(asked: FrameBudget, wake_ns: int, arguments: argparse.Namespace) -> str:

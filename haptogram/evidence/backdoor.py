@@ -16,7 +16,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptogram.acoustics import Drive, NoFocus, NotSingle, Reconstruction, SingleFocus
+from haptogram.acoustics import (
+    AcousticModel,
+    Calibration,
+    Drive,
+    Medium,
+    NoFocus,
+    NotSingle,
+    Reconstruction,
+    SingleFocus,
+    Transducer,
+    TransducerArray,
+)
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
 from haptogram_protocol.messages import unwrap
@@ -29,6 +40,8 @@ _KINDS: Final[Mapping[str, type[SingleFocus] | type[NoFocus] | type[NotSingle]]]
 
 
 _END: Final = "end"
+#: Kinds of the records of latches: of Haptogram's own board, and of boards of other dialects.
+LATCHES: Final = ("latch", "pulses")
 _ARMED: Final = "ARMED"
 
 
@@ -63,6 +76,23 @@ class BackdoorFile:
         found = [json.loads(line) for line in whole.splitlines()]
         self.records += found
         return len(found)
+
+
+def board_model(record: Mapping[str, Any], temperature_c: float) -> AcousticModel:
+    """Return what the board of a ``board`` record radiates with, in air of *temperature_c*.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no such record.
+    """
+    try:
+        array = TransducerArray.from_positions(record["positions_m"], record["normals"])
+        elements = record["calibration"]
+    except KeyError as error:
+        raise ConfigurationError(f"not a board record of a back door: {error!r}") from error
+    model = AcousticModel(array, Medium.air(temperature_c), Transducer())
+    return model if elements is None else model.calibrated(Calibration(**elements))
 
 
 def _observation_of(record: Mapping[str, Any]) -> Observation:

@@ -7,7 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.evidence.backdoor import BackdoorFile, is_latch_record_of, why_backdoor_incomplete
+from haptogram.evidence.backdoor import (
+    LATCHES,
+    BackdoorFile,
+    is_latch_record_of,
+    why_backdoor_incomplete,
+)
 from haptogram.records.frame import FrameKey
 
 _POLL_S: Final = 0.01
@@ -38,7 +43,7 @@ class BoardRecords:
     def wait_for_latches(self, count: int, timeout_s: float) -> bool:
         """Wait for *count* latches; return whether they came before the end and *timeout_s*."""
         end_s = time.monotonic() + timeout_s
-        while sum(record["kind"] == "latch" for record in self.read()) < count:
+        while sum(record["kind"] in LATCHES for record in self.read()) < count:
             if time.monotonic() > end_s or self._is_closed:
                 return False
             time.sleep(_POLL_S)

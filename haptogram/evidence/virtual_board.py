@@ -20,6 +20,7 @@ from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, 
 from haptogram.evidence.backdoor import (
     backdoor_fault_counts,
     backdoor_observations,
+    board_model,
     observations_on_clock_of,
     silences_on_the_clock_of,
 )
@@ -72,6 +73,11 @@ class VirtualBoard:
         docs/faults.md lists them.
     fault_plan : path, optional
         TOML file with faults, which come before those of *faults*.
+    dialect : str, optional
+        Wire of another board, such as ``"sonicsurface"``; docs/dialects.md lists them. Its clients
+        open :attr:`url`; its array and the rate of its line are its own unless they are given here.
+    dialect_options : sequence of str
+        Options of the dialect, such as ``"boards=2"``.
 
     Attributes
     ----------
@@ -91,7 +97,7 @@ class VirtualBoard:
     >>> VirtualBoard("16x16", pitch_mm=-1.0)
     Traceback (most recent call last):
         ...
-    haptogram.settings.option.SettingError: pitch_mm is -1, must be 1 to 100
+    haptogram.settings.option.SettingError: pitch_mm is -1, must be 1 to 100 mm
     """
 
     def __init__(
@@ -106,6 +112,8 @@ class VirtualBoard:
         reconstruct: bool = True,
         faults: Sequence[str] = (),
         fault_plan: Path | None = None,
+        dialect: str | None = BoardConfig.dialect,
+        dialect_options: Sequence[str] = (),
     ) -> None:
         if baudrate is not None:
             check_whole("baudrate", baudrate, 1, MAX_BAUD)
@@ -118,6 +126,8 @@ class VirtualBoard:
             seed=seed,
             baud=baudrate,
             fault_plan=fault_plan,
+            dialect=dialect,
+            dialect_option=tuple(dialect_options),
         )
         added = dataclasses.replace(config, faults=config.faults + parse_faults(faults))
         self._power_up(added, elements, reconstruct=reconstruct)
@@ -134,13 +144,8 @@ class VirtualBoard:
     def _power_up(
         self, config: BoardConfig, elements: Calibration | None, *, reconstruct: bool = True
     ) -> None:
-        self.model = AcousticModel(
-            TransducerArray.parse(config.array, pitch_m=config.pitch_mm / 1000),
-            Medium.air(config.temperature_c),
-            Transducer(),
-        )
-        if elements is not None:
-            self.model = self.model.calibrated(elements)
+        if config.dialect is None:  # before a process is started, so that it can be refused
+            self.model = _model_of(config, elements)
         self._folder = WorkingFolder("haptogram-board-")
         records = self._folder.path / "backdoor.jsonl"
         self.url = str(self._folder.path / "board")
@@ -158,6 +163,8 @@ class VirtualBoard:
         self._records = BoardRecords(records, is_running=self._process.is_running)
         try:
             self._process.wait_until_ready()
+            if config.dialect is not None:
+                self.model = board_model(self._records.read()[0], config.temperature_c)
         except BaseException:
             self.close()
             raise
@@ -344,3 +351,12 @@ def _check_intended(intended: Sequence[Intended]) -> None:
             check_argument_kind(
                 f"intended[{number}]", entry, Intended, "an Intended, as of the driver"
             )
+
+
+def _model_of(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
+    model = AcousticModel(
+        TransducerArray.parse(config.array, pitch_m=config.pitch_mm / 1000),
+        Medium.air(config.temperature_c),
+        Transducer(),
+    )
+    return model if elements is None else model.calibrated(elements)

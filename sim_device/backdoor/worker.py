@@ -29,7 +29,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import Drive
-from haptogram.acoustics.model.pulses import Pulses
+from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram_protocol.messages import LatchKey
 
@@ -271,7 +271,7 @@ _REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {
     Drive: _reduced_drive,
     Latch: _by_fields(Latch),
     PulseLatch: _by_fields(PulseLatch),
-    Pulses: _by_fields(Pulses),
+    PulseDrive: _by_fields(PulseDrive),
     LatchKey: _by_fields(LatchKey),
 }
 

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from haptogram_protocol.dialects.codec import BoardEnd, Dialect, Reply
 from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_dialect
 
+from ..board.clock import earliest_time
 from ..board.events import Notice, PulseLatch, Remark
 from .unit import Unit
 
+PATIENCE_US: Final = 1_000_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
 
@@ -60,6 +62,7 @@ class ForeignDialect:
         self._own: Counter[str] = Counter()
         self._counted: dict[str, int] = {}  # at the last latch
         self._latched = 0
+        self._stalled_us: int | None = None  # when a frame that has not ended is noticed
         self._latches: list[PulseLatch] = []
         self._notices: list[Notice] = []
         self._first_bytes: bytearray | None = bytearray()  # None: the wire needs no more guessing
@@ -88,12 +91,14 @@ class ForeignDialect:
 
     def next_event_us(self) -> int | None:
         """Return when the boards next do something by themselves, or None."""
-        return self._unit.next_event_us()
+        return earliest_time(self._unit.next_event_us(), self._stalled_us)
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*."""
-        while (next_us := self._unit.next_event_us()) is not None and next_us <= t_us:
+        while (next_us := self.next_event_us()) is not None and next_us <= t_us:
             self._now_us = next_us
+            if next_us == self._stalled_us:
+                self._say_stalled()
             self._reply(self._unit.advance_to(next_us))
             self._collect()
         self._now_us = max(self._now_us, t_us)
@@ -108,6 +113,7 @@ class ForeignDialect:
                 self._reply(self._unit.take(operation, t_us))
                 self._collect()
             at = end
+        self._stalled_us = t_us + PATIENCE_US if self._end.pending else None
         self._recognise(data)
 
     def take_output(self, limit: int | None = None) -> bytes:
@@ -117,18 +123,17 @@ class ForeignDialect:
         return taken
 
     def client_left(self) -> None:
-        """Say so if the client has left in the middle of a frame, and begin a new connection.
+        """Say so if a frame has not ended, and look at the first bytes of the next client anew.
 
-        A serial board does not see that its client leaves: what it holds stays. A link without a
-        line ends with its connection.
+        A serial board does not see that its client leaves: what the board holds stays. A link that
+        has no line ends with its connection.
         """
-        if pending := self._end.pending:
-            self._own["clients_left_in_frame"] += 1
-            self._remark(f"the client left in the middle of a frame: {pending} bytes have no end")
+        if self._stalled_us is not None:
+            self._say_stalled()
+        self._first_bytes = bytearray()
         if not self._dialect.bauds:
             self._own.update(self._end.counters)
             self._end = self._new_end()
-            self._first_bytes = bytearray()
 
     def power_down(self) -> None:
         """Do nothing: these boards say nothing as they go."""
@@ -187,6 +192,11 @@ class ForeignDialect:
             self._first_bytes = None
         elif len(self._first_bytes) >= LOOKED_AT_BYTES:
             self._first_bytes = None
+
+    def _say_stalled(self) -> None:
+        self._stalled_us = None
+        self._own["frames_unfinished"] += 1
+        self._remark(f"a frame stops in its middle: {self._end.pending} bytes have no end")
 
     def _remark(self, text: str) -> None:
         self._notices.append(Remark(self._now_us, text))

@@ -65,7 +65,7 @@ def mounting(array: TransducerArray) -> Calibration:
 
 SONICSURFACE: Final = Emulation(
     dialect=wire.SONICSURFACE,
-    end=lambda options: wire.sonicsurface_board(boards=options.boards),
+    end=lambda options: wire.SONICSURFACE.board(boards=options.boards),
     unit=lambda options, now_us: DoubleBuffer(_PRIMARY, options.boards, now_us),
     layout=lambda options: SONICSURFACE_STACK if options.boards == 2 else ONE_SONICSURFACE,
     options=Stack,
@@ -73,7 +73,7 @@ SONICSURFACE: Final = Emulation(
 )
 TACTILE: Final = Emulation(
     dialect=wire.TACTILE,
-    end=lambda _: wire.tactile_sonicsurface_board(),
+    end=lambda _: wire.TACTILE.board(),
     unit=lambda _, now_us: DoubleBuffer(_TACTILE, 1, now_us, MODULATION_AT_POWER_UP),
     layout=lambda _: ONE_SONICSURFACE,
     mounting=mounting,

@@ -103,6 +103,9 @@ class Dialect:
         Codes in a period of the carrier.
     channels : int
         Channels of one board.
+    frame_bytes : callable
+        From the number of boards on the line to the bytes of a frame for all of them, with the
+        command that shows it; None of the amplitudes that some clients add.
     board, host : callable
         Make an end; options are keywords that the dialect's module describes.
     signature : re.Pattern
@@ -114,6 +117,7 @@ class Dialect:
     bauds: tuple[int, ...]
     steps: int
     channels: int
+    frame_bytes: Callable[[int], int]
     board: Callable[..., BoardEnd]
     host: Callable[..., HostEnd]
     signature: re.Pattern[bytes]

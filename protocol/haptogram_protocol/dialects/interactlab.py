@@ -193,6 +193,7 @@ INTERACTLAB: Final = Dialect(
     bauds=(250_000,),
     steps=128,
     channels=CHANNELS,
+    frame_bytes=lambda boards: FRAME_BYTES * boards,
     board=InteractlabBoard,
     host=InteractlabHost,
     signature=re.compile(rb"[\x80-\xff].{255}[\x00-\x41]{256}", re.DOTALL),

@@ -18,6 +18,7 @@ Not known: the channel of a phase correction for code number 256 and later of a 
 
 from __future__ import annotations
 
+import functools
 import re
 from typing import Final
 
@@ -96,34 +97,15 @@ def sonicsurface_frame(codes: bytes, boards: tuple[int, ...] = (0,)) -> list[Ope
     return [Begin(), SetPhases(boards, 0, codes), Swap()]
 
 
-def sonicsurface_board(*, boards: int = 1) -> FpgaBoard:
-    """Return the end of a primary (``boards=1``) or of a primary and a secondary (``boards=2``)."""
-    return FpgaBoard(RULES, boards)
-
-
-def sonicsurface_host(*, boards: int = 1) -> FpgaHost:
-    """Return the host's end for a primary, or for a primary and a secondary."""
-    return FpgaHost(RULES, boards)
-
-
-def tactile_sonicsurface_board() -> FpgaBoard:
-    """Return the end of a board with the tactile firmware."""
-    return FpgaBoard(TACTILE_RULES)
-
-
-def tactile_sonicsurface_host() -> FpgaHost:
-    """Return the host's end for a board with the tactile firmware."""
-    return FpgaHost(TACTILE_RULES)
-
-
 SONICSURFACE: Final = Dialect(
     name="sonicsurface",
     title="SonicSurface, primary and secondary firmware",
     bauds=(230_400, 1_462_857),
     steps=32,
     channels=CHANNELS,
-    board=sonicsurface_board,
-    host=sonicsurface_host,
+    frame_bytes=lambda boards: CHANNELS + 2 if boards == 1 else (CHANNELS + 1) * boards + 2,
+    board=functools.partial(FpgaBoard, RULES),
+    host=functools.partial(FpgaHost, RULES),
     signature=re.compile(rb"\xfe(?:[\xc0\xc1]?[\x00-\x20]{256}){1,2}\xfd"),
 )
 TACTILE: Final = Dialect(
@@ -132,8 +114,9 @@ TACTILE: Final = Dialect(
     bauds=(230_400,),
     steps=32,
     channels=CHANNELS,
-    board=tactile_sonicsurface_board,
-    host=tactile_sonicsurface_host,
+    frame_bytes=lambda boards: (CHANNELS + 2) * boards,
+    board=functools.partial(FpgaBoard, TACTILE_RULES),
+    host=functools.partial(FpgaHost, TACTILE_RULES),
     signature=re.compile(
         rb"[\xa0-\xbf]\xfe[\x00-\x20]{256}\xfd|\xfe[\x00-\x20]{256}\xfd[\xa0-\xbf]"
     ),

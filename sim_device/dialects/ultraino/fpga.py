@@ -56,20 +56,20 @@ def _chain_layout(options: Chain) -> BoardLayout:
 
 SIMPLE: Final = Emulation(
     dialect=wire.SIMPLE,
-    end=lambda options: wire.fpga_board(fb=options.fb),
+    end=lambda options: wire.SIMPLE.board(fb=options.fb),
     unit=_simple_unit,
     layout=lambda _: ULTRAINO_SONICSURFACE,
     options=Amplitudes,
 )
 SIMPLE_128: Final = Emulation(
     dialect=wire.SIMPLE_128,
-    end=lambda _: wire.fpga_board_128(),
+    end=lambda _: wire.SIMPLE_128.board(),
     unit=lambda _, now_us: DoubleBuffer(Registers(wire.RULES_128, 128, _WIDTH_128), 1, now_us),
     layout=lambda _: TINYLEV,
 )
 CHAINED: Final = Emulation(
     dialect=wire.CHAINED,
-    end=lambda options: wire.chained_fpga_board(boards=options.boards),
+    end=lambda options: wire.CHAINED.board(boards=options.boards),
     unit=_chain_unit,
     layout=_chain_layout,
     options=Chain,

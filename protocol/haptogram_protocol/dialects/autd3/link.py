@@ -313,6 +313,7 @@ AUTD3: Final = Dialect(
     bauds=(),
     steps=256,
     channels=CHANNELS,
+    frame_bytes=lambda boards: 1 + DEVICE_FRAME_BYTES * boards,
     board=Autd3Board,
     host=Autd3Host,
     signature=re.compile(rb"\x10..AUTD3REMOTE", re.DOTALL),

@@ -28,6 +28,7 @@ Nano8 (as Nano16's here, with 24 slots of one port).
 
 from __future__ import annotations
 
+import functools
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -332,6 +333,12 @@ def mega64_frame(patterns: list[bytes], durations: bytes = b"\x01\x00") -> list[
     ]
 
 
+def _frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
+    """Return the bytes of one pattern for each board, its durations, their commit and the swap."""
+    durations = 2 * _BYTES_OF_DURATION + len(_COMMAND) if firmware.durations else 0
+    return firmware.half_bytes * boards + durations + len(_SWAP)
+
+
 def _from_pairs(pairs: bytes) -> bytes:
     """Return the durations of bytes that hold two bits each, high ones first."""
     padded = pairs + b"\0" * (-len(pairs) % _BYTES_OF_DURATION)
@@ -367,6 +374,7 @@ def _dialect(firmware: ArduinoFirmware, title: str, steps: int, channels: int) -
         bauds=(115_200,),
         steps=steps,
         channels=channels,
+        frame_bytes=functools.partial(_frame_bytes, firmware),
         board=board,
         host=host,
         signature=re.compile(pattern + others + ending, re.DOTALL),

@@ -24,6 +24,7 @@ selects each here, as it does the first two).
 
 from __future__ import annotations
 
+import functools
 import re
 from typing import Final
 
@@ -96,40 +97,30 @@ def chained_fpga_frame(codes: list[bytes]) -> list[Operation]:
     return [*operations, Swap()]
 
 
-def fpga_board(*, fb: str = FALLS_THROUGH) -> FpgaBoard:
+def _fpga_board(*, fb: str = FALLS_THROUGH) -> FpgaBoard:
     """Return the end of a board that takes FB as *fb* says."""
     return FpgaBoard(_simple(fb))
 
 
-def fpga_host(*, fb: str = FALLS_THROUGH) -> FpgaHost:
+def _fpga_host(*, fb: str = FALLS_THROUGH) -> FpgaHost:
     """Return the host's end for a board that takes FB as *fb* says."""
     return FpgaHost(_simple(fb))
-
-
-def fpga_board_128() -> FpgaBoard:
-    """Return the end of a board of 128 steps."""
-    return FpgaBoard(RULES_128)
-
-
-def fpga_host_128() -> FpgaHost:
-    """Return the host's end for a board of 128 steps."""
-    return FpgaHost(RULES_128)
-
-
-def chained_fpga_board(*, boards: int = 2) -> FpgaBoard:
-    """Return the end of a chain of *boards*, 1 to 16."""
-    return FpgaBoard(chained_rules(boards), boards)
-
-
-def chained_fpga_host(*, boards: int = 2) -> FpgaHost:
-    """Return the host's end for a chain of *boards*, 1 to 16."""
-    return FpgaHost(chained_rules(boards), boards)
 
 
 def _simple(fb: str) -> FpgaByteRules:
     if fb not in RULES:
         raise LocalProtocolError(f"fb={fb!r}; it is one of {', '.join(map(repr, RULES))}")
     return RULES[fb]
+
+
+def _chained_board(*, boards: int = 2) -> FpgaBoard:
+    """Return the end of a chain of *boards*, 1 to 16."""
+    return FpgaBoard(chained_rules(boards), boards)
+
+
+def _chained_host(*, boards: int = 2) -> FpgaHost:
+    """Return the host's end for a chain of *boards*, 1 to 16."""
+    return FpgaHost(chained_rules(boards), boards)
 
 
 def chained_rules(boards: int) -> FpgaByteRules:
@@ -154,8 +145,9 @@ SIMPLE: Final = Dialect(
     bauds=(230_400,),
     steps=32,
     channels=CHANNELS,
-    board=fpga_board,
-    host=fpga_host,
+    frame_bytes=lambda boards: (CHANNELS + 2) * boards,
+    board=_fpga_board,
+    host=_fpga_host,
     signature=re.compile(rb"\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
 )
 SIMPLE_128: Final = Dialect(
@@ -164,8 +156,9 @@ SIMPLE_128: Final = Dialect(
     bauds=(1_500_000,),
     steps=128,
     channels=CHANNELS_128,
-    board=fpga_board_128,
-    host=fpga_host_128,
+    frame_bytes=lambda boards: (CHANNELS_128 + 2) * boards,
+    board=functools.partial(FpgaBoard, RULES_128),
+    host=functools.partial(FpgaHost, RULES_128),
     signature=re.compile(rb"\xfe[\x00-\x80]{72}\xfd"),
 )
 CHAINED: Final = Dialect(
@@ -174,7 +167,8 @@ CHAINED: Final = Dialect(
     bauds=(230_400,),
     steps=32,
     channels=CHANNELS,
-    board=chained_fpga_board,
-    host=chained_fpga_host,
+    frame_bytes=lambda boards: (CHANNELS + 1) * boards + 1,
+    board=_chained_board,
+    host=_chained_host,
     signature=re.compile(rb"(?<!\xfe)(?:[\xc0-\xcf][\x00-\x20]{256})+\xfd"),
 )
