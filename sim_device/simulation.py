@@ -110,7 +110,8 @@ class Simulation:
     @property
     def host_room(self) -> int:
         """Bytes that the host may write now."""
-        return max(0, LINE_BUFFER - self._down.in_transit)
+        room = LINE_BUFFER if self.dialect.room_bytes is None else self.dialect.room_bytes
+        return max(0, min(room, LINE_BUFFER) - self._down.in_transit)
 
     @property
     def host_unsent(self) -> int:

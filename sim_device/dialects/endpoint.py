@@ -38,6 +38,11 @@ class Endpoint(Protocol):
         """Bytes that wait for the line."""
         ...
 
+    @property
+    def room_bytes(self) -> int | None:
+        """Bytes that the board takes now; None if nothing holds its client back."""
+        ...
+
     def next_end(self, data: bytes, at: int) -> int:
         """Return the index behind the first byte of *data* from *at* on that may end a message."""
         ...

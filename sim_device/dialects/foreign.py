@@ -15,7 +15,7 @@ from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_d
 
 from ..board.clock import earliest_time
 from ..board.events import Notice, PulseLatch, Remark
-from .unit import Unit
+from .unit import HoldsBack, Unit
 
 PATIENCE_US: Final = 1_000_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
@@ -84,6 +84,11 @@ class ForeignDialect:
     def output_bytes(self) -> int:
         """Bytes that wait for the line."""
         return len(self._output)
+
+    @property
+    def room_bytes(self) -> int | None:
+        """Bytes that the boards take now; None if nothing holds their client back."""
+        return self._unit.room_bytes if isinstance(self._unit, HoldsBack) else None
 
     def next_end(self, data: bytes, at: int) -> int:
         """Return the index behind the first byte of *data* from *at* on that may end a message."""

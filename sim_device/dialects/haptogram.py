@@ -159,6 +159,11 @@ class BoardDialect:
         """Time up to which everything has happened."""
         return self.board.now_us
 
+    @property
+    def room_bytes(self) -> int | None:
+        """Return None: nothing holds the host back."""
+        return None
+
     def next_end(self, data: bytes, at: int) -> int:
         """Return the index behind the next delimiter."""
         return end_of_frame(data, at)

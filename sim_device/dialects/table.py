@@ -13,7 +13,9 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import did_you_mean
 from haptogram.settings.option import Settings, options_of
 
+from .autd3.emulation import AUTD3
 from .emulation import INTERFACE, Emulation
+from .interactlab import INTERACTLAB
 from .sonicsurface import SONICSURFACE, TACTILE
 from .ultraino.arduino import MEGA64, NANO8, NANO16
 from .ultraino.fpga import CHAINED, SIMPLE, SIMPLE_128
@@ -31,6 +33,8 @@ EMULATIONS: Final[Mapping[str, Emulation]] = MappingProxyType(
             MEGA64,
             NANO8,
             NANO16,
+            INTERACTLAB,
+            AUTD3,
         )
     }
 )

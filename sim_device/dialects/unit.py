@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from haptogram_protocol.dialects.codec import Operation, Reply
 
@@ -42,4 +42,14 @@ class Unit(Protocol):
         A unit sets time, pulses, cause, and index and modulation where it has them; the dialect
         adds the rest.
         """
+        ...
+
+
+@runtime_checkable
+class HoldsBack(Protocol):
+    """A unit with flow control: its client waits while it has no room."""
+
+    @property
+    def room_bytes(self) -> int:
+        """Bytes that the boards take now."""
         ...

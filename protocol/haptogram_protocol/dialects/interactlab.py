@@ -33,6 +33,7 @@ __all__ = [
     "FRAME_BYTES",
     "FULL_DUTY",
     "INTERACTLAB",
+    "FifoCleared",
     "InteractlabBoard",
     "InteractlabHost",
     "QueueFrame",
@@ -73,12 +74,18 @@ class QueueFrame(Operation):
     divider: int | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class FifoCleared(Reply):
+    """The board forgets the beginning of a frame.  It has no bytes: only its end is told."""
+
+
 class InteractlabBoard:
     """The board's end.
 
     Attributes
     ----------
     counters : Counter
+        ``bytes_cleared`` (the board forgot the beginning of a frame),
         ``bytes_outside_frame`` (no start), ``duties_above_full``, ``start_bits_in_frame`` (bit 7
         where it means nothing: bytes are missing or belong to another array).
     """
@@ -115,8 +122,19 @@ class InteractlabBoard:
         return min(len(data), at + FRAME_BYTES - len(self._frame))
 
     def send(self, message: Reply) -> bytes:
-        """Raise LocalProtocolError: the board never answers."""
-        raise no_dialect_bytes_for(message, _WIRE)
+        """Forget the beginning of a frame if *message* says so; return no bytes.
+
+        Raises
+        ------
+        LocalProtocolError
+            For anything else: the board never answers.
+        """
+        if not isinstance(message, FifoCleared):
+            raise no_dialect_bytes_for(message, _WIRE)
+        if self._frame:
+            self.counters["bytes_cleared"] += len(self._frame)
+            self._frame.clear()
+        return b""
 
     def _find_start(self, data: bytes, at: int) -> int:
         match = _START.search(data, at)

@@ -99,8 +99,15 @@ def autd_units(columns: int, rows: int) -> TransducerArray:
 
 def autd_device() -> TransducerArray:
     """Return one AUTD3 unit with its first element at the origin, as its own programs count."""
+    return autd_row(1)
+
+
+def autd_row(devices: int) -> TransducerArray:
+    """Return AUTD3 units edge to edge along x, the first element of the first at the origin."""
     positions = _autd_positions()
-    return TransducerArray.from_positions(positions - positions[0])
+    step = np.array([AUTD_SIZE_M[0], 0.0, 0.0])
+    places = [positions - positions[0] + device * step for device in range(devices)]
+    return TransducerArray.from_positions(np.concatenate(places))
 
 
 def _sonicsurface_from(top_m: float) -> TransducerArray:

@@ -1,0 +1,260 @@
+"""One device of AUTD3: 249 channels, two memories, and what it answers.
+
+A device does the operations of a frame in order, up to the first that it refuses. What it shows
+changes when an operation asks for it: data that is written meanwhile waits, where a real FPGA would
+radiate a sequence while it is overwritten. Source of the rules: shinolab/autd3-rs,
+``autd3-firmware-emulator/src/cpu/operation``.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram_protocol.dialects.autd3.frame import MAX_MESSAGE_ID, DeviceFrame, DeviceState
+from haptogram_protocol.dialects.autd3.operations import (
+    CHANNELS,
+    Clear,
+    ErrorCode,
+    FirmwareInfo,
+    FociStart,
+    FociSTM,
+    Gain,
+    InfoType,
+    Modulation,
+    ModulationStart,
+    Nop,
+    Silencer,
+    SwapSegment,
+    Sync,
+    Tag,
+    TransitionMode,
+    refusal,
+)
+from haptogram_protocol.dialects.codec import Operation
+
+from .drive import FULL
+from .foci import MAX_FOCI_OF_PATTERN, Foci, read_foci
+from .memory import Memory
+from .refusals import Limits, segment_refusal, silencer_refusal
+from .segments import Sampling
+
+__all__ = ["Device", "Output", "Patterns"]
+
+_FOCUS_BYTES: Final = 8
+# v12.1.0, the newest firmware that autd3 38 knows
+_FIRMWARE: Final = {
+    InfoType.CPU_MAJOR: 0xA5,
+    InfoType.CPU_MINOR: 0,
+    InfoType.FPGA_MAJOR: 0xA5,
+    InfoType.FPGA_MINOR: 0,
+    InfoType.FPGA_FUNCTIONS: 0,
+    InfoType.CLEAR: 0,
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Patterns:
+    """What a segment shows; *cause* is the operation that wrote it."""
+
+    cause: str
+    data: bytes | Foci
+
+    def drive(self, index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Return the (249,) phases and intensities of pattern *index*."""
+        if isinstance(self.data, Foci):
+            return self.data.drive(index)
+        drives = np.frombuffer(self.data, np.uint8)
+        return drives[0::2], drives[1::2]
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What a device radiates in a period.
+
+    Attributes
+    ----------
+    patterns : Patterns
+        The same object until an operation shows something else.
+    index : int
+        Pattern of the sequence.
+    modulation : int
+        Share of the intensity, 0 to 255.
+    """
+
+    patterns: Patterns
+    index: int
+    modulation: int
+
+
+class Device:
+    """A device at power-up.
+
+    Parameters
+    ----------
+    counters : Counter
+        Counts ``refused_...``, each error by name, ``sequences_impossible`` and
+        ``sequences_empty``, and those of :class:`~sim_device.dialects.autd3.memory.Memory`.
+    """
+
+    def __init__(self, counters: Counter[str]) -> None:
+        self._counters = counters
+        self._state = DeviceState(0)
+        self._power_up()
+
+    def _power_up(self) -> None:
+        self._limits = Limits()
+        self._sequences: Memory[Patterns, FociStart] = Memory(
+            Patterns("clear", bytes(2 * CHANNELS)), _FOCUS_BYTES, self._counters
+        )
+        self._modulation: Memory[bytes, ModulationStart] = Memory(bytes([FULL]), 1, self._counters)
+
+    @property
+    def state(self) -> DeviceState:
+        """What the device answers."""
+        return self._state
+
+    def take(self, frame: DeviceFrame, now_ns: int) -> None:
+        """Do the operations of *frame* at the system time *now_ns*."""
+        if frame.repeated:
+            return
+        error, data = ErrorCode.NONE, self._state.data
+        if frame.message_id > MAX_MESSAGE_ID:
+            error = ErrorCode.INVALID_MESSAGE_ID
+        for operation in frame.operations:
+            error = self._do(operation, now_ns)
+            if error:
+                break
+            if isinstance(operation, FirmwareInfo):
+                data = _FIRMWARE[InfoType(operation.kind)]
+        if error:
+            self._counters[f"refused_{error.name.lower()}"] += 1
+        self._state = DeviceState(frame.message_id, error, data)
+
+    def output(self, period: int) -> Output:
+        """Return what the device radiates in *period*; never earlier than asked before."""
+        samples, place = self._modulation.output(period)
+        return Output(*self._sequences.output(period), samples[place])
+
+    def next_change(self, period: int) -> int | None:
+        """Return the next period after *period* that may have another output, or None."""
+        times = (self._sequences.next_change(period), self._modulation.next_change(period))
+        return min((time for time in times if time is not None), default=None)
+
+    def _do(self, operation: Operation, now_ns: int) -> ErrorCode:
+        if error := refusal(operation):
+            return error
+        doers: dict[type, Callable[[Any, int], ErrorCode]] = {
+            Clear: self._clear,
+            Silencer: self._silence,
+            Gain: self._write_gain,
+            Modulation: self._write_modulation,
+            FociSTM: self._write_foci,
+            SwapSegment: self._swap,
+        }
+        doer = doers.get(type(operation))
+        if doer is not None:
+            return doer(operation, now_ns)
+        known = isinstance(operation, Nop | Sync | FirmwareInfo)
+        return ErrorCode.NONE if known else ErrorCode.NOT_SUPPORTED_TAG
+
+    def _clear(self, *_: object) -> ErrorCode:
+        self._power_up()
+        return ErrorCode.NONE
+
+    def _silence(self, operation: Silencer, _: int) -> ErrorCode:
+        limits = Limits.of(operation, self._limits)
+        error = silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
+        self._limits = self._limits if error else limits
+        return error
+
+    def _write_gain(self, operation: Gain, now_ns: int) -> ErrorCode:
+        segment = operation.segment
+        if error := segment_refusal(segment):
+            return error
+        self._sequences.write(segment, Patterns("gain", operation.drives), Sampling())
+        self._sequences.select(segment)
+        if not operation.update:
+            return ErrorCode.NONE
+        return self._sequences.show(segment, TransitionMode.IMMEDIATE, 0, now_ns)
+
+    def _write_foci(self, operation: FociSTM, now_ns: int) -> ErrorCode:
+        memory, segment = self._sequences, operation.segment
+        error = segment_refusal(segment)
+        if operation.start is not None and not error:
+            error = self._begin_foci(segment, operation.start)
+        if error:
+            memory.abandon()
+            return error
+        if not memory.extend(operation.foci) or not operation.end or memory.start is None:
+            return ErrorCode.NONE
+        start, of_pattern = memory.start, memory.start.foci_of_pattern
+        count = len(memory.part) // (of_pattern * _FOCUS_BYTES)
+        if not count:
+            self._counters["sequences_empty"] += 1
+            memory.part += bytes(of_pattern * _FOCUS_BYTES)
+        packed = bytes(memory.part[: max(1, count) * of_pattern * _FOCUS_BYTES])
+        memory.abandon()
+        foci = read_foci(packed, of_pattern, start.sound_speed)
+        sampling = Sampling(start.divider, len(foci), start.repeat)
+        memory.write(segment, Patterns("foci", foci), sampling)
+        if not operation.update:
+            return ErrorCode.NONE
+        return memory.show(segment, start.transition_mode, start.transition_value, now_ns)
+
+    def _begin_foci(self, segment: int, start: FociStart) -> ErrorCode:
+        if not 1 <= start.foci_of_pattern <= MAX_FOCI_OF_PATTERN or not start.sound_speed:
+            self._counters["sequences_impossible"] += 1  # the FPGA would divide by zero
+            return ErrorCode.NOT_SUPPORTED_TAG
+        error = self._sequences.refusal(
+            segment, start.transition_mode, start.repeat
+        ) or silencer_refusal(self._limits, start.divider, self._modulation.divider)
+        if not error:
+            self._sequences.begin(segment, start)
+        return error
+
+    def _write_modulation(self, operation: Modulation, now_ns: int) -> ErrorCode:
+        memory, segment, start = self._modulation, operation.segment, operation.start
+        if start is not None:
+            error = memory.refusal(
+                segment, start.transition_mode, start.repeat
+            ) or silencer_refusal(self._limits, self._sequences.divider, start.divider)
+            if error:
+                memory.abandon()
+                return error
+            memory.begin(segment, start)
+        if not memory.extend(operation.samples) or not operation.end or memory.start is None:
+            return ErrorCode.NONE
+        begun, samples = memory.start, bytes(memory.part)
+        memory.abandon()
+        if not samples:
+            self._counters["sequences_empty"] += 1
+            samples = bytes([FULL])
+        memory.write(segment, samples, Sampling(begun.divider, len(samples), begun.repeat))
+        if not operation.update:
+            return ErrorCode.NONE
+        return memory.show(segment, begun.transition_mode, begun.transition_value, now_ns)
+
+    def _swap(self, operation: SwapSegment, now_ns: int) -> ErrorCode:
+        segment, mode = operation.segment, operation.transition_mode
+        if operation.tag is Tag.GAIN_SWAP:
+            mode = TransitionMode.IMMEDIATE
+        if error := segment_refusal(segment):
+            return error
+        if operation.tag is Tag.MODULATION_SWAP:
+            memory: Memory[Any, Any] = self._modulation
+            dividers = self._sequences.divider, memory.divider_of(segment)
+        else:
+            memory = self._sequences
+            holds_foci = isinstance(self._sequences.written(segment).data, Foci)
+            is_of_kind = holds_foci is (operation.tag is Tag.FOCI_STM_SWAP)
+            if error := segment_refusal(segment, is_of_kind=is_of_kind):
+                return error
+            dividers = memory.divider_of(segment), self._modulation.divider
+        error = memory.refusal(segment, mode) or silencer_refusal(self._limits, *dividers)
+        return error or memory.show(segment, mode, operation.transition_value, now_ns)

@@ -1,0 +1,191 @@
+"""All devices of AUTD3 behind one link, on one clock.
+
+A latch is made when an operation shows other patterns, and whenever the pulses change by
+themselves: by the index of a sequence, by a step of the modulation, by a segment that starts or
+ends. What changes by itself makes a latch every 250 us at the most: 4 000 a second, the rate at
+which autd3 samples a modulation unless it is told otherwise. Of faster changes the latch shows the
+last.
+
+The devices are synchronised from power-up on, so Sync changes nothing. What the client says of
+poses is kept for whoever asks; foci come in the coordinates of each device.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics.model.pulses import Pulses
+from haptogram_protocol.dialects.autd3.messages import (
+    Accepted,
+    Close,
+    Hello,
+    Open,
+    Pose,
+    Read,
+    Refused,
+    States,
+    Undecodable,
+    Update,
+    Write,
+)
+from haptogram_protocol.dialects.autd3.operations import CHANNELS
+from haptogram_protocol.dialects.codec import Operation, Reply
+
+from ...board.events import PulseLatch
+from .device import Device, Output
+from .drive import STEPS, pulses_of
+from .segments import PERIOD_NS
+
+__all__ = ["PERIODS_BETWEEN_LATCHES", "Autd3Unit"]
+
+PERIODS_BETWEEN_LATCHES: Final = 10
+_NS_PER_US: Final = 1_000
+_PERIOD_US: Final = PERIOD_NS // _NS_PER_US
+
+
+class Autd3Unit:
+    """Devices that power up at *now_us*.
+
+    Parameters
+    ----------
+    now_us : int
+        Device time of the power-up.
+    devices : int
+        How many there are; a client that opens another number is refused.
+    system_ns : int
+        System time of the power-up, nanoseconds since 2000-01-01 UTC; rounded down to 25 us.
+    periods_between_latches : int
+        Periods of 25 us between latches that the devices make by themselves.
+
+    Attributes
+    ----------
+    counters : Counter
+        ``devices_differ``, ``operations_unknown``, and those of
+        :class:`~sim_device.dialects.autd3.device.Device`.
+    poses : tuple of Pose
+        Of the devices, as the client says.
+    """
+
+    def __init__(
+        self,
+        now_us: int,
+        *,
+        devices: int = 1,
+        system_ns: int = 0,
+        periods_between_latches: int = PERIODS_BETWEEN_LATCHES,
+    ) -> None:
+        self.counters: Counter[str] = Counter()
+        self.poses: tuple[Pose, ...] = ()
+        self._devices = [Device(self.counters) for _ in range(devices)]
+        self._boot_us, self._boot_period = now_us, system_ns // PERIOD_NS
+        self._gap = periods_between_latches
+        self._outputs: list[Output] = []
+        self._pulses = Pulses.off(CHANNELS * devices, STEPS)
+        self._latches: list[PulseLatch] = []
+        self._asked: int | None = None  # period in which what operations ask for takes effect
+        self._changes: int | None = None  # period in which something changes by itself
+        self._free = 0  # first period with a latch that no operation asked for
+        self._look(self._boot_period, "power-up")
+
+    def take(self, operation: Operation, t_us: int) -> list[Reply]:
+        """Do what the client asks; return the answer of the link."""
+        self.advance_to(t_us)
+        if isinstance(operation, Hello | Close):
+            return [Accepted()]
+        if isinstance(operation, Open | Update):
+            return [self._place(operation.devices)]
+        if isinstance(operation, Write):
+            return [self._write(operation, t_us)]
+        if isinstance(operation, Read):
+            return [States(tuple(device.state for device in self._devices))]
+        if isinstance(operation, Undecodable):
+            return [Refused(operation.reason)]
+        self.counters["operations_unknown"] += 1
+        return []
+
+    def next_event_us(self) -> int | None:
+        """Return when the pulses next may change."""
+        waits = [self._asked]
+        if self._changes is not None:
+            waits.append(max(self._changes, self._free))
+        period = min((wait for wait in waits if wait is not None), default=None)
+        return None if period is None else self._start_us(period)
+
+    def advance_to(self, t_us: int) -> list[Reply]:
+        """Let every change happen that is due up to *t_us*."""
+        while (next_us := self.next_event_us()) is not None and next_us <= t_us:
+            self._look(self._period_at(next_us))
+        return []
+
+    def take_latches(self) -> list[PulseLatch]:
+        """Return the latches since the last call, in order."""
+        taken, self._latches = self._latches, []
+        return taken
+
+    def _place(self, poses: tuple[Pose, ...]) -> Reply:
+        if refused := self._refuse_number(len(poses)):
+            return refused
+        self.poses = poses
+        return Accepted()
+
+    def _write(self, operation: Write, t_us: int) -> Reply:
+        if refused := self._refuse_number(len(operation.frames)):
+            return refused
+        now_ns = self._boot_period * PERIOD_NS + (t_us - self._boot_us) * _NS_PER_US
+        for device, frame in zip(self._devices, operation.frames, strict=True):
+            device.take(frame, now_ns)
+        self._asked = self._period_at(t_us) + 1
+        return Accepted()
+
+    def _refuse_number(self, asked: int) -> Refused | None:
+        if asked == len(self._devices):
+            return None
+        self.counters["devices_differ"] += 1
+        return Refused(f"{asked} devices are opened, this board has {len(self._devices)}")
+
+    def _look(self, period: int, cause: str | None = None) -> None:
+        """Take down what the devices radiate in *period*."""
+        if self._asked is not None and self._asked <= period:
+            self._asked = None
+        outputs = [device.output(period) for device in self._devices]
+        cause = cause or self._cause(outputs)
+        if cause is not None:
+            self._latch(outputs, period, cause)
+        changes = [device.next_change(period) for device in self._devices]
+        self._changes = min((change for change in changes if change is not None), default=None)
+
+    def _cause(self, outputs: list[Output]) -> str | None:
+        """Return what is new since the last latch, or None."""
+        pairs = list(zip(outputs, self._outputs, strict=True))
+        for output, last in pairs:
+            if output.patterns is not last.patterns:
+                return output.patterns.cause
+        if any(output.index != last.index for output, last in pairs):
+            return "index"
+        if any(output.modulation != last.modulation for output, last in pairs):
+            return "modulation"
+        return None
+
+    def _latch(self, outputs: list[Output], period: int, cause: str) -> None:
+        self._outputs = outputs
+        drives = [output.patterns.drive(output.index) for output in outputs]
+        phases, intensities = zip(*drives, strict=True)
+        levels = [np.full(CHANNELS, output.modulation, np.uint8) for output in outputs]
+        pulses = pulses_of(
+            np.concatenate(phases), np.concatenate(intensities), np.concatenate(levels)
+        )
+        if pulses == self._pulses and cause in ("index", "modulation"):
+            return
+        self._pulses = pulses
+        self._free = period + self._gap
+        t_us = self._start_us(period)
+        self._latches.append(PulseLatch(t_us, pulses, cause, outputs[0].index))
+
+    def _period_at(self, t_us: int) -> int:
+        return self._boot_period + (t_us - self._boot_us) // _PERIOD_US
+
+    def _start_us(self, period: int) -> int:
+        return self._boot_us + (period - self._boot_period) * _PERIOD_US
