@@ -26,7 +26,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.model.boards.grids import INTERACTLAB as LAYOUT
-from haptogram.acoustics.model.pulses import Pulses
+from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects import interactlab as wire
 from haptogram_protocol.dialects.codec import Operation, Reply
 from haptogram_protocol.dialects.interactlab import (
@@ -74,7 +74,7 @@ class InteractlabUnit:
         self._wakes_us: int | None = None  # before it clears, so that it has what came by then
         self._replies: list[Reply] = []
         self._wait_for_frame(now_us)
-        off = Pulses.off(CHANNELS, STEPS)
+        off = PulseDrive.off(CHANNELS, STEPS)
         self._latches = [PulseLatch(now_us, off, "power-up")]
         self._next: PulseLatch | None = None
 
@@ -138,7 +138,7 @@ class InteractlabUnit:
         """Show the off-frame; what waits is read right behind it."""
         self._starts_us = None
         self._next = PulseLatch(
-            self._boundary(now_us + _READ_US), Pulses.off(CHANNELS, STEPS), "off-frame"
+            self._boundary(now_us + _READ_US), PulseDrive.off(CHANNELS, STEPS), "off-frame"
         )
         self._looks_us = now_us + _READ_US
 
@@ -162,8 +162,8 @@ class InteractlabUnit:
         return t_us + (self._boot_us - t_us) % PERIOD_US
 
 
-def _pulses(frame: QueueFrame) -> Pulses:
-    return Pulses(
+def _pulses(frame: QueueFrame) -> PulseDrive:
+    return PulseDrive(
         np.frombuffer(frame.phases, np.uint8), np.frombuffer(frame.duties, np.uint8), STEPS
     )
 

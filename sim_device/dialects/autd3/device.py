@@ -34,7 +34,7 @@ from haptogram_protocol.dialects.autd3.operations import (
     Sync,
     Tag,
     TransitionMode,
-    refusal,
+    autd3_refusal,
 )
 from haptogram_protocol.dialects.codec import Operation
 
@@ -147,7 +147,7 @@ class Device:
         return min((time for time in times if time is not None), default=None)
 
     def _do(self, operation: Operation, now_ns: int) -> ErrorCode:
-        if error := refusal(operation):
+        if error := autd3_refusal(operation):
             return error
         doers: dict[type, Callable[[Any, int], ErrorCode]] = {
             Clear: self._clear,

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.model.pulses import Pulses
+from haptogram.acoustics.model.pulses import PulseDrive
 
 __all__ = ["FULL", "STEPS", "pulses_of"]
 
@@ -31,7 +31,7 @@ _WIDTHS: Final = np.array(
 
 def pulses_of(
     phases: NDArray[np.uint8], intensities: NDArray[np.uint8], modulation: NDArray[np.uint8]
-) -> Pulses:
+) -> PulseDrive:
     """Return the pulses of (N,) channels.
 
     Parameters
@@ -43,4 +43,4 @@ def pulses_of(
     """
     widths = _WIDTHS[intensities.astype(np.int64) * modulation // FULL]
     rises = (2 * phases.astype(np.int64) - widths // 2) % STEPS
-    return Pulses(np.where(widths > 0, rises, 0), widths, STEPS)
+    return PulseDrive(np.where(widths > 0, rises, 0), widths, STEPS)

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics.model.pulses import Pulses
+from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.autd3.messages import (
     Accepted,
     Close,
@@ -83,7 +83,7 @@ class Autd3Unit:
         self._boot_us, self._boot_period = now_us, system_ns // PERIOD_NS
         self._gap = periods_between_latches
         self._outputs: list[Output] = []
-        self._pulses = Pulses.off(CHANNELS * devices, STEPS)
+        self._pulses = PulseDrive.off(CHANNELS * devices, STEPS)
         self._latches: list[PulseLatch] = []
         self._asked: int | None = None  # period in which what operations ask for takes effect
         self._changes: int | None = None  # period in which something changes by itself
