@@ -216,7 +216,7 @@ def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAcces
 
 
 def board_without_a_line(mutant: str | None) -> MakeBoard:
-    """Return what powers up virtual boards whose line is the caller's.
+    """Return a function that powers up virtual boards whose line is the caller's.
 
     Raises
     ------

@@ -58,7 +58,7 @@ HEALTHY: Final = BoardAssembly()
 
 
 class Assembly(Protocol):
-    """How a board with its end of the line is put together."""
+    """Parts of a board with its end of the line."""
 
     @property
     def clock(self) -> type[DeviceClock]:

@@ -1,4 +1,4 @@
-"""What a board has to say, one line per event."""
+"""Log of a board, one line per event."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class CountLog:
         self._last: dict[str, int] = {}
 
     def is_due(self, now_ns: int) -> bool:
-        """Tell whether it is time for a line."""
+        """Return True if the next line is due."""
         return now_ns >= self._next_ns
 
     def update(self, counters: Mapping[str, int], now_ns: int) -> None:

@@ -161,12 +161,12 @@ class Simulation:
 
     @property
     def fault_counts(self) -> dict[str, int]:
-        """How often each fault has fired."""
+        """Counts of the faults that fired."""
         return {} if self._injector is None else self._injector.counts(self._now_ns)
 
     @property
     def line_counts(self) -> dict[str, int]:
-        """What the line has lost or damaged by its own nature, in bytes."""
+        """Counts of the bytes that the line lost or damaged by its own nature."""
         return {
             "board_overrun": self._down.overrun,
             "host_overrun": self._unread_lost,
@@ -175,7 +175,7 @@ class Simulation:
 
     @property
     def is_connected(self) -> bool:
-        """Whether the host has a port: not while ``line.disconnect`` keeps it away."""
+        """True if the host has a port: not while ``line.disconnect`` keeps it away."""
         return self._injector is None or not self._injector.is_away
 
     def report_counts(self) -> None:

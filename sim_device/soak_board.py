@@ -73,7 +73,7 @@ class SoakBoard:
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing leaves the transducers."""
+        """True if the transducers radiate nothing."""
         board = self._dialect.board
         return board.radiated(board.now_us).is_muted
 
@@ -108,7 +108,7 @@ class SoakBoard:
         return self._dialect.take_latches()
 
     def take_timeouts(self) -> int:
-        """Return how many times a timer switched the output off since the last call."""
+        """Return the number of times that a timer switched the output off since the last call."""
         notices = self._dialect.take_notices()
         return sum(isinstance(n, StateChange) and not n.requested for n in notices)
 

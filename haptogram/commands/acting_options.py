@@ -1,4 +1,4 @@
-"""Where each option acts, for every command: one that does nothing in a mode is refused.
+"""Modes in which each option of a command acts; an option without effect is refused.
 
 A row that is None acts in every mode.
 """

@@ -19,7 +19,7 @@ _CLAUSE: Final = re.compile(r"^- \*\*(HG-\d+\.\d+/\d+)\*\* ((?:.|\n  )*)", re.MU
 
 
 class Level(enum.StrEnum):
-    """How much a clause demands."""
+    """Level of demand of a clause."""
 
     MUST = "MUST"
     SHOULD = "SHOULD"

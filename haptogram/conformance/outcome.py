@@ -1,4 +1,4 @@
-"""How a case ends: by a check that fails, or by one of the other verdicts."""
+"""Ends of a case: a check that fails, or one of the other verdicts."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class PlaybackTiming:
 
 @dataclass(frozen=True, slots=True)
 class PlayReport:
-    """How a playback went.
+    """Counts and times of one playback.
 
     Attributes
     ----------

@@ -46,7 +46,7 @@ _Encoded: TypeAlias = tuple[Frame, int, int, bytes]  # with index and due time i
 
 @dataclass(frozen=True, slots=True)
 class StreamReport:
-    """How the host's side of a stream went.
+    """Counts and times of a stream, as the host measured them.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class StreamReport:
 
 @dataclass(frozen=True, slots=True)
 class StreamPacing:
-    """How the loop keeps its deadlines.
+    """Settings by which the loop keeps its deadlines.
 
     Attributes
     ----------
@@ -254,7 +254,7 @@ class Streamer:
 
 
 def stream_preparation_ns(count: int) -> int:
-    """Return how long before its lead a stream of *count* frames begins."""
+    """Return the time before its lead at which a stream of *count* frames begins."""
     return _START_NS + min(count, _AHEAD) * _ENCODING_NS
 
 

@@ -1,4 +1,4 @@
-"""What a virtual board writes out of its back door, read as observations.
+"""Records of a virtual board's back door, read as observations.
 
 The records are described in docs/backdoor.md.  They come from the board's latch and not over the
 line, so they are external evidence: no firmware vouches for itself here.
@@ -130,7 +130,7 @@ def backdoor_observations(
 
 
 def backdoor_fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
-    """Return how often each fault has fired; None: the board has not ended, or had no faults."""
+    """Return the counts of faults that fired; None: the board has not ended, or had none."""
     if not records or records[-1]["kind"] != _END:
         return None
     counts: dict[str, int] | None = records[-1].get("faults")
@@ -178,7 +178,7 @@ def why_backdoor_incomplete(
 
 
 def is_latch_record_of(record: Mapping[str, Any], key: FrameKey) -> bool:
-    """Tell whether *record* is of the latch with this *key*."""
+    """Return True if *record* is of the latch with this *key*."""
     return record["kind"] == "latch" and key == _key(record)
 
 

@@ -70,7 +70,7 @@ class BoardProcess:
             time.sleep(_POLL_S)
 
     def is_running(self) -> bool:
-        """Return whether the process runs."""
+        """Return True if the process runs."""
         return self._process.poll() is None
 
     def how_it_ended(self, patience_s: float = 0.0) -> str | None:

@@ -36,12 +36,12 @@ class BoardUnderTest(Protocol):
 
     @property
     def label(self) -> str:
-        """What it is, for the report."""
+        """Description of the board for the report."""
         ...
 
     @property
     def port(self) -> str | Transport:
-        """Where it is."""
+        """Name of the port."""
         ...
 
     @property
@@ -68,7 +68,7 @@ class BoardUnderTest(Protocol):
     def observations(
         self, driver: Driver, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> Sequence[Observation]:
-        """Return what it latched in the session of *driver*, which is closed by now.
+        """Return the latches of the session of *driver*, which is closed by now.
 
         *progress* is called with the number of latches so far and the number that may come, if
         that takes time.  With *skip_fields* the board rebuilds no field any more.
@@ -92,7 +92,7 @@ class BoardUnderTest(Protocol):
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
-        """How often each fault on purpose has fired, once the observations are there; or None."""
+        """Counts of the planned faults that fired, once the observations are there; or None."""
         ...
 
 
@@ -137,12 +137,12 @@ class ProcessBoard:
         return observations_on_clock_of(driver.intended, self._board.observations(driver.session))
 
     def silences(self, driver: Driver) -> list[int]:
-        """Return what came out of the back door."""
+        """Return the records of the back door."""
         return silences_on_the_clock_of(driver.intended, self._board.records())
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
-        """What the board told at its end."""
+        """Counts of the planned faults, from the last record of the board."""
         return self._board.fault_counts
 
 
@@ -197,17 +197,17 @@ class InProcessBoard:
         *,
         skip_fields: bool = False,  # noqa: ARG002  nor to leave out
     ) -> list[Observation]:
-        """Return what came out of the back door."""
+        """Return the records of the back door."""
         found = backdoor_observations(self._records(), driver.session)
         return observations_on_clock_of(driver.intended, found)
 
     def silences(self, driver: Driver) -> list[int]:
-        """Return what came out of the back door."""
+        """Return the records of the back door."""
         return silences_on_the_clock_of(driver.intended, self._records())
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
-        """What the board told when its port was closed."""
+        """Counts of the planned faults, from the record at the closing of the port."""
         return backdoor_fault_counts(self._records())
 
 
@@ -326,7 +326,7 @@ class PortBoard:
         *,
         skip_fields: bool = False,  # noqa: ARG002  nor to leave out
     ) -> Sequence[Observation]:
-        """Return what the board said that it latched."""
+        """Return the latches that the board reported."""
         if not self._read_back:
             return driver.observations
         return [*driver.observations, *self._read_back]

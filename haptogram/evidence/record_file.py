@@ -1,4 +1,4 @@
-"""What a driver records, written to a file as it comes and read back: a sink for long runs.
+"""File of a driver's records, written as they come and read back: a sink for long runs.
 
 JSON lines.  What frames have in common, foci and drive, is written once for as long as it repeats:
 ``frame`` lines fill numbered slots, ``intended`` lines refer to the slot filled last.
@@ -123,7 +123,7 @@ class RecordFile:
 
 @dataclass(slots=True)
 class Records:
-    """What was in a file.
+    """Records of one file.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class Records:
 
 
 def read_records(path: str | Path) -> Records:
-    """Return what a :class:`RecordFile` wrote.
+    """Return the records that a :class:`RecordFile` wrote.
 
     Raises
     ------

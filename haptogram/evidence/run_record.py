@@ -44,7 +44,7 @@ _OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
 
 @dataclass(slots=True)
 class RunRecord:
-    """What a run gave, whole or interrupted.
+    """Records of a run, whole or interrupted.
 
     Attributes
     ----------

@@ -182,14 +182,14 @@ class VirtualBoard:
         return self._records.wait_for_latches(latches, timeout_s)
 
     def observations(self, session: int | None = None) -> list[Observation]:
-        """Return what was latched, in one session or in all of them."""
+        """Return the latches of one session or of all of them."""
         if session is not None:
             check_whole("session", session, 0, 0xFFFF)
         return backdoor_observations(self.records(), session)
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
-        """How often each fault has fired; None before the board has ended, or without faults."""
+        """Counts of the faults that fired; None before the board has ended, or without faults."""
         return backdoor_fault_counts(self._records.read())
 
     def wait_idle(self, intended: Sequence[Intended]) -> str | None:
@@ -301,7 +301,7 @@ class VirtualBoard:
         return self._process.how_it_ended(patience_s)
 
     def log(self) -> str:
-        """Return what the board has printed so far."""
+        """Return the output of the board so far."""
         return self._process.log()
 
     def kill(self) -> None:

@@ -1,4 +1,4 @@
-"""What makes a focus felt: a focus that stands still at constant pressure soon is not.
+"""Modulation of a focus: at a fixed place and constant pressure the skin soon feels nothing.
 
 Amplitude modulation varies the strength, lateral modulation shakes the focus, spatio-temporal
 modulation runs it along a closed path, dwell holds one point after the other.  Each is sampled to
@@ -56,12 +56,12 @@ class FocusFrames:
 
     @property
     def duration_s(self) -> float:
-        """How long one pass takes."""
+        """Duration of one pass."""
         return self.count / self.rate_hz
 
     @property
     def steps_m(self) -> FloatArray:
-        """How far the focus moves from each frame to the next, from the last to the first."""
+        """Distance of the focus from each frame to the next, from the last to the first."""
         steps: FloatArray = np.linalg.norm(
             np.roll(self.points_m, -1, axis=0) - self.points_m, axis=1
         )
@@ -81,7 +81,7 @@ class FocusFrames:
 
 @dataclass(frozen=True, slots=True)
 class Modulation:
-    """How the points of an object are shown.
+    """Modulation of the points of an object.
 
     Attributes
     ----------

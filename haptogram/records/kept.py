@@ -50,7 +50,7 @@ class KeptRecords(Sequence[_T]):
 
     @property
     def dropped(self) -> int:
-        """How many are not kept any more: the oldest."""
+        """Number of the oldest records, which are not kept any more."""
         return self.total - len(self._entries)
 
     def append(self, entry: _T) -> None:

@@ -37,7 +37,7 @@ class PortConfig(Settings):
 
     @property
     def is_virtual(self) -> bool:
-        """Whether its time is virtual."""
+        """True if the board's time is virtual."""
         return self.clock == "virtual"
 
 

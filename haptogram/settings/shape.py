@@ -52,7 +52,7 @@ class ShapeConfig(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class ModulationConfig(Settings):
-    """How the focus is modulated, and how long each point is held."""
+    """Modulation of the focus, and the time for which each point is held."""
 
     modulation: str | None = option(
         None,

@@ -299,7 +299,7 @@ def config_from_options(kind: type[_S], overrides: Mapping[str, Any]) -> _S:
 
 
 def setting_option_name(setting: str) -> str:
-    """Return how *setting* is written on the command line."""
+    """Return the option of *setting* on the command line."""
     return f"--{setting.replace('_', '-')}"
 
 

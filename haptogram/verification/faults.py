@@ -1,4 +1,4 @@
-"""What is wrong with a drive, by name: the latched codes against the intended ones.
+"""Named faults of a drive: the latched codes against the intended ones.
 
 Only names what the codes prove: a mirrored drive that equals the intended one (a target on the
 symmetry plane) is a correct drive.

@@ -78,7 +78,7 @@ class RunVerdict:
 
     @property
     def passed(self) -> bool:
-        """Whether the run passed."""
+        """True if the run passed."""
         return self.verdict is Verdict.PASS
 
     def __bool__(self) -> bool:
@@ -108,7 +108,7 @@ class RunVerdict:
 
     @property
     def too_few(self) -> bool:
-        """Whether fewer frames were verified than had to be, or none."""
+        """True if fewer frames were verified than had to be, or none."""
         verified = self.counts["verified"]
         return not verified or verified < self.min_verified * self.due
 
@@ -126,7 +126,7 @@ class RunVerdict:
 
     @property
     def place_uncertainty(self) -> VerdictUncertainty | None:
-        """How well the place of the least known focus is known; None: no frame tells."""
+        """Uncertainty of the place of the least known focus; None: no frame tells."""
         found = [f.uncertainty_mm for f in self.frames if f.uncertainty_mm is not None]
         return max(found, key=lambda one: one.total, default=None)
 

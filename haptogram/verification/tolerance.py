@@ -67,7 +67,7 @@ class Tolerance:
 
     @property
     def is_strict(self) -> bool:
-        """Whether nothing but rounding is tolerated."""
+        """True if nothing but rounding is tolerated."""
         return not any(getattr(self, field.name) for field in fields(self))
 
     def speed_share(self, medium: Medium) -> float:
@@ -77,7 +77,7 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """How well the judge knows air and elements: standard uncertainties.
+    """Standard uncertainties of air and elements.
 
     The default is 0: the virtual board radiates in the very air that the judge assumes.
 

@@ -59,7 +59,7 @@ class Verdict(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """How a run ended before its end.
+    """Interruption of a run before its end.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class FrameVerdict:
 
     @property
     def is_silence(self) -> bool:
-        """Whether the frame was to radiate nothing: there is no focus to miss."""
+        """True if the frame was to radiate nothing: there is no focus to miss."""
         return set(self.criteria) == {"S5"}
 
     @property

@@ -124,7 +124,7 @@ enum hg_phase_format {
     HG_FORMAT_BITS_5 = 0x05 /* 32 steps a turn */
 };
 
-/* What a board reports of every latch.  HG-8.1. */
+/* Report of a board about every latch.  HG-8.1. */
 enum hg_trace_mode {
     HG_TRACE_OFF = 0x00, /* nothing */
     HG_TRACE_CRC = 0x01, /* TRACE or TRACE_PLAYBACK for every latch */
@@ -132,7 +132,7 @@ enum hg_trace_mode {
     HG_TRACE_RING = 0x03 /* no event; the last trace_ring latches are kept for READ_TRACE */
 };
 
-/* What an upload holds.  HG-7.2. */
+/* Content of an upload.  HG-7.2. */
 enum hg_upload_kind {
     HG_UPLOAD_PHASES = 0x01, /* sequence, N bytes a frame: 8-bit phases, every amplitude 255 */
     HG_UPLOAD_POINTS = 0x02, /* sequence, points_per_frame x 16 bytes a frame: focal points */
@@ -145,7 +145,7 @@ enum hg_drive_kind {
     HG_DRIVE_RADIATED = 0x01 /* what drives the transducers, after all of them */
 };
 
-/* What the board's output may do.  HG-6.1. */
+/* States of the board's output.  HG-6.1. */
 enum hg_output_state {
     HG_STATE_DISARMED = 0x00, /* output off; frames are dropped until ARM */
     HG_STATE_ARMED = 0x01, /* frames are latched and radiated */

@@ -66,7 +66,7 @@ static inline void hg_focal_point_write(uint8_t *to, const struct hg_focal_point
     hg_put_u16(to + 14, value->phase);
 }
 
-/* Counters: What the board counted since it started, each modulo 2^32.  HG-9.2. */
+/* Counters: Counters of the board since it started, each modulo 2^32.  HG-9.2. */
 struct hg_counters {
     uint32_t frames; /* frames with a valid CRC */
     uint32_t latched; /* drives latched, from stream and playback */
@@ -153,7 +153,7 @@ static inline void hg_counters_write(uint8_t *to, const struct hg_counters *valu
     hg_put_u32(to + 92, value->timeouts);
 }
 
-/* Config: What can be set.  HG-7.1. */
+/* Config: Settings of a board.  HG-7.1. */
 struct hg_config {
     uint16_t hold_ms; /* how long the last drive is held without a new latch */
     uint16_t ramp_ms; /* how long the ramp to silence takes */
@@ -499,7 +499,7 @@ static inline void hg_read_trace_write(uint8_t *to, const struct hg_read_trace *
     hg_put_u16(to + 4, value->count);
 }
 
-/* HELLO_REPLY: What the board is and can; frozen up to description_hash.  HG-4.3. */
+/* HELLO_REPLY: Identity and capabilities of the board; frozen up to description_hash.  HG-4.3. */
 struct hg_hello_reply {
     uint8_t major; /* major version of the board */
     uint8_t minor; /* minor version of the board */
@@ -819,7 +819,7 @@ static inline void hg_upload_begin_reply_write(uint8_t *to,
     hg_put_u16(to + 2, value->window);
 }
 
-/* UPLOAD_CHUNK_REPLY: How much of the upload is there.  HG-7.3. */
+/* UPLOAD_CHUNK_REPLY: Progress of the upload.  HG-7.3. */
 struct hg_upload_chunk_reply {
     uint32_t received; /* bytes from the start without a gap */
 };

@@ -15,7 +15,7 @@ from .errors import LocalProtocolError
 
 
 class OutputState(DocumentedEnum):
-    """What the board's output may do.  HG-6.1."""
+    """States of the board's output.  HG-6.1."""
 
     DISARMED = 0, "output off; frames are dropped until ARM"
     ARMED = 1, "frames are latched and radiated"

@@ -1,4 +1,4 @@
-"""What takes down what a board did, and where it focused."""
+"""Recorders of the acts of a board, and of its foci."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class DriveEstimator:
         self._seen: OrderedDict[Hashable, Reconstruction] = OrderedDict()
 
     def estimate(self, latch: AnyLatch) -> Reconstruction:
-        """Return what the board radiated; it is not told what the host had wanted."""
+        """Return the reconstruction of the radiated drive, which knows no target."""
         key = _radiated(latch)
         if key in self._seen:
             self._seen.move_to_end(key)

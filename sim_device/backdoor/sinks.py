@@ -1,4 +1,4 @@
-"""Where the records of the back door go: a file, or whoever listens on a local socket."""
+"""Sinks of the back door's records: a file, or the clients of a local socket."""
 
 from __future__ import annotations
 

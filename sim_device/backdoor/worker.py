@@ -129,7 +129,7 @@ class ReconstructionWorker:
 
     @property
     def is_refusing(self) -> bool:
-        """Whether the worker has not taken all that it was offered."""
+        """True if the worker has refused a part of its input."""
         return bool(self._unsent)
 
     def fileno(self) -> int:

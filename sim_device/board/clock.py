@@ -29,7 +29,7 @@ def whole_us(t_ns: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class ClockChange:
-    """What becomes of a clock at ``at_ns`` since power-up: a change of its rate, and a jump."""
+    """Change of a clock at ``at_ns`` since power-up: of its rate, and a jump."""
 
     at_ns: int
     ppm: int = 0

@@ -1,4 +1,4 @@
-"""What the host can set, within which bounds.  SPEC.md HG-7.1."""
+"""Settings of the host, and their bounds.  SPEC.md HG-7.1."""
 
 from __future__ import annotations
 

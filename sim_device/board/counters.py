@@ -1,4 +1,4 @@
-"""What a board counts about its stream, and how early the stream's frames come.  Chapter 9."""
+"""Counters of a board's stream, and the arrival margins of its frames.  Chapter 9."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a board has done: latches and changes of its output, each with its device time."""
+"""Events of a board: latches and changes of its output, each with its device time."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ class PlaybackEnd:
 
 @dataclass(frozen=True, slots=True)
 class FaultsCounted:
-    """How often each fault of a plan has fired, at the end.
+    """Counts of the faults of a plan that fired, at the end.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class FaultsCounted:
 
 @dataclass(frozen=True, slots=True)
 class LineCounted:
-    """What a line has lost or damaged by itself, by its own nature, at the end."""
+    """Counts of the bytes that a line lost or damaged by its own nature, at the end."""
 
     t_us: int
     counts: dict[str, int]

@@ -49,12 +49,12 @@ class Playback:
 
     @property
     def content(self) -> Content:
-        """What the next frame holds."""
+        """Content of the next frame."""
         return self.frames[self.played % len(self.frames)]
 
     @property
     def is_over(self) -> bool:
-        """Whether the last frame of the last loop was latched."""
+        """True if the last frame of the last loop was latched."""
         return self.loops > 0 and self.played >= self.loops * len(self.frames)
 
     @property

@@ -53,7 +53,7 @@ _READ_FEATURE: Final = {
 
 
 def board_identity(board: Board, description_hash: int) -> HelloReply:
-    """Return what the board is and can, for the session that is open."""
+    """Return identity and capabilities of the board for the open session."""
     settings, array = board.settings, board.settings.model.array
     nx, ny = array.grid_shape or (0, 0)
     same_names = ("max_points", "queue_depth", "trace_ring", "max_horizon_us", "rx_window")

@@ -80,7 +80,7 @@ class PointFocuser:
 
 
 def radiated_drive(latched: Drive, correction: bytes, ceiling: int, gain: float) -> Drive:
-    """Return what leaves the transducers: correction added, ceiling and ramp applied.
+    """Return the radiated drive: correction added, ceiling and ramp applied.
 
     Parameters
     ----------

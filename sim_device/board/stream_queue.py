@@ -73,11 +73,11 @@ class StreamQueue:
 
     @property
     def is_full(self) -> bool:
-        """Whether one more frame would find no room."""
+        """True if one more frame finds no room."""
         return len(self._entries) >= self._depth
 
     def precedes(self, t_apply_us: int) -> bool:
-        """Return whether *t_apply_us* is after that of every queued frame."""
+        """Return True if *t_apply_us* is after that of every queued frame."""
         return not self._entries or self._entries[-1].t_apply_us < t_apply_us
 
     def push(self, entry: QueueEntry) -> int:

@@ -84,7 +84,7 @@ class Uploads:
 
     @property
     def has_begun(self) -> bool:
-        """Whether an upload was announced and neither committed nor abandoned."""
+        """True if an upload was announced and neither committed nor abandoned."""
         return self._pending is not None
 
     def abandon(self) -> None:
@@ -133,7 +133,7 @@ class Uploads:
         return pending.received
 
     def commit(self, commit: UploadCommit) -> Upload:
-        """Return what was uploaded.
+        """Return the uploaded bytes.
 
         Raises
         ------

@@ -29,7 +29,7 @@ POWER_UP: Final = "power-up"
 
 @dataclass(frozen=True)
 class Registers:
-    """What a firmware makes of codes.
+    """Registers that a firmware fills from codes.
 
     Attributes
     ----------

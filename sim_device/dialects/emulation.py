@@ -1,4 +1,4 @@
-"""What has to be known of a dialect to run its boards: wire, boards, emitters and options.
+"""Everything that the boards of a dialect need: wire, boards, emitters and options.
 
 An entry point of the group ``haptogram.dialects`` names an :class:`Emulation` of another package;
 docs/dialects.md has a worked example.

@@ -76,5 +76,5 @@ class Endpoint(Protocol):
         ...
 
     def take_notices(self) -> Sequence[Notice]:
-        """Return what the board noticed since the last call, in order."""
+        """Return the notices of the board since the last call, in order."""
         ...

@@ -77,7 +77,7 @@ class ForeignDialect:
 
     @property
     def counters(self) -> dict[str, int]:
-        """What codec and boards could not understand or do, by kind."""
+        """Counts of bytes and operations that codec and boards refused, by kind."""
         return dict(self._end.counters + self._unit.counters + self._own)
 
     @property

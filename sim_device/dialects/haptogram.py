@@ -206,7 +206,7 @@ class BoardDialect:
         return taken
 
     def take_notices(self) -> list[Notice]:
-        """Return what the board noticed since the last call, in order."""
+        """Return the notices of the board since the last call, in order."""
         taken, self._notices = self._notices, []
         return taken
 

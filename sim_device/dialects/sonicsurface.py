@@ -57,7 +57,7 @@ class Stack(Settings):
 
 
 def mounting(array: TransducerArray) -> Calibration:
-    """Return how the emitters of the tactile board are mounted: as its correction undoes it."""
+    """Return the mounting phases of the tactile board's emitters, which its correction undoes."""
     added = np.frombuffer(wire.TACTILE_CORRECTION, np.uint8).astype(np.float64)
     phases_rad: FloatArray = -math.tau / 32 * added
     return Calibration(np.ones(_EMITTERS), phases_rad, array.positions_m)

@@ -21,7 +21,7 @@ class Unit(Protocol):
 
     @property
     def counters(self) -> Counter[str]:
-        """How often each kind of thing was asked of the boards that they cannot do."""
+        """Counts of the operations that the boards cannot do, by kind."""
         ...
 
     def take(self, operation: Operation, t_us: int) -> list[Reply]:

@@ -1,4 +1,4 @@
-"""What the faults of a plan make of the board's clock."""
+"""Effects of the faults of a plan on the board's clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each fault of a frame does to those that the host sends.
+"""Effects of the faults of a frame on those that the host sends.
 
 A frame is taken apart on its way to the board, changed in one field and sealed with a CRC that is
 right again: no receiver can tell it from one that a host built wrong.  Only frames that are whole
@@ -64,7 +64,7 @@ def _on_frames_of(
 
 
 def sealed_by_fault(body: bytes) -> bytes:
-    """Return what is between the delimiters, for *body*."""
+    """Return the stuffed bytes of *body*, as they stand between the delimiters."""
     return encode_frame(body)[1:-1]
 
 

@@ -108,11 +108,11 @@ class FaultInjector:
 
     @property
     def is_away(self) -> bool:
-        """Whether the port is gone, as of the last :meth:`has_left`."""
+        """True if the port was gone at the last :meth:`has_left`."""
         return self._away is not None
 
     def has_left(self, t_ns: int) -> bool:
-        """Return whether the port has gone since the last call; see ``line.disconnect``."""
+        """Return True if the port has gone since the last call; see ``line.disconnect``."""
         before = self._away
         if before is None or not before.is_there(t_ns):
             self._away = next((fault for fault in self._disconnects if fault.is_there(t_ns)), None)
@@ -153,7 +153,7 @@ class FaultInjector:
         return latch if radiated is healthy else radiated.on(latch)
 
     def counts(self, t_ns: int) -> dict[str, int]:
-        """Return how often each fault has fired up to *t_ns*."""
+        """Return the counts of the faults that fired up to *t_ns*."""
         counts = dict(self._counts)
         for name, at_ns in self._on_clock:
             counts[name] += at_ns <= t_ns

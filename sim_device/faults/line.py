@@ -1,4 +1,4 @@
-"""What each fault of the line does to the chunks that are sent."""
+"""Effects of the faults of the line on the chunks that are sent."""
 
 from __future__ import annotations
 

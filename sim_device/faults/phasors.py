@@ -1,4 +1,4 @@
-"""What transducers radiate, as faults change it: a phase and an amplitude for each."""
+"""Phases and amplitudes of the transducers, as faults change them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Phasors:
 
     @classmethod
     def of_latch(cls, latch: AnyLatch) -> Phasors:
-        """Return what *latch* radiates."""
+        """Return the phasors that *latch* radiates."""
         if isinstance(latch, Latch):
             drive = latch.radiated
             return cls(drive.phase_codes / _CODES, drive.amplitude_codes / FULL_AMPLITUDE)

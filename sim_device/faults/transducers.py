@@ -123,7 +123,7 @@ _DEVICE_FAULTS: Final[Mapping[str, _Act]] = MappingProxyType(
 
 
 def faulty_drive(fault: Fault, now: FaultContext, source: random.Random) -> Phasors:
-    """Return what is radiated instead of ``now.drive``."""
+    """Return the drive that is radiated instead of ``now.drive``."""
     turns, amplitudes = now.drive.turns.copy(), now.drive.amplitudes.copy()
     act = _DEVICE_FAULTS[fault.name]
     turns[now.place], amplitudes[now.place] = act(now, fault.values, source)

@@ -50,7 +50,7 @@ class BoardPort:
         return [self._fd] if self._unsent else []
 
     def read(self, limit: int) -> bytes:
-        """Return what has come, at most *limit* bytes; empty if nothing has.
+        """Return the received bytes, at most *limit*; empty if there are none.
 
         Raises
         ------
@@ -80,7 +80,7 @@ class BoardPort:
             self._lost(error)
 
     def take_departure(self) -> bool:
-        """Return whether the client has gone since the last call, where that can be told."""
+        """Return True if the client is known to have gone since the last call."""
         return False
 
     def plug(self, is_there: bool) -> None:

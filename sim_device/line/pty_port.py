@@ -56,7 +56,7 @@ class PtyPort(BoardPort):
         return [] if self._fd == _CLOSED else super().reading()
 
     def read(self, limit: int) -> bytes:
-        """Return what has come; nothing while the port is gone."""
+        """Return the received bytes; none while the port is gone."""
         return b"" if self._fd == _CLOSED else super().read(limit)
 
     def write(self, data: bytes) -> None:

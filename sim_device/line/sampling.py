@@ -1,4 +1,4 @@
-"""What a UART makes of characters that were sent at another rate than its own.
+"""Characters that a UART receives at another rate than its own.
 
 A receiver finds the falling edge of the start bit, then looks at the line in the middle of each of
 its own bits.  In a character of 10 bits the last look, at the stop bit, comes 9.5 bits after that
@@ -17,12 +17,12 @@ _STOP_MIDDLE: Final = BITS_PER_BYTE - 0.5
 
 
 def is_baud_understood(ratio: float) -> bool:
-    """Return whether every character arrives whole; see :func:`sample_characters`."""
+    """Return True if every character arrives whole; see :func:`sample_characters`."""
     return abs(_STOP_MIDDLE * (ratio - 1)) < 0.5
 
 
 def sample_characters(data: bytes, ratio: float) -> tuple[bytes, int]:
-    """Return what is received of *data*, sent back to back on an idle line.
+    """Return the received characters of *data*, sent back to back on an idle line.
 
     Parameters
     ----------

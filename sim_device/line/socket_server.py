@@ -49,7 +49,7 @@ class Doorman:
 
     @property
     def is_looking(self) -> bool:
-        """Whether a client that waits would be seen now; else at :attr:`due_ns`."""
+        """True if a waiting client is seen now; else at :attr:`due_ns`."""
         return self.due_ns is None or time.monotonic_ns() >= self.due_ns
 
     def admit(self) -> tuple[socket.socket, Any] | None:

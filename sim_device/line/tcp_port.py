@@ -77,7 +77,7 @@ class TcpPort(BoardPort):
             super().write(data)
 
     def take_departure(self) -> bool:
-        """Return whether a client has gone since the last call."""
+        """Return True if a client has gone since the last call."""
         departed, self._departed = self._departed, False
         return departed
 

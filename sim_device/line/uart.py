@@ -172,7 +172,7 @@ class PolledUart(Uart):
         return None if t_ns is None else self._next_poll_ns(t_ns)
 
     def receive(self, t_ns: int) -> bytes:
-        """Return what the firmware has found in its FIFO up to *t_ns*."""
+        """Return the bytes that the firmware has read from its FIFO up to *t_ns*."""
         found = bytearray()
         while (first_ns := self.arrival_ns(1)) is not None:
             if (poll_ns := self._next_poll_ns(first_ns)) > t_ns:

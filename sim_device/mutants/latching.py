@@ -221,7 +221,7 @@ class UploadUnchecked(Uploads):
     """Takes an upload whatever its CRC is."""
 
     def commit(self, commit: UploadCommit) -> Any:
-        """Return what was uploaded."""
+        """Return the uploaded bytes."""
         try:
             return super().commit(commit)
         except Exception as error:

@@ -204,7 +204,7 @@ class ClockSteps(DeviceClock):
     """Its clock jumps ahead by 2 ms every 500 ms."""
 
     def device_us(self, t_ns: int) -> int:
-        """Return what it shows at *t_ns*."""
+        """Return the reading of the clock at *t_ns*."""
         return self._with_jumps(super().device_us(t_ns))
 
     def reached_ns(self, device_us: int) -> int:

@@ -167,7 +167,7 @@ def pressure_after_hop(
     targets_m: tuple[ArrayLike, ArrayLike],
     times_s: ArrayLike,
 ) -> FloatArray:
-    """Return how the pressure builds up at a target to which the focus has just been moved.
+    """Return the rise of the pressure at a target to which the focus has just been moved.
 
     Travel times are kept: what an element sends arrives r_n / c later, so a target is still in the
     sound of the old focus for a while.

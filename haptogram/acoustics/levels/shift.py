@@ -1,4 +1,4 @@
-"""Where the pressure maximum of a focus is, and how far from its target to expect it.
+"""The pressure maximum of a focus, and its expected distance from the target.
 
 All elements arrive in phase at the target, so |p| there is S = sum |a_n g_n|, and no other phases
 give more.  Yet elsewhere the elements may be louder: S grows toward the array, the coherence falls
@@ -41,7 +41,7 @@ _PAIRS: Final = ((0, 1), (0, 2), (1, 2))
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FocalShift:
-    """Where the maximum of |p| is expected.
+    """Expected position of the maximum of |p|.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class FocalShift:
 
     @property
     def valid(self) -> bool:
-        """Whether the prediction holds: `size_rad` is 0.4 at most."""
+        """True if the prediction holds: `size_rad` is 0.4 at most."""
         return self.size_rad <= _LONGEST_SHIFT_RAD
 
 

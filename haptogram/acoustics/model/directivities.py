@@ -196,7 +196,7 @@ class MeasuredDirectivity:
 
     @property
     def baffled(self) -> bool:
-        """Whether the table ends at 90 degrees."""
+        """True if the table ends at 90 degrees."""
         return bool(np.asarray(self.angles_deg)[-1] <= 90.0)
 
     def gain(self, cos_theta: FloatArray, wavenumber: float) -> FloatArray:  # noqa: ARG002  (Directivity)

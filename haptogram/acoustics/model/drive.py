@@ -108,7 +108,7 @@ class Drive:
 
     @property
     def is_muted(self) -> bool:
-        """Whether every amplitude is zero."""
+        """True if every amplitude is zero."""
         return not self.amplitude_codes.any()
 
     def weights(self) -> ComplexArray:

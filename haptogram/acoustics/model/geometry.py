@@ -1,4 +1,4 @@
-"""Where the transducers are and which way they face.
+"""Positions and normals of the transducers.
 
 Element n = ix * ny + iy; the origin of a grid is its centre and +z the emission side. Wherever an
 array is moved and however it is turned, limits and searches follow its own axes.
@@ -212,7 +212,7 @@ class TransducerArray:
 
     @property
     def is_upright(self) -> bool:
-        """Whether the array's own axes are those of the world."""
+        """True if the array's own axes are those of the world."""
         return bool((self.axes == np.eye(3)).all())
 
     @property

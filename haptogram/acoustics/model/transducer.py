@@ -27,7 +27,7 @@ class Directivity(Protocol):
 
     @property
     def baffled(self) -> bool:
-        """Whether it says nothing about the half-space behind."""
+        """True if the directivity is undefined in the half-space behind."""
         ...
 
     def gain(self, cos_theta: FloatArray, wavenumber: float) -> FloatArray:

@@ -255,7 +255,7 @@ def fit_focus(
 def focus_phase_response(
     model: AcousticModel, position_m: ArrayLike, *, active: ArrayLike | None = None
 ) -> tuple[FloatArray, BoolArray]:
-    """Return how far the fitted focus moves for each radian of phase of each element.
+    """Return the displacement of the fitted focus for each radian of phase of each element.
 
     Parameters
     ----------

@@ -276,7 +276,7 @@ def _clip(drive: ComplexArray) -> ComplexArray:
 
 @dataclass(frozen=True, slots=True)
 class SolverQuality:
-    """How well a drive makes its foci.
+    """Efficiency and uniformity of the foci of a drive.
 
     Attributes
     ----------

@@ -48,7 +48,7 @@ class BenchChange:
 
     @property
     def beyond_noise(self) -> bool:
-        """Whether chance does not explain the difference."""
+        """True if the difference is larger than chance explains."""
         return abs(self.after_us - self.before_us) > self.noise_us
 
     def __str__(self) -> str:

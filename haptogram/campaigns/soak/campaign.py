@@ -38,7 +38,7 @@ class Interrupted(HaptogramError):
 
 @dataclass(frozen=True, slots=True)
 class SoakSetup:
-    """What is run: the same setup gives the same account.
+    """Setup of a campaign; the same setup gives the same account.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class SoakSetup:
 
     @property
     def segments(self) -> int:
-        """How many segments there are; the last one may be shorter."""
+        """Number of segments; the last one may be shorter."""
         return max(1, math.ceil(self.seconds / self.segment_s - 1e-9))
 
     def start_s(self, number: int) -> float:
@@ -85,7 +85,7 @@ class SoakSetup:
         return min(number * self.segment_s, self.seconds)
 
     def length_s(self, number: int) -> float:
-        """Return how long segment *number* is."""
+        """Return the duration of segment *number*."""
         return self.start_s(number + 1) - self.start_s(number)
 
 
@@ -175,12 +175,12 @@ class SoakCampaign:
 
     @property
     def is_complete(self) -> bool:
-        """Whether every segment is in the account."""
+        """True if every segment is in the account."""
         return self.done == self.setup.segments
 
     @property
     def failures(self) -> dict[str, int]:
-        """What must not have happened, by name."""
+        """Counts of the events that must not happen, by name."""
         grown = {"memory grew": 1} if self.memory.grown_bytes is not None else {}
         return dict(sorted(self.tally.violations.items())) | grown
 

@@ -1,4 +1,4 @@
-"""What is shown: a fixed set of drives, one after the other, and what must be latched of each."""
+"""A fixed set of drives, streamed one after the other, and the latch that each must give."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class SoakDrives:
         return self._messages[index % _COUNT]
 
     def is_drive(self, index: int, drive: Any) -> bool:
-        """Tell whether *drive*, as it was latched, is that of frame *index*, code by code."""
+        """Return True if the latched *drive* equals that of frame *index*, code by code."""
         codes = drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes()
         return codes == self._registers[index % _COUNT]
 

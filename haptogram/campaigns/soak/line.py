@@ -194,7 +194,7 @@ class SoakLine:
 
     @property
     def is_idle(self) -> bool:
-        """Whether everything has come, and was found."""
+        """True if every frame that was sent has arrived and was matched."""
         return not self.arriving and not self.expected and not self._partial
 
     def close(self) -> None:

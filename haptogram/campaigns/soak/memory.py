@@ -1,4 +1,4 @@
-"""Whether the memory of the processes stays what it is."""
+"""Growth of the memory of the processes."""
 
 from __future__ import annotations
 
@@ -66,5 +66,5 @@ class SoakMemory:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Self:
-        """Return what :meth:`as_dict` has written."""
+        """Return the object that :meth:`as_dict` has written."""
         return cls(dict(data))

@@ -1,4 +1,4 @@
-"""What a board must latch, and when it must be silent: told what came, it knows what follows.
+"""Oracle of the latches and silences that follow from the bytes that a board received.
 
 It keeps no queue of its own.  A frame that comes in time is due on the first carrier period not
 before its t_apply nor its arrival (HG-5.8/1); one that is too late is dropped (HG-5.7/5).

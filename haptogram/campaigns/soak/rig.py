@@ -282,7 +282,7 @@ class SoakRig:
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing is under way whose end is not known."""
+        """True if no frame, request or latch is outstanding."""
         lines = self.down.is_idle and self.up.is_idle
         return lines and not (self.down.lost or self.up.lost or self.host.outstanding)
 

@@ -23,7 +23,7 @@ class SoakHit:
 
 @dataclass(slots=True)
 class SoakTally:
-    """What happened in one segment, or in many: tallies add up.
+    """Counts of the events of one segment, or of many: tallies add up.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class SoakTally:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Self:
-        """Return what :meth:`as_dict` has written."""
+        """Return the object that :meth:`as_dict` has written."""
         tally = cls(
             totals=Counter(data["totals"]),
             violations=Counter(data["violations"]),

@@ -165,7 +165,7 @@ def _is_port(arguments: argparse.Namespace) -> bool:
 
 
 def asks_for_virtual_board(arguments: argparse.Namespace) -> bool:
-    """Tell whether the board is one in this program."""
+    """Return True if the board is a virtual one in this program."""
     if arguments.spawn is not None:
         return False
     return arguments.port is None or arguments.port.startswith(_SCHEME)

@@ -1,4 +1,4 @@
-"""What a person hears of an array, and what reaches the ear: the levels of ``haptogram field``."""
+"""Levels of ``haptogram field``: the ultrasound at an ear, and its audible part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``haptogram field`` draws: a model, its drives, and where to look."""
+"""Scene of ``haptogram field``: a model, its drives, and the place to look at."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Scene:
 
     @property
     def is_sequence(self) -> bool:
-        """Whether there is more than one drive."""
+        """True if there is more than one drive."""
         return len(self.weights) > 1
 
 

@@ -1,4 +1,4 @@
-"""What ``haptogram modulation`` has found: as text, picture, CSV and JSON."""
+"""Result of ``haptogram modulation`` as text, picture, CSV and JSON."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Felt:
         lag: Resonator,
         place_m: tuple[float, float, float] | None,
     ) -> Self:
-        """Return what *frames* make at a place, by default at their first focus.
+        """Return the signal of *frames* at a place, by default at their first focus.
 
         Raises
         ------
@@ -199,7 +199,7 @@ def _name_of(frequency_hz: float, felt: Felt) -> str:
 
 
 def felt_warnings(felt: Felt) -> Iterator[str]:
-    """Yield what a person who designs the sensation should know."""
+    """Yield warnings for the designer of the sensation."""
     frames, config = felt.frames, felt.modulation
     if felt.frequency_hz is not None and felt.frequency_hz != config.modulation_hz:
         yield (

@@ -1,4 +1,4 @@
-"""What every command's exit status means, in one place."""
+"""Meanings of the exit statuses of all commands."""
 
 from __future__ import annotations
 

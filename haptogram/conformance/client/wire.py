@@ -150,7 +150,7 @@ class RawFrameWire:
         return self._transport.now_ns() // 1000
 
     def line_us(self, size: int) -> int:
-        """Return how long *size* bytes take on the line, rounded up."""
+        """Return the transmission time of *size* bytes, rounded up."""
         return -(-size * 10_000_000 // self.baudrate)
 
     @property

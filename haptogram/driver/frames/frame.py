@@ -60,7 +60,7 @@ class Frame:
 
     @property
     def board_computed(self) -> bool:
-        """Whether the board computes the drive."""
+        """True if the board computes the drive."""
         return isinstance(self.message, Points)
 
     @property

@@ -23,17 +23,17 @@ def frame_bytes_on_line(payload_bytes: int) -> int:
 
 
 def line_transmission_ns(size: int, baudrate: int) -> int:
-    """Return how long *size* bytes take on the line at 8N1, in whole nanoseconds, rounded up."""
+    """Return the transmission time of *size* bytes at 8N1, in whole nanoseconds, rounded up."""
     return -(-size * BITS_PER_BYTE * 1_000_000_000 // baudrate)
 
 
 def highest_line_rate_hz(size: int, baudrate: int) -> float:
-    """Return how many frames of *size* bytes the line carries per second."""
+    """Return the number of frames of *size* bytes that the line carries per second."""
     return baudrate / (size * BITS_PER_BYTE)
 
 
 def line_round_trip_ns(request: int, reply: int, baudrate: int, latency_timer_ns: int = 0) -> int:
-    """Return how long a request and its reply take on the line, at most.
+    """Return the longest transmission time of a request and its reply.
 
     Parameters
     ----------
@@ -88,11 +88,11 @@ class LineModel:
         self.free_ns = max(self.free_ns, now_ns) + line_transmission_ns(size, self.baudrate)
 
     def unsent_bytes(self, now_ns: int) -> int:
-        """Return how many bytes have not left the port yet."""
+        """Return the number of bytes that have not left the port yet."""
         return self.bytes_in(max(0, self.free_ns - now_ns))
 
     def bytes_in(self, duration_ns: int) -> int:
-        """Return how many whole bytes the line carries in *duration_ns*."""
+        """Return the number of whole bytes that the line carries in *duration_ns*."""
         return duration_ns * self.baudrate // (BITS_PER_BYTE * 1_000_000_000)
 
     def room_at_ns(self, unsent: int) -> int:

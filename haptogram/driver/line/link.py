@@ -81,7 +81,7 @@ class Link:
 
     @property
     def timeout_ns(self) -> int:
-        """How long the board may take to answer."""
+        """Longest time until the board answers, in nanoseconds."""
         return self._timeout_ns
 
     def now_us(self) -> int:
@@ -173,7 +173,7 @@ class Link:
         return now_ns
 
     def transmission_ns(self, wire: bytes) -> int:
-        """Return how long *wire* takes on the line."""
+        """Return the transmission time of *wire* in nanoseconds."""
         return line_transmission_ns(len(wire), self.line.baudrate)
 
     # --- requests ------------------------------------------------------------------------------

@@ -52,7 +52,7 @@ class ClockSample:
 
 @dataclass(frozen=True, slots=True)
 class ClockDrift:
-    """How much faster the device clock runs, and the largest error of that, in ppm."""
+    """Drift of the device clock against the host's, and its largest error, in ppm."""
 
     ppm: float
     uncertainty_ppm: float
@@ -192,12 +192,12 @@ class ClockEstimate:
 
     @property
     def ready(self) -> bool:
-        """Whether there is an estimate."""
+        """True if there is an estimate."""
         return self._best is not None
 
     @property
     def doubtful(self) -> bool:
-        """Whether the newest sample contradicts the estimate: the next one should come soon."""
+        """True if the newest sample contradicts the estimate: the next one should come soon."""
         return self._contradictions > 0
 
     @property
@@ -216,7 +216,7 @@ class ClockEstimate:
 
     @property
     def drift_ppm(self) -> float:
-        """How much faster the device clock runs; nan from less than two exchanges."""
+        """Drift of the device clock; nan from less than two exchanges."""
         return self._drift.ppm
 
     @property

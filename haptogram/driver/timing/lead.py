@@ -1,4 +1,4 @@
-"""How long before its time a frame is sent: the default, and the trim from arrival margins.
+"""Lead of a frame before its time: the default, and the trim from arrival margins.
 
 Pure functions and one small state machine; nothing here knows a port or a clock.
 """

@@ -179,6 +179,6 @@ class TickLog:
         return self._rows[: self.count, STAMPS.index(name)]
 
     def lateness_us(self) -> NDArray[np.float64]:
-        """Return how late the loop was at each of the (n,) ticks, in microseconds."""
+        """Return the lateness of the loop at each of the (n,) ticks, in microseconds."""
         late: NDArray[np.float64] = (self.stamp_ns("wake") - self.stamp_ns("deadline")) / 1e3
         return late

@@ -52,7 +52,7 @@ class EquationDemonstration:
 
 
 def equation_demonstrations() -> list[EquationDemonstration]:
-    """Return what the faulty equations give in numbers, next to the corrected ones."""
+    """Return the values of the faulty equations next to those of the corrected ones."""
     constants = eq.PaperConstants()
     level = math.sqrt(2.0) * constants.pressure_pa * 256 * eq.attenuation_eq6(0.1, constants)
     return [
@@ -101,7 +101,7 @@ def _pressure_for_table_1_pa(constants: eq.PaperConstants) -> float:
 
 
 def figure_4_foci() -> list[dict[str, Any]]:
-    """Return where the foci of figure 4 are, and how strong."""
+    """Return positions and pressures of the foci of figure 4."""
     rows = []
     for bend, focus in itertools.product(BENDS, FIGURE_4_FOCI_M):
         model = figure_4_model(bend)
@@ -124,7 +124,7 @@ def figure_4_foci() -> list[dict[str, Any]]:
 
 
 def paper_prose() -> list[str]:
-    """Return what the text says about Table 1, next to the table itself."""
+    """Return the statements of the text about Table 1, next to the table itself."""
     means = np.array(PRINTED).mean(axis=0)
     averages, deviations = (
         ", ".join(f"{value:.3f}" for value in means[:, part]) for part in (0, 1)
@@ -154,7 +154,7 @@ class PaperReproduction:
 
     @property
     def averages_reproduced(self) -> bool:
-        """Whether all sixteen averages are within the tolerance."""
+        """True if all sixteen averages are within the tolerance."""
         return all(cell.average_reproduced for cell in self.best.cells)
 
     def as_dict(self) -> dict[str, Any]:

@@ -140,12 +140,12 @@ class Table1Cell:
 
     @property
     def average_reproduced(self) -> bool:
-        """Whether the average is within 7 % of the printed one."""
+        """True if the average is within 7 % of the printed one."""
         return abs(self.average_error) <= TOLERANCE
 
     @property
     def deviation_reproduced(self) -> bool:
-        """Whether the standard deviation is within 7 % of the printed one."""
+        """True if the standard deviation is within 7 % of the printed one."""
         return abs(self.deviation_error) <= TOLERANCE
 
     def as_dict(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a preset is, and the quantities that its published figures are compared with."""
+"""Presets, and the quantities that their published figures are compared with."""
 
 from __future__ import annotations
 
@@ -208,5 +208,5 @@ def published_several_foci_share(points_m: tuple[Point, ...]) -> Callable[[Acous
 
 
 def published_sideband(modulation_hz: float) -> Callable[[AcousticModel], float]:
-    """Return what a common transducer (2 kHz at -6 dB) lets through of a modulation."""
+    """Return the share of a modulation that a common transducer (2 kHz at -6 dB) passes."""
     return lambda _: Resonator.from_bandwidth().modulation_response(modulation_hz)

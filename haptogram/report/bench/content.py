@@ -31,7 +31,7 @@ def bench_conditions_rows(result: Result) -> str:
 
 
 def bench_frames_rows(result: Result) -> str:
-    """Return how many frames were due and latched, and how the port behaved."""
+    """Return the counts of frames due and latched, and the losses of the port."""
     frames = result["frames"]
     return (
         f"{frames['due']} frames due, {frames['skipped']} skipped, {frames['latched']} latched; "
@@ -52,7 +52,7 @@ def bench_stages_rows(result: Result) -> Iterator[tuple[str, ...]]:
 
 
 def bench_clocks_rows(result: Result) -> str:
-    """Return how well the two clocks are joined, and what the percentiles count."""
+    """Return the error between the two clocks, and the quantity that the percentiles count."""
     return (
         "The stages board, complete and margin join two clocks, to within "
         f"{result['clock_uncertainty_us']:.0f} µs. Percentiles are of all frames, from the "
@@ -61,7 +61,7 @@ def bench_clocks_rows(result: Result) -> str:
 
 
 def bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
-    """Yield how many frames were late at each place and why, under :data:`MISS_HEAD`."""
+    """Yield the number of late frames at each place, by cause, under :data:`MISS_HEAD`."""
     for place, found in result["misses"].items():
         for miss in found:
             causes = (f"{cause} {n}" for cause, n in miss["by_cause"].items() if n)
@@ -75,7 +75,7 @@ def bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
 
 
 def bench_space_rows(result: Result) -> str:
-    """Return what late and lost frames did to the focus."""
+    """Return the effect of late and lost frames on the focus."""
     error = result["focus_error"]
     if not error["frames"]:
         return "No frame reached the output late: the focus was always the one due."

@@ -119,7 +119,7 @@ class PictureField:
     values: NDArray[Any]
 
     def peak_m(self) -> tuple[float, float, float]:
-        """Return where the magnitude is largest."""
+        """Return the position of the largest magnitude."""
         index = int(np.nanargmax(np.abs(self.values)))
         x, y, z = self.plane.points_m()[index].tolist()
         return x, y, z

@@ -53,7 +53,7 @@ class RunCheck:
 
     @property
     def decisive(self) -> bool:
-        """Whether the outcome decides the verdict of the run."""
+        """True if the outcome decides the verdict of the run."""
         return self.outcome in (CheckOutcome.FAILED, CheckOutcome.INCONCLUSIVE)
 
 

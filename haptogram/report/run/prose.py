@@ -93,7 +93,7 @@ def run_evidence_sentences(result: Mapping[str, Any]) -> Iterator[str]:
 
 
 def run_limits_sentences(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what the result cannot show: the limits of this run first."""
+    """Yield the limits of the result, those of this run first."""
     frames = result["frames"]
     due = frames["sent"] - frames["cancelled"]
     unseen = due - frames["verified"]

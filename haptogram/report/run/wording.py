@@ -55,14 +55,14 @@ def _findings(frame: FrameVerdict) -> Iterator[str]:
 
 
 def timeliness_text(frame: FrameVerdict) -> str:
-    """Return how long before or after its time a frame was latched."""
+    """Return the time by which a frame was latched early or late."""
     if frame.lateness_us is None:
         return NOTHING
     return f"{abs(frame.lateness_us)} us {'early' if frame.lateness_us < 0 else 'late'}"
 
 
 def focus_place_text(frame: FrameVerdict) -> str:
-    """Return how far from its target the focus was found."""
+    """Return the distance of the focus from its target."""
     if frame.lateral_error_mm is None:
         return NOTHING
     axial = frame.axial_error_mm
@@ -85,7 +85,7 @@ def faults_and_troubles_text(result: Mapping[str, Any]) -> Iterator[str]:
 
 
 def host_delay_text(result: Mapping[str, Any]) -> str | None:
-    """Return how long the host was held up, or None if every frame was sent."""
+    """Return the delay of the host, or None if every frame was sent."""
     host = result.get("host")
     if not host or not host["skipped"]:
         return None

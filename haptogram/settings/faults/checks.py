@@ -1,4 +1,4 @@
-"""What may be said of a fault; an error names the fault, the parameter, its value and the limit."""
+"""Checks of a fault's parameters; an error names fault, parameter, value and limit."""
 
 from __future__ import annotations
 

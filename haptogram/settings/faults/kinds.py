@@ -117,12 +117,12 @@ _TIMES_OF: Final = {"clock.offset": (), "clock.wrap": (), "clock.step": ("from",
 
 
 def is_transducer_fault(name: str) -> bool:
-    """Return whether a fault changes what is radiated."""
+    """Return True if a fault changes the radiated drive."""
     return name.startswith("device.") and name not in REPORTS
 
 
 def fault_has_direction(name: str) -> bool:
-    """Return whether it may be said on which way of the line a fault acts."""
+    """Return True if a fault takes a direction of the line."""
     return name.startswith("line.") and name != "line.disconnect"
 
 

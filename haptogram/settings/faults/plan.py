@@ -134,7 +134,7 @@ class Fault:
         return " ".join([self.name, *(f"{key}={_text(value)}" for key, value in given)])
 
     def is_there(self, t_ns: int) -> bool:
-        """Return whether the fault is there at *t_ns*."""
+        """Return True if the fault acts at *t_ns*."""
         return self.from_ns <= t_ns < self.until_ns
 
 

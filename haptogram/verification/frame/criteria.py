@@ -54,7 +54,7 @@ def phase_limit_rad(intended: Intended, grain_rad: float = 0.0) -> float:
 
 
 def position_grain_rad(model: AcousticModel) -> float:
-    """Return how far phases can be off for positions that a host knows in whole micrometres."""
+    """Return the largest phase error from positions that a host knows in whole micrometres."""
     off_m = model.array.positions_m - model.array.on_wire().positions_m
     return model.wavenumber * float(np.linalg.norm(off_m, axis=1).max())
 
@@ -115,7 +115,7 @@ def least_coherence(target: FrameTarget, intended: Intended) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeakCriterion:
-    """How far a pressure peak is from that of the ideal drive, and whether it may be (S4).
+    """Distance of a pressure peak from that of the ideal drive, and its limit (S4).
 
     Attributes
     ----------

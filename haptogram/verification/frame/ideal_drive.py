@@ -193,7 +193,7 @@ class IdealFrameDrive:
         return limits if len(limits) == len(pairs) else None
 
     def place_uncertainty(self, known: Uncertainty) -> VerdictUncertainty | None:
-        """Return how well the place of the least known focus is known; None: it is not."""
+        """Return the uncertainty of the place of the least known focus; None: it is unknown."""
         found = [
             target_place_uncertainty(target.model, target.position_m, peak.response, known)
             for target, peak in zip(self.placed, self.peaks, strict=True)
@@ -212,7 +212,7 @@ def meaningful_elements(intended: Intended, latched: Drive) -> Bools:
 
 @dataclass(frozen=True, slots=True)
 class IdealFociLevels:
-    """What reaches several foci of one frame.
+    """Pressures at several foci of one frame.
 
     Attributes
     ----------
@@ -246,5 +246,5 @@ class IdealFociLevels:
 
     @property
     def made(self) -> bool:
-        """Whether every focus that a solver was asked for is there."""
+        """True if every focus that a solver was asked for is there."""
         return self.efficiency >= LEAST_EFFICIENCY and self.balance >= LEAST_BALANCE

@@ -1,4 +1,4 @@
-"""Where the pressure of a focus is largest, and how far rounding of the phases can move that.
+"""Pressure peaks of a focus, and the largest shift that rounding of the phases makes.
 
 Diffraction pulls the peak of |p| towards the array, so a peak is compared with that of the ideal
 drive, whose phases are not rounded.
@@ -40,7 +40,7 @@ _MARGIN: Final = 1.1  # for the second order of the response to rounding
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeakDirection:
-    """Where a peak is looked for: along a line, in a plane, or in space.
+    """Space in which a peak is searched: a line, a plane, or all directions.
 
     Attributes
     ----------

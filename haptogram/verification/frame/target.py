@@ -240,7 +240,7 @@ class FrameTarget:
         return longest + self.tolerance.miss_mm / _MM
 
     def place_uncertainty(self, known: Uncertainty) -> VerdictUncertainty | None:
-        """Return how well the place of the focus is known; None where it cannot be observed."""
+        """Return the uncertainty of the place of the focus; None where it cannot be observed."""
         if not self.observable.all():
             return None
         return target_place_uncertainty(self.model, self.position_m, self.response, known)

@@ -54,7 +54,7 @@ class Annotator(Protocol):
         ...
 
     def end(self) -> Iterator[Annotated]:
-        """Yield what the end of the stream leaves unfinished."""
+        """Yield the frame that the end of the stream leaves unfinished."""
         ...
 
 

@@ -49,7 +49,7 @@ class DialectEnd(Protocol[Sent_contra, Received]):
 
     @property
     def counters(self) -> Counter[str]:
-        """How often each kind of thing came that this end cannot understand."""
+        """Counts of the bytes and frames that this end cannot understand, by kind."""
         ...
 
     @property
@@ -89,7 +89,7 @@ class BoardEnd(DialectEnd[Reply, Operation], Protocol):
 
 @dataclass(frozen=True)
 class Dialect:
-    """What is known of a wire, and its two ends.
+    """A wire by its name and properties, with its two ends.
 
     Attributes
     ----------

@@ -109,13 +109,13 @@ _CodesOf: TypeAlias = type[SetPhases] | type[SetAmplitudes]
 
 
 def masked_register_codes(off: int) -> bytes:
-    """Return what each data byte becomes in a register of *off* steps: masked, *off* apart."""
+    """Return the code of each data byte in a register of *off* steps: masked, *off* apart."""
     return bytes(off if byte == off else byte & (off - 1) for byte in range(256))
 
 
 @dataclass(frozen=True)
 class FpgaByteRules:
-    """What the bytes of one firmware mean.
+    """Meanings of the bytes of one firmware.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ from .header import Message, MessageType
 
 
 class TraceMode(DocumentedEnum):
-    """What a board reports of every latch.  HG-8.1."""
+    """Report of a board about every latch.  HG-8.1."""
 
     OFF = 0, "nothing"
     CRC = 1, "TRACE or TRACE_PLAYBACK for every latch"
@@ -20,7 +20,7 @@ class TraceMode(DocumentedEnum):
 
 @record
 class Config(Record):
-    """What can be set.  HG-7.1."""
+    """Settings of a board.  HG-7.1."""
 
     hold_ms: int = wire("H", "how long the last drive is held without a new latch", default=200)
     ramp_ms: int = wire("H", "how long the ramp to silence takes", default=50)

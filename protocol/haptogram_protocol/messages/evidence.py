@@ -1,4 +1,4 @@
-"""What was latched: read-back and trace.  SPEC.md chapter 8."""
+"""Latched drives: read-back and trace.  SPEC.md chapter 8."""
 
 from __future__ import annotations
 

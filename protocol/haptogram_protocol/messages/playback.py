@@ -10,7 +10,7 @@ from .header import Ack, Message, MessageType
 
 
 class UploadKind(DocumentedEnum):
-    """What an upload holds.  HG-7.2."""
+    """Content of an upload.  HG-7.2."""
 
     PHASES = 1, "sequence, N bytes a frame: 8-bit phases, every amplitude 255"
     POINTS = 2, "sequence, points_per_frame x 16 bytes a frame: focal points"
@@ -49,7 +49,7 @@ class UploadChunk(Message):
 
 @record
 class UploadChunkReply(Message):
-    """How much of the upload is there.  HG-7.3."""
+    """Progress of the upload.  HG-7.3."""
 
     TYPE: ClassVar[MessageType] = MessageType.UPLOAD_CHUNK_REPLY
     received: int = wire("I", "bytes from the start without a gap")

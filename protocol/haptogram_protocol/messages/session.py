@@ -43,7 +43,7 @@ class Hello(Message):
 
 @record
 class HelloReply(Message):
-    """What the board is and can; frozen up to ``description_hash``.  HG-4.3."""
+    """Identity and capabilities of the board; frozen up to ``description_hash``.  HG-4.3."""
 
     TYPE: ClassVar[MessageType] = MessageType.HELLO_REPLY
     major: int = wire("B", "major version of the board")

@@ -11,7 +11,7 @@ from .header import Message, MessageType
 
 @record
 class Counters(Record):
-    """What the board counted since it started, each modulo 2^32.  HG-9.2."""
+    """Counters of the board since it started, each modulo 2^32.  HG-9.2."""
 
     frames: int = wire("I", "frames with a valid CRC")
     latched: int = wire("I", "drives latched, from stream and playback")

@@ -1,4 +1,4 @@
-"""Where the compiled loops come from: numba, if it is installed.
+"""The compiled loops, which numba makes if it is installed.
 
 numba takes a quarter of a second to import, so it is imported by the first who asks.
 """

@@ -1,4 +1,4 @@
-"""Where several foci are, fitted from the phases of one drive.
+"""Fit of the positions of several foci to the phases of one drive.
 
 Whatever made them, superposition or a solver, the drive of several foci is a weighted sum of the
 waves that focus on each: w_n = sum_i c_i k_n(x_i).  The fit asks the phases of all elements for the
@@ -48,7 +48,7 @@ class FociFit(NamedTuple):
 
 
 def waves_of_foci(model: AcousticModel, *, superposed: bool) -> Waves:
-    """Return what makes of (F, 3) places the (F, N) drives that focus there, in m.
+    """Return the function from (F, 3) places in m to the (F, N) drives that focus there.
 
     Plain superposition drives all elements alike; solvers send back what arrives.
     """

@@ -32,7 +32,7 @@ class Uniform:
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """What patterns around one point have in common.
+    """Base of the patterns around one point.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where to look for a pattern: points around which the phases turn a whole number of times.
+"""Starting points of a pattern: the phases turn a whole number of times around them.
 
 Seen from the right point, the phases of a focus are all alike, those of a vortex turn with the
 azimuth, and those of a twin trap jump by half a turn, which is a turn one way and the other added.

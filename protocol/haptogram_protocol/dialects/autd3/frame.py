@@ -35,7 +35,7 @@ MAX_MESSAGE_ID: Final = 15
 
 @dataclass(frozen=True, slots=True)
 class DeviceFrame:
-    """What one device gets.
+    """Frame for one device.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class DeviceFrame:
 
 @dataclass(frozen=True, slots=True)
 class DeviceState:
-    """What one device answers.
+    """Answer of one device.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class DeviceState:
 
     @classmethod
     def parse(cls, answer: bytes) -> DeviceState:
-        """Return what the two bytes of *answer* say."""
+        """Return the state in the two bytes of *answer*."""
         data, acknowledgement = answer
         return cls(acknowledgement & 0x0F, acknowledgement >> 4, data)
 
@@ -116,7 +116,7 @@ class DeviceReader:
         self._foci_of_pattern = 1  # CPUEmulator::new
 
     def read(self, frame: bytes) -> DeviceFrame:
-        """Return what the 626 bytes of *frame* say."""
+        """Return the content of the 626 bytes of *frame*."""
         message_id, second = _HEADER.unpack_from(frame)
         if message_id == self._last_id:
             self._counters["frames_repeated"] += 1

@@ -1,4 +1,4 @@
-"""What the link of AUTD3 carries: operations of the client, and replies."""
+"""Messages of the link of AUTD3: operations of the client, and replies."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ VERSION: Final = 1  # of the link, in autd3 38
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a device is: its first element in millimetres, and its rotation w, x, y, z."""
+    """Position of a device's first element in millimetres, and its rotation w, x, y, z."""
 
     position: tuple[float, float, float]
     rotation: tuple[float, float, float, float]
@@ -93,6 +93,6 @@ class Refused(Reply):
 
 @dataclass(frozen=True, slots=True)
 class States(Reply):
-    """What every device answers."""
+    """Answers of all devices."""
 
     devices: tuple[DeviceState, ...]

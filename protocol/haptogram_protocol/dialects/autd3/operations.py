@@ -1,4 +1,4 @@
-"""What a device of AUTD3 is asked to do, as the payload of a frame says it.
+"""Operations of a device of AUTD3, as the payload of a frame carries them.
 
 Little-endian throughout. Source: shinolab/autd3-rs, folder ``autd3-driver/src/firmware``:
 ``tag.rs`` 1f88399, ``operation/implement/*.rs`` 364a5bc, 450fe2a, 27530f8, 3574fc8 (layouts) and
@@ -55,7 +55,7 @@ class Tag(IntEnum):
 
 
 class InfoType(IntEnum):
-    """What a firmware information operation asks for."""
+    """Number that a firmware information operation asks for."""
 
     CPU_MAJOR = 1
     CPU_MINOR = 2

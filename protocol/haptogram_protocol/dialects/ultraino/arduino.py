@@ -61,7 +61,7 @@ _BYTES_OF_DURATION: Final = 4
 
 @dataclass(frozen=True)
 class ArduinoFirmware:
-    """What a firmware has room for.
+    """Capacities of a firmware.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a chain of Ultraino's Arduino boards is asked to do, and what it sends on."""
+"""Operations of a chain of Ultraino's Arduino boards, and the bytes that it sends on."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Pulse:
 
 @dataclass(frozen=True)
 class SlotLayout:
-    """Where a channel's bit stands in the bytes of a slot.
+    """Positions of the channels' bits in the bytes of a slot.
 
     Attributes
     ----------

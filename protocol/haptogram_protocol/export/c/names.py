@@ -102,7 +102,7 @@ def c_enumerated(record: type[Record]) -> Iterator[tuple[int, int]]:
 
 
 def c_members(kind: type[enum.IntEnum] | type[enum.IntFlag]) -> list[enum.IntEnum | enum.IntFlag]:
-    """Return what an enumeration holds, in order."""
+    """Return the members of an enumeration, in order."""
     return list(kind)
 
 

@@ -1,4 +1,4 @@
-"""How the loops are compiled: flags, and a cache that no stale code can come from."""
+"""Compilation of the loops: flags, and a cache that never returns stale code."""
 
 from __future__ import annotations
 
