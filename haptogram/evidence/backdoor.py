@@ -10,6 +10,7 @@ import base64
 import dataclasses
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -19,10 +20,12 @@ import numpy as np
 from haptogram.acoustics import (
     AcousticModel,
     Calibration,
+    CircularPiston,
     Drive,
     Medium,
     NoFocus,
     NotSingle,
+    PointSource,
     Reconstruction,
     SingleFocus,
     Transducer,
@@ -39,6 +42,7 @@ _KINDS: Final[Mapping[str, type[SingleFocus] | type[NoFocus] | type[NotSingle]]]
 }
 
 
+_PISTON: Final = re.compile(r"CircularPiston\(radius_m=([0-9.e-]+)\)")
 _END: Final = "end"
 #: Kinds of the records of latches: of Haptogram's own board, and of boards of other dialects.
 LATCHES: Final = ("latch", "pulses")
@@ -78,24 +82,46 @@ class BackdoorFile:
         return len(found)
 
 
-def board_model(record: Mapping[str, Any], temperature_c: float) -> AcousticModel:
-    """Return what the board of a ``board`` record radiates with, in air of *temperature_c*.
+def board_model(board: Mapping[str, Any]) -> AcousticModel:
+    """Return the array, the air and the transducers of a ``board`` record.
 
     Raises
     ------
     ConfigurationError
-        If it is no such record.
+        It is no such record, or of a transducer that is not known here.
     """
     try:
-        array = TransducerArray.from_positions(record["positions_m"], record["normals"])
-        elements = record["calibration"]
-    except KeyError as error:
+        positions, normals = np.array(board["positions_m"]), np.array(board["normals"])
+        shape = board["grid_shape"]
+        source = board["transducer"]
+        model = AcousticModel(
+            TransducerArray(positions, normals, shape and tuple(shape), board["pitch_m"]),
+            Medium(**board["medium"]),
+            Transducer(
+                _directivity(source["directivity"]),
+                source["source_strength_pa_m"],
+                source["frequency_hz"],
+            ),
+        )
+        measured = board["calibration"]
+    except (KeyError, TypeError, ValueError) as error:
         raise ConfigurationError(f"not a board record of a back door: {error!r}") from error
-    model = AcousticModel(array, Medium.air(temperature_c), Transducer())
-    return model if elements is None else model.calibrated(Calibration(**elements))
+    if measured is None:
+        return model
+    gain, phase_rad, places = (np.array(measured[n]) for n in ("gain", "phase_rad", "positions_m"))
+    return model.calibrated(Calibration(gain, phase_rad, places))
 
 
-def _observation_of(record: Mapping[str, Any]) -> Observation:
+def _directivity(written: str) -> CircularPiston | PointSource:
+    """Return the directivity that a record names by its repr."""
+    if written == repr(PointSource()):
+        return PointSource()
+    if (piston := _PISTON.fullmatch(written)) is None:
+        raise ConfigurationError(f"a back door names the directivity {written!r}, not known here")
+    return CircularPiston(float(piston[1]))
+
+
+def observation_of(record: Mapping[str, Any]) -> Observation:
     """Return the observation in a ``latch`` record.
 
     Raises
@@ -111,7 +137,7 @@ def _observation_of(record: Mapping[str, Any]) -> Observation:
             evidence=Evidence.EXTERNAL,
             drive=_drive(record),
             drive_crc=record["drive_crc"],
-            reconstruction=_reconstruction(record["reconstruction"]),
+            reconstruction=reconstruction_of(record["reconstruction"]),
             radiated=None if record["radiated"] is None else _drive(record["radiated"]),
         )
     except (KeyError, TypeError, ValueError) as error:
@@ -123,7 +149,7 @@ def backdoor_observations(
 ) -> list[Observation]:
     """Return the latches among *records*, of one session or of all, in order."""
     return [
-        _observation_of(record)
+        observation_of(record)
         for record in records
         if record["kind"] == "latch" and session in (None, record["session"])
     ]
@@ -224,7 +250,8 @@ def _drive(record: Mapping[str, Any]) -> Drive:
     return Drive(phases, amplitudes, record["phase_bits"])
 
 
-def _reconstruction(fields: Mapping[str, Any] | None) -> Reconstruction | None:
+def reconstruction_of(fields: Mapping[str, Any] | None) -> Reconstruction | None:
+    """Return the reconstruction in a record; None: the field was not rebuilt."""
     if fields is None:
         return None
     values = {name: _value(value) for name, value in fields.items() if name != "kind"}

@@ -3,29 +3,15 @@
 from __future__ import annotations
 
 import json
-import re
 import socket
-from collections.abc import Mapping
 from types import TracebackType
 from typing import Any, Final, Self
 
-import numpy as np
-
-from haptogram.acoustics import (
-    AcousticModel,
-    Calibration,
-    CircularPiston,
-    Medium,
-    PointSource,
-    Transducer,
-    TransducerArray,
-)
 from haptogram.errors import ConfigurationError
 
 UNIX_PREFIX: Final = "unix:"
 _AT_A_TIME: Final = 1 << 20  # bytes: about a thousand latches
 _LONGEST_LINE: Final = 1 << 22
-_PISTON: Final = re.compile(r"CircularPiston\(radius_m=([0-9.e-]+)\)")
 
 
 class BackdoorStream:
@@ -147,42 +133,3 @@ class _File:
 
     def close(self) -> None:
         self._file.close()
-
-
-def model_of(board: Mapping[str, Any]) -> AcousticModel:
-    """Return the array, the air and the transducers of a ``board`` record.
-
-    Raises
-    ------
-    ConfigurationError
-        It is no such record, or of a transducer that is not known here.
-    """
-    try:
-        positions, normals = np.array(board["positions_m"]), np.array(board["normals"])
-        shape = board["grid_shape"]
-        source = board["transducer"]
-        model = AcousticModel(
-            TransducerArray(positions, normals, shape and tuple(shape), board["pitch_m"]),
-            Medium(**board["medium"]),
-            Transducer(
-                _directivity(source["directivity"]),
-                source["source_strength_pa_m"],
-                source["frequency_hz"],
-            ),
-        )
-        measured = board["calibration"]
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigurationError(f"not a board record of a back door: {error!r}") from error
-    if measured is None:
-        return model
-    gain, phase_rad, places = (np.array(measured[n]) for n in ("gain", "phase_rad", "positions_m"))
-    return model.calibrated(Calibration(gain, phase_rad, places))
-
-
-def _directivity(written: str) -> CircularPiston | PointSource:
-    """Return the directivity that a record names by its repr."""
-    if written == repr(PointSource()):
-        return PointSource()
-    if (piston := _PISTON.fullmatch(written)) is None:
-        raise ConfigurationError(f"a back door names the directivity {written!r}, not known here")
-    return CircularPiston(float(piston[1]))

@@ -164,7 +164,7 @@ class VirtualBoard:
         try:
             self._process.wait_until_ready()
             if config.dialect is not None:
-                self.model = board_model(self._records.read()[0], config.temperature_c)
+                self.model = board_model(self._records.read()[0])
         except BaseException:
             self.close()
             raise

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Mapping
 from itertools import islice
 from typing import Any, Final
 
-from haptogram.acoustics import NotSingle, Reconstruction, SingleFocus
+from haptogram.acoustics import Drive, NotSingle, Reconstruction, SingleFocus, saturated_weights
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import _observation_of
-from haptogram.evidence.backdoor_stream import model_of
+from haptogram.evidence.backdoor import board_model, observation_of
+from haptogram.evidence.pulse_records import PulseObservation, pulse_observation_of
 from haptogram.records.frame import Observation
 
 from .frames import LATE, TIMELY, ShownFrame
@@ -45,8 +45,9 @@ class LiveScene:
     def __init__(self, board: Mapping[str, Any]) -> None:
         if board["kind"] != "board":
             raise ConfigurationError("the first record of a back door must be of the board")
-        self.model = model_of(board)
-        self.firmware = str(board["firmware"])
+        self.model = board_model(board)
+        self.firmware = str(board.get("dialect") or board["firmware"])
+        self._channels = board.get("channels", ())
         self.shown = 0
         self.ended = False
         self._frames: deque[ShownFrame] = deque(maxlen=KEPT)
@@ -57,7 +58,9 @@ class LiveScene:
         """Take records as they come."""
         for record in records:
             if record["kind"] == "latch":
-                self._latch(_observation_of(record))
+                self._latch(observation_of(record))
+            elif record["kind"] == "pulses":
+                self._pulses(pulse_observation_of(record, self._channels))
             elif record["kind"] == "output":
                 self._output(record)
             elif record["kind"] == "end":
@@ -80,20 +83,32 @@ class LiveScene:
 
     def _latch(self, seen: Observation) -> None:
         drive = seen.radiated or seen.drive
+        self._counters["late"] += seen.late
+        timing = LATE if seen.late else TIMELY
+        self._show(drive, seen.t_latch_us, seen.reconstruction, timing)
+
+    def _pulses(self, seen: PulseObservation) -> None:
+        # As fine as a page draws; the verdict knows the pulses themselves.
+        drive = Drive.from_weights(saturated_weights(seen.weights))
+        self._counters += Counter(seen.counted)
+        self._show(drive, seen.t_latch_us, seen.reconstruction, TIMELY)
+
+    def _show(
+        self, drive: Drive | None, t_latch_us: int, field: Reconstruction | None, timing: int
+    ) -> None:
         self._frames.append(
             ShownFrame(
                 number=self.shown,
-                timing=LATE if seen.late else TIMELY,
-                latched_us=seen.t_latch_us,
+                timing=timing,
+                latched_us=t_latch_us,
                 drive=drive,
-                **_found(seen.reconstruction),
+                **_found(field),
             )
         )
         self.shown += 1
         self._counters["latched"] += 1
-        self._counters["late"] += seen.late
         self._counters["muted"] += drive is not None and drive.is_muted
-        self._counters["no single focus"] += isinstance(seen.reconstruction, NotSingle)
+        self._counters["no single focus"] += isinstance(field, NotSingle)
 
     def _output(self, record: Mapping[str, Any]) -> None:
         if record["event"] == "state":
@@ -103,7 +118,7 @@ class LiveScene:
 
     def _told(self) -> dict[str, Any]:
         counted = {name: count for name, count in self._counters.items() if count}
-        return {"firmware": self.firmware, "state": self._state or "as at power-up"} | counted
+        return {"board": self.firmware, "state": self._state or "as at power-up"} | counted
 
 
 def _found(field: Reconstruction | None) -> dict[str, Any]:

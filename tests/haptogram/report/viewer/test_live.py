@@ -17,17 +17,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import serial
 
 import haptogram
 import sim_device
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor_stream import BackdoorStream, model_of
+from haptogram.evidence.backdoor import board_model
+from haptogram.evidence.backdoor_stream import BackdoorStream
 from haptogram.report.viewer.live import KEPT, LiveScene
 from haptogram.report.viewer.server import ViewServer
 
 from .test_scene import unpack
 
+CAPTURES = Path(__file__).parents[3] / "data" / "dialects"
 PLACES = [(0.02, 0.0, 0.1), (0.0, 0.02, 0.12), (-0.02, 0.0, 0.1)]
 
 
@@ -100,7 +103,7 @@ def test_memory_is_bounded(records: list[dict[str, Any]]) -> None:
 
 def test_model_is_that_of_the_board(records: list[dict[str, Any]]) -> None:
     expected = haptogram.acoustics.AcousticModel.default(8, 8)
-    model = model_of(records[0])
+    model = board_model(records[0])
     np.testing.assert_array_equal(model.array.positions_m, expected.array.positions_m)
     assert model.medium == expected.medium
     assert model.transducer == expected.transducer
@@ -276,3 +279,22 @@ def test_command_serves_until_it_is_interrupted(file: Path) -> None:
         _, errors = process.communicate(timeout=30)
         assert process.returncode == 0
         assert "Traceback" not in errors
+
+
+def test_pulses_of_another_board_are_shown(tmp_path: Path) -> None:
+    sim_device.register_url_handler()
+    path = tmp_path / "records"
+    port = serial.serial_for_url(
+        f"haptogram://?dialect=sonicsurface&clock=virtual&reconstruct=1&backdoor={path}"
+    )
+    port.write((CAPTURES / "sonicsurface" / "focus_20_150_m15.bin").read_bytes())
+    port.timeout = 0.1
+    assert port.read(1) == b""  # the board never answers; the line takes its time
+    port.close()
+    first, *others = [json.loads(line) for line in path.read_text().splitlines()]
+    live = LiveScene(first)
+    live.take(others)
+    header, columns = unpack(live.since(0))
+    # The client means (20, 150, -15) mm, y up; its rows begin 2 mm off the centre of the array.
+    np.testing.assert_allclose(columns["found_mm"][-1], (20.0, 15.0, 150.0), atol=3.0)
+    assert header["counters"]["board"] == "sonicsurface"
