@@ -1,4 +1,4 @@
-"""What a board of InteractLab does with its frames: a FIFO that it empties by itself.
+"""Boards of InteractLab: a FIFO of frames that empties by itself.
 
 The first byte of the FIFO that the board reads starts a frame; it looks again *divider* periods of
 25 us later, and at once for a frame that comes while it has nothing to do. What is shown changes on

@@ -60,7 +60,7 @@ _FIRMWARE: Final = {
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Patterns:
-    """What a segment shows; *cause* is the operation that wrote it."""
+    """Patterns of a segment; *cause* is the operation that wrote it."""
 
     cause: str
     data: bytes | Foci
@@ -75,7 +75,7 @@ class Patterns:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """What a device radiates in a period.
+    """Pulses of a device in one period.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Device:
 
     @property
     def state(self) -> DeviceState:
-        """What the device answers."""
+        """Answer of the device."""
         return self._state
 
     def take(self, frame: DeviceFrame, now_ns: int) -> None:
@@ -137,7 +137,7 @@ class Device:
         self._state = DeviceState(frame.message_id, error, data)
 
     def output(self, period: int) -> Output:
-        """Return what the device radiates in *period*; never earlier than asked before."""
+        """Return the output of the device in *period*; never earlier than asked before."""
         samples, place = self._modulation.output(period)
         return Output(*self._sequences.output(period), samples[place])
 

@@ -69,7 +69,7 @@ class Memory(Generic[Content, Start]):
         return (self._samplings[segment] if segment < SEGMENTS else Sampling()).divider
 
     def written(self, segment: int) -> Content:
-        """Return what *segment* holds."""
+        """Return the content of *segment*."""
         return self._written[segment]
 
     def begin(self, segment: int, start: Start) -> None:

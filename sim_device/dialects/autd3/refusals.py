@@ -33,7 +33,7 @@ _PROMPT: Final = (TransitionMode.IMMEDIATE, TransitionMode.EXT)
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a strict silencer demands of dividers; the default of power-up.
+    """Limits of a strict silencer on dividers; the default of power-up.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ PERIOD_NS: Final = 25_000
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How a segment is sampled.
+    """Sampling of a segment.
 
     Attributes
     ----------
