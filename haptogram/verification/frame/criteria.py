@@ -97,14 +97,14 @@ def coherence_at_target(target: FrameTarget, latched: Complexes) -> float:
     return abs(complex((latched * target.arrivals).sum())) / largest if largest > 0.0 else 0.0
 
 
-def least_coherence(target: FrameTarget, intended: Intended) -> float:
-    """Return S3's limit, cos of the phase limit, less one amplitude step where the board computes.
+def least_coherence(target: FrameTarget, allowed_codes: int = 0) -> float:
+    """Return S3's limit, cos of the phase limit, less the amplitude codes that may be missing.
 
     Phases that are off by d_n leave 1 - var(d) / 2 or more: so much of a tolerated miss.
     """
     loudness = np.abs(target.arrivals)
     largest = float(target.amplitudes @ loudness)
-    missing = allowed_phase_codes(intended) * AMPLITUDE_STEP * float(loudness.sum())
+    missing = allowed_codes * AMPLITUDE_STEP * float(loudness.sum())
     share = max(0.0, 1.0 - missing / largest) if largest > 0.0 else 0.0
     least = math.cos(min(target.phase_limit_rad, math.pi))
     if target.tolerated_rad > 0.0:

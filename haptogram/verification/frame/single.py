@@ -185,9 +185,10 @@ class SingleFocusFrame:
         sounding = latched.weights()
         error_rad = criteria.phase_error_rad(target, latched, active)
         coherence = criteria.coherence_at_target(target, sounding)
+        allowed = criteria.allowed_phase_codes(intended)
         verdicts = {
             "S1": error_rad <= target.phase_limit_rad,
-            "S3": coherence >= criteria.least_coherence(target, intended),
+            "S3": coherence >= criteria.least_coherence(target, allowed),
             "S5": s5,
         }
         measures |= {"phase_error_rad": error_rad, "coherence": coherence}

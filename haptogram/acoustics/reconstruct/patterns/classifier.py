@@ -47,6 +47,7 @@ from haptogram.settings.arguments import check_whole
 MIN_ACTIVE: Final = 12  # three for each unknown; fewer would agree on some point by chance
 _SILENT: Final = 1e-6
 _MOST_FITS: Final = 14
+_SUFFICES: Final = 0.95  # of the elements: no other start explains more than these
 _FINEST_STEPS: Final = 256  # finer codes are not told from these
 _PLANE_M: Final = 1e-4
 
@@ -111,6 +112,10 @@ class PatternClassifier:
             return found
         return Uniform(int(active.sum())) if in_phase else self._unnamed(drive, active)
 
+    def warm_up(self) -> None:
+        """Prepare the search volume, for which the first drive would wait."""
+        self._search_for(np.ones(self._model.array.count, dtype=np.bool_))
+
     def reset(self) -> None:
         """Forget the last pattern: the next drive is searched for."""
         self._last_m = None
@@ -171,7 +176,7 @@ class PatternClassifier:
                 found = self._from_start(phases, start, search, active)
                 if found is not None and (best is None or found.used.sum() > best.used.sum()):
                     best = found
-                if best is not None and best.used.all():
+                if best is not None and best.used.mean() >= _SUFFICES:
                     return best
         return best
 
@@ -215,6 +220,7 @@ class PatternClassifier:
             "pressure_rms_pa": pressure,
             "speed_share": -found.fit.speed_share,
             "outliers": tuple(int(n) for n in np.flatnonzero(active)[~found.used]),
+            "outlier_rad": tuple(float(off) for off in found.fit.residual_rad[~found.used]),
         }
         if found.normal is not None:
             return TwinTrap(**common, normal=_vector(found.normal @ self._model.array.axes))

@@ -51,6 +51,8 @@ class Placed:
         Relative difference of the speed of sound that suits the phases best from that of the model.
     outliers : tuple of int
         Elements whose phase does not belong to the pattern.
+    outlier_rad : tuple of float
+        How far off the phase of each of them is.
     """
 
     position_m: Vector
@@ -61,6 +63,7 @@ class Placed:
     pressure_rms_pa: float
     speed_share: float
     outliers: tuple[int, ...]
+    outlier_rad: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,263 @@
+"""Defects by name, from what latches show without anybody who says what was meant.
+
+A defect is named only if the data prove it: chance, or another defect, would hardly look the same.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.reconstruct.patterns.found import Pattern, Placed
+from haptogram.acoustics.solvers.focus import wrapped_phases
+
+from .latch import SeenLatch
+
+_SOUNDING: Final = 1e-6
+_FEW: Final = 0.2  # share of the elements that can be off by mistake; more are a part of the array
+_NEIGHBOURS: Final = 4
+_SCATTERED: Final = 0.65  # share of the neighbours of silent elements that sound
+_CHANCE: Final = 1e-4  # that so many wrong elements are all half a turn off
+_LEAST_LATCHES: Final = 2  # of different drives that show an element reversed
+_FB_BYTES: Final = 1  # that fall through before the amplitudes
+_FB_LARGEST: Final = 16 / 32  # of a turn: an amplitude of SimpleFPGA, taken for a phase
+
+
+class Defect(enum.StrEnum):
+    """The defects that have a name."""
+
+    STRAY_CHANNELS = "channels without an element driven"
+    SILENT = "elements silently off"
+    REVERSED = "polarity of elements reversed"
+    AMPLITUDES_AS_PHASES = "amplitude frame taken for phases"
+    NO_COMMIT = "frame without its commit"
+    BYTES_LOST = "bytes lost in the middle of a frame"
+    ORDER = "another order of the elements"
+    AXES = "another coordinate frame"
+    SPEED = "another speed of sound"
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """A defect, and what shows it.
+
+    Attributes
+    ----------
+    defect : Defect
+        Its name.
+    detail : str
+        The figures.
+    latches : tuple of int
+        Numbers of the latches that show it.
+
+    Examples
+    --------
+    >>> str(Diagnosis(Defect.NO_COMMIT, "1 frame", (3,)))
+    'frame without its commit: 1 frame (latch 3)'
+    """
+
+    defect: Defect
+    detail: str
+    latches: tuple[int, ...]
+
+    def __str__(self) -> str:
+        """Return name, figures and latches in a line."""
+        shown = f" ({latches_text(self.latches)})" if self.latches else ""
+        return f"{self.defect}: {self.detail}{shown}"
+
+
+def latches_text(numbers: Sequence[int], most: int = 6) -> str:
+    """Return "latch 3", or "latches 3, 4, ... (12)"."""
+    if len(numbers) == 1:
+        return f"latch {numbers[0]}"
+    shown = ", ".join(map(str, numbers[:most]))
+    return f"latches {shown}" + (f", ... ({len(numbers)})" if len(numbers) > most else "")
+
+
+class DefectFinder:
+    """Collects what latches show of defects that need no expectation.
+
+    It keeps numbers and counts, but no drive: its memory does not grow with their length.
+
+    Parameters
+    ----------
+    positions_m : (N, 3) numpy.ndarray
+        Places of the elements.
+    channels : int
+        Channels of one board.
+    most : int
+        Numbers of latches that are kept of each defect.
+    """
+
+    def __init__(self, positions_m: FloatArray, channels: int, most: int = 10_000) -> None:
+        self._neighbours = _neighbours(positions_m)
+        self._channels = channels
+        self._most = most
+        self._latches: dict[Defect, list[int]] = defaultdict(list)
+        self._stray: set[int] = set()
+        self._silent: Counter[frozenset[int]] = Counter()
+        self._without_commit = 0
+        self._reversed: dict[int, _Polarity] = defaultdict(_Polarity)
+        self.torn: list[tuple[int, str]] = []
+
+    def take(self, latch: SeenLatch, pattern: Pattern) -> tuple[Defect, ...]:
+        """Take down a latch, and return the defects that it shows by itself."""
+        if not latch.is_of_client:
+            return ()
+        shown = tuple(self._shown(latch, pattern))
+        for defect in shown:
+            if len(self._latches[defect]) < self._most:
+                self._latches[defect].append(latch.number)
+        if isinstance(pattern, Placed):
+            self._take_polarities(latch, pattern)
+        return shown
+
+    def diagnoses(self) -> list[Diagnosis]:
+        """Return the defects so far."""
+        details: dict[Defect, Callable[[], str]] = {
+            Defect.STRAY_CHANNELS: self._stray_text,
+            Defect.SILENT: self._silent_text,
+            Defect.AMPLITUDES_AS_PHASES: self._amplitude_text,
+            Defect.NO_COMMIT: lambda: f"{self._without_commit} whole and never shown",
+            Defect.BYTES_LOST: lambda: f"{len(self._latches[Defect.BYTES_LOST])} torn",
+        }
+        found = [
+            Diagnosis(defect, detail(), tuple(self._latches[defect]))
+            for defect, detail in details.items()
+            if self._latches[defect]
+        ]
+        return found + self._reversals()
+
+    # --- one latch -------------------------------------------------------------------------------
+
+    def _shown(self, latch: SeenLatch, pattern: Pattern) -> Iterator[Defect]:
+        if latch.stray:
+            self._stray.update(latch.stray)
+            yield Defect.STRAY_CHANNELS
+        if self._is_amplitude_frame(latch):
+            yield Defect.AMPLITUDES_AS_PHASES
+        elif latch.torn:
+            if len(self.torn) < self._most:
+                self.torn.append((latch.number, _counted_text(latch.torn)))
+            yield Defect.BYTES_LOST
+        if count := latch.counted.get("frames_without_commit", 0):
+            self._without_commit += count
+            yield Defect.NO_COMMIT
+        if silent := self._silent_beside(latch, pattern):
+            self._silent[silent] += 1
+            yield Defect.SILENT
+
+    def _is_amplitude_frame(self, latch: SeenLatch) -> bool:
+        """Return True if FB and as many amplitudes as channels came where phases were written.
+
+        Two frames in one would be as many codes, and not one more; amplitudes are 16 at most.
+        """
+        beyond = latch.counted.get("codes_beyond_array", 0)
+        strange = latch.counted.get("codes_out_of_range", 0)
+        if beyond != self._channels + _FB_BYTES or strange != _FB_BYTES:
+            return False
+        sounding = np.abs(latch.weights) > _SOUNDING
+        turns = np.angle(latch.weights[sounding]) / (2.0 * np.pi)
+        # The middle of the pulse is a quarter of a turn behind its rise.
+        rises = np.mod(turns - 0.25 + 1e-6, 1.0) if len(turns) else np.zeros(1)
+        return bool(rises.max() <= _FB_LARGEST + 1e-3)
+
+    def _silent_beside(self, latch: SeenLatch, pattern: Pattern) -> frozenset[int]:
+        """Return the elements that are off, scattered among others that make one pattern.
+
+        A row, a rim or a half of the array that is off is a part of it that somebody left out.
+        """
+        silent = ~(np.abs(np.nan_to_num(latch.weights)) > _SOUNDING)
+        if not isinstance(pattern, Placed) or not silent.any() or silent.mean() > _FEW:
+            return frozenset()
+        if silent[self._neighbours[silent]].mean() > 1.0 - _SCATTERED:
+            return frozenset()
+        return frozenset(int(n) for n in np.flatnonzero(silent))
+
+    def _take_polarities(self, latch: SeenLatch, pattern: Placed) -> None:
+        """Take down which elements are half a turn off the pattern of the others."""
+        drive = hash(latch.weights.tobytes())
+        limit_rad = math.pi / latch.steps
+        off = _half_turns(pattern, limit_rad)
+        for element, is_half in zip(pattern.outliers, off, strict=True):
+            self._reversed[element].add(drive, limit_rad, is_half=is_half)
+        for element, seen in self._reversed.items():
+            if element not in pattern.outliers and abs(latch.weights[element]) > _SOUNDING:
+                seen.contradicted = True
+
+    def _reversals(self) -> list[Diagnosis]:
+        proven = [n for n, seen in sorted(self._reversed.items()) if seen.is_proven]
+        if not proven:
+            return []
+        names = ", ".join(map(str, proven[:12])) + (", ..." if len(proven) > 12 else "")
+        latches = max((self._reversed[n].drives for n in proven), key=len)
+        detail = f"{_elements(len(proven))} {names} in {len(latches)} different drives"
+        return [Diagnosis(Defect.REVERSED, detail, ())]
+
+    # --- texts -----------------------------------------------------------------------------------
+
+    def _stray_text(self) -> str:
+        numbers = sorted(self._stray)
+        return f"{len(numbers)}, from channel {numbers[0]} to {numbers[-1]}"
+
+    def _silent_text(self) -> str:
+        (silent, _), *_ = self._silent.most_common(1)
+        names = ", ".join(map(str, sorted(silent)[:8])) + (", ..." if len(silent) > 8 else "")
+        return f"{_elements(len(silent))} {names} beside a pattern of all the others"
+
+    def _amplitude_text(self) -> str:
+        return f"FB and {self._channels} amplitudes came after the phases and replaced them"
+
+
+class _Polarity:
+    """What is seen of one element that is not in step."""
+
+    def __init__(self) -> None:
+        self.drives: set[int] = set()
+        self.contradicted = False
+        self._log_chance = 0.0
+
+    def add(self, drive: int, limit_rad: float, *, is_half: bool) -> None:
+        """Take down one drive with the element off; the same drive again proves nothing."""
+        if not is_half:
+            self.contradicted = True
+        elif drive not in self.drives and len(self.drives) < 64:
+            self.drives.add(drive)
+            self._log_chance += math.log(min(1.0, 4.0 * limit_rad / (2.0 * math.pi)))
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether chance would hardly turn it by half in each of these drives."""
+        enough = len(self.drives) >= _LEAST_LATCHES and self._log_chance <= math.log(_CHANCE)
+        return enough and not self.contradicted
+
+
+def _half_turns(pattern: Placed, limit_rad: float) -> list[bool]:
+    """Return which outliers are half a turn off, within twice the limit."""
+    off: FloatArray = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
+    return [bool(value <= 2.0 * limit_rad) for value in off]
+
+
+def _counted_text(counted: dict[str, int]) -> str:
+    return ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in sorted(counted.items()))
+
+
+def _elements(count: int) -> str:
+    return "element" if count == 1 else f"{count} elements,"
+
+
+def _neighbours(positions_m: FloatArray) -> NDArray[np.intp]:
+    """Return (N, 4) the nearest elements of each."""
+    found = [
+        np.argsort(np.linalg.norm(positions_m - place, axis=1), kind="stable")
+        for place in positions_m
+    ]
+    return np.array(found)[:, 1 : 1 + _NEIGHBOURS]

@@ -1,0 +1,222 @@
+"""The foci that a user expects, and the verdict on a latch by them.
+
+Criteria and bounds are those of :mod:`haptogram.verification.frame`: S1 to S4, for phases of the
+steps that the board has. Amplitudes are taken as radiated, so there is no S5.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_point_array
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern, SeveralFoci
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import FrameKey
+
+from ..frame import criteria
+from ..frame.target import FrameTarget
+from ..status import frame_status_of, frame_warning_of
+from ..tolerance import Tolerance, Uncertainty
+from ..verdict import FrameStatus, FrameVerdict, Vector
+from .latch import SeenLatch
+
+_MM: Final = 1e3
+_FINEST_STEPS: Final = 256
+_ROUNDING_RAD: Final = 1e-6
+_SOUNDING: Final = 1e-6
+_REMEMBERED: Final = 512
+
+
+class Expectation:
+    """The foci of frame after frame; after the last one the first follows again.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air.
+    frames_m : sequence of (F, 3) array_like
+        The foci of each frame, in metres, in the axes of the model; one or several a frame.
+    tolerance : Tolerance, optional
+        Which misses pass on top of those of rounding; by default none.
+    uncertainty : Uncertainty, optional
+        How well array and air are known; by default exactly.
+
+    Raises
+    ------
+    ConfigurationError
+        No frame, or a point that is no place.
+
+    Examples
+    --------
+    >>> expected = Expectation(model, [(0.0, 0.0, 0.15)])
+    >>> expected.frame(7).tolist()
+    [[0.0, 0.0, 0.15]]
+    """
+
+    def __init__(
+        self,
+        model: AcousticModel,
+        frames_m: Sequence[ArrayLike],
+        *,
+        tolerance: Tolerance | None = None,
+        uncertainty: Uncertainty | None = None,
+    ) -> None:
+        if not len(frames_m):
+            raise ConfigurationError("frames_m holds no frame, must be at least 1")
+        self._model = model
+        self._frames = [as_point_array("frames_m", np.atleast_2d(np.asarray(f))) for f in frames_m]
+        self.tolerance = Tolerance() if tolerance is None else tolerance
+        self._uncertainty = Uncertainty() if uncertainty is None else uncertainty
+        self._target = functools.lru_cache(_REMEMBERED)(self._make_target)
+
+    @property
+    def count(self) -> int:
+        """Number of frames until the first follows again."""
+        return len(self._frames)
+
+    def frame(self, index: int) -> FloatArray:
+        """Return the (F, 3) foci of a frame, counted from 0 without an end."""
+        return self._frames[index % len(self._frames)]
+
+    def judge(self, index: int, latch: SeenLatch, pattern: Pattern) -> FrameVerdict:
+        """Return the verdict on a latch of which frame *index* is expected."""
+        foci = self.frame(index)
+        seen = FrameVerdict(
+            number=latch.number,
+            key=FrameKey(0, 0, 0, latch.number),
+            status=FrameStatus.NOT_VERIFIED,
+            evidence=latch.evidence,
+            target_m=_vector(foci[0]),
+            t_latch_us=latch.t_us,
+            latches=1,
+        )
+        if len(foci) > 1:
+            return self._judge_several(seen, foci, pattern)
+        return self._judge_one(seen, latch, pattern)
+
+    def _judge_one(self, seen: FrameVerdict, latch: SeenLatch, pattern: Pattern) -> FrameVerdict:
+        weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
+        amplitudes = np.abs(weights)
+        if amplitudes.max(initial=0.0) < _SOUNDING:
+            return _as(seen, FrameStatus.WRONG_DRIVE, faults=("nothing was radiated",))
+        target = self._target(seen.target_m, amplitudes.tobytes(), latch.steps)
+        measures, verdicts = self._measured(target, weights)
+        faults: tuple[str, ...] = ()
+        if isinstance(pattern, OneFocus):
+            offset_m = np.array(pattern.position_m) - target.position_m
+            verdicts["S2"] = criteria.is_on_target(target, offset_m)
+            measures |= _placed(target, pattern, offset_m)
+        else:
+            verdicts["S2"] = False
+            faults = (f"{pattern.kind} where one focus was expected",)
+        status = frame_status_of(
+            verdicts, faults, focused=isinstance(pattern, OneFocus), tolerance=self.tolerance
+        )
+        notes = list(
+            frame_warning_of(verdicts, measures["phase_error_rad"], target.phase_limit_rad)
+        )
+        if status is FrameStatus.ON_TARGET and not target.observable.all():
+            status = FrameStatus.NOT_VERIFIED
+            notes = ["the elements that sound cannot tell where the focus is"]
+        smallest_m = target.smallest_miss_m
+        return _as(
+            seen,
+            status,
+            criteria=dict(sorted(verdicts.items())),
+            faults=faults,
+            bound_mm=_finite_mm(target.bound_m),
+            smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
+            uncertainty_mm=target.place_uncertainty(self._uncertainty),
+            note="; ".join(notes) if status is not FrameStatus.OFF_TARGET else "",
+            **measures,
+        )
+
+    def _make_target(self, place_m: Vector, amplitudes: bytes, steps: int) -> FrameTarget:
+        limit_rad = math.pi / min(steps, _FINEST_STEPS) + _ROUNDING_RAD
+        levels = np.frombuffer(amplitudes, np.float64)
+        target = FrameTarget(self._model, np.array(place_m), levels, limit_rad, self.tolerance)
+        if not self.tolerance.is_strict:
+            target.check_tolerance()
+        return target
+
+    def _measured(
+        self, target: FrameTarget, weights: ComplexArray
+    ) -> tuple[dict[str, Any], dict[str, bool]]:
+        """Return what the drive alone shows, and S1, S3 and S4."""
+        active = target.active
+        error_rad = criteria.common_phase_error_rad(
+            np.angle(weights[active]) - target.phases_rad[active]
+        )
+        coherence = criteria.coherence_at_target(target, weights)
+        intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
+        verdicts = {
+            "S1": error_rad <= target.phase_limit_rad,
+            "S3": coherence >= criteria.least_coherence(target),
+        }
+        measures: dict[str, Any] = {
+            "phase_error_rad": error_rad,
+            "coherence": coherence,
+            "intended_pressure_rms_pa": intended_pa,
+        }
+        if peaks := criteria.peak_errors(target, weights):
+            lengths = [peak.error_rad for peak in peaks if peak.error_rad is not None]
+            measures["peak_error"] = max(lengths, default=None)
+            verdicts["S4"] = all(peak.ok for peak in peaks)
+        return measures, verdicts
+
+    def _judge_several(
+        self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern
+    ) -> FrameVerdict:
+        """Judge several foci by their places: S2 of each."""
+        if not isinstance(pattern, SeveralFoci) or len(pattern.positions_m) != len(foci):
+            fault = f"{pattern.kind} where {len(foci)} foci were expected"
+            return _as(seen, FrameStatus.WRONG_DRIVE, criteria={"S2": False}, faults=(fault,))
+        places, bounds = np.array(pattern.positions_m), np.array(pattern.bounds_m)
+        nearest = np.linalg.norm(places[:, None] - foci, axis=2).argmin(axis=1)
+        if len(set(nearest.tolist())) != len(foci):
+            return _as(seen, FrameStatus.OFF_TARGET, criteria={"S2": False})
+        off_m = places - foci[nearest]
+        ok = all(
+            criteria.within_limit(off, bound, self.tolerance.miss_mm)
+            for off, bound in zip(off_m, bounds, strict=True)
+        )
+        worst = int(np.linalg.norm(off_m, axis=1).argmax())
+        return _as(
+            seen,
+            FrameStatus.ON_TARGET if ok else FrameStatus.OFF_TARGET,
+            criteria={"S2": ok},
+            measured_m=_vector(places[worst]),
+            lateral_error_mm=_MM * float(np.linalg.norm(off_m[worst])),
+        )
+
+
+def _placed(target: FrameTarget, pattern: OneFocus, offset_m: FloatArray) -> dict[str, Any]:
+    across_m, along_m = target.split(offset_m)
+    return {
+        "measured_m": pattern.position_m,
+        "lateral_error_mm": None if across_m is None else _MM * across_m,
+        "axial_error_mm": None if along_m is None else _MM * along_m,
+        "pressure_rms_pa": pattern.pressure_rms_pa,
+    }
+
+
+def _as(seen: FrameVerdict, status: FrameStatus, **values: Any) -> FrameVerdict:
+    return dataclasses.replace(seen, status=status, **values)
+
+
+def _finite_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
+    x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
+    return x, y, z
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

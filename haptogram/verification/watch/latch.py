@@ -1,0 +1,77 @@
+"""One latch of a board whose client does not say what it means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final
+
+from haptogram.acoustics.arrays import ComplexArray
+from haptogram.records.frame import Evidence
+
+POWER_UP: Final = "power-up"
+#: What codecs count of a frame that is not whole: bytes of it were lost, or changed.
+TORN_KINDS: Final = frozenset(
+    {
+        "frames_short",
+        "frames_cut_short",
+        "codes_beyond_array",
+        "codes_outside_frame",
+        "bytes_outside_frame",
+        "start_bits_in_frame",
+        "bytes_strange",
+        "halves_beyond_memory",
+        "operations_truncated",
+        "links_undecodable",
+    }
+)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SeenLatch:
+    """A latch as somebody saw it who does not know what was meant.
+
+    Attributes
+    ----------
+    number : int
+        Count of latches since power-up, from 0.
+    weights : (N,) numpy.ndarray of complex
+        What each element of the array radiates; not finite: nothing.
+    steps : int
+        Phase steps of the board in a period.
+    t_us : int or None
+        Device time, microseconds; None without timing.
+    cause : str
+        What made the board latch; ``power-up`` is not the client's doing.
+    counted : mapping of str to int
+        What board and codec could not understand since the latch before, by kind.
+    stray : tuple of int
+        Channels that are driven and have no element.
+    evidence : Evidence
+        Who saw it.
+
+    Examples
+    --------
+    >>> SeenLatch(1, np.ones(64), steps=32).cause
+    'swap'
+    """
+
+    number: int
+    weights: ComplexArray
+    steps: int
+    t_us: int | None = None
+    cause: str = "swap"
+    counted: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    stray: tuple[int, ...] = ()
+    evidence: Evidence = Evidence.EXTERNAL
+
+    @property
+    def is_of_client(self) -> bool:
+        """Whether a client made the board latch."""
+        return self.cause != POWER_UP
+
+    @property
+    def torn(self) -> dict[str, int]:
+        """What was counted of a frame that is not whole; empty: nothing."""
+        return {kind: count for kind, count in self.counted.items() if kind in TORN_KINDS}

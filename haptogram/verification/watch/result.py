@@ -1,0 +1,135 @@
+"""What was watched: one latch, and a whole run."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
+
+from ..verdict import WRONG, FrameStatus, FrameVerdict, Verdict
+from .diagnosis import Defect, Diagnosis
+from .latch import SeenLatch
+
+
+@dataclass(frozen=True, slots=True)
+class WatchedLatch:
+    """One latch with what it radiates.
+
+    Attributes
+    ----------
+    latch : SeenLatch
+        The latch.
+    pattern : Pattern
+        Its pattern.
+    verdict : FrameVerdict or None
+        If a frame was expected.
+    defects : tuple of Defect
+        The defects that it shows by itself.
+    took_ms : float
+        Time that the search for the pattern took; 0 if the drive was seen lately.
+    """
+
+    latch: SeenLatch
+    pattern: Pattern
+    verdict: FrameVerdict | None
+    defects: tuple[Defect, ...]
+    took_ms: float = 0.0
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain values for JSON; times of the search are left out."""
+        verdict = self.verdict
+        return {
+            "number": self.latch.number,
+            "t_us": self.latch.t_us,
+            "cause": self.latch.cause,
+            "pattern": pattern_dict(self.pattern),
+            "torn": dict(self.latch.torn),
+            "defects": [str(defect) for defect in self.defects],
+            "verdict": None if verdict is None else str(verdict.status),
+            "criteria": None if verdict is None else verdict.criteria,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class WatchResult:
+    """All latches of a run in numbers.
+
+    Attributes
+    ----------
+    latches : int
+        Latches, that of the power-up included.
+    kinds : mapping of str to int
+        Latches of the client by the kind of their pattern.
+    statuses : mapping of FrameStatus to int
+        Verdicts, where frames were expected.
+    diagnoses : tuple of Diagnosis
+        Named defects.
+    torn : tuple of (int, str)
+        Latches that may be torn, and what was counted of each.
+    missing : str or None
+        Why latches may be missing; None: none is.
+    search_ms : tuple of float
+        Median and largest time of a search, in ms.
+    expected : bool
+        Whether frames were expected.
+    """
+
+    latches: int
+    kinds: Mapping[str, int]
+    statuses: Mapping[FrameStatus, int] = field(default_factory=Counter)
+    diagnoses: tuple[Diagnosis, ...] = ()
+    torn: tuple[tuple[int, str], ...] = ()
+    missing: str | None = None
+    search_ms: tuple[float, float] = (0.0, 0.0)
+    expected: bool = False
+
+    @property
+    def verdict(self) -> Verdict:
+        """Fail for a wrong focus or a named defect; inconclusive if something was not verified."""
+        if self.diagnoses or any(self.statuses.get(status, 0) for status in WRONG):
+            return Verdict.FAIL
+        if not sum(self.kinds.values()) or self.missing is not None:
+            return Verdict.INCONCLUSIVE
+        verified = self.statuses.get(FrameStatus.ON_TARGET, 0)
+        if self.expected and (not verified or verified < sum(self.statuses.values())):
+            return Verdict.INCONCLUSIVE
+        return Verdict.PASS
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain values for JSON."""
+        return {
+            "verdict": str(self.verdict),
+            "latches": self.latches,
+            "kinds": dict(self.kinds),
+            "expected": self.expected,
+            "statuses": {str(status): count for status, count in self.statuses.items()},
+            "diagnoses": [
+                {"defect": str(d.defect), "detail": d.detail, "latches": list(d.latches)}
+                for d in self.diagnoses
+            ],
+            "torn": [{"latch": number, "counted": text} for number, text in self.torn],
+            "missing": self.missing,
+        }
+
+    def __str__(self) -> str:
+        """Return the summary in lines."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> list[str]:
+        kinds = ", ".join(f"{count} {kind}" for kind, count in self.kinds.items())
+        lines = [f"{self.verdict}: {sum(self.kinds.values())} latches of the client"]
+        lines += [f"  patterns  {kinds}"] if kinds else []
+        if self.expected:
+            judged = ", ".join(f"{count} {status}" for status, count in self.statuses.items())
+            lines.append(f"  expected  {judged or 'none was latched'}")
+        lines += [f"  defect    {diagnosis}" for diagnosis in self.diagnoses]
+        lines += [f"  torn      latch {number}: {text}" for number, text in self.torn[:8]]
+        if len(self.torn) > 8:
+            lines.append(f"  torn      {len(self.torn) - 8} more")
+        lines += [f"  missing   {self.missing}"] if self.missing else []
+        median, most = self.search_ms
+        if most:
+            lines.append(f"  search    {median:.1f} ms a new drive, {most:.0f} ms at most")
+        return lines

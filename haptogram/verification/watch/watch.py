@@ -1,0 +1,140 @@
+"""A board watched latch by latch."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections import Counter, OrderedDict, deque
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
+from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern
+from haptogram.settings.arguments import check_whole
+
+from ..verdict import WRONG, FrameStatus, FrameVerdict
+from .diagnosis import DefectFinder, Diagnosis
+from .expectation import Expectation
+from .latch import SeenLatch
+from .mistakes import Aim, name_mistake
+from .result import WatchedLatch, WatchResult
+
+_REMEMBERED: Final = 1024  # drives; clients show the same ones again and again
+_TIMED: Final = 4096
+_MOST_AIMS: Final = 64  # targets that a mistake must explain
+_FOCUSED: Final = 0.8  # of the latches that were expected to be a focus, for a mistake to be named
+_SILENT_KINDS: Final = ("off", "uniform")
+
+
+class Watch:
+    """Tells what a board radiates, latch by latch, and what is wrong with it.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air of the board.
+    channels : int, optional
+        Channels of one board; by default the elements of the array.
+    expectation : Expectation, optional
+        The foci that are expected. A latch that radiates nothing, or all in phase, is not one of
+        the frames that are expected: clients begin and end so.
+
+    Examples
+    --------
+    >>> watch = Watch(model, expectation=Expectation(model, [(0.0, 0.0, 0.15)]))
+    >>> seen = watch.take(SeenLatch(1, weights, steps=256))
+    >>> seen.pattern.kind, str(seen.verdict.status)
+    ('one focus', 'on target')
+    >>> str(watch.result().verdict)
+    'pass'
+    """
+
+    def __init__(
+        self,
+        model: AcousticModel,
+        *,
+        channels: int | None = None,
+        expectation: Expectation | None = None,
+    ) -> None:
+        count = model.array.count if channels is None else channels
+        check_whole("channels", count, 1, 4096)
+        self._model = model
+        self._expectation = expectation
+        self._finder = DefectFinder(model.array.positions_m, count)
+        self._classifiers: dict[int, PatternClassifier] = {}
+        self._seen: OrderedDict[tuple[int, bytes], Pattern] = OrderedDict()
+        self._kinds: Counter[str] = Counter()
+        self._statuses: Counter[FrameStatus] = Counter()
+        self._times_ms: deque[float] = deque(maxlen=_TIMED)
+        self._aims: dict[tuple[float, ...], Aim] = {}
+        self._latches = self._frames = self._focused = 0
+
+    def take(self, latch: SeenLatch) -> WatchedLatch:
+        """Return a latch with its pattern, verdict and defects."""
+        self._latches += 1
+        pattern, took_ms = self._pattern(latch)
+        defects = self._finder.take(latch, pattern)
+        verdict = None
+        if latch.is_of_client:
+            self._kinds[pattern.kind] += 1
+            verdict = self._judged(latch, pattern)
+        return WatchedLatch(latch, pattern, verdict, defects, took_ms)
+
+    def result(self, missing: str | None = None) -> WatchResult:
+        """Return the numbers so far; *missing* says why latches may be missing."""
+        times = self._times_ms
+        return WatchResult(
+            latches=self._latches,
+            kinds=dict(self._kinds),
+            statuses=dict(self._statuses),
+            diagnoses=(*self._finder.diagnoses(), *self._mistakes()),
+            torn=tuple(self._finder.torn),
+            missing=missing,
+            search_ms=(statistics.median(times), max(times)) if times else (0.0, 0.0),
+            expected=self._expectation is not None,
+        )
+
+    def _pattern(self, latch: SeenLatch) -> tuple[Pattern, float]:
+        """Return the pattern of a drive, and how long the search for it took."""
+        weights = np.asarray(latch.weights, dtype=np.complex128)
+        key = latch.steps, weights.tobytes()
+        if key in self._seen:
+            self._seen.move_to_end(key)
+            return self._seen[key], 0.0
+        if latch.steps not in self._classifiers:
+            self._classifiers[latch.steps] = PatternClassifier(self._model, latch.steps)
+            self._classifiers[latch.steps].warm_up()
+        start_s = time.perf_counter()
+        pattern = self._classifiers[latch.steps].classify(weights)
+        took_ms = 1e3 * (time.perf_counter() - start_s)
+        self._times_ms.append(took_ms)
+        self._seen[key] = pattern
+        if len(self._seen) > _REMEMBERED:
+            self._seen.popitem(last=False)
+        return pattern, took_ms
+
+    def _judged(self, latch: SeenLatch, pattern: Pattern) -> FrameVerdict | None:
+        if self._expectation is None or pattern.kind in _SILENT_KINDS:
+            return None
+        index = self._frames
+        self._frames += 1
+        verdict = self._expectation.judge(index, latch, pattern)
+        self._statuses[verdict.status] += 1
+        foci = self._expectation.frame(index)
+        if isinstance(pattern, OneFocus) and len(foci) == 1 and not latch.torn:
+            self._focused += 1
+            key = tuple(foci[0].tolist())
+            if key not in self._aims and len(self._aims) < _MOST_AIMS:
+                place, std = np.array(pattern.position_m), np.array(pattern.std_m)
+                self._aims[key] = Aim(foci[0], place, std)
+        return verdict
+
+    def _mistakes(self) -> list[Diagnosis]:
+        """Return the one mistake that explains where the foci are, if they are not on target."""
+        wrong = any(self._statuses[status] for status in WRONG)
+        if not wrong or self._focused < _FOCUSED * self._frames:
+            return []
+        found = name_mistake(self._model, list(self._aims.values()))
+        return [] if found is None else [found]

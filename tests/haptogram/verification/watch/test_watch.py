@@ -1,0 +1,291 @@
+"""A board watched: patterns, verdicts by what is expected, and defects by name."""
+
+import doctest
+import json
+
+import numpy as np
+import pytest
+
+import pattern_drives as drives
+from haptogram.acoustics import focus_phases
+from haptogram.acoustics.model.boards.table import LAYOUTS
+from haptogram.errors import ConfigurationError
+from haptogram.verification import FrameStatus, Tolerance, Verdict
+from haptogram.verification.watch import (
+    Defect,
+    Diagnosis,
+    Expectation,
+    SeenLatch,
+    Watch,
+    diagnosis,
+    expectation,
+    latch,
+    watch,
+)
+from watched_runs import TARGETS, latches, model_of, targets_of, watched
+
+BOARDS = {"sonicsurface": 32, "interactlab": 128, "ultraino-flat8": 10}
+
+
+def named(result):
+    return [found.defect for found in result.diagnoses]
+
+
+# --- expectation ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_right_foci_are_on_target(board):
+    array, steps = LAYOUTS[board].array(), BOARDS[board]
+    targets = targets_of(array)
+    result = watched(array, latches(array, steps, targets), targets).result()
+    assert result.statuses == {FrameStatus.ON_TARGET: len(targets)}
+    assert result.verdict is Verdict.PASS
+    assert result.diagnoses == ()
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_a_miss_larger_than_the_bound_of_the_steps_fails(board):
+    """The bound follows the board's steps: what it says is missed is twice its length."""
+    array, steps = LAYOUTS[board].array(), BOARDS[board]
+    targets = targets_of(array)[:1]
+    run = watched(array, [], targets)
+    (seen,) = latches(array, steps, targets)
+    bound_mm = run.take(seen).verdict.bound_mm
+    for axis in range(3):
+        moved = targets[0] + 2e-3 * bound_mm[axis] * np.eye(3)[axis]
+        (seen,) = latches(array, steps, [moved])
+        assert run.take(seen).verdict.status is not FrameStatus.ON_TARGET
+
+
+def test_frames_repeat_in_order():
+    array = LAYOUTS["sonicsurface"].array()
+    targets = targets_of(array)[:3]
+    result = watched(array, latches(array, 32, [*targets, *targets]), targets).result()
+    assert result.statuses == {FrameStatus.ON_TARGET: 6}
+
+
+def test_silence_and_power_up_are_no_frames_of_the_client():
+    array = LAYOUTS["sonicsurface"].array()
+    targets = targets_of(array)[:2]
+    one, two = latches(array, 32, targets)
+    power_up = SeenLatch(0, np.ones(256), 32, cause="power-up")
+    off = SeenLatch(9, np.zeros(256), 32)
+    result = watched(array, [power_up, one, off, two, off], targets).result()
+    assert result.statuses == {FrameStatus.ON_TARGET: 2}
+    assert result.kinds == {"one focus": 2, "off": 2}
+    assert result.latches == 5
+
+
+def test_another_pattern_where_a_focus_was_expected_is_a_wrong_drive():
+    array = LAYOUTS["sonicsurface"].array()
+    target = targets_of(array)[0]
+    phases = drives.focus(array.positions_m, target, drives.k_of())
+    phases = phases + drives.azimuth(array.positions_m, array.centre_m)
+    seen = SeenLatch(1, drives.radiated(drives.coded(phases, 32), 32), 32)
+    verdict = watched(array, [], [target]).take(seen).verdict
+    assert verdict.status is FrameStatus.WRONG_DRIVE
+    assert verdict.faults == ("vortex where one focus was expected",)
+
+
+def test_several_foci_are_expected_together():
+    array = LAYOUTS["interactlab"].array()
+    frame = np.array([[-0.03, 0.01, 0.12], [0.03, -0.01, 0.12]])
+    phases = drives.several(array.positions_m, frame, [0.3, 1.9], drives.k_of())
+    seen = SeenLatch(1, drives.radiated(drives.coded(phases, 128), 128), 128)
+    model = model_of(array)
+    right = Watch(model, expectation=Expectation(model, [frame])).take(seen).verdict
+    assert right.status is FrameStatus.ON_TARGET
+    off = Watch(model, expectation=Expectation(model, [frame + np.array([0.004, 0.0, 0.0])])).take(
+        seen
+    )
+    assert off.verdict.status is FrameStatus.OFF_TARGET
+    one = Watch(model, expectation=Expectation(model, [frame[:1]])).take(seen)
+    assert one.verdict.faults == ("several foci where one focus was expected",)
+
+
+def test_a_tolerance_of_the_air_lets_another_speed_of_sound_pass():
+    array = LAYOUTS["interactlab"].array()
+    targets, model = targets_of(array), model_of(array)
+    for tolerance, verdict in ((None, Verdict.FAIL), (Tolerance(temperature_c=6.0), Verdict.PASS)):
+        run = Watch(model, expectation=Expectation(model, list(targets), tolerance=tolerance))
+        for seen in latches(array, 128, targets, speed=346.0):
+            run.take(seen)
+        assert run.result().verdict is verdict
+
+
+def test_nothing_latched_is_inconclusive():
+    array = LAYOUTS["sonicsurface"].array()
+    assert watched(array, []).result().verdict is Verdict.INCONCLUSIVE
+    assert watched(array, [], targets_of(array)).result().verdict is Verdict.INCONCLUSIVE
+    (seen,) = latches(array, 32, targets_of(array)[:1])
+    run = watched(array, [seen])
+    assert run.result().verdict is Verdict.PASS
+    assert run.result("the board was killed").verdict is Verdict.INCONCLUSIVE
+
+
+def test_an_expectation_needs_a_frame():
+    with pytest.raises(ConfigurationError, match="frames_m holds no frame"):
+        Expectation(model_of(LAYOUTS["sonicsurface"].array()), [])
+
+
+# --- mistakes, with an expectation ----------------------------------------------------------------
+
+
+def mirrored(array, places):
+    return array.centre_m + (places - array.centre_m) * [-1.0, 1.0, 1.0]
+
+
+def transposed(array, places):
+    return array.centre_m + (places - array.centre_m)[:, [1, 0, 2]]
+
+
+def frame_of_ultraino(array, places):  # noqa: ARG001  of one form
+    return places + np.array([0.0, 2e-3, 0.0])
+
+
+MISTAKES = {mirrored: Defect.ORDER, transposed: Defect.ORDER, frame_of_ultraino: Defect.AXES}
+
+
+@pytest.mark.parametrize("board", ["interactlab", "ultraino-flat8"])
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.__name__)
+def test_a_mistake_of_the_client_is_named(board, mistake):
+    array, steps = LAYOUTS[board].array(), BOARDS[board]
+    targets = targets_of(array)
+    seen = list(latches(array, steps, mistake(array, targets)))
+    assert named(watched(array, seen, targets).result()) == [MISTAKES[mistake]]
+    # Never without an expectation, and never from two targets: a mirrored focus is a perfect one.
+    assert named(watched(array, seen).result()) == []
+    assert named(watched(array, seen[:2], targets).result()) == []
+
+
+def test_another_speed_of_sound_is_named_where_the_steps_show_it():
+    for board, named_there in (("interactlab", [Defect.SPEED]), ("ultraino-flat8", [])):
+        array = LAYOUTS[board].array()
+        targets = targets_of(array)
+        run = watched(array, latches(array, BOARDS[board], targets, speed=346.0), targets)
+        assert named(run.result()) == named_there
+
+
+def test_on_a_symmetry_plane_a_mirror_is_invisible_and_not_named():
+    array = LAYOUTS["sonicsurface"].array()
+    targets = targets_of(array, TARGETS * [0.0, 1.0, 1.0])
+    result = watched(array, latches(array, 32, mirrored(array, targets)), targets).result()
+    assert result.verdict is Verdict.PASS
+    assert named(result) == []
+
+
+# --- defects, without an expectation --------------------------------------------------------------
+
+
+def test_scattered_silent_elements_are_named():
+    array = LAYOUTS["interactlab"].array()
+    dead = np.random.default_rng(1).choice(256, 32, replace=False)
+
+    def spoil(weights):
+        weights = weights.copy()
+        weights[dead] = np.nan
+        return weights
+
+    result = watched(array, latches(array, 128, targets_of(array), spoil=spoil)).result()
+    assert named(result) == [Defect.SILENT]
+    assert result.diagnoses[0].detail.startswith("32 elements")
+    assert result.verdict is Verdict.FAIL
+
+
+def test_a_part_of_the_array_that_is_left_out_is_no_defect():
+    array = LAYOUTS["interactlab"].array()
+    x = array.positions_m[:, 0]
+    for part in (x > 0.07, x > 0.0, np.linalg.norm(array.positions_m, axis=1) > 0.085):
+        seen = latches(
+            array, 128, targets_of(array), spoil=lambda w, part=part: np.where(part, 0.0, w)
+        )
+        assert named(watched(array, seen).result()) == []
+
+
+def test_reversed_elements_are_named_from_several_drives():
+    array = LAYOUTS["sonicsurface"].array()
+    sign = np.ones(256)
+    sign[[17, 200]] = -1.0
+    seen = list(latches(array, 32, targets_of(array), spoil=lambda weights: weights * sign))
+    result = watched(array, seen).result()
+    assert named(result) == [Defect.REVERSED]
+    assert "17, 200" in result.diagnoses[0].detail
+    assert named(watched(array, [seen[0]] * 9).result()) == []  # one drive proves nothing
+
+
+def test_elements_that_are_off_by_less_than_half_a_turn_are_not_reversed():
+    array = LAYOUTS["sonicsurface"].array()
+    turn = np.ones(256, dtype=complex)
+    turn[17] = np.exp(2.0j)
+    seen = latches(array, 32, targets_of(array), spoil=lambda weights: weights * turn)
+    assert named(watched(array, seen).result()) == []
+
+
+@pytest.mark.parametrize(
+    ("counted", "stray", "defect"),
+    [
+        ({"frames_short": 1}, (), Defect.BYTES_LOST),
+        ({"frames_cut_short": 1}, (), Defect.BYTES_LOST),
+        ({"start_bits_in_frame": 3}, (), Defect.BYTES_LOST),
+        ({"codes_beyond_array": 256}, (), Defect.BYTES_LOST),  # two frames, and no FB between
+        ({"frames_without_commit": 2}, (), Defect.NO_COMMIT),
+        ({}, (72, 73, 255), Defect.STRAY_CHANNELS),
+        ({"commits_of_old_codes": 1}, (), None),
+    ],
+)
+def test_what_the_codec_counted_has_a_name(counted, stray, defect):
+    array = LAYOUTS["sonicsurface"].array()
+    seen = latches(array, 32, targets_of(array)[:1], counted=counted, stray=stray)
+    result = watched(array, seen).result()
+    assert named(result) == ([] if defect is None else [defect])
+    assert bool(result.torn) == (defect is Defect.BYTES_LOST)
+
+
+def test_an_amplitude_frame_is_told_from_a_second_frame_of_phases():
+    """FB and 256 amplitudes are 257 bytes, and none above half a turn."""
+    array = LAYOUTS["ultraino-sonicsurface"].array()
+    counted = {"codes_beyond_array": 257, "codes_out_of_range": 1}
+    eighth = SeenLatch(1, np.full(256, np.exp(2j * np.pi * (8 + 8) / 32)), 32, counted=counted)
+    assert named(watched(array, [eighth]).result()) == [Defect.AMPLITUDES_AS_PHASES]
+    codes = np.random.default_rng(0).integers(0, 32, 256)
+    phases = SeenLatch(1, np.exp(2j * np.pi * (codes + 8) / 32), 32, counted=counted)
+    assert named(watched(array, [phases]).result()) == [Defect.BYTES_LOST]
+
+
+def test_the_power_up_shows_no_defect_of_the_client():
+    array = LAYOUTS["sonicsurface"].array()
+    seen = SeenLatch(0, np.ones(256), 32, cause="power-up", stray=(300,))
+    assert named(watched(array, [seen]).result()) == []
+
+
+# --- results --------------------------------------------------------------------------------------
+
+
+def test_results_are_plain_values_and_lines():
+    array = LAYOUTS["sonicsurface"].array()
+    targets = targets_of(array)
+    run = watched(array, [], targets)
+    taken = [run.take(seen) for seen in latches(array, 32, targets, counted={"frames_short": 1})]
+    document = json.loads(json.dumps([run.result().as_dict(), *(one.as_dict() for one in taken)]))
+    assert document[0]["verdict"] == "fail"
+    assert document[1]["pattern"]["kind"] == "one focus"
+    assert document[1]["defects"] == ["bytes lost in the middle of a frame"]
+    assert "defect    bytes lost in the middle of a frame: 5 torn" in str(run.result())
+    assert str(Diagnosis(Defect.NO_COMMIT, "9", tuple(range(9)))).endswith("4, 5, ... (9))")
+
+
+def test_a_drive_that_comes_again_is_not_searched_again():
+    array = LAYOUTS["sonicsurface"].array()
+    run = watched(array, [])
+    (seen,) = latches(array, 32, targets_of(array)[:1])
+    assert run.take(seen).took_ms > 0.0
+    assert run.take(seen).took_ms == 0.0
+
+
+def test_the_examples_run():
+    model = model_of(LAYOUTS["sonicsurface"].array())
+    weights = np.exp(1j * focus_phases(model, (0.0, 0.0, 0.15)))
+    names = {"model": model, "weights": weights, "np": np, "SeenLatch": SeenLatch}
+    for module in (diagnosis, expectation, latch, watch):
+        assert doctest.testmod(module, extraglobs=names).failed == 0
