@@ -12,14 +12,15 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 from . import __version__
 from .commands.shell.exit_status import EVERY_STATUS, INTERRUPTED, USAGE
 from .commands.shell.interrupts import exit_at_once, hear_interrupts_in_callbacks
 from .commands.shell.standard_streams import patient_standard_streams
-from .errors import HaptogramError
+from .errors import ConfigurationError, HaptogramError
 from .machine.terminal import terminal_error_line
 from .settings.parser import Parser, UsageError
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import Transport
     from .evidence.boards import BoardUnderTest
+    from .evidence.recordings.tap import RecordedBoards
+    from .evidence.recordings.writer import RecordingWriter
     from .settings.board import BoardConfig
     from .settings.verify_config import VerifyConfig
 
@@ -45,6 +48,7 @@ COMMANDS: Final = {
     "field": (".field.command", "compute the field of a focus, an object or a drive"),
     "modulation": (".modulation.command", "compute what a modulated focus makes at the skin"),
     "decode": (".recordings.decode", "print recorded or dumped bytes as annotated frames"),
+    "repair": (".recordings.repair", "make a recording that was cut off a whole file again"),
     "presets": (".presets", "list the known systems, with their published figures next to ours"),
     "paper": (".paper", "reproduce the Haptogram paper's simulation"),
 }
@@ -63,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words[:1] == [_BOARD]:
         from sim_device.__main__ import main as run_board
 
-        return run_board(words[1:], f"haptogram {_BOARD}")
+        return run_board(words[1:], f"haptogram {_BOARD}", open_recording_of_board)
     # One thread each: two threads of a linear algebra library ruin the loop on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     exit_at_once()
@@ -140,6 +144,7 @@ def _add_options(name: str, parser: Parser) -> None:
         "verify": (_prepare_simulator, board_in_virtual_time),
         "conform": (access_in_program,),
         "soak": (board_without_a_line,),
+        _BOARD: (open_recording_of_board,),
     }
     module = importlib.import_module(COMMANDS[name][0], "haptogram.commands")
     module.set_up(parser, *parts.get(name, ()))
@@ -180,10 +185,13 @@ def board_in_virtual_time(config: BoardConfig) -> Iterator[BoardUnderTest]:
         yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model)
 
 
-def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAccess:
+def access_in_program(
+    url: str | None, baudrate: int, seed: int, boards: RecordedBoards | None = None
+) -> VirtualAccess:
     """Return a virtual board in this program that starts anew whenever its port is opened.
 
     Without a URL its time is virtual; *baudrate* and *seed* hold unless the URL gives others.
+    With *boards* every board goes into their recording.
     """
     import dataclasses
 
@@ -205,7 +213,18 @@ def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAcces
         # Another seed gives another boot_id, as a reset does.
         board = dataclasses.replace(first.board, seed=first.board.seed + number)
         config = dataclasses.replace(first, board=board)
-        return PyserialTransport(open_port(config), write_board_url(config))
+        name = write_board_url(config)
+        if boards is None:
+            return PyserialTransport(open_port(config), name)
+        if config.backdoor is None and config.reconstruct is None:
+            config = dataclasses.replace(config, reconstruct=False)
+        port = open_port(config)
+        return boards(
+            PyserialTransport(port, name),
+            board.non_default(),
+            lambda: port.records,
+            just_powered=config.is_virtual,
+        )
 
     return VirtualAccess(
         url or write_board_url(first),
@@ -213,6 +232,23 @@ def access_in_program(url: str | None, baudrate: int, seed: int) -> VirtualAcces
         baudrate=first.board.line.baud or baudrate,
         virtual=first.is_virtual,
     )
+
+
+def open_recording_of_board(path: Path, options: Mapping[str, Any]) -> RecordingWriter:
+    """Return the recording that a virtual board writes.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be written.
+    """
+    from .evidence.recordings.writer import RecordingWriter
+    from .machine.files import STANDARD_OUTPUT, check_file_writable
+
+    if path == STANDARD_OUTPUT:
+        raise ConfigurationError("--record -: standard output names the port; name a file")
+    check_file_writable(path)
+    return RecordingWriter(path, command=_BOARD, configuration=options)
 
 
 def board_without_a_line(mutant: str | None) -> MakeBoard:

@@ -6,12 +6,19 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from .backdoor.line_tap import OpenRecording
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def main(words: Sequence[str] | None = None, program: str | None = None) -> int:
+def main(
+    words: Sequence[str] | None = None,
+    program: str | None = None,
+    open_recording: OpenRecording | None = None,
+) -> int:
     """Settle the signals and, before numpy is imported, the number of threads; run the board."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _leave)  # until the board runs: what is open is closed
@@ -20,7 +27,7 @@ def main(words: Sequence[str] | None = None, program: str | None = None) -> int:
     from .command import PROGRAM
     from .command import main as run
 
-    return run(sys.argv[1:] if words is None else words, program or PROGRAM)
+    return run(sys.argv[1:] if words is None else words, program or PROGRAM, open_recording)
 
 
 def _leave(*_: object) -> NoReturn:

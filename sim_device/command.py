@@ -24,6 +24,7 @@ from haptogram.settings.parser import Parser
 from haptogram_protocol.dialects.table import DIALECTS
 
 if TYPE_CHECKING:
+    from .backdoor.line_tap import LineTap, OpenRecording
     from .backdoor.worker import ReconstructionWorker
     from .board.settings import BoardSettings
     from .line.port import BoardPort
@@ -66,7 +67,7 @@ exit status:
 """
 
 
-def set_up(parser: Parser) -> None:
+def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
     """Describe the command and add its options."""
     parser.description = "A virtual ultrasonic phased array at the far end of a serial line."
     parser.epilog = _epilog(parser.prog)
@@ -88,6 +89,12 @@ def set_up(parser: Parser) -> None:
     parser.add_argument(
         "--no-reconstruct", action="store_true", help="leave the field out of the back door"
     )
+    if open_recording is not None:
+        parser.add_argument(
+            "--record",
+            metavar="FILE",
+            help="write the bytes in both directions and the latches, as MCAP",
+        )
     parser.add_argument(
         "--until-eof", action="store_true", help="end with standard input: with who started it"
     )
@@ -110,7 +117,9 @@ def _epilog(program: str) -> str:
     )
 
 
-def main(words: Sequence[str], program: str = PROGRAM) -> int:
+def main(
+    words: Sequence[str], program: str = PROGRAM, open_recording: OpenRecording | None = None
+) -> int:
     """Run a board until it is told to stop; return the exit status.
 
     0 after SIGINT or SIGTERM, 1 if the port was lost, 2 for arguments that cannot be used.
@@ -121,13 +130,15 @@ def main(words: Sequence[str], program: str = PROGRAM) -> int:
         Command line, without the name of the program.
     program : str
         Name of the program, as the user called it.
+    open_recording : callable, optional
+        Opens the recording of ``--record``; without it there is no such option.
     """
     parser = Parser(prog=program)
-    set_up(parser)
+    set_up(parser, open_recording)
     try:
         options = parser.parse_args(words)
         _start_log(options)
-        _run(options)
+        _run(options, open_recording)
     except HaptogramError as error:
         sys.stderr.write(terminal_error_line(program, parser.named(str(error)), sys.stderr) + "\n")
         return 2 if isinstance(error, ConfigurationError) else 1
@@ -142,7 +153,7 @@ def _start_log(options: argparse.Namespace) -> None:
     )
 
 
-def _run(options: argparse.Namespace) -> None:
+def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
     # Here, and not above: --help and a refusal need no numpy.
     from .blueprint import blueprint_of
     from .log import CountLog, NoticeLog
@@ -154,16 +165,18 @@ def _run(options: argparse.Namespace) -> None:
     settings, parts, plan = board.settings, board.parts, board.faults
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
+    paced = options.serial is None
+    tap = _start_tap(options, config, settings, open_recording)
     port = _open_port(options, settings.line)
     worker = None
     with contextlib.ExitStack() as signals:  # heard until everything is closed
         try:
             worker = _start_worker(options, settings)
             recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
-            paced = options.serial is None
+            recorders += [tap] if tap else []
             simulation = Simulation(settings, *recorders, paced=paced, parts=parts, faults=plan)
             counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
-            heartbeat = Heartbeat(simulation, port, worker, counts)
+            heartbeat = Heartbeat(simulation, port, worker, counts, tap)
             if options.until_eof:
                 heartbeat.stop_at_eof(sys.stdin.fileno())
             signals.enter_context(heartbeat.stopped_by_signals())
@@ -172,6 +185,24 @@ def _run(options: argparse.Namespace) -> None:
             port.close()
             if worker is not None:
                 _end(worker)
+            if tap is not None and (failure := tap.close()):
+                raise ConfigurationError(failure)
+
+
+def _start_tap(
+    options: argparse.Namespace,
+    config: BoardConfig,
+    settings: BoardSettings,
+    open_recording: OpenRecording | None,
+) -> LineTap | None:
+    from .backdoor.line_tap import LineTap
+
+    if open_recording is None or options.record is None:
+        return None
+    names = [name for name in vars(options) if getattr(options, name) is not None]
+    given = {name: getattr(options, name) for name in sorted(names) if name in options.given}
+    recording = open_recording(Path(options.record), given)
+    return LineTap(recording, config, settings, paced=options.serial is None)
 
 
 def _end(worker: ReconstructionWorker) -> None:
@@ -207,7 +238,11 @@ def _check_files(options: argparse.Namespace) -> None:
     """Refuse a link or a back door that has the name of another file of the command line."""
     outputs = {
         option: Path(path)
-        for option, path in (("--link", options.link), ("--backdoor", options.backdoor))
+        for option, path in (
+            ("--link", options.link),
+            ("--backdoor", options.backdoor),
+            ("--record", getattr(options, "record", None)),
+        )
         if path is not None and not path.startswith(_SOCKET)
     }
     array = None if options.array is None or is_grid_of_elements(options.array) else options.array

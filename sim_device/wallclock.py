@@ -11,6 +11,7 @@ from typing import Final
 
 from haptogram.machine.waiter import DescriptorWaiter
 
+from .backdoor.line_tap import LineTap
 from .backdoor.worker import ReconstructionWorker
 from .board.clock import earliest_time, whole_us
 from .line.port import BoardPort
@@ -36,6 +37,8 @@ class Heartbeat:
         Needs to be given time to hand over its records.
     counts : CountLog or None
         Says how the counters move on.
+    tap : LineTap or None
+        Takes down the bytes of the port.
     """
 
     def __init__(
@@ -44,9 +47,10 @@ class Heartbeat:
         port: BoardPort,
         worker: ReconstructionWorker | None = None,
         counts: CountLog | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         self._simulation, self._port = simulation, port
-        self._worker, self._counts = worker, counts
+        self._worker, self._counts, self._tap = worker, counts, tap
         self._stopping = False
         self._is_plugged = True
         self._parents: list[int] = []  # whose end is that of the board
@@ -106,18 +110,29 @@ class Heartbeat:
         stalled_ns = 0 if self._due_ns is None else max(0, now_ns - self._due_ns)
         if data := port.read(simulation.host_room):
             simulation.host_write(data, now_ns, waited_ns=stalled_ns)
+            if self._tap is not None:
+                self._tap.to_board(now_ns, data, stalled_ns)
         simulation.advance_to(now_ns)
         if simulation.is_connected is not self._is_plugged:
             self._is_plugged = simulation.is_connected
             port.plug(self._is_plugged)
         if port.take_departure():
             simulation.unplug()  # the next client must not get what this one left
+            if self._tap is not None:
+                self._tap.departed(now_ns)
         port.write(b"")  # the rest of last time; once it is gone nothing else would wake us up
         if not port.pending:
-            port.write(simulation.host_read())
+            self._answer(now_ns)
         self._hand_over(now_ns)
         if self._counts is not None and self._counts.is_due(now_ns):
             self._counts.update(simulation.dialect.counters, now_ns)
+
+    def _answer(self, now_ns: int) -> None:
+        """Give the port what has come from the board."""
+        data = self._simulation.host_read()
+        self._port.write(data)
+        if data and self._tap is not None:
+            self._tap.to_host(now_ns, data)
 
     def _hand_over(self, now_ns: int) -> None:
         """Let the worker have its records: every so often, as each time wakes it up.

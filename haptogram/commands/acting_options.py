@@ -103,7 +103,7 @@ _VERIFY: Final[Rows] = {
         "object center_mm rate_hz repeat modulation foci array temperature_c board_temperature_c "
         "calibration compensate tolerance_mm tolerance_c tolerance_humidity uncertainty_c "
         "uncertainty_humidity uncertainty_position_mm uncertainty_phase_rad port baud mode lead_ms "
-        "virtual_time fault fault_plan min_verified frames json junit html config quiet"
+        "virtual_time fault fault_plan min_verified frames json junit html record config quiet"
     ),
     "resolution_mm": _RESOLUTION,
     "radius_mm": _RADIUS,
@@ -137,7 +137,7 @@ def _resets_a_port(arguments: Namespace) -> bool:
 _RUN: Final = Acting("where cases are run (not with --list or --compare)", _is_conform_run)
 _RUN_OPTIONS: Final = (
     "port baud spawn port_regex reset_cmd dtr rts strict timeout seed repeat baseline quiet junit "
-    "json write_baseline verbose"
+    "json write_baseline verbose record"
 )
 _CONFORM: Final[Rows] = {
     **dict.fromkeys(_RUN_OPTIONS.split(), _RUN),
@@ -217,13 +217,14 @@ ACTING: Final[Mapping[str, Rows]] = {
     "conform": _CONFORM,
     "modulation": _MODULATION,
     "field": _FIELD,
-    "soak": _always("hours fault_rate seed segment_minutes jobs resume json mutant quiet"),
+    "soak": _always("hours fault_rate seed segment_minutes jobs resume json record mutant quiet"),
     "bench": _always(
         "port rate_hz seconds baud phase_bits lead_ms trim spin_us realtime json html picture "
-        "compare"
+        "compare record"
     ),
     "budget": _always("baud rate_hz phase_bits transducers"),
     "decode": _always("dialect input from_board verbose json"),
+    "repair": {},
     "presets": _always("json"),
     "paper": _always("presets json html"),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.settings.command_line import add_setting_options
@@ -10,7 +11,9 @@ from haptogram.settings.option import options_of
 from haptogram.settings.parser import file_name_option, number_option, whole_number_option
 from haptogram.settings.verify_config import VerifyConfig
 
+from .shell.exit_status import USAGE
 from .shell.output_files import FILE_HELP, Outputs, write_picture
+from .shell.recording import RECORD_HELP, is_recorded, recording
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.measure import BenchRun
@@ -83,6 +86,7 @@ def set_up(parser: Parser) -> None:
         metavar="FILE",
         help="write the histogram alone: .png, .svg or .pdf",
     )
+    result.add_argument("--record", type=file_name_option, metavar="FILE", help=RECORD_HELP)
     result.add_argument(
         "--compare",
         type=file_name_option,
@@ -97,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.campaigns.bench.result import bench_dict, read_bench_result
     from haptogram.report.bench.text import bench_text
 
-    outputs = Outputs(arguments, "json", "html", "picture")
+    outputs = Outputs(arguments, "json", "html", "picture", "record")
     old = None if arguments.compare is None else read_bench_result(arguments.compare)
     lead_us = None if arguments.lead_ms is None else round(arguments.lead_ms * 1e3)
     config = BenchConfig(
@@ -111,15 +115,23 @@ def run(arguments: argparse.Namespace) -> int:
         realtime=arguments.realtime,
         trim=arguments.trim,
     )
-    found = run_bench(config)  # without a progress bar: it would draw between the ticks
-    result = bench_dict(found)
+    with recording(arguments.record, "bench", dataclasses.asdict(config)) as writer:
+        # Without a progress bar: it would draw between the ticks.
+        found = run_bench(config, writer)
+        result = bench_dict(found)
+        if writer is not None:
+            from haptogram.evidence.recordings.channels import SUMMARY
+
+            writer.document(SUMMARY, writer.last_ns, result)
     changes = [] if old is None else _changes(old, result)
     print(bench_text(result), file=outputs.text)
     if changes:
         print("\n" + "\n".join(changes), file=outputs.text)
     _write(arguments, found, result, changes)
+    recorded = is_recorded("bench", writer)
+    outputs.paths.pop("--record", None)
     outputs.announce()
-    return 0
+    return 0 if recorded else USAGE
 
 
 def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import functools
 import sys
 import time
@@ -15,8 +16,9 @@ from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.machine.terminal import paint_terminal_verdicts
 from haptogram.settings.parser import file_name_option, number_option, whole_number_option
 
-from .shell.exit_status import FAIL, INTERRUPTED, PASS
+from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
 from .shell.output_files import FILE_HELP, Outputs
+from .shell.recording import is_recorded, recording
 
 if TYPE_CHECKING:
     from haptogram.campaigns.soak import MakeBoard, SoakCampaign
@@ -94,6 +96,12 @@ def set_up(
         metavar="FILE",
         help=f"write the account as JSON. {FILE_HELP}",
     )
+    parser.add_argument(
+        "--record",
+        type=file_name_option,
+        metavar="FILE",
+        help="write bytes and latches of the seconds around each violation, as MCAP",
+    )
     parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
@@ -103,27 +111,31 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     from haptogram.campaigns.soak import Interrupted
     from haptogram.report.soak import soak_text
 
-    outputs = Outputs(arguments, "json", "resume")
+    outputs = Outputs(arguments, "json", "resume", "record")
     if arguments.resume == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
     campaign = _campaign(arguments)
     interrupted = False
-    try:
-        with _progress(campaign, quiet=arguments.quiet) as progress:
-            campaign.run(
-                board_maker(arguments.mutant),
-                jobs=arguments.jobs,
-                checkpoint=arguments.resume,
-                progress=progress,
-            )
-    except Interrupted:
-        interrupted = True
+    with recording(arguments.record, "soak", dataclasses.asdict(campaign.setup)) as writer:
+        try:
+            with _progress(campaign, quiet=arguments.quiet) as progress:
+                campaign.run(
+                    board_maker(arguments.mutant),
+                    jobs=arguments.jobs,
+                    checkpoint=arguments.resume,
+                    progress=progress,
+                    writer=writer,
+                )
+        except Interrupted:
+            interrupted = True
     # Before the file: a full disk must not cost the account.
     print(paint_terminal_verdicts(soak_text(campaign), outputs.text), file=outputs.text)
     if interrupted:
         print(_how_to_resume(arguments, campaign), file=sys.stderr)
     if arguments.json is not None:
         campaign.save(arguments.json)
+    if not is_recorded("soak", writer):
+        return USAGE
     if campaign.failures:
         return FAIL
     return INTERRUPTED if interrupted else PASS

@@ -82,6 +82,15 @@ class BoardUnderTest(Protocol):
         """
         ...
 
+    def records(self) -> Sequence[Mapping[str, Any]]:
+        """Return what has come out of its back door so far; nothing, if it has none."""
+        ...
+
+    @property
+    def is_in_process(self) -> bool:
+        """Whether :meth:`records` costs nothing, for a board in this program."""
+        ...
+
     @property
     def unseen(self) -> str | None:
         """Why a frame may have been latched that nobody saw; None: everything is seen.
@@ -98,6 +107,8 @@ class BoardUnderTest(Protocol):
 
 class ProcessBoard:
     """The virtual board in a process of its own, on a pty, seen through its back door."""
+
+    is_in_process = False
 
     def __init__(self, board: VirtualBoard) -> None:
         self._board = board
@@ -140,6 +151,10 @@ class ProcessBoard:
         """Return the records of the back door."""
         return silences_on_the_clock_of(driver.intended, self._board.records())
 
+    def records(self) -> Sequence[Mapping[str, Any]]:
+        """Return what came out of the back door."""
+        return self._board.records()
+
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """Counts of the planned faults, from the last record of the board."""
@@ -174,6 +189,7 @@ class InProcessBoard:
         self.model = model
 
     unseen = None
+    is_in_process = True
 
     def prepare(self, driver: Driver) -> None:
         """Nothing to do: the back door shows everything."""
@@ -204,6 +220,10 @@ class InProcessBoard:
     def silences(self, driver: Driver) -> list[int]:
         """Return the records of the back door."""
         return silences_on_the_clock_of(driver.intended, self._records())
+
+    def records(self) -> Sequence[Mapping[str, Any]]:
+        """Return what came out of the back door."""
+        return self._records()
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
@@ -237,6 +257,7 @@ class PortBoard:
     """
 
     fault_counts = None  # it may have any, and does not say
+    is_in_process = False
 
     def __init__(self, url: str, *, baudrate: int, rate_hz: float, board_computes: bool) -> None:
         self.label = url
@@ -330,6 +351,10 @@ class PortBoard:
         if not self._read_back:
             return driver.observations
         return [*driver.observations, *self._read_back]
+
+    def records(self) -> Sequence[Mapping[str, Any]]:
+        """Return nothing: it has no back door."""
+        return ()
 
     def silences(self, driver: Driver) -> list[int]:
         """Return when the board said that it left ARMED; the ramp is not counted."""

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, Driver
 from haptogram.driver.frames.frame import Frame, Mode
+from haptogram.driver.line.port import open_transport
 from haptogram.driver.playback import PlayReport
 from haptogram.driver.stream import StreamReport
 from haptogram.errors import ConfigurationError, DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
+from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.objects import shapes as tactile
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.records.frame import STREAM, Focus, Intended, Observation
@@ -31,6 +33,7 @@ from haptogram_protocol.messages import Counters, HelloReply, StateChanged
 
 if TYPE_CHECKING:
     from haptogram.acoustics.solvers.several import Method
+    from haptogram.evidence.recordings.writer import RecordingWriter
 
 
 #: A run keeps its frames, with what was seen of them: some 6 kB each.
@@ -184,6 +187,7 @@ def measure_run(
     settling: Progress | None = None,
     *,
     faulty: bool = False,
+    writer: RecordingWriter | None = None,
 ) -> RunRecord:
     """Display the object on *board* and collect what it latched.
 
@@ -197,14 +201,17 @@ def measure_run(
         has still to tell when they are over.
     faulty : bool
         Whether faults are planned: then a refusal of the board ends the run as a broken link does.
+    writer : RecordingWriter, optional
+        The recording that the bytes of the line go into, and the records of the back door.
     """
     shown = frames_of_run(config.shape, config.pace, config.modulation)
     model = host_model_of_run(config.array)
     own_array = config.link.port is not None and config.array.array is None
     file = config.elements.calibration
     elements = None if file is None else Calibration.from_file(file)
+    tap = None if writer is None else _tapped(board, config.link.baud, writer)
     driver = Driver(
-        board.port,
+        tap or board.port,
         baudrate=config.link.baud,
         seed=config.limits.seed if config.link.virtual_time else None,
         phase_bits=config.drive.phase_bits,
@@ -236,9 +243,18 @@ def measure_run(
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if found.cut is not None:
         found.observations = _until_the_cut(found)
+    if tap is not None:
+        tap.tell(board.records())
     found.silences = board.silences(driver)
     found.unseen, found.fault_counts = board.unseen, board.fault_counts
     return found
+
+
+def _tapped(board: BoardUnderTest, baudrate: int, writer: RecordingWriter) -> RecordingTransport:
+    """Return the open port of *board*, written down."""
+    port = board.port
+    transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
+    return RecordingTransport(transport, writer, board.records if board.is_in_process else None)
 
 
 def _calibrate(found: RunRecord, elements: Calibration, driver: Driver) -> None:

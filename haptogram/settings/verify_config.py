@@ -106,6 +106,11 @@ class LimitConfig(Settings):
 class OutputConfig(Settings):
     """The files to be written."""
 
+    record: Path | None = option(
+        None,
+        unit="FILE",
+        help="write the bytes in both directions, the latches and the verdicts, as MCAP",
+    )
     frames: Path | None = option(
         None,
         unit="FILE",

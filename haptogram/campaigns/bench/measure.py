@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,19 @@ from haptogram.campaigns.bench.focus_error import BenchFocusError, bench_focus_e
 from haptogram.campaigns.bench.percentiles import TimingPercentiles
 from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
+from haptogram.driver.line.port import Transport, open_transport
 from haptogram.driver.stream import StreamReport
 from haptogram.driver.timing.realtime import SPIN_SHARE
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoard
+from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.machine.fingerprint import cpu_share, cpu_times, machine_fingerprint
 from haptogram.records.frame import Intended
 from haptogram_protocol.messages import unwrap
+
+if TYPE_CHECKING:
+    from haptogram.evidence.recordings.writer import RecordingWriter
 
 _LIMITS_US: Final = (100.0, 1000.0)
 MAX_FRAMES: Final = 300_000
@@ -126,14 +131,14 @@ class BenchRun:
 
 
 def bench_circle(frames: int, rate_hz: float) -> NDArray[np.float64]:
-    """Return (frames, 3) points in metres: a circle of 30 mm, five times a second."""
+    """Return (frames, 3) points in metres: a bench_circle of 30 mm, five times a second."""
     angle = 2.0 * np.pi * _REVOLUTIONS_HZ * np.arange(frames) / rate_hz
     height = np.full(frames, _HEIGHT_M)
     return np.column_stack([_RADIUS_M * np.cos(angle), _RADIUS_M * np.sin(angle), height])
 
 
-def run_bench(config: BenchConfig) -> BenchRun:
-    """Measure a stream.
+def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> BenchRun:
+    """Measure a stream, and write its bytes and latches into a recording if *writer* is given.
 
     Raises
     ------
@@ -143,9 +148,9 @@ def run_bench(config: BenchConfig) -> BenchRun:
         If the link broke.
     """
     targets_m = bench_circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
-    with _board(config) as (label, url, prepare, collect):
+    with _board(config, writer) as (label, port, prepare, collect):
         with Driver(
-            url, baudrate=config.baudrate, phase_bits=config.phase_bits, keep=len(targets_m)
+            port, baudrate=config.baudrate, phase_bits=config.phase_bits, keep=len(targets_m)
         ) as driver:
             prepare(driver)
             driver.arm()
@@ -166,22 +171,26 @@ def run_bench(config: BenchConfig) -> BenchRun:
 
 
 _Collect: TypeAlias = Callable[[Driver], Latches]
-_Board: TypeAlias = tuple[str, str, Callable[[Driver], None], _Collect]
+_Board: TypeAlias = tuple[str, str | Transport, Callable[[Driver], None], _Collect]
 
 
 @contextlib.contextmanager
-def _board(config: BenchConfig) -> Iterator[_Board]:
-    """Yield a board: its name, its URL, how it is prepared, and how its latches are read."""
+def _board(config: BenchConfig, writer: RecordingWriter | None) -> Iterator[_Board]:
+    """Yield a board: its name, its port, how it is prepared, and how its latches are read."""
     if config.port is not None:
         told = PortBoard(
             config.port, baudrate=config.baudrate, rate_hz=config.rate_hz, board_computes=False
         )
-        yield config.port, config.port, told.prepare, _self_reported
+        tap = None if writer is None else _tapped(config.port, config, writer)
+        yield config.port, tap or config.port, told.prepare, _self_reported
         return
     with VirtualBoard(reconstruct=False) as board:
+        tap = None if writer is None else _tapped(board.url, config, writer, {})
 
         def collect(driver: Driver) -> Latches:
             board.wait_idle(driver.intended)
+            if tap is not None:
+                tap.tell(board.records())
             return {
                 record["index"]: (record["t_received_us"], record["t_latch_us"])
                 for record in board.records()
@@ -189,7 +198,15 @@ def _board(config: BenchConfig) -> Iterator[_Board]:
             }
 
         label = "virtual board, on a pty without a baud rate, in a process of its own"
-        yield label, board.url, lambda _: None, collect
+        yield label, tap or board.url, lambda _: None, collect
+
+
+def _tapped(
+    url: str, config: BenchConfig, writer: RecordingWriter, board: dict[str, Any] | None = None
+) -> RecordingTransport:
+    """Return an open port, written down; *board* has the options of a virtual board."""
+    writer.opened(0, board, None, paced=board is not None)
+    return RecordingTransport(open_transport(url, baudrate=config.baudrate), writer)
 
 
 def _self_reported(driver: Driver) -> Latches:
@@ -211,12 +228,12 @@ def _put_together(
     received_us, latched_us = _device_times(driver.intended, latches)
     sent = np.ones(report.frames, dtype=bool)
     sent[list(report.skipped)] = False
-    transmission_ns = np.where(sent, _transmission_ns(config, driver), 0)
+    line_transmission_ns = np.where(sent, _transmission_ns(config, driver), 0)
     left_ns = ticks.stamp_ns("line_free" if paced else "done")
     received_ns = _host_times(driver, received_us)
     board_ns = received_ns - left_ns
-    parts = split_lateness(ticks, transmission_ns, np.nan_to_num(board_ns).astype(np.int64))
-    stages = _stages(parts, ticks.lateness_us(), transmission_ns, sent)
+    parts = split_lateness(ticks, line_transmission_ns, np.nan_to_num(board_ns).astype(np.int64))
+    stages = _stages(parts, ticks.lateness_us(), line_transmission_ns, sent)
     stages["board"] = np.maximum(0.0, board_ns) / 1e3
     stages["complete"] = np.where(np.isnan(board_ns), np.nan, parts.total_ns / 1e3)
     stages["margin"] = due_us - received_us
@@ -242,7 +259,7 @@ def _put_together(
 def _stages(
     parts: LatenessParts,
     lateness_us: NDArray[np.float64],
-    transmission_ns: NDArray[np.int64],
+    line_transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
 ) -> dict[str, NDArray[np.float64]]:
     """Return the host's stages of every frame; those of a skipped frame are nan after its wake."""
@@ -252,7 +269,7 @@ def _stages(
         "overslept": parts.scheduling / 1e3,
         "work": parts.work / 1e3 + unsent,
         "at_port": parts.at_port_ns / 1e3,
-        "line": (parts.line + transmission_ns) / 1e3 + unsent,
+        "line": (parts.line + line_transmission_ns) / 1e3 + unsent,
     }
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram.machine.files import write_file_atomically
@@ -21,6 +21,9 @@ from haptogram.machine.files import write_file_atomically
 from .memory import SoakMemory, resident_bytes
 from .segment import MakeBoard, run_segment
 from .tally import SoakTally
+
+if TYPE_CHECKING:
+    from haptogram.evidence.recordings.writer import RecordingWriter
 
 VERSION: Final = 1
 _SEGMENT_S: Final = 600.0  # long enough for what goes wrong slowly, or only with high numbers
@@ -95,12 +98,12 @@ class SoakCampaign:
 
     Attributes
     ----------
-    setup : Setup
+    setup : SoakSetup
     done : int
         Segments that are in the account: the first ones.
-    tally : Tally
+    tally : SoakTally
         The account.
-    memory : Memory
+    memory : SoakMemory
         Of every process that took part.
     spent_s : float
         Wall-clock time, all sittings together.
@@ -191,6 +194,7 @@ class SoakCampaign:
         jobs: int = 1,
         checkpoint: Path | None = None,
         progress: Progress | None = None,
+        writer: RecordingWriter | None = None,
     ) -> None:
         """Run the segments that are left.
 
@@ -202,6 +206,8 @@ class SoakCampaign:
             Processes.
         checkpoint : Path or None
             Written after every segment.
+        writer : RecordingWriter, optional
+            The recording of what happens around violations.
 
         Raises
         ------
@@ -210,9 +216,12 @@ class SoakCampaign:
         """
         self.memory.begin_sitting()
         try:
-            with self._segments(make_board, jobs, progress) as segments:
+            with self._segments(make_board, jobs, progress, writer is not None) as segments:
                 since_s = time.monotonic()
                 for tally, process, resident in segments:
+                    if writer is not None:
+                        for excerpt in tally.excerpts:
+                            excerpt.write(writer, round(self.done_s * 1e9))
                     merged = self.tally.plus(tally)  # an interrupt finds the one or the other
                     self.tally, self.done = merged, self.done + 1
                     self.memory.add(process, resident)
@@ -227,16 +236,19 @@ class SoakCampaign:
 
     @contextmanager
     def _segments(
-        self, make_board: MakeBoard, jobs: int, progress: Progress | None
+        self, make_board: MakeBoard, jobs: int, progress: Progress | None, recorded: bool
     ) -> Iterator[Iterator[_Done]]:
         """Give the results of the segments that are left, in order."""
         numbers = range(self.done, self.setup.segments)
         if jobs == 1:
-            yield (_run(make_board, self.setup, number, progress) for number in numbers)
+            yield (
+                _run(make_board, self.setup, number, progress, recorded=recorded)
+                for number in numbers
+            )
             return
         # Spawned, not forked: no process inherits threads or memory of this one.
         with multiprocessing.get_context("spawn").Pool(jobs, _leave_interrupts) as pool:
-            yield pool.imap(_Work(make_board, self.setup), numbers)
+            yield pool.imap(_Work(make_board, self.setup, recorded), numbers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,12 +257,20 @@ class _Work:
 
     make_board: MakeBoard
     setup: SoakSetup
+    recorded: bool
 
     def __call__(self, number: int) -> _Done:
-        return _run(self.make_board, self.setup, number, None)
+        return _run(self.make_board, self.setup, number, None, recorded=self.recorded)
 
 
-def _run(make_board: MakeBoard, setup: SoakSetup, number: int, progress: Progress | None) -> _Done:
+def _run(
+    make_board: MakeBoard,
+    setup: SoakSetup,
+    number: int,
+    progress: Progress | None,
+    *,
+    recorded: bool,
+) -> _Done:
     start_s = setup.start_s(number)
     tally = run_segment(
         make_board,
@@ -260,6 +280,7 @@ def _run(make_board: MakeBoard, setup: SoakSetup, number: int, progress: Progres
         start_s=start_s,
         fault_rate=setup.fault_rate,
         progress=None if progress is None else lambda done_s: progress(start_s + done_s),
+        recorded=recorded,
     )
     return tally, os.getpid(), resident_bytes()
 

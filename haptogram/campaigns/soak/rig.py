@@ -21,6 +21,7 @@ from haptogram_protocol.messages import EVENT_RANGE, FIRST_STREAM_SEQ, Message, 
 from .board import BoardUnderSoak, Hopeless
 from .board_account import SoakBoardAccount
 from .drives import SoakDrives
+from .excerpts import Excerpts
 from .host_account import SoakHostAccount
 from .line import Sent, SoakLine, sent_message_type
 from .oracle import SoakOracle
@@ -41,14 +42,16 @@ class SoakRig:
 
     Parameters
     ----------
-    board : Board
+    board : BoardUnderSoak
         Just powered up.
     share : float
         Of the frames that are hit.
     source : random.Random
         Of all chance.
-    tally : Tally
+    tally : SoakTally
         The account.
+    excerpts : Excerpts or None
+        Keeps what happens around violations, for a recording.
 
     Attributes
     ----------
@@ -61,9 +64,15 @@ class SoakRig:
     """
 
     def __init__(
-        self, board: BoardUnderSoak, share: float, source: random.Random, tally: SoakTally
+        self,
+        board: BoardUnderSoak,
+        share: float,
+        source: random.Random,
+        tally: SoakTally,
+        excerpts: Excerpts | None = None,
     ) -> None:
         self.now_ns = 0
+        self._excerpts = excerpts
         self.tally = tally
         self.down = SoakLine("down", BAUD, share, source, tally)
         self.up = SoakLine("up", BAUD, share, source, tally)
@@ -219,6 +228,8 @@ class SoakRig:
     # --- at the board --------------------------------------------------------------------------
 
     def _to_board(self, t_ns: int, data: bytes) -> None:
+        if self._excerpts is not None:
+            self._excerpts.to_board(t_ns, data)
         self.board.receive(data, t_ns, self.up.free_ns)
         went_off = False
         for verdict in self.board.take_verdicts():
@@ -230,7 +241,10 @@ class SoakRig:
             self.oracle.check_output(self.board.device_us(t_ns), silent=self.board.is_silent)
 
     def _take_from_board(self, t_ns: int) -> None:
-        for latch in self.board.take_latches():
+        latches = self.board.take_latches()
+        if self._excerpts is not None:
+            self._excerpts.latches(t_ns, latches)
+        for latch in latches:
             self.oracle.latched(latch)
         self.tally.totals["timeouts"] += self.board.take_timeouts()
         output = self.board.take_output()
@@ -249,6 +263,8 @@ class SoakRig:
             self._note_request_hit(sent)
 
     def _to_host(self, t_ns: int, data: bytes) -> None:
+        if self._excerpts is not None:
+            self._excerpts.to_host(t_ns, data)
         self.host.receive_data(data, t_ns // 1000)
         self.host.advance_to(t_ns // 1000)
         self._collect()

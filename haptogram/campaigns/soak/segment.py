@@ -25,6 +25,7 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import OutputState
 
 from .board import BoardUnderSoak, Hopeless
+from .excerpts import Excerpts
 from .rig import BAUD, SoakRig
 from .tally import SoakTally
 
@@ -63,6 +64,7 @@ def run_segment(
     start_s: float,
     fault_rate: float,
     progress: Progress | None = None,
+    recorded: bool = False,
 ) -> SoakTally:
     """Run a segment and return its account; it follows from the arguments alone.
 
@@ -74,6 +76,8 @@ def run_segment(
         How long it is, and how long the soak is before it: the board's clock goes on.
     fault_rate : float
         Share of the frames that are hit, in each direction.
+    recorded : bool
+        Whether the account keeps excerpts around violations.
     """
     source = random.Random(f"{seed}/{number}")
     tally = SoakTally()
@@ -84,12 +88,20 @@ def run_segment(
         plan=plan,
         running_us=round(start_s * 1e6),
     )
-    rig = SoakRig(board, fault_rate, source, tally)
-    segment = _Segment(rig, source, round(seconds * _S), stepped=any(plan.named(_STEP)))
+    excerpts = Excerpts(tally) if recorded else None
+    rig = SoakRig(board, fault_rate, source, tally, excerpts)
+    stepped = any(plan.named(_STEP))
+    # What is kept for a recording comes and goes: no leak.
+    segment = _Segment(
+        rig, source, round(seconds * _S), stepped=stepped, watches_memory=not recorded
+    )
     try:
         segment.run(progress)
     except Hopeless as error:
         tally.violate("given up", f"segment {number}: {error}")
+    if excerpts is not None:
+        excerpts.look(rig.now_ns)
+        tally.excerpts = excerpts.found
     tally.examples = [f"segment {number}, {text}" for text in tally.examples]
     return tally
 
@@ -105,11 +117,17 @@ def _clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ...]:
 
 class _Segment:
     def __init__(
-        self, rig: SoakRig, source: random.Random, length_ns: int, *, stepped: bool
+        self,
+        rig: SoakRig,
+        source: random.Random,
+        length_ns: int,
+        *,
+        stepped: bool,
+        watches_memory: bool,
     ) -> None:
         self._rig, self._source, self._length_ns = rig, source, length_ns
         self._tally = rig.tally
-        self._stepped = stepped
+        self._stepped, self._watches_memory = stepped, watches_memory
         self._due_us = 0
         self._jumps = 0
         self._blocks: int | None = None
@@ -257,6 +275,8 @@ class _Segment:
 
     def _watch_memory(self) -> None:
         """Compare the blocks of memory in use at moments of equal state."""
+        if not self._watches_memory:
+            return
         blocks = sys.getallocatedblocks()
         if self._blocks is None:
             self._blocks = blocks

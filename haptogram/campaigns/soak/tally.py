@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
+
+if TYPE_CHECKING:
+    from .excerpts import Excerpt
 
 MOST_KEPT: Final = 20  # violations that are kept word for word; all are counted
 
@@ -41,6 +44,8 @@ class SoakTally:
         What must not happen, by name.
     examples : list of str
         The first of them, in words.
+    excerpts : list of Excerpt
+        Of one segment: what happened around them, if that is recorded.
     """
 
     injected: Counter[str] = field(default_factory=Counter)
@@ -50,6 +55,7 @@ class SoakTally:
     totals: Counter[str] = field(default_factory=Counter)
     violations: Counter[str] = field(default_factory=Counter)
     examples: list[str] = field(default_factory=list)
+    excerpts: list[Excerpt] = field(default_factory=list)
 
     def plus(self, other: SoakTally) -> SoakTally:
         """Return the account of both."""

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, TypeAlias
 from haptogram.machine.terminal import paint_terminal_verdicts
 
 from ..acting_options import refuse_idle_options
+from ..shell.exit_status import USAGE
 from ..shell.output_files import Outputs, announce_output
+from ..shell.recording import is_recorded, recording
 from .options import (
     EXAMPLES,
     PULSE,
@@ -27,10 +29,13 @@ if TYPE_CHECKING:
     from haptogram.conformance.run.access import Access
     from haptogram.conformance.run.runner import CaseProgress
     from haptogram.conformance.verdict import SuiteResult
+    from haptogram.evidence.recordings.tap import RecordedBoards
+    from haptogram.evidence.recordings.writer import RecordingWriter
     from haptogram.settings.parser import Parser
 
-#: Given URL (None: the default board), line rate and seed, returns a board in this program.
-Virtual: TypeAlias = "Callable[[str | None, int, int], Access]"
+#: Given URL (None: the default board), line rate, seed and the recording of its boards or None,
+#: returns a board in this program.
+Virtual: TypeAlias = "Callable[[str | None, int, int, RecordedBoards | None], Access]"
 
 
 def set_up(parser: Parser, virtual: Virtual) -> None:
@@ -58,7 +63,7 @@ def set_up(parser: Parser, virtual: Virtual) -> None:
 def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     """Run the cases, write and print the result, and return the exit status."""
     from haptogram.conformance.cases import all_cases, select
-    from haptogram.errors import ConfigurationError, LinkError
+    from haptogram.errors import ConfigurationError
 
     refuse_idle_options("conform", arguments)
     if arguments.compare:
@@ -71,9 +76,35 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     cases = tuple(select(all_cases(), arguments.clause))
     if arguments.list:
         return _list(cases)
-    outputs = Outputs(arguments, "json", "junit", "html", "write_baseline", pictures=False)
-    suite = _run_cases(arguments, cases, virtual)
+    outputs = Outputs(
+        arguments, "json", "junit", "html", "write_baseline", "record", pictures=False
+    )
+    with recording(arguments.record, "conform", _options(arguments)) as writer:
+        status = _run(arguments, cases, virtual, outputs, writer)
+        return status if is_recorded("conform", writer) else USAGE
+
+
+def _options(arguments: argparse.Namespace) -> dict[str, object]:
+    """Return the options that were given, for the recording."""
+    return {name: getattr(arguments, name) for name in sorted(arguments.given)}
+
+
+def _run(
+    arguments: argparse.Namespace,
+    cases: tuple[Case, ...],
+    virtual: Virtual,
+    outputs: Outputs,
+    writer: RecordingWriter | None,
+) -> int:
+    from haptogram.errors import LinkError
     from haptogram.report.conformance.text import suite_text
+
+    suite = _run_cases(arguments, cases, virtual, writer)
+    if writer is not None:
+        from haptogram.evidence.recordings.channels import SUMMARY
+        from haptogram.report.conformance.result import suite_dict
+
+        writer.document(SUMMARY, writer.last_ns, suite_dict(suite))
 
     if not suite.device and suite.cut_short and not suite.is_interrupted:
         raise LinkError(suite.cut_short)  # no board answered: nothing was judged
@@ -84,7 +115,10 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
 
 
 def _run_cases(
-    arguments: argparse.Namespace, cases: tuple[Case, ...], virtual: Virtual
+    arguments: argparse.Namespace,
+    cases: tuple[Case, ...],
+    virtual: Virtual,
+    writer: RecordingWriter | None,
 ) -> SuiteResult:
     from haptogram.conformance.cases import all_cases
     from haptogram.conformance.run.baseline import load_baseline
@@ -100,7 +134,7 @@ def _run_cases(
         expected=expected,
     )
     with _progress(quiet=arguments.quiet) as progress:
-        return SuiteRunner(_access(arguments, virtual), options, progress).run(cases)
+        return SuiteRunner(_access(arguments, virtual, writer), options, progress).run(cases)
 
 
 def _seed(arguments: argparse.Namespace) -> int:
@@ -110,7 +144,20 @@ def _seed(arguments: argparse.Namespace) -> int:
     return 0 if asks_for_virtual_board(arguments) else int.from_bytes(os.urandom(4))
 
 
-def _access(arguments: argparse.Namespace, virtual: Virtual) -> Access:
+def _access(
+    arguments: argparse.Namespace, virtual: Virtual, writer: RecordingWriter | None
+) -> Access:
+    from haptogram.conformance.run.access import RecordedAccess
+    from haptogram.evidence.recordings.tap import RecordedBoards
+
+    boards = None if writer is None else RecordedBoards(writer)
+    if asks_for_virtual_board(arguments):
+        return virtual(arguments.port, arguments.baud, _seed(arguments), boards)
+    access = _access_to_port(arguments)
+    return access if boards is None else RecordedAccess(access, boards)
+
+
+def _access_to_port(arguments: argparse.Namespace) -> Access:
     from haptogram.conformance.run.access import PortAccess
     from haptogram.conformance.run.spawning import DEFAULT_PORT_REGEX, SpawnAccess
 
@@ -121,8 +168,6 @@ def _access(arguments: argparse.Namespace, virtual: Virtual) -> Access:
             boot_timeout_s=arguments.boot_timeout,
             baudrate=arguments.baud,
         )
-    if asks_for_virtual_board(arguments):
-        return virtual(arguments.port, arguments.baud, _seed(arguments))
     lines = {"dtr": arguments.dtr, "rts": arguments.rts}
     held = {name: state == "1" for name, state in lines.items() if state in ("0", "1")}
     return PortAccess(

@@ -13,6 +13,7 @@ from haptogram.settings.parser import file_name_option, number_option, whole_num
 from haptogram.settings.verify_config import LinkConfig
 
 from ..shell.output_files import FILE_HELP
+from ..shell.recording import RECORD_HELP
 
 _SCHEME: Final = "haptogram://"
 PULSE: Final = "pulse"
@@ -114,6 +115,7 @@ def _add_results(group: argparse._ArgumentGroup) -> None:
         metavar="FILE",
         help="write today's failures as expected",
     )
+    group.add_argument("--record", type=file_name_option, metavar="FILE", help=RECORD_HELP)
     group.add_argument("--verbose", action="store_true", help="print every case")
     group.add_argument(
         "--compare",

@@ -31,10 +31,12 @@ from haptogram.settings.verify_config import (
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
 from ..shell.output_files import Outputs, announce_output
+from ..shell.recording import is_recorded, recording
 from .options import add_verify_options
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
+    from haptogram.evidence.recordings.writer import RecordingWriter
     from haptogram.evidence.run_record import RunRecord
     from haptogram.settings.arguments import Progress
     from haptogram.settings.board import BoardConfig
@@ -87,10 +89,6 @@ def set_up(
 
 def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) -> int:
     """Run the job, write and print its result, and return the exit status."""
-    from haptogram.evidence.run_record import measure_run
-    from haptogram.report import run as report
-    from haptogram.verification import tolerance_of, uncertainty_of, verify_run
-
     names = options_of(VerifyConfig)
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_verify_config(arguments.config, given)
@@ -101,6 +99,26 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     refuse_idle_options("verify", arguments, settings, file, read_table(file) if file else ())
     outputs = Outputs(settings, *options_of(OutputConfig))
     virtual = prepare(config)
+    with recording(config.outputs.record, "verify", config.result_options()) as writer:
+        status = _run(arguments, config, virtual, in_process, outputs, writer)
+        return status if is_recorded("verify", writer) else USAGE
+
+
+def _run(
+    arguments: argparse.Namespace,
+    config: VerifyConfig,
+    virtual: BoardConfig,
+    in_process: InProcess,
+    outputs: Outputs,
+    writer: RecordingWriter | None,
+) -> int:
+    """Run the job on the board that the settings name."""
+    from haptogram.evidence.run_record import measure_run
+    from haptogram.report import run as report
+    from haptogram.verification import tolerance_of, uncertainty_of, verify_run
+
+    if writer is not None:
+        _begin(writer, config, virtual)
     planned = virtual.plan
     quiet = arguments.quiet
     try:
@@ -110,7 +128,9 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
             _bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming(planned, board),
         ):
-            found = measure_run(config, board, progress, settling, faulty=bool(planned.faults))
+            found = measure_run(
+                config, board, progress, settling, faulty=bool(planned.faults), writer=writer
+            )
     except _BrokenByPlanError as error:
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return INCONCLUSIVE
@@ -139,6 +159,8 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         host=None if config.link.virtual_time else _host_dict(found),
         environment=None if config.link.virtual_time else report.run_environment(),
     )
+    if writer is not None:
+        _record_verdicts(writer, verdict, result)
     # Before the files: a full disk must not cost the result.
     print(paint_terminal_verdicts(str(verdict), outputs.text), file=outputs.text)
     for line in report.faults_and_troubles_text(result):
@@ -149,6 +171,25 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         return USAGE
     status = verdict.exit_status
     return INTERRUPTED if found.interrupted and status == INCONCLUSIVE else status
+
+
+def _record_verdicts(
+    writer: RecordingWriter, verdict: RunVerdict, result: dict[str, object]
+) -> None:
+    from haptogram.evidence.recordings.channels import SUMMARY, VERDICT
+    from haptogram.report import run as report
+
+    for frame in verdict.frames:
+        t_us = frame.t_apply_us if frame.t_latch_us is None else frame.t_latch_us
+        writer.document(VERDICT, (t_us or 0) * 1000, report.frame_dict(frame))
+    writer.document(SUMMARY, writer.last_ns, result)
+
+
+def _begin(writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig) -> None:
+    """Write which board is at the other end; of a board in virtual time, when it began."""
+    options = None if config.link.port is not None else virtual.non_default()
+    boot_ns = 0 if config.link.virtual_time else None
+    writer.opened(0, options, boot_ns, paced=options is not None)
 
 
 @contextlib.contextmanager

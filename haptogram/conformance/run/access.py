@@ -90,6 +90,40 @@ class VirtualAccess:
         """Do nothing: a board whose port is closed has no power."""
 
 
+class RecordedAccess:
+    """Another access whose bytes are written down, board after board.
+
+    Parameters
+    ----------
+    access : Access
+        The way to the board.
+    wrap : callable
+        Takes a port that was opened, returns what the suite talks to in its place.
+    """
+
+    def __init__(self, access: Access, wrap: Callable[[Transport], Transport]) -> None:
+        self.url, self.baudrate, self.virtual = access.url, access.baudrate, access.virtual
+        self.can_reset, self.boots = access.can_reset, access.boots
+        self.boot_timeout_s = access.boot_timeout_s
+        self._access, self._wrap = access, wrap
+
+    def open(self) -> Transport:
+        """Open the port."""
+        return self._taken(self._access.open())
+
+    def reset(self) -> Transport:
+        """Restart the board and open its port."""
+        return self._taken(self._access.reset())
+
+    def _taken(self, transport: Transport) -> Transport:
+        self.url = self._access.url  # of a program that names its port when it starts
+        return self._wrap(transport)
+
+    def close(self) -> None:
+        """End what the access has started."""
+        self._access.close()
+
+
 class PortAccess:
     """A board behind a port of the system.
 

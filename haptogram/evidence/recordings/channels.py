@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from .latches import LATCH_LAYOUT, LATCH_VERSION
+from haptogram.records.latch import LATCH_LAYOUT, LATCH_VERSION
 
 VERSION: Final = 1
 PROFILE: Final = "haptogram"
@@ -114,7 +114,11 @@ CHANNELS: Final = {
             LINK,
             "host",
             "what happened to the line between host and board",
-            event=_text("opened: a board at power-up; departed: the host closed the port"),
+            event=_text(
+                "opened: a line to a board begins; departed: the host closed the port; excerpt: "
+                "what follows is from the midst of a soak"
+            ),
+            text=_text("excerpt: the violation"),
             board=_object("opened: options of the virtual board, as `haptogram board` takes them"),
             boot_ns=_whole("opened: time of the board's power-up; null: not known"),
             paced=_whole("opened: 1 if a simulated line carries the bytes, 0 if a real one does"),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.records.latch import LATCH_VERSION, LatchRecord
 
 from .channels import (
     BOARD,
@@ -25,7 +26,6 @@ from .channels import (
     TO_HOST,
     VERSION,
 )
-from .latches import LATCH_VERSION, LatchRecord
 from .writer import check_recordings
 
 MAGIC: Final = b"\x89MCAP0\r\n"

@@ -1,13 +1,15 @@
-"""A port whose bytes are recorded on their way: for every command that opens one."""
+"""Ports whose bytes are recorded on their way: for every command that opens one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from haptogram.driver.line.port import Transport
 
 from .writer import RecordingWriter
+
+_PAUSE_NS: Final = 1_000_000  # from the last byte of a board to the beginning of the next
 
 
 class RecordingTransport:
@@ -54,7 +56,7 @@ class RecordingTransport:
             self.last_ns = self.now_ns() + self._offset_ns
             self._writer.to_host(self.last_ns, data)
         if self._records is not None:
-            self.tell_records()
+            self.tell(self._records())
         return data
 
     def write_some(self, data: bytes) -> int:
@@ -65,9 +67,8 @@ class RecordingTransport:
             self._writer.to_board(self.last_ns, bytes(data[:written]))
         return written
 
-    def tell_records(self) -> None:
-        """Write the records of the back door that are new."""
-        records = () if self._records is None else self._records()
+    def tell(self, records: Sequence[Mapping[str, Any]]) -> None:
+        """Write those of the records of a back door that were not told before."""
         while self._told < len(records):
             self._writer.record(records[self._told])
             self._told += 1
@@ -75,4 +76,46 @@ class RecordingTransport:
     def close(self) -> None:
         """Close the port."""
         self._transport.close()
-        self.tell_records()
+        if self._records is not None:
+            self.tell(self._records())
+
+
+class RecordedBoards:
+    """Writes one board after another into a recording, each behind the last one in time.
+
+    Parameters
+    ----------
+    writer : RecordingWriter
+        The recording.
+    """
+
+    def __init__(self, writer: RecordingWriter) -> None:
+        self._writer = writer
+        self._last: RecordingTransport | None = None
+
+    def __call__(
+        self,
+        transport: Transport,
+        board: Mapping[str, Any] | None = None,
+        records: Callable[[], Sequence[Mapping[str, Any]]] | None = None,
+        *,
+        just_powered: bool = False,
+    ) -> Transport:
+        """Return an open port, written down.
+
+        Parameters
+        ----------
+        board : mapping, optional
+            Options of a virtual board.
+        records : callable, optional
+            Returns the records of its back door so far.
+        just_powered : bool
+            Whether the board was powered up at this moment of the port's clock.
+        """
+        now_ns = transport.now_ns()
+        least_ns = 0 if self._last is None else self._last.last_ns + _PAUSE_NS
+        offset_ns = max(0, least_ns - now_ns)
+        boot_ns = now_ns + offset_ns if just_powered else None
+        self._writer.opened(now_ns + offset_ns, board, boot_ns, paced=board is not None)
+        self._last = RecordingTransport(transport, self._writer, records, offset_ns=offset_ns)
+        return self._last

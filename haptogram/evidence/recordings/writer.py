@@ -17,6 +17,7 @@ from typing import Any, BinaryIO, Final, Self
 import haptogram
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
+from haptogram.records.latch import LatchRecord
 
 from .channels import (
     BOARD,
@@ -34,7 +35,6 @@ from .channels import (
     TO_HOST,
     VERSION,
 )
-from .latches import LatchRecord
 
 _FLUSH_NS: Final = 50_000_000  # 50 frames at 1 kHz: what a killed run can lose
 _CHUNK: Final = 256 * 1024
@@ -73,8 +73,12 @@ class RecordingWriter:
 
     Attributes
     ----------
+    path : Path
+        The file.
     failure : str
         Why the recording ended early, in one line; empty as long as it goes on.
+    last_ns : int
+        The latest time of an entry.
 
     Raises
     ------
@@ -89,13 +93,13 @@ class RecordingWriter:
         from mcap.writer import CompressionType, Writer
 
         self.failure = ""
-        self._path = path
+        self.path = path
         self._file = _Output(_opened(path))
         self._writer: Any = Writer(
             self._file, chunk_size=_CHUNK, compression=CompressionType.NONE, enable_crcs=True
         )
         self._ids: dict[str, int] = {}
-        self._flushed_ns = self._last_ns = 0
+        self._flushed_ns = self.last_ns = 0
         with self._attempt():
             self._begin(command, configuration or {})
 
@@ -155,7 +159,7 @@ class RecordingWriter:
         """Write a record of the back door (docs/backdoor.md) on the channels that hold it."""
         if record["kind"] != "latch":
             times = (record[name] for name in _TIMES if name in record)
-            t_us = next(times, self._last_ns // 1000)
+            t_us = next(times, self.last_ns // 1000)
             self.document(_RECORDS[record["kind"]], t_us * 1000, record)
             return
         self.latch(LatchRecord.from_record(record))
@@ -203,7 +207,7 @@ class RecordingWriter:
             self._fail(error)
 
     def _add(self, topic: str, t_ns: int, data: bytes, published_ns: int | None = None) -> None:
-        self._last_ns = max(self._last_ns, t_ns)
+        self.last_ns = max(self.last_ns, t_ns)
         self._writer.add_message(
             self._ids[topic], t_ns, data, t_ns if published_ns is None else published_ns
         )
@@ -218,7 +222,7 @@ class RecordingWriter:
     def _fail(self, error: OSError) -> None:
         if not self.failure:
             why = error.strerror or "it cannot be written"
-            self.failure = f"{self._path}: the recording ended early: {why}"
+            self.failure = f"{self.path}: the recording ended early: {why}"
             self._file.give_up()
 
 
@@ -262,4 +266,4 @@ def _opened(path: Path) -> BinaryIO:
 
 
 def _encoded(fields: Mapping[str, Any]) -> bytes:
-    return json.dumps(fields, separators=(",", ":"), allow_nan=False).encode()
+    return json.dumps(fields, separators=(",", ":"), allow_nan=False, default=str).encode()

@@ -5,11 +5,12 @@ Each file is written as a whole or not at all.
 
 from .junit import write_run_junit
 from .page import write_run_page
-from .result import run_environment, run_result_dict, write_frame_lines, write_run_json
+from .result import frame_dict, run_environment, run_result_dict, write_frame_lines, write_run_json
 from .wording import faults_and_troubles_text
 
 __all__ = [
     "faults_and_troubles_text",
+    "frame_dict",
     "run_environment",
     "run_result_dict",
     "write_frame_lines",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import importlib.metadata
 import json
@@ -15,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.machine.files import write_file_atomically
-from haptogram.verification import RunVerdict, Verdict
+from haptogram.verification import FrameVerdict, RunVerdict, Verdict
 
 #: Number of the format; docs/api.md has a table of the keys that each format renamed.
 FORMAT: Final = 2
@@ -97,6 +98,16 @@ def run_environment() -> dict[str, str | int | None]:
     }
 
 
+def frame_dict(frame: FrameVerdict) -> dict[str, Any]:
+    """Return the verdict on one frame for JSON, with its join key and its line of text."""
+    fields = {item.name: getattr(frame, item.name) for item in dataclasses.fields(frame)}
+    key = fields.pop("key")
+    plain: dict[str, Any] = _plain(
+        dataclasses.asdict(key) | {"verdict": frame.status, "text": str(frame)} | fields
+    )
+    return plain
+
+
 def write_run_json(path: Path, result: Mapping[str, Any]) -> None:
     """Write *result*, indented by 2; a number that is not finite becomes null.
 
@@ -139,6 +150,8 @@ def _plain(value: Any) -> Any:
             return [_plain(item) for item in value]
         case set() | frozenset():
             return sorted(_plain(item) for item in value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {item.name: _plain(getattr(value, item.name)) for item in dataclasses.fields(value)}
     return str(value)
 
 

@@ -119,7 +119,7 @@ def test_nothing_is_nothing(tmp_path, capsys):
     [
         (["missing"], "missing: No such file"),
         (["."], "Is a directory"),
-        ([""], "the name is empty"),
+        ([""], "must be the name of a file"),
         (["FILE", "--input", "recording"], "is no recording"),
         (["FILE", "--dialect", "sonicsurfac"], "did you mean sonicsurface?"),
     ],

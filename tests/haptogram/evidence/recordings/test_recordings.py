@@ -21,10 +21,10 @@ from haptogram.evidence.recordings.channels import (
     TO_HOST,
     VERSION,
 )
-from haptogram.evidence.recordings.latches import Codes, LatchRecord
 from haptogram.evidence.recordings.reader import Recording
 from haptogram.evidence.recordings.repair import repair
 from haptogram.evidence.recordings.writer import RecordingWriter
+from haptogram.records.latch import Codes, LatchRecord
 
 FRAMES = 200
 

@@ -6,10 +6,14 @@ import base64
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 from zlib import crc32
 
 from haptogram.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.model.drive import Drive
+    from haptogram_protocol.messages import LatchKey
 
 LATCH_VERSION: Final = 1
 _HEAD: Final = struct.Struct("<HHIIIqqBBBBH")
@@ -36,6 +40,31 @@ class Codes:
     def crc(self) -> int:
         """CRC-32 of the drive, as a TRACE event carries it."""
         return crc32(self.phases + self.amplitudes)
+
+
+class LatchSeen(Protocol):
+    """A latch as the virtual board tells it; see ``sim_device.board.events.Latch``."""
+
+    @property
+    def key(self) -> LatchKey: ...  # noqa: D102
+    @property
+    def session(self) -> int: ...  # noqa: D102
+    @property
+    def number(self) -> int: ...  # noqa: D102
+    @property
+    def t_latch_us(self) -> int: ...  # noqa: D102
+    @property
+    def t_received_us(self) -> int | None: ...  # noqa: D102
+    @property
+    def late(self) -> bool: ...  # noqa: D102
+    @property
+    def ramping(self) -> bool: ...  # noqa: D102
+    @property
+    def commanded_bits(self) -> int: ...  # noqa: D102
+    @property
+    def drive(self) -> Drive: ...  # noqa: D102
+    @property
+    def radiated(self) -> Drive: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +164,26 @@ class LatchRecord:
         )
 
     @classmethod
+    def of(cls, latch: LatchSeen) -> Self:
+        """Return what the virtual board latched."""
+        key, drive, radiated = latch.key, latch.drive, latch.radiated
+        same = radiated is drive or radiated == drive
+        return cls(
+            latch.session,
+            key.sequence,
+            key.loop,
+            key.index,
+            latch.number,
+            latch.t_latch_us,
+            latch.t_received_us,
+            latch.late,
+            latch.ramping,
+            latch.commanded_bits,
+            _codes_of(drive),
+            None if same else _codes_of(radiated),
+        )
+
+    @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
         """Return the latch in a ``latch`` record of a back door (docs/backdoor.md)."""
         radiated = record["radiated"]
@@ -172,6 +221,10 @@ class LatchRecord:
             "ramping": self.ramping,
             "reconstruction": None if reconstruction is None else dict(reconstruction),
         }
+
+
+def _codes_of(drive: Drive) -> Codes:
+    return Codes(drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes(), drive.phase_bits)
 
 
 def _codes_at(data: bytes, start: int, count: int, bits: int) -> Codes:

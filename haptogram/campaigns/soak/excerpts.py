@@ -1,0 +1,100 @@
+"""The seconds around each violation of a soak, for its recording."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from haptogram.records.latch import LatchRecord, LatchSeen
+
+from .tally import SoakTally
+
+if TYPE_CHECKING:
+    from haptogram.evidence.recordings.writer import RecordingWriter
+
+BEFORE_NS: Final = 2_000_000_000
+AFTER_NS: Final = 1_000_000_000
+MOST_KEPT: Final = 20  # excerpts of a segment; later violations are counted all the same
+
+#: Bytes for the board or for the host, or a latch.
+Entry: TypeAlias = tuple[int, bool, bytes] | tuple[int, None, LatchRecord]
+
+
+@dataclass(slots=True)
+class Excerpt:
+    """What happened around a violation; times are nanoseconds since the power-up of the board."""
+
+    text: str
+    until_ns: int
+    entries: list[Entry] = field(default_factory=list)
+
+    def write(self, writer: RecordingWriter, start_ns: int) -> None:
+        """Write it into a recording, *start_ns* later."""
+        from haptogram.evidence.recordings.channels import LINK
+
+        first_ns = self.entries[0][0] if self.entries else 0
+        writer.document(LINK, start_ns + first_ns, {"event": "excerpt", "text": self.text})
+        for t_ns, to_board, data in self.entries:
+            if isinstance(data, LatchRecord):
+                writer.latch(data)
+            elif to_board:
+                writer.to_board(start_ns + t_ns, data)
+            else:
+                writer.to_host(start_ns + t_ns, data)
+
+
+class Excerpts:
+    """Keeps the last seconds, and all of them as soon as the tally has another violation.
+
+    Parameters
+    ----------
+    tally : SoakTally
+        The account of the segment.
+    """
+
+    def __init__(self, tally: SoakTally) -> None:
+        self.found: list[Excerpt] = []
+        self._tally = tally
+        self._last: deque[Entry] = deque()
+        self._violations = 0
+        self._open: Excerpt | None = None
+
+    def to_board(self, t_ns: int, data: bytes) -> None:
+        """Keep bytes that the board took."""
+        self._add((t_ns, True, data))
+
+    def to_host(self, t_ns: int, data: bytes) -> None:
+        """Keep bytes that the host took."""
+        self._add((t_ns, False, data))
+
+    def latches(self, t_ns: int, latches: Iterable[LatchSeen]) -> None:
+        """Keep latches."""
+        for latch in latches:
+            self._add((t_ns, None, LatchRecord.of(latch)))
+
+    def look(self, t_ns: int) -> None:
+        """Begin or extend an excerpt if there is a violation that is new."""
+        violations = sum(self._tally.violations.values())
+        if violations == self._violations:
+            return
+        self._violations = violations
+        if self._open is not None:
+            self._open.until_ns = t_ns + AFTER_NS
+        elif len(self.found) < MOST_KEPT:
+            text = self._tally.examples[-1] if self._tally.examples else "violation"
+            self._open = Excerpt(text, t_ns + AFTER_NS, list(self._last))
+            self.found.append(self._open)
+
+    def _add(self, entry: Entry) -> None:
+        t_ns = entry[0]
+        self.look(t_ns)
+        if self._open is not None:
+            if t_ns <= self._open.until_ns:
+                self._open.entries.append(entry)
+            else:
+                self._open = None
+        self._last.append(entry)
+        while self._last[0][0] < t_ns - BEFORE_NS:
+            self._last.popleft()
