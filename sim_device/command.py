@@ -165,7 +165,6 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
     settings, parts, plan = board.settings, board.parts, board.faults
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
-    paced = options.serial is None
     tap = _start_tap(options, config, settings, open_recording)
     port = _open_port(options, settings.line)
     worker = None
@@ -174,7 +173,9 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
             worker = _start_worker(options, settings)
             recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
             recorders += [tap] if tap else []
-            simulation = Simulation(settings, *recorders, paced=paced, parts=parts, faults=plan)
+            simulation = Simulation(
+                settings, *recorders, paced=options.serial is None, parts=parts, faults=plan
+            )
             counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
             heartbeat = Heartbeat(simulation, port, worker, counts, tap)
             if options.until_eof:

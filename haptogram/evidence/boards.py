@@ -83,7 +83,7 @@ class BoardUnderTest(Protocol):
         ...
 
     def records(self) -> Sequence[Mapping[str, Any]]:
-        """Return what has come out of its back door so far; nothing, if it has none."""
+        """Return the records of its back door so far; none, if it has no back door."""
         ...
 
     @property
@@ -152,7 +152,7 @@ class ProcessBoard:
         return silences_on_the_clock_of(driver.intended, self._board.records())
 
     def records(self) -> Sequence[Mapping[str, Any]]:
-        """Return what came out of the back door."""
+        """Return the records of the back door."""
         return self._board.records()
 
     @property
@@ -222,7 +222,7 @@ class InProcessBoard:
         return silences_on_the_clock_of(driver.intended, self._records())
 
     def records(self) -> Sequence[Mapping[str, Any]]:
-        """Return what came out of the back door."""
+        """Return the records of the back door."""
         return self._records()
 
     @property

@@ -1,4 +1,4 @@
-"""What a board tells a recording of its line: bytes both ways, latches, changes of the output.
+"""The tap of a board's line for a recording: bytes both ways, latches, changes of the output.
 
 The recording itself is the caller's: this package knows no file format.
 """

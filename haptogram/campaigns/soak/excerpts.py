@@ -24,7 +24,7 @@ Entry: TypeAlias = tuple[int, bool, bytes] | tuple[int, None, LatchRecord]
 
 @dataclass(slots=True)
 class Excerpt:
-    """What happened around a violation; times are nanoseconds since the power-up of the board."""
+    """The seconds around a violation; times are nanoseconds since the power-up of the board."""
 
     text: str
     until_ns: int
