@@ -94,6 +94,7 @@ class Simulation:
         self._unread = bytearray()
         self._unread_lost = 0
         self._now_ns = 0
+        self._record()  # some boards radiate from power-up on
 
     @property
     def now_ns(self) -> int:

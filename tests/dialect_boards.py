@@ -1,5 +1,6 @@
 """Boards of other dialects in virtual time, and what unmodified clients sent to them."""
 
+import functools
 import json
 from pathlib import Path
 
@@ -29,18 +30,29 @@ def dialect_of(name):
     return DEVICES[device] if device else (name.split("/")[0], ())
 
 
+@functools.cache
+def _blueprint(values):
+    return blueprint_of(BoardConfig.of(**dict(values)))
+
+
+def blueprint_of_options(dialect, options, array=None):
+    """Return the blueprint of a board; the same one for the same options."""
+    words = tuple(f"{name}={value}" for name, value in options.items())
+    given = {} if array is None else {"array": array}
+    return _blueprint(tuple({"dialect": dialect, "dialect_option": words, **given}.items()))
+
+
 class DialectBoard:
     """A board in virtual time, whose latches and notices are kept."""
 
     def __init__(self, dialect, *options, **values):
-        config = BoardConfig.of(dialect=dialect, dialect_option=options, **values)
-        blueprint = blueprint_of(config)
+        values = {"dialect": dialect, "dialect_option": options, **values}
+        blueprint = _blueprint(tuple(values.items()))
         self.settings = blueprint.settings
         self.latches, self.notices, self.records = [], [], []
         self.simulation = Simulation(
             self.settings, self, parts=blueprint.parts, faults=blueprint.faults
         )
-        self._collect()
 
     def latch(self, latch):
         self.latches.append(latch)
@@ -67,6 +79,3 @@ class DialectBoard:
     def _drain(self):
         while self.simulation.host_unsent:
             self.simulation.advance_to(self.simulation.next_event_ns())
-
-    def _collect(self):
-        self.simulation.advance_to(0)

@@ -60,12 +60,12 @@ class ForeignDialect:
         self._now_us = now_us
         self._output = bytearray()
         self._own: Counter[str] = Counter()
-        self._counted: dict[str, int] = {}  # at the last latch
+        self._counted: Counter[str] = Counter()  # at the last latch
         self._latched = 0
-        self._stalled_us: int | None = None  # when a frame that has not ended is noticed
+        self._quiet_us: int | None = None  # when the client has been silent for long enough
         self._latches: list[PulseLatch] = []
         self._notices: list[Notice] = []
-        self._first_bytes: bytearray | None = bytearray()  # None: the wire needs no more guessing
+        self._first_bytes: bytearray | None = bytearray()  # None: the wire has been guessed
         self._collect()
 
     # --- time and bytes ------------------------------------------------------------------------
@@ -96,14 +96,14 @@ class ForeignDialect:
 
     def next_event_us(self) -> int | None:
         """Return when the boards next do something by themselves, or None."""
-        return earliest_time(self._unit.next_event_us(), self._stalled_us)
+        return earliest_time(self._unit.next_event_us(), self._quiet_us)
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*."""
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
             self._now_us = next_us
-            if next_us == self._stalled_us:
-                self._say_stalled()
+            if next_us == self._quiet_us:
+                self._look_at_silence()
             self._reply(self._unit.advance_to(next_us))
             self._collect()
         self._now_us = max(self._now_us, t_us)
@@ -118,8 +118,9 @@ class ForeignDialect:
                 self._reply(self._unit.take(operation, t_us))
                 self._collect()
             at = end
-        self._stalled_us = t_us + PATIENCE_US if self._end.pending else None
-        self._recognise(data)
+        self._keep_first_bytes(data)
+        waits = self._end.pending or self._first_bytes
+        self._quiet_us = t_us + PATIENCE_US if waits else None
 
     def take_output(self, limit: int | None = None) -> bytes:
         """Return bytes for the line, at most *limit* if given."""
@@ -133,8 +134,8 @@ class ForeignDialect:
         A serial board does not see that its client leaves: what the board holds stays. A link that
         has no line ends with its connection.
         """
-        if self._stalled_us is not None:
-            self._say_stalled()
+        if self._quiet_us is not None:
+            self._look_at_silence()
         self._first_bytes = bytearray()
         if not self._dialect.bauds:
             self._own.update(self._end.counters)
@@ -165,11 +166,11 @@ class ForeignDialect:
 
     def _collect(self) -> None:
         for latch in self._unit.take_latches():
-            counters = self.counters
+            counters = self._end.counters + self._unit.counters
             counted = {
-                kind: count - self._counted.get(kind, 0)
+                kind: count - self._counted[kind]
                 for kind, count in counters.items()
-                if count != self._counted.get(kind, 0)
+                if count != self._counted[kind]
             }
             self._counted = counters
             self._latches.append(
@@ -182,26 +183,32 @@ class ForeignDialect:
             )
             self._latched += 1
 
-    def _recognise(self, data: bytes) -> None:
-        """Say once that the first bytes look like another wire."""
+    def _keep_first_bytes(self, data: bytes) -> None:
         if self._first_bytes is None:
             return
         self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
-        names = looks_like_dialect(bytes(self._first_bytes)) if self.counters else ()
+        if len(self._first_bytes) == LOOKED_AT_BYTES:
+            self._recognise(bytes(self._first_bytes))
+
+    def _look_at_silence(self) -> None:
+        """Say if what came before the silence is a part of a frame, or looks like another wire."""
+        self._quiet_us = None
+        if self._end.pending:
+            self._own["frames_unfinished"] += 1
+            self._remark(f"a frame stops in its middle: {self._end.pending} bytes have no end")
+        if self._first_bytes:
+            self._recognise(bytes(self._first_bytes))
+
+    def _recognise(self, first_bytes: bytes) -> None:
+        """Say once for each client that its bytes look like another wire."""
+        self._first_bytes = None
+        names = looks_like_dialect(first_bytes)
         if names and self._dialect.name not in names:
             self._own["other_wires"] += 1
             self._remark(
                 f"these bytes look like {' or '.join(names)}, not {self._dialect.name}: "
                 "choose the dialect that the client speaks"
             )
-            self._first_bytes = None
-        elif len(self._first_bytes) >= LOOKED_AT_BYTES:
-            self._first_bytes = None
-
-    def _say_stalled(self) -> None:
-        self._stalled_us = None
-        self._own["frames_unfinished"] += 1
-        self._remark(f"a frame stops in its middle: {self._end.pending} bytes have no end")
 
     def _remark(self, text: str) -> None:
         self._notices.append(Remark(self._now_us, text))

@@ -29,14 +29,14 @@ _NANO16_CONNECTED: Final = bytes([0b00111111, 0b11111100])
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chain(Settings):
+class ArduinoChain(Settings):
     """Options of a chain of Nano boards."""
 
     boards: int = option(1, unit="N", low=1, high=wire.MAX_BOARDS, help=_BOARDS_HELP)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mega64Chain(Chain):
+class Mega64Chain(ArduinoChain):
     """Options of a chain of MEGA64 boards."""
 
     firmware: str = option(
@@ -48,9 +48,12 @@ class Mega64Chain(Chain):
 
 
 def _emulation(
-    dialect: Dialect, outputs: Outputs, layout: BoardLayout, options: type[Chain] = Chain
+    dialect: Dialect,
+    outputs: Outputs,
+    layout: BoardLayout,
+    options: type[ArduinoChain] = ArduinoChain,
 ) -> Emulation:
-    def unit(options: Chain, now_us: int) -> SlotBoards:
+    def unit(options: ArduinoChain, now_us: int) -> SlotBoards:
         animated = isinstance(options, Mega64Chain) and options.firmware == _ANIMATION
         own = dataclasses.replace(outputs, shows_one=animated)
         return SlotBoards(own, options.boards, now_us)

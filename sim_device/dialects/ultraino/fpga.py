@@ -35,7 +35,7 @@ class Amplitudes(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chain(Settings):
+class FpgaChain(Settings):
     """Options of ChainedFPGA."""
 
     boards: int = option(2, unit="N", low=1, high=wire.MAX_BOARDS, help="boards of the chain")
@@ -45,12 +45,12 @@ def _simple_unit(options: Amplitudes, now_us: int) -> DoubleBuffer:
     return DoubleBuffer(Registers(wire.RULES[options.fb], 32, _WIDTH), 1, now_us)
 
 
-def _chain_unit(options: Chain, now_us: int) -> DoubleBuffer:
+def _chain_unit(options: FpgaChain, now_us: int) -> DoubleBuffer:
     registers = Registers(wire.chained_rules(options.boards), 32, _WIDTH)
     return DoubleBuffer(registers, options.boards, now_us)
 
 
-def _chain_layout(options: Chain) -> BoardLayout:
+def _chain_layout(options: FpgaChain) -> BoardLayout:
     return ULTRAINO_SONICSURFACE if options.boards == 1 else ULTRAINO_STACK
 
 
@@ -72,6 +72,6 @@ CHAINED: Final = Emulation(
     end=lambda options: wire.CHAINED.board(boards=options.boards),
     unit=_chain_unit,
     layout=_chain_layout,
-    options=Chain,
+    options=FpgaChain,
     boards=lambda options: options.boards,
 )

@@ -1,0 +1,224 @@
+"""What holds for the boards of every dialect: any bytes, in any pieces, at any steps of time."""
+
+import json
+import pickle
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dialect_boards import DialectBoard, blueprint_of_options
+from haptogram.errors import ConfigurationError
+from haptogram.settings.board import BoardConfig
+from haptogram_protocol.dialects.codec import OneWayHost
+from haptogram_protocol.dialects.table import DIALECTS
+from sim_device.backdoor.recorder import InlineReconstruction
+from sim_device.blueprint import blueprint_of
+from sim_device.dialects.foreign import OUTPUT_LIMIT
+from sim_device.dialects.table import EMULATIONS
+from strategies_dialects import WIRES, Wire
+from strategies_protocol import chunkings
+
+EMULATED = [wire for wire in WIRES if wire.dialect in EMULATIONS]
+every_wire = pytest.mark.parametrize("wire", EMULATED, ids=str)
+every_dialect = pytest.mark.parametrize("name", EMULATIONS)
+LAYOUTS = {"ultraino-fpga-chained-4": "ultraino-sonicsurface"}  # of a wire without a layout
+
+
+def power_up(wire: Wire) -> DialectBoard:
+    options = tuple(f"{name}={value}" for name, value in wire.options.items())
+    array = {"array": LAYOUTS[str(wire)]} if str(wire) in LAYOUTS else {}
+    return DialectBoard(wire.dialect, *options, **array)
+
+
+@st.composite
+def lines(draw, wire):
+    """Bytes of a client, some of them damaged, between others that nobody meant."""
+    host = wire.host()
+    line = b"".join(host.send(operation) for operation in draw(wire.operations))
+    source = random.Random(draw(st.integers(0, 2**32)))
+    for _ in range(draw(st.integers(0, 4))):
+        at = source.randrange(len(line) + 1)
+        line = (
+            line[:at] + source.randbytes(source.randint(0, 3)) + line[at + source.randint(0, 2) :]
+        )
+    return draw(st.binary(max_size=40)) + line
+
+
+def seen(board):
+    """Return all that can be seen of a board from outside."""
+    latches = [
+        (latch.t_latch_us, latch.pulses, latch.cause, latch.index, latch.modulation, latch.number)
+        for latch in board.latches
+    ]
+    counted = [dict(latch.counted) for latch in board.latches]
+    counters = board.simulation.dialect.counters
+    return latches, counted, board.notices, counters, board.simulation.host_read()
+
+
+def test_every_dialect_of_the_table_has_boards():
+    assert set(EMULATIONS) <= set(DIALECTS)
+    assert {wire.dialect for wire in EMULATED} == set(EMULATIONS)
+    assert all(emulation.dialect is DIALECTS[name] for name, emulation in EMULATIONS.items())
+
+
+@every_dialect
+def test_a_board_radiates_from_power_up_what_its_registers_hold(name):
+    board = DialectBoard(name)
+    wiring, latch = board.settings.wiring, board.latches[0]
+    assert (latch.number, latch.cause, latch.t_latch_us) == (0, "power-up", board.settings.boot_us)
+    assert latch.pulses.count == wiring.channel_count
+    assert latch.radiated.shape == (board.settings.count,)
+    assert np.array_equal(latch.radiated, latch.pulses.weights()[list(wiring.channels)])
+    assert board.settings.line.baud == (DIALECTS[name].bauds or (None,))[0]
+
+
+@every_wire
+@settings(max_examples=30)
+@given(data=st.data())
+def test_any_steps_of_time_give_the_same(wire, data):
+    line = data.draw(lines(wire))
+    times_ns = [1000 * t for t in sorted(data.draw(st.lists(st.integers(0, 200_000), max_size=12)))]
+    end_ns = 2_500_000_000
+    boards = [power_up(wire) for _ in range(2)]
+    for board, steps in zip(boards, ([], times_ns), strict=True):
+        board.simulation.host_write(line, 0)
+        for t_ns in steps:
+            board.simulation.advance_to(t_ns)
+        board.simulation.advance_to(end_ns)
+    assert seen(boards[0]) == seen(boards[1])
+
+
+@every_wire
+@settings(max_examples=30)
+@given(data=st.data())
+def test_any_pieces_on_a_line_without_time_give_the_same(wire, data):
+    line = data.draw(lines(wire))
+    whole, pieces = [
+        blueprint_of_options(wire.dialect, wire.options, LAYOUTS.get(str(wire))) for _ in range(2)
+    ]
+    results = []
+    for blueprint, chunks in ((whole, [line]), (pieces, data.draw(chunkings(line)))):
+        dialect = blueprint.parts.assemble(blueprint.settings, 0)
+        for chunk in chunks:
+            dialect.receive(chunk, blueprint.settings.boot_us + 77)
+            assert dialect.output_bytes <= OUTPUT_LIMIT
+        latches = dialect.take_latches()
+        results.append(
+            (
+                [(latch.pulses, latch.cause, latch.index) for latch in latches],
+                [dict(latch.counted) for latch in latches],
+                dialect.counters,
+                dialect.take_output(),
+            )
+        )
+    assert results[0] == results[1]
+
+
+@every_wire
+@settings(max_examples=30)
+@given(chunks=st.lists(st.binary(max_size=600), max_size=6))
+def test_any_bytes_are_latches_or_counted(wire, chunks):
+    board = power_up(wire)
+    for chunk in chunks:
+        board.send(chunk)
+    board.pass_us(2_000_000)
+    assert len(board.remarks) <= 2 * len(chunks)
+    assert all(count > 0 for count in board.simulation.dialect.counters.values())
+    total = {}
+    for latch in board.latches:
+        for kind, count in latch.counted.items():
+            total[kind] = total.get(kind, 0) + count
+    counters = board.simulation.dialect.counters
+    assert all(counters[kind] >= count for kind, count in total.items())
+
+
+@every_wire
+def test_latches_travel_to_the_worker_and_become_records(wire):
+    board = power_up(wire)
+    source = random.Random(3)
+    board.send(source.randbytes(3000))
+    records = []
+    recorder = InlineReconstruction(board.settings, records.append, reconstruct=False)
+    for latch in board.latches[:200]:
+        again = pickle.loads(pickle.dumps(latch))
+        assert (again.pulses, again.counted) == (latch.pulses, latch.counted)
+        recorder.latch(again)
+    recorder.finish()
+    assert [record["kind"] for record in json.loads(json.dumps(records))] == [
+        "board",
+        *["pulses"] * len(board.latches[:200]),
+        "end",
+    ]
+
+
+@every_dialect
+def test_a_client_that_speaks_another_wire_is_told_once(name):
+    speaks = "ultraino-fpga-128" if name != "ultraino-fpga-128" else "ultraino-mega64"
+    wire = next(wire for wire in EMULATED if wire.dialect == speaks)
+    host = wire.host()
+    assert isinstance(host, OneWayHost)
+    line = OTHERS[speaks]
+    board = DialectBoard(name)
+    for _ in range(3):
+        board.send(line)
+        board.pass_us(2_000_000)
+    told = [text for text in board.remarks if "look like" in text]
+    assert len(told) == 1
+    assert speaks in told[0]
+    assert name in told[0]
+
+
+OTHERS = {
+    "ultraino-fpga-128": b"\xfe" + bytes(range(72)) + b"\xfd",
+    "ultraino-mega64": bytes([0x51] * 200) + b"\x30" * 8 + b"\x10\x00",
+}
+
+
+@every_dialect
+def test_a_frame_that_stops_in_its_middle_is_told_and_the_board_stays_up(name):
+    board = DialectBoard(name)
+    start = {"interactlab": b"\x80", "autd3": b"\x10\x01"}.get(name, b"\xfe\x11\x11\x11")
+    board.send(start)
+    board.pass_us(3_000_000)
+    assert [text for text in board.remarks if "stops in its middle" in text]
+    assert board.simulation.dialect.counters["frames_unfinished"] == 1
+    board.simulation.unplug()
+    board.send(start)
+
+
+@every_dialect
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"mutant": "clock-steps"}, "mutant"),
+        ({"fault": ("frame.crc",)}, "frame.crc"),
+        ({"fault": ("device.clock",)}, "device.clock"),
+        ({"fault": ("device.status",)}, "device.status"),
+        ({"fault": ("clock.wrap",)}, "clock.wrap"),
+        ({"dialect_option": ("nothing=1",)}, "nothing=1"),
+        ({"array": "32x32"}, "1024 elements"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_name(name, values, says):
+    if says == "1024 elements" and name == "autd3":
+        pytest.skip("the clients of autd3 say how many devices there are")
+    with pytest.raises(ConfigurationError, match=says):
+        blueprint_of(BoardConfig.of(dialect=name, **values))
+
+
+@every_dialect
+def test_faults_of_transducers_and_line_act(name):
+    faults = ("device.off transducer=0", "device.stuck transducer=1 code=64", "line.drop p=0.5")
+    board, healthy = DialectBoard(name, fault=faults, seed=1), DialectBoard(name)
+    for each in (board, healthy):
+        each.send(OTHERS["ultraino-mega64"])
+    latch = board.latches[0]
+    assert latch.radiated[0] == 0
+    if abs(latch.radiated[1]) > 0:
+        assert np.angle(latch.radiated[1]) == pytest.approx(np.pi / 2)
+    assert np.array_equal(latch.radiated[2:], healthy.latches[0].radiated[2:])
+    assert latch.is_faulty == bool(healthy.latches[0].radiated[:2].any())
+    assert board.simulation.fault_counts["line.drop"] > 0
