@@ -96,6 +96,11 @@ def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
             help="write the bytes in both directions and the latches, as MCAP",
         )
     parser.add_argument(
+        "--view",
+        action="store_true",
+        help="show what is radiated, live, in a browser (see haptogram view)",
+    )
+    parser.add_argument(
         "--until-eof", action="store_true", help="end with standard input: with who started it"
     )
     log = parser.add_mutually_exclusive_group()
@@ -155,6 +160,8 @@ def _start_log(options: argparse.Namespace) -> None:
 
 def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
     # Here, and not above: --help and a refusal need no numpy.
+    from haptogram.machine.view_process import ViewProcess
+
     from .blueprint import blueprint_of
     from .log import CountLog, NoticeLog
     from .simulation import Simulation
@@ -170,7 +177,11 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
     worker = None
     with contextlib.ExitStack() as signals:  # heard until everything is closed
         try:
+            if options.view and options.backdoor is None:
+                options.backdoor = _private_backdoor(signals)
             worker = _start_worker(options, settings)
+            if options.view:
+                signals.enter_context(contextlib.closing(ViewProcess(options.backdoor)))
             recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
             recorders += [tap] if tap else []
             simulation = Simulation(
@@ -204,6 +215,15 @@ def _start_tap(
     given = {name: getattr(options, name) for name in sorted(names) if name in options.given}
     recording = open_recording(Path(options.record), given)
     return LineTap(recording, config, settings, paced=options.serial is None)
+
+
+def _private_backdoor(stack: contextlib.ExitStack) -> str:
+    """Return a socket for the view, in a folder that is removed with *stack*."""
+    from haptogram.machine.working_folder import WorkingFolder
+
+    folder = WorkingFolder("haptogram-board-")
+    stack.callback(folder.remove)
+    return f"{_SOCKET}{folder.path / 'backdoor'}"
 
 
 def _end(worker: ReconstructionWorker) -> None:

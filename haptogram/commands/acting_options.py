@@ -122,6 +122,11 @@ _VERIFY: Final[Rows] = {
         lambda s: s.frame_kind == "phases",
     ),
     "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
+    "view": Acting(
+        "on the virtual board and the wall clock (without --port and --virtual-time; --html holds "
+        "the view of any run)",
+        lambda s: s.port is None and not s.virtual_time,
+    ),
 }
 
 
@@ -223,6 +228,13 @@ ACTING: Final[Mapping[str, Rows]] = {
         "compare record"
     ),
     "budget": _always("baud rate_hz phase_bits transducers"),
+    "view": {
+        **dict.fromkeys(
+            ("http", "open", "until_eof"),
+            Acting("on a page that is served (not with --html)", lambda s: s.html is None),
+        ),
+        "html": None,
+    },
     "decode": _always("dialect input from_board verbose json"),
     "repair": {},
     "presets": _always("json"),

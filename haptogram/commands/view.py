@@ -6,14 +6,16 @@ import argparse
 import contextlib
 import ipaddress
 import os
+import select
 import sys
 import time
 import webbrowser
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.parser import checked_type, file_name_option
 
+from .acting_options import refuse_idle_options
 from .shell.exit_status import PASS
 from .shell.output_files import Outputs
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
 _PERIOD_S: Final = 0.05  # between two looks at the back door: 20 pictures a second at most
 _NICENESS: Final = 10  # the 1 kHz loop comes first
-_PATIENCE_S: Final = 5.0
+_PATIENCE_S: Final = 30.0  # of a board that is being started
 _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 _EXAMPLES: Final = """\
 examples:
@@ -73,6 +75,9 @@ def set_up(parser: Parser) -> None:
         help="open the page in a browser [where there is a desktop]",
     )
     parser.add_argument(
+        "--until-eof", action="store_true", help="end with standard input: with who started it"
+    )
+    parser.add_argument(
         "--html",
         type=file_name_option,
         metavar="FILE",
@@ -86,6 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.report.html import check_html_page
     from haptogram.report.viewer.live import LiveScene
 
+    refuse_idle_options("view", arguments)
     check_html_page(pictures=False)
     outputs = Outputs(arguments, "html")
     with BackdoorStream(arguments.source) as stream:
@@ -135,26 +141,34 @@ def _serve(arguments: argparse.Namespace, scene: LiveScene, stream: BackdoorStre
     if _wants_browser(arguments.open):
         webbrowser.open(server.address)
     try:
-        _follow(server, stream)
+        _follow(server, stream, until_eof=arguments.until_eof)
     except KeyboardInterrupt:
-        return PASS
+        pass
     finally:
         server.close()
+    return PASS
 
 
-def _follow(server: ViewServer, stream: BackdoorStream) -> NoReturn:
+def _follow(server: ViewServer, stream: BackdoorStream, *, until_eof: bool) -> None:
     """Hand on what comes, until Ctrl-C: a board that has ended can still be looked at."""
     told = False
-    while True:
+    while not (until_eof and _has_ended(sys.stdin)):
         records = stream.read() if stream.is_open else []
         if records:
             server.take(records)
         ended = server.scene.ended or not stream.is_open
         if ended and not told:
-            print("the board has ended; Ctrl-C ends the view", file=sys.stderr)
+            if not until_eof:
+                print("the board has ended; Ctrl-C ends the view", file=sys.stderr)
             server.end()
             told = True
         time.sleep(_PERIOD_S)
+
+
+def _has_ended(stream: TextIO) -> bool:
+    """Return True if nothing more will come, without waiting for it."""
+    readable, _, _ = select.select([stream], [], [], 0.0)
+    return bool(readable) and not os.read(stream.fileno(), 1)
 
 
 def _wants_browser(wish: bool | None) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -11,9 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import haptogram
-import haptogram_protocol
 from haptogram.errors import ConfigurationError, LinkLostError
+from haptogram.machine.view_process import child_environment
 
 _READY: Final = "listening on "
 _START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy machine
@@ -46,7 +44,7 @@ class BoardProcess:
                 stdin=subprocess.PIPE,  # never written to: it ends with us, whatever ends us
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env=_environment(),
+                env=child_environment(),
                 start_new_session=True,  # Ctrl-C is for the host: the board must hear its MUTE
             )
         self.pid = self._process.pid
@@ -116,12 +114,3 @@ class BoardProcess:
         """End the process at once."""
         self._process.kill()
         self._process.wait(_STOP_S)
-
-
-def _environment() -> dict[str, str]:
-    """Return an environment in which the child finds the packages that are running here."""
-    packages = (haptogram, haptogram_protocol)
-    places = {str(Path(str(package.__file__)).parent.parent): None for package in packages}
-    inherited = os.environ.get("PYTHONPATH", "")
-    paths = [*places, *inherited.split(os.pathsep)]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(path for path in paths if path)}

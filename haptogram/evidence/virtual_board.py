@@ -83,6 +83,8 @@ class VirtualBoard:
     ----------
     url : str
         What a host opens.
+    backdoor : Path
+        File that it writes its records to, as long as it runs.
     model : AcousticModel
         What the board radiates with, its calibration included.
 
@@ -147,7 +149,7 @@ class VirtualBoard:
         if config.dialect is None:  # before a process is started, so that it can be refused
             self.model = _model_of(config, elements)
         self._folder = WorkingFolder("haptogram-board-")
-        records = self._folder.path / "backdoor.jsonl"
+        self.backdoor = records = self._folder.path / "backdoor.jsonl"
         self.url = str(self._folder.path / "board")
         if elements is not None:
             copy = self._folder.path / "calibration.csv"

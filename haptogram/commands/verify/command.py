@@ -52,6 +52,9 @@ class _BrokenByPlanError(HaptogramError):
 #: Returns the settings of the virtual board, checked before anything starts.
 Prepare: TypeAlias = "Callable[[VerifyConfig], BoardConfig]"
 InProcess: TypeAlias = "Callable[[BoardConfig], AbstractContextManager[BoardUnderTest]]"
+OpenBoard: TypeAlias = "Callable[[], AbstractContextManager[BoardUnderTest]]"
+#: Shows a back door in a browser, if that is wanted.
+Show: TypeAlias = "Callable[[Path], None]"
 
 _LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
 _EXAMPLES: Final = """\
@@ -88,7 +91,9 @@ def set_up(
 
 
 def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) -> int:
-    """Run the job, write and print its result, and return the exit status."""
+    """Check the settings, run the job, and return the exit status."""
+    from haptogram.report.html import check_html_page
+
     names = options_of(VerifyConfig)
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_verify_config(arguments.config, given)
@@ -99,8 +104,14 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     refuse_idle_options("verify", arguments, settings, file, read_table(file) if file else ())
     outputs = Outputs(settings, *options_of(OutputConfig))
     virtual = prepare(config)
-    with recording(config.outputs.record, "verify", config.result_options()) as writer:
-        status = _run(arguments, config, virtual, in_process, outputs, writer)
+    if arguments.view:
+        check_html_page(pictures=False)
+    with (
+        _live_view(wanted=arguments.view) as show,
+        recording(config.outputs.record, "verify", config.result_options()) as writer,
+    ):
+        open_board = functools.partial(_board, config, virtual, in_process, show)
+        status = _run(arguments, config, virtual, open_board, outputs, writer)
         return status if is_recorded("verify", writer) else USAGE
 
 
@@ -108,22 +119,22 @@ def _run(
     arguments: argparse.Namespace,
     config: VerifyConfig,
     virtual: BoardConfig,
-    in_process: InProcess,
+    open_board: OpenBoard,
     outputs: Outputs,
     writer: RecordingWriter | None,
 ) -> int:
-    """Run the job on the board that the settings name."""
+    """Run the job on the board that the settings name; write and print its result."""
     from haptogram.evidence.run_record import measure_run
     from haptogram.report import run as report
     from haptogram.verification import tolerance_of, uncertainty_of, verify_run
 
     if writer is not None:
         _begin(writer, config, virtual)
-    planned = virtual.plan
     quiet = arguments.quiet
+    planned = virtual.plan
     try:
         with (
-            _board(config, virtual, in_process) as board,
+            open_board() as board,
             _bar("displaying", quiet=quiet) as progress,
             _bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming(planned, board),
@@ -193,8 +204,27 @@ def _begin(writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig) 
 
 
 @contextlib.contextmanager
+def _live_view(*, wanted: bool) -> Iterator[Show]:
+    """Give what shows a board; on a terminal the view stays after the run, until Ctrl-C."""
+    from haptogram.machine.view_process import ViewProcess
+
+    with contextlib.ExitStack() as views:
+        shown: list[ViewProcess] = []
+
+        def show(backdoor: Path) -> None:
+            if wanted:
+                shown.append(views.enter_context(contextlib.closing(ViewProcess(str(backdoor)))))
+
+        yield show
+        for view in shown:
+            if sys.stderr.isatty():
+                print("the view stays; Ctrl-C ends it", file=sys.stderr)
+                view.wait()
+
+
+@contextlib.contextmanager
 def _board(
-    config: VerifyConfig, virtual: BoardConfig, in_process: InProcess
+    config: VerifyConfig, virtual: BoardConfig, in_process: InProcess, show: Show
 ) -> Iterator[BoardUnderTest]:
     """Give the board at a port, else the *virtual* one, and clean up after it."""
     from haptogram.evidence.boards import PortBoard, ProcessBoard
@@ -212,6 +242,7 @@ def _board(
             yield board
     else:
         with VirtualBoard.of(virtual) as process:
+            show(process.backdoor)
             try:
                 yield ProcessBoard(process)
             except LinkError as error:

@@ -56,3 +56,8 @@ def add_verify_options(verify: Parser) -> None:
         help="TOML file with a [verify] table of these options",
     )
     verify.add_argument("--quiet", action="store_true", help="no progress bar")
+    verify.add_argument(
+        "--view",
+        action="store_true",
+        help="show what the virtual board radiates, live, in a browser (see haptogram view)",
+    )

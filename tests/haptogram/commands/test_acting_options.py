@@ -24,6 +24,12 @@ CASES = {
         "pitch_mm": ("--array 8x8", "--array array.csv"),
         "phase_bits": ("--mode sequence", "--mode points"),
         "seed": ("", "--port /dev/absent"),
+        "view": ("", "--virtual-time"),
+    },
+    "view": {
+        "http": ("board.jsonl", "board.jsonl --html a.html"),
+        "open": ("board.jsonl", "board.jsonl --html a.html"),
+        "until_eof": ("board.jsonl", "board.jsonl --html a.html"),
     },
     "conform": {
         name: ("--port /dev/absent", "--list")
@@ -68,7 +74,7 @@ CASES = {
     },
 }
 #: Values of the options that do not take 5.
-VALUES = {"depth": "0.5", "baud": "9600", "clause": "HG-2.3"}
+VALUES = {"depth": "0.5", "http": "127.0.0.1:0", "baud": "9600", "clause": "HG-2.3"}
 ROWS = [
     (command, name, *lines) for command, options in CASES.items() for name, lines in options.items()
 ]
@@ -131,7 +137,13 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         raise Passed
 
     # What comes after the check is no matter here.
-    for module in ("verify.command", "field.command", "modulation.command", "conform.command"):
+    for module in (
+        "verify.command",
+        "field.command",
+        "modulation.command",
+        "conform.command",
+        "view",
+    ):
         monkeypatch.setattr(f"haptogram.commands.{module}.Outputs", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._list", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._compare", stop)

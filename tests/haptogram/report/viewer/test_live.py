@@ -281,6 +281,27 @@ def test_command_serves_until_it_is_interrupted(file: Path) -> None:
         assert "Traceback" not in errors
 
 
+def test_board_and_verify_show_themselves(tmp_path: Path) -> None:
+    board = [sys.executable, "-m", "haptogram", "board", "--link", str(tmp_path / "board")]
+    verify = [sys.executable, "-m", "haptogram", "verify", "--object", "point", "--array", "4x4"]
+    for command, ended in ((board, 0), ([*verify, "--repeat", "400"], None)):
+        with subprocess.Popen(
+            [*command, "--view", "--quiet"], stderr=subprocess.PIPE, text=True
+        ) as process:
+            assert process.stderr is not None
+            address = process.stderr.readline()
+            assert re.fullmatch(r"view at http://127\.0\.0\.1:\d+/\n", address)
+            connection = http.client.HTTPConnection(address.split("/")[2], timeout=20)
+            with contextlib.closing(connection):
+                connection.request("GET", "/frames?after=0")
+                assert unpack(connection.getresponse().read())[0]["phase_steps"] == 256
+            process.terminate()
+            process.communicate(timeout=60)
+            assert ended is None or process.returncode == ended
+            with pytest.raises(ConnectionRefusedError):
+                connection.connect()  # the view has ended with the one who started it
+
+
 def test_pulses_of_another_board_are_shown(tmp_path: Path) -> None:
     sim_device.register_url_handler()
     path = tmp_path / "records"
