@@ -1,0 +1,65 @@
+"""Boards of other dialects as processes: real ports, the bytes of unmodified clients, records."""
+
+import base64
+import os
+
+import numpy as np
+import pytest
+import serial
+
+from dialect_boards import EXPECTED, capture
+from haptogram import VirtualBoard
+from haptogram.errors import ConfigurationError
+
+pytestmark = pytest.mark.pty
+BAUDS = (115_200, 230_400, 250_000, 1_462_857, 1_500_000)
+FOCUS = "sonicsurface/focus_0_120_0"
+
+
+def codes_of(record):
+    rises, widths = (
+        np.frombuffer(base64.b64decode(record[name]), "<u2") for name in ("rises", "widths")
+    )
+    return np.where(widths > 0, rises, record["steps"]).tolist()
+
+
+def test_a_client_on_a_pty_is_understood_at_every_rate_and_at_full_speed():
+    with VirtualBoard(dialect="sonicsurface", reconstruct=False) as board:
+        for baud in BAUDS:
+            with serial.Serial(board.url, baud, timeout=1) as port:
+                port.write(capture(FOCUS))
+                port.flush()
+        assert board.wait_for(1 + len(BAUDS))
+        descriptor = os.open(board.url, os.O_WRONLY | os.O_NOCTTY)
+        try:  # as fast as the kernel takes it, and no client there any more
+            os.write(descriptor, capture(FOCUS) * 8)
+        finally:
+            os.close(descriptor)
+        assert board.wait_for(1 + len(BAUDS) + 8)
+        board.stop()
+        first, *latches, end = [r for r in board.records() if r["kind"] != "output"]
+    assert first["dialect"] == "sonicsurface"
+    assert first["baud"] == 230_400
+    assert end["clean"]
+    assert end["latched"] == len(latches)
+    assert [latch["cause"] for latch in latches] == ["power-up", *["swap"] * (len(latches) - 1)]
+    assert all(codes_of(latch) == EXPECTED[FOCUS]["codes"] for latch in latches[1:])
+    assert not any(latch["counted"] for latch in latches)
+    times = np.diff([latch["t_latch_us"] for latch in latches[1 + len(BAUDS) :]])
+    assert (times >= 11_197).all()  # 258 bytes at 230 400 baud, however fast they came
+
+
+def test_the_field_is_rebuilt_in_the_model_of_the_board():
+    with VirtualBoard(dialect="sonicsurface") as board, serial.Serial(board.url) as port:
+        port.write(capture(FOCUS))
+        assert board.wait_for(2)
+        found = board.records()[-1]["reconstruction"]
+        assert board.model.array.count == 256
+    assert found["kind"] == "single_focus"
+    assert np.linalg.norm(np.array(found["position_m"]) - [0, 0, 0.12]) < 2e-3
+
+
+def test_what_is_no_dialect_is_one_line():
+    with pytest.raises(ConfigurationError, match="'sonic'; known are sonicsurface") as refused:
+        VirtualBoard(dialect="sonic")
+    assert "\n" not in str(refused.value)
