@@ -77,6 +77,8 @@ class CBoard:
         Elements of the array in either direction; its pitch is 10 mm.
     late_us : int or None, keyword-only
         Give it transducers, whose drives take effect so much later than they are due.
+    bytes_per_s : int, keyword-only
+        Rate of its line, with *late_us*; 0: as fast as any.
 
     Attributes
     ----------
@@ -86,9 +88,15 @@ class CBoard:
     """
 
     def __init__(
-        self, folder: Path, *, grid_nx: int = 2, grid_ny: int = 2, late_us: int | None = None
+        self,
+        folder: Path,
+        *,
+        grid_nx: int = 2,
+        grid_ny: int = 2,
+        late_us: int | None = None,
+        bytes_per_s: int = 0,
     ) -> None:
-        machine = [] if late_us is None else [str(late_us)]
+        machine = [] if late_us is None else [str(late_us), str(bytes_per_s)]
         self.radiated: list[str] = []
         self._process = subprocess.Popen(
             [folder / "board_steps", f"{grid_nx}x{grid_ny}", *machine],

@@ -262,7 +262,7 @@ static void catch_signal(int which, void (*handler)(int))
 int main(int count, char **values)
 {
     struct options options = take_options(count, values);
-    struct machine machine = {malloc(STORE_BYTES), STORE_BYTES, NULL, NULL, NULL};
+    struct machine machine = {.store = malloc(STORE_BYTES), .store_bytes = STORE_BYTES};
     struct board *board = malloc(sizeof *board);
     struct line line;
 

@@ -14,6 +14,7 @@ from haptogram_protocol.messages import (
     Disarm,
     DriveKind,
     ErrorCode,
+    GetConfig,
     Hello,
     Mute,
     PhaseFormat,
@@ -21,6 +22,7 @@ from haptogram_protocol.messages import (
     ReadDrive,
     ReadTrace,
     SetConfig,
+    SetConfigReply,
     StateChanged,
     Trace,
     TraceMode,
@@ -146,6 +148,18 @@ def test_a_frame_in_the_ramp_of_the_lease_brings_full_amplitude_back(host):
     assert steps(host.board.radiated)[-1][1] < 200
     host.ask(40_500, Arm())
     assert steps(host.board.radiated)[-1] == (40_500, 255)
+
+
+@pytest.mark.parametrize(("baud", "least_ms"), [(3_000_000, 10), (115_200, 125), (9600, 1490)])
+def test_status_takes_no_more_than_a_tenth_of_the_line(programs, baud, least_ms):
+    with contextlib.closing(CBoard(programs, late_us=0, bytes_per_s=baud // 10)) as board:
+        host = Host(board)
+        ((_, config),) = host.ask(T_US, GetConfig())
+        assert config.config.status_period_ms == max(100, least_ms)
+        for period_ms, is_taken in ((least_ms, True), (least_ms - 1, False), (0, True)):
+            ((_, reply),) = host.ask(T_US, SetConfig(Config(status_period_ms=period_ms)))
+            assert isinstance(reply, SetConfigReply) is is_taken
+            assert is_taken or (reply.code, reply.detail) == (ErrorCode.BAD_VALUE, 6)
 
 
 # --- Uploads ------------------------------------------------------------------------------------

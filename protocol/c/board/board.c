@@ -25,13 +25,16 @@ static uint32_t geometry_hash(const struct board *board)
     return crc;
 }
 
-static void default_config(struct hg_config *config)
+static void set_default_config(struct board *board)
 {
+    struct hg_config *config = &board->config;
+    uint32_t least_ms = readout_least_status_ms(board);
+
     memset(config, 0, sizeof *config);
     config->hold_ms = 200;
     config->ramp_ms = 50;
     config->host_timeout_ms = 500;
-    config->status_period_ms = 100;
+    config->status_period_ms = (uint16_t)(least_ms > 100 ? least_ms : 100);
     config->sound_speed_mm_s = 343200;
     config->trace_mode = HG_TRACE_OFF;
     config->amplitude_ceiling = 255;
@@ -50,7 +53,7 @@ void board_start(struct board *board, const struct array *array, const struct ma
     board->next_status_us = BOARD_NEVER;
     board->state = HG_STATE_DISARMED;
     board->reason = HG_REASON_NEVER_ARMED;
-    default_config(&board->config);
+    set_default_config(board);
     hg_parser_reset(&board->link.parser);
 }
 

@@ -23,6 +23,7 @@ struct drive {
 struct machine {
     uint8_t *store; /* memory of sequences and uploads */
     uint32_t store_bytes;
+    uint32_t line_bytes_per_s; /* 0: no UART, and faster than any board */
     void *context; /* given to the functions */
     /* Drive the transducers; NULL: switch them off.  Return the time at which the drive took effect:
        `due_us` if the hardware switches on time, else what was measured. */

@@ -106,6 +106,17 @@ void readout_status(struct board *board, uint8_t *payload)
         hg_put_u32(payload + HG_OFFSET_STATUS_COUNTERS + 4 * i, board->counters[i]);
 }
 
+uint32_t readout_least_status_ms(const struct board *board)
+{
+    const uint32_t tenth_ms = HG_FRAME_BOUND(HG_HEADER_BYTES + HG_SIZE_STATUS) * 10u * 1000u;
+    uint32_t rate = board->machine.line_bytes_per_s;
+    uint32_t least_ms = rate == 0 ? 0 : (tenth_ms + rate - 1) / rate;
+
+    if (least_ms > 0xFFFF)
+        return 0xFFFF;
+    return least_ms < 10 ? 10 : least_ms;
+}
+
 void readout_schedule_status(struct board *board)
 {
     int64_t period_us = (int64_t)board->config.status_period_ms * 1000;

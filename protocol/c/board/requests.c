@@ -84,7 +84,7 @@ static int within(uint32_t value, uint32_t low, uint32_t high)
 }
 
 /* Return 1 if every value is within its bounds; else `*offset` is that of the first wrong one. */
-static int config_fits(const struct hg_config *config, uint32_t *offset)
+static int config_fits(const struct board *board, const struct hg_config *config, uint32_t *offset)
 {
     *offset = HG_OFFSET_CONFIG_HOLD_MS;
     if (!within(config->hold_ms, 1, 10000))
@@ -96,7 +96,7 @@ static int config_fits(const struct hg_config *config, uint32_t *offset)
     if (!within(config->host_timeout_ms, 20, 10000))
         return 0;
     *offset = HG_OFFSET_CONFIG_STATUS_PERIOD_MS;
-    if (config->status_period_ms != 0 && config->status_period_ms < 10)
+    if (config->status_period_ms != 0 && config->status_period_ms < readout_least_status_ms(board))
         return 0;
     *offset = HG_OFFSET_CONFIG_LATE_WINDOW_US;
     if (!within(config->late_window_us, 0, 100000))
@@ -114,7 +114,7 @@ static void set_config(struct board *board, const struct request *request)
     uint32_t offset;
 
     hg_set_config_read(&message, request->payload);
-    if (!config_fits(&message.config, &offset)) {
+    if (!config_fits(board, &message.config, &offset)) {
         link_refuse(board, request, HG_ERROR_BAD_VALUE, offset);
         return;
     }

@@ -7,9 +7,11 @@
    reset         power down and up again
 
    After each step the bytes that the board sent, in hex, on a line of their own ("-": none); after
-   `until` the time precedes them.  board_steps [NXxNY [LATE_US]]: the grid, 16x16 unless told; with
-   LATE_US a machine whose drives take effect so much later, and each line goes on with what it
-   radiated: time due, phase and amplitude of transducer 0 ("off": none). */
+   `until` the time precedes them.
+
+   board_steps [NXxNY [LATE_US [RATE]]]: the grid, 16x16 unless told.  With LATE_US a machine whose
+   drives take effect so much later, and each line goes on with what it radiated: time due, phase and
+   amplitude of transducer 0 ("off": none).  RATE: bytes a second of its line. */
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -84,7 +86,7 @@ static void step(struct board *board, const char *word, int64_t t_us, const char
 int main(int count, char **values)
 {
     struct array array = {16, 16, 10000, 1};
-    struct machine machine = {malloc(STORE_BYTES), STORE_BYTES, NULL, NULL, NULL};
+    struct machine machine = {.store = malloc(STORE_BYTES), .store_bytes = STORE_BYTES};
     struct board *board = malloc(sizeof *board);
     int64_t late_us;
     unsigned nx, ny;
@@ -99,6 +101,8 @@ int main(int count, char **values)
         machine.context = &late_us;
         machine.radiate = radiate;
     }
+    if (count > 3)
+        machine.line_bytes_per_s = (uint32_t)strtoul(values[3], NULL, 10);
     board_start(board, &array, &machine);
     while (fgets(text, sizeof text, stdin) != NULL) {
         char word[8] = "";

@@ -111,7 +111,7 @@ static void check_board(const uint8_t *data, size_t length)
     static struct board board;
     static uint8_t store[STORE];
     static const struct array array = {4, 4, 10000, 1};
-    static const struct machine machine = {store, STORE, NULL, NULL, NULL};
+    static const struct machine machine = {.store = store, .store_bytes = STORE};
     int64_t t_us = BOARD_BOOT_US;
     size_t at = 0;
 

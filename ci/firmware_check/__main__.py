@@ -1,0 +1,99 @@
+"""The command ``ci/firmware``."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+from typing import Final
+
+from haptogram.errors import HaptogramError
+
+from .emulator import Emulator
+from .memory import footprint
+from .ports import PORTS, Port, build, missing_tool
+from .steps import Step, conform, verify
+
+_BOOT_S: Final = 20.0
+_USAGE: Final = 2
+_INTERRUPTED: Final = 130
+
+
+def main(words: list[str] | None = None) -> int:
+    """Judge the firmware of each port and print the result; return the exit status."""
+    arguments = _parser().parse_args(words)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
+    try:
+        if why := missing_tool():
+            return _refuse(why)
+        chosen = [PORTS[name] for name in arguments.port or PORTS]
+        return _worst([_judge(port, arguments.out, quick=arguments.quick) for port in chosen])
+    except (HaptogramError, OSError) as error:
+        return _refuse(str(error))
+    except KeyboardInterrupt:
+        sys.stderr.write("ci/firmware: interrupted\n")
+        return _INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="ci/firmware",
+        description="Build the C board for microcontrollers, start each firmware in QEMU, and run "
+        "'haptogram conform' and then 'haptogram verify' against the emulated chip, resets "
+        "included. What was printed, JSON and JUnit files are in a folder for each port.",
+        epilog="exit status: 0 all passed; 1 a clause or a frame failed; 2 usage or environment: a "
+        "tool is missing, the firmware does not compile, start or answer; 3 nothing failed and "
+        "something could not be judged; 130 interrupted",
+    )
+    parser.add_argument(
+        "--port",
+        action="append",
+        choices=tuple(PORTS),
+        help="only this port; may be repeated [all]",
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="some clauses and few points: half a minute a port"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/firmware"),
+        metavar="FOLDER",
+        help="where results are written [out/firmware]",
+    )
+    return parser
+
+
+def _refuse(why: str) -> int:
+    sys.stderr.write(f"ci/firmware: {why}\n")
+    return _USAGE
+
+
+def _judge(port: Port, out: Path, *, quick: bool) -> int:
+    """Build, start and judge one firmware; print a line for each step; return the worst status."""
+    folder = out / port.name
+    firmware = build(port, folder)
+    with Emulator(port.machine, firmware) as emulator:
+        board = emulator.wait_for_board(_BOOT_S)
+        print(f"{port.name}: {board.transducers} transducers, QEMU {port.machine}", flush=True)
+        found = [conform(port, emulator.url, emulator.reset_command, folder, quick=quick)]
+        _show(found[0])
+        found.append(verify(port, emulator.url, folder, quick=quick))
+        _show(found[1])
+        print(f"  memory   {footprint(firmware, emulator)}", flush=True)
+    return _worst([step.status for step in found])
+
+
+def _show(step: Step) -> None:
+    print(f"  {step.name:<8} {step.summary} ({step.seconds:.0f} s; {step.log})", flush=True)
+
+
+def _worst(statuses: list[int]) -> int:
+    """Return the status that says most: a failure, then what stopped a step, then doubt."""
+    return min(statuses, key=lambda status: (1, _INTERRUPTED, _USAGE, 3, 0).index(status))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

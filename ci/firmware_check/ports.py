@@ -1,0 +1,83 @@
+"""The ports of the C board that an emulator runs, and the tools that they take."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+
+FOLDER: Final = Path(__file__).resolve().parents[2] / "protocol" / "c" / "ports"
+EMULATE: Final = FOLDER / "emulate"
+PACKAGES: Final = "qemu-system-arm gcc-arm-none-eabi libnewlib-arm-none-eabi make"
+_PROGRAMS: Final = ("qemu-system-arm", "arm-none-eabi-gcc", "make")
+_BUILD_S: Final = 300.0
+
+
+@dataclass(frozen=True)
+class Port:
+    """Firmware of one chip.
+
+    Attributes
+    ----------
+    name : str
+        Target of ``make -C protocol/c/ports``.
+    machine : str
+        Name of the machine in QEMU.
+    baud : int
+        Rate that the emulated line keeps up with: its UART takes so many bytes, not more.
+    """
+
+    name: str
+    machine: str
+    baud: int
+
+
+PORTS: Final = {
+    port.name: port
+    for port in (
+        Port("musca_b1", "musca-b1", 1_000_000),
+        # A byte of this USART is a turn of QEMU's main loop: 50 us or more.
+        Port("netduinoplus2", "netduinoplus2", 115_200),
+    )
+}
+
+
+def missing_tool() -> str:
+    """Return a sentence about the first tool that is missing, or an empty string."""
+    gone = next((name for name in _PROGRAMS if shutil.which(name) is None), "")
+    if not gone and not _has_newlib():
+        gone = "newlib for arm-none-eabi (nano.specs)"
+    if not gone:
+        return ""
+    install = f"apt-get install --no-install-recommends {PACKAGES}"
+    return f"{gone} is not installed; Debian, Ubuntu: {install}"
+
+
+def _has_newlib() -> bool:
+    command = ["arm-none-eabi-gcc", "--print-file-name=nano.specs"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return Path(done.stdout.strip()).is_absolute()
+
+
+def build(port: Port, folder: Path) -> Path:
+    """Build the firmware of *port* into *folder*; return its ELF file.
+
+    Raises
+    ------
+    ConfigurationError
+        If it does not compile; the output of make is in ``folder/build.log``.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    log = folder / "build.log"
+    command = ["make", "-C", str(FOLDER), f"BUILD={folder.resolve()}", port.name]
+    with log.open("w", encoding="utf-8") as output:
+        done = subprocess.run(
+            command, stdout=output, stderr=subprocess.STDOUT, timeout=_BUILD_S, check=False
+        )
+    if done.returncode:
+        raise ConfigurationError(f"the firmware {port.name} does not compile: see {log}")
+    return folder / f"{port.name}.elf"

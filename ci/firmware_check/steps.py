@@ -1,0 +1,97 @@
+"""What is done to the firmware of a port, and how it ended."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from .ports import Port
+
+_HAPTOGRAM: Final = str(Path(sys.executable).with_name("haptogram"))
+#: A clause of every chapter that the chip itself can spoil: line, clock, latch, memory, reset.
+_QUICK_CLAUSES: Final = (
+    *("HG-2.1", "HG-2.7/2", "HG-3.6/3", "HG-4.3", "HG-5.4", "HG-5.8/1", "HG-6.4", "HG-6.6"),
+    *("HG-6.9/1", "HG-7.3", "HG-8.5"),
+)
+# The emulated board latches by its own clock; a lead of most of its queue leaves the host all time.
+_VERIFY: Final = ("--rate-hz", "50", "--lead-ms", "450", "--quiet")
+#: A frame of 276 bytes takes 24 ms at 115200 baud: uploaded once, then played by the board.
+_VERIFY_SLOW: Final = ("--mode", "sequence", "--rate-hz", "50", "--quiet")
+_SLOW_BAUD: Final = 1_000_000
+_ANSWER_S: Final = 5  # a busy machine holds QEMU up
+
+
+@dataclass(frozen=True)
+class Step:
+    """One command on the firmware of a port.
+
+    Attributes
+    ----------
+    name : str
+        ``conform`` or ``verify``.
+    status : int
+        Its exit status.
+    seconds : float
+        How long it took.
+    summary : str
+        The line of its verdict.
+    log : Path
+        All that it printed.
+    """
+
+    name: str
+    status: int
+    seconds: float
+    summary: str
+    log: Path
+
+
+def conform(port: Port, url: str, reset_command: str, folder: Path, *, quick: bool) -> Step:
+    """Run the conformance suite, the clauses about a reset included."""
+    clauses = [f"--clause={clause}" for clause in _QUICK_CLAUSES] if quick else []
+    line = ["--baud", str(port.baud), "--timeout", str(_ANSWER_S)]
+    words = [*line, "--reset-cmd", reset_command, *clauses]
+    return _run("conform", [*words, *_files(folder, "conform")], url, folder)
+
+
+def verify(port: Port, url: str, folder: Path, *, quick: bool) -> Step:
+    """Display a hemisphere, and judge every frame by the board's own trace."""
+    how = _VERIFY_SLOW if port.baud < _SLOW_BAUD else _VERIFY
+    resolution = "20" if quick or port.baud < _SLOW_BAUD else "10"
+    words = ["--object", "hemisphere", "--resolution-mm", resolution, *how]
+    return _run("verify", [*words, *_files(folder, "verify")], url, folder)
+
+
+def _files(folder: Path, name: str) -> list[str]:
+    stem = str(folder / name)
+    return ["--json", f"{stem}.json", "--junit", f"{stem}.xml"]
+
+
+def _run(name: str, words: list[str], url: str, folder: Path) -> Step:
+    command = [_HAPTOGRAM, name, "--port", url, *words]
+    log = folder / f"{name}.txt"
+    start_s = time.monotonic()
+    with log.open("w", encoding="utf-8") as output:
+        print(shlex.join(command), file=output, flush=True)
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+        )
+        try:
+            status = process.wait()
+        except BaseException:  # Ctrl-C, SIGTERM: the command mutes the board and ends
+            process.terminate()
+            process.wait()
+            raise
+    return Step(name, status, time.monotonic() - start_s, _verdict(log), log)
+
+
+def _verdict(log: Path) -> str:
+    """Return the last line that a command printed, or the verdict that verify prints first."""
+    lines = [line for line in log.read_text("utf-8").splitlines()[1:] if line.strip()]
+    judged = [line for line in lines if line.startswith(("PASS", "FAIL", "INCONCLUSIVE", "cases"))]
+    return " ".join((judged or lines or ["nothing was printed"])[-1].split())

@@ -1,0 +1,145 @@
+/* The board on a microcontroller: one main loop, and the interrupts of a UART.
+
+   The loop never waits but in wait_for_interrupt, and feeds the watchdog once a turn: if it hangs,
+   the chip is reset, and a chip that is reset has its output off. */
+
+#include "../../board/board.h"
+#include "chip.h"
+#include "clock.h"
+#include "cortex_m.h"
+#include "line.h"
+#include "transducers.h"
+
+#ifndef PORT_GRID_NX
+#define PORT_GRID_NX 16
+#define PORT_GRID_NY 16
+#endif
+#ifndef PORT_STORE_BYTES
+#define PORT_STORE_BYTES 32768
+#endif
+
+HG_STATIC_ASSERT(PORT_GRID_NX * PORT_GRID_NY <= BOARD_ELEMENTS, grid_fits);
+
+static struct board board;
+static uint8_t store[PORT_STORE_BYTES];
+/* Not cleared at a reset: a count of starts, from whatever the memory held at power-up. */
+static uint32_t starts __attribute__((section(".noinit")));
+
+static uint32_t mixed(uint32_t number)
+{
+    number = (number ^ number >> 16) * 0x45D9F3Bu;
+    number = (number ^ number >> 16) * 0x45D9F3Bu;
+    return number ^ number >> 16;
+}
+
+/* A number for HG-4.3/5: what the memory held, the count of starts, and how the two clocks ran. */
+static uint32_t boot_id(void)
+{
+    uint32_t number = mixed(++starts);
+    int i;
+
+    SYST_RVR = 0xFFFFFFu;
+    SYST_CSR = 5;
+    for (i = 0; i < 64; i++)
+        number = mixed(number ^ SYST_CVR ^ chip_ticks() << 24);
+    SYST_CSR = 0;
+    return number;
+}
+
+static int64_t departure_us(void *context, size_t waiting_bytes)
+{
+    (void)context;
+    int64_t waiting = (int64_t)(waiting_bytes + line_waiting()) * 1000000;
+
+    return clock_now_us() + (CHIP_LINE_BYTES_PER_S > 0 ? waiting / CHIP_LINE_BYTES_PER_S : 0);
+}
+
+static void start_board(void)
+{
+    static const struct machine machine = {
+        .store = store,
+        .store_bytes = PORT_STORE_BYTES,
+        .line_bytes_per_s = CHIP_LINE_BYTES_PER_S,
+        .radiate = transducers_radiate,
+        .departure_us = departure_us,
+    };
+    struct array array = {PORT_GRID_NX, PORT_GRID_NY, 10000, 0};
+
+    array.boot_id = boot_id();
+    board_start(&board, &array, &machine);
+}
+
+/* Take a frame, at the time of its arrival, or let time pass if none waits: the board lives in the
+   order of arrivals and events, however late this loop is. */
+static void turn(void)
+{
+    const uint8_t *data;
+    int64_t t_us;
+    size_t length = line_take(&data, &t_us);
+
+    if (length == 0) {
+        board_advance(&board, clock_now_us());
+        return;
+    }
+    board_receive(&board, data, length, t_us);
+    line_taken(length);
+}
+
+static void send(void)
+{
+    size_t length;
+    const uint8_t *output = board_output(&board, &length);
+
+    board_sent(&board, line_send(output, length));
+}
+
+static uint32_t wait_us(int64_t next_us)
+{
+    const uint32_t longest_us = CHIP_WATCHDOG_MS * 1000u / 4;
+    const uint32_t most_us = 0xFFFFFFu / CHIP_CORE_MHZ; /* SysTick has 24 bits */
+    int64_t wait_us = next_us - clock_now_us();
+
+    if (wait_us > longest_us)
+        wait_us = longest_us;
+    return wait_us > most_us ? most_us : wait_us < 0 ? 0 : (uint32_t)wait_us;
+}
+
+/* Return 1 if only an interrupt or time brings something to do; interrupts are off. */
+static int is_idle(void)
+{
+    size_t waiting;
+
+    board_output(&board, &waiting);
+    return !line_has_received() && (waiting == 0 || !line_has_room());
+}
+
+/* Sleep until something arrives, is sent or is due. */
+static void sleep(void)
+{
+    uint32_t ticks = wait_us(board_next_event(&board)) * CHIP_CORE_MHZ;
+
+    if (ticks < 2 * CHIP_CORE_MHZ)
+        return;
+    interrupts_off();
+    SYST_RVR = ticks - 1;
+    SYST_CVR = 0;
+    SYST_CSR = 7; /* clock of the core, interrupt, on */
+    if (is_idle())
+        wait_for_interrupt();
+    interrupts_on();
+    SYST_CSR = 0;
+}
+
+int main(void)
+{
+    chip_start();
+    start_board();
+    interrupts_on();
+    chip_watchdog_start();
+    for (;;) {
+        chip_watchdog_feed();
+        turn();
+        send();
+        sleep();
+    }
+}

@@ -1,0 +1,14 @@
+/* Arm Musca-B1, Cortex-M33 in the secure world, as QEMU's musca-b1: 40 MHz, UART0. */
+
+#ifndef PORT_CHIP_CONFIG_H
+#define PORT_CHIP_CONFIG_H
+
+#define CHIP_CORE_MHZ 40
+#define CHIP_TICKS_PER_US 40
+#define CHIP_LINE_BYTES_PER_S 0
+#define CHIP_MEASURES_LATCH 0
+#ifndef CHIP_WATCHDOG_MS
+#define CHIP_WATCHDOG_MS 2000
+#endif
+
+#endif
