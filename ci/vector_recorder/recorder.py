@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Final
 
 from haptogram.conformance.case import Case
@@ -76,11 +77,16 @@ _FLAGS: Final = {
 _BAUDRATE: Final = 50_000_000  # that the host reckons with; the lockstep port has no line
 _LONGEST: Final = 64_000  # characters of JSON; a flood of megabytes is no vector to port
 _SEED: Final = 1
+_UNKNOWN: Final[Mapping[str, dict[str, Any]]] = MappingProxyType({})
 #: The judge of these cases searches the sound field of the drive, which no dialogue shows.
 _OF_THE_FIELD: Final = frozenset({"focus"})
 
 
-def dialogues(cases: Iterable[Case], peer: VirtualBoard | None) -> list[Dialogue]:
+def dialogues(
+    cases: Iterable[Case],
+    peer: VirtualBoard | None,
+    boards: Mapping[str, dict[str, Any]] = _UNKNOWN,
+) -> list[Dialogue]:
     """Return the dialogues of *cases*; cases of one chapter with the same dialogue share it.
 
     Parameters
@@ -89,10 +95,12 @@ def dialogues(cases: Iterable[Case], peer: VirtualBoard | None) -> list[Dialogue
         Conformance cases, in the order of their clauses.
     peer : VirtualBoard or None
         C board of the array :data:`BOARD`; None: the Python board alone answers.
+    boards : mapping of str to dict, optional
+        The ``board`` of dialogues by their id, where it is known: those cases are spoken once.
     """
     found: dict[str, Dialogue] = {}
     for case in cases:
-        if (dialogue := record(case, peer)) is None:
+        if (dialogue := record(case, peer, boards)) is None:
             continue
         spoken = json.dumps([dialogue[part] for part in ("flags", "board", "steps")])
         if (same := found.setdefault(spoken, dialogue)) is not dialogue:
@@ -101,7 +109,9 @@ def dialogues(cases: Iterable[Case], peer: VirtualBoard | None) -> list[Dialogue
     return list(found.values())
 
 
-def record(case: Case, peer: VirtualBoard | None) -> Dialogue | None:
+def record(
+    case: Case, peer: VirtualBoard | None, boards: Mapping[str, dict[str, Any]] = _UNKNOWN
+) -> Dialogue | None:
     """Return the dialogue of one case; None if the case did not come to OK, or is too long.
 
     Raises
@@ -111,15 +121,19 @@ def record(case: Case, peer: VirtualBoard | None) -> Dialogue | None:
     """
     if case.body is None or case.variant in _OF_THE_FIELD:
         return None
-    usual, other = _spoken(case, LIMITS, peer), _spoken(case, _OTHER_LIMITS, None)
+    usual = _spoken(case, LIMITS, peer)
     if usual is None or len(json.dumps(usual)) > _LONGEST:
         return None
+    name = f"dialogue/{case.id.removeprefix('HG-')}"
+    if (board := boards.get(name)) is None:
+        other = _spoken(case, _OTHER_LIMITS, None)
+        board = BOARD if usual == other else BOARD | LIMITS
     return {
-        "id": f"dialogue/{case.id.removeprefix('HG-')}",
+        "id": name,
         "clauses": [case.clause],
         "flags": [_FLAGS[int(case.clause[3:].split(".")[0])]],
         "comment": case.summary,
-        "board": BOARD if usual == other else BOARD | LIMITS,
+        "board": board,
         "steps": usual,
     }
 

@@ -59,13 +59,8 @@ from haptogram.acoustics.reconstruct.estimates import (
     SingleFocus,
 )
 from haptogram.acoustics.reconstruct.reconstruction import Reconstructor
-from haptogram.acoustics.solvers.focus import (
-    PhaseFit,
-    check_focus_target,
-    fit_focus,
-    focus_phases,
-    superpose_foci,
-)
+from haptogram.acoustics.solvers.focus import check_focus_target, focus_phases, superpose_foci
+from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 
 if TYPE_CHECKING:
     from haptogram.acoustics.field.grid import GridField, box_points_m

@@ -96,10 +96,6 @@ class Resonator:
         check_number("bandwidth_hz", bandwidth_hz, 1.0, _MAX_BANDWIDTH_HZ)
         return cls(math.sqrt(3.0) / (math.pi * bandwidth_hz))
 
-    def quality_factor(self, frequency_hz: float) -> float:
-        """Return Q = pi f0 tau."""
-        return math.pi * check_positive("frequency_hz", frequency_hz) * self.time_constant_s
-
     def decay(self, duration_s: float) -> float:
         """Return the share of the difference of envelope and command that is left after a time."""
         check_number("duration_s", duration_s, 0.0, math.inf)
@@ -203,28 +199,6 @@ def pressure_after_hop(
     pressure = (after + left * (before - after)) @ propagator
     response: FloatArray = np.abs(pressure) / abs(complex(after @ propagator))
     return response
-
-
-def hop_mean_square(
-    model: AcousticModel,
-    resonator: Resonator,
-    targets_m: tuple[ArrayLike, ArrayLike],
-    dwell_s: float,
-    *,
-    from_first_arrival: bool = False,
-) -> float:
-    """Return the share of the static force that a dwell after a hop delivers at the new target.
-
-    The mean of :func:`pressure_after_hop` squared over *dwell_s*, from the command on or from the
-    first arrival of the new sound on.
-    """
-    check_positive("dwell_s", dwell_s)
-    new = as_coordinates("target_m", targets_m[1])
-    nearest = float(np.linalg.norm(new - model.array.positions_m, axis=1).min())
-    start = nearest / model.medium.sound_speed_m_s if from_first_arrival else 0.0
-    # Midpoints; arrivals are 256 small steps, so 4000 of them leave an error below 1e-4.
-    times = start + dwell_s * (np.arange(4000) + 0.5) / 4000
-    return float(np.mean(pressure_after_hop(model, resonator, targets_m, times) ** 2))
 
 
 def _check_within(name: str, values: FloatArray, limit: float) -> None:

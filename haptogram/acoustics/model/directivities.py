@@ -158,6 +158,8 @@ class MeasuredDirectivity:
     >>> pattern = MeasuredDirectivity(angles_deg=[0, 30, 60, 90], gains=[1.0, 0.7, 0.25, 0.0])
     >>> round(float(pattern.gain(np.cos(np.radians([30.0])), model.wavenumber)[0]), 3)
     0.7
+    >>> MeasuredDirectivity.t4010a1().baffled
+    True
     """
 
     angles_deg: ArrayLike

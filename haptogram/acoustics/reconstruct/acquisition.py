@@ -17,7 +17,7 @@ from haptogram.acoustics.arrays import BoolArray, FloatArray
 from haptogram.acoustics.model.geometry import MIN_SPACING_M
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells
-from haptogram.acoustics.solvers.focus import PhaseFit, fit_focus
+from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 
 _SUBARRAY_COUNT: Final = 100
 _SUBARRAY_RADIUS_M: Final = 0.075

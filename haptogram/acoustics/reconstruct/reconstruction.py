@@ -44,12 +44,8 @@ from haptogram.acoustics.reconstruct.estimates import (
     Vector,
 )
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
-from haptogram.acoustics.solvers.focus import (
-    MAX_TARGET_DISTANCE_M,
-    MIN_TARGET_DISTANCE_M,
-    PhaseFit,
-    fit_focus,
-)
+from haptogram.acoustics.solvers.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M
+from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number
 

@@ -1,6 +1,6 @@
 """The focus of frame after frame, in microseconds.
 
-The arithmetic of :func:`.focus.fit_focus` in single precision, from phase codes as they are
+The arithmetic of :func:`.focus_fit.fit_focus` in single precision, from phase codes as they are
 latched. It answers where and how well; uncertainty and verdict are the reference's business.
 """
 

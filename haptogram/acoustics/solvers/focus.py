@@ -1,21 +1,18 @@
-"""From a target to phases, and from phases back to the point where they focus.
+"""The phases of a focus, the superposition of several, and the targets that an array can reach.
 
-Both use the same convention: focusing on x needs phi_n = -k r_n(x) - arg h_n + psi, with any common
-psi; h_n is the response of the element, 1 without a calibration.
+Focusing on x needs phi_n = -k r_n(x) - arg h_n + psi, with any common psi; h_n is the response of
+the element, 1 without a calibration.
 """
 
 from __future__ import annotations
 
 import math
-import operator
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import (
-    BoolArray,
     ComplexArray,
     FloatArray,
     as_coordinates,
@@ -24,7 +21,6 @@ from haptogram.acoustics.arrays import (
     as_point_array,
 )
 from haptogram.acoustics.field.reference import check_field_points
-from haptogram.acoustics.model.drive import MAX_PHASE_BITS, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -32,64 +28,7 @@ MIN_TARGET_DISTANCE_M: Final = 0.020
 MAX_TARGET_DISTANCE_M: Final = 1.0
 _TARGET_MARGIN_M: Final = 0.150
 
-# A direction in which moving the focus changes the phases 10 000 times less than in the best one.
-# Between a planar array and the furthest target the ratio is the aperture over the distance, 1e-3.
-_OBSERVABLE_RATIO: Final = 1e-4
-_MAX_ITERATIONS: Final = 32  # a fit that converges takes 4 to 8
-_MAX_STEP_M: Final = 0.020
-_STEP_TOLERANCE_M: Final = 1e-10
 _ROUNDING_M: Final = 1e-9
-_MIN_DAMPING: Final = 1e-2
-_MAX_DAMPING: Final = 1e4
-_TINY_M: Final = 1e-300  # a start may lie on an element
-_POINT_M: Final = 1e-6  # elements less spread than this are in one place
-_ROUNDED_M: Final = 5e-6  # RMS distance from a line that rounding to whole micrometres may make
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class PhaseFit:
-    """The point that explains a set of phases best.
-
-    Attributes
-    ----------
-    position_m : (3,) numpy.ndarray
-        Fitted focus, in metres.
-    phase_rad : float
-        Common phase psi, in (-pi, pi].
-    residual_rad : (N,) numpy.ndarray
-        wrap(phi_n + arg h_n + k r_n - psi) of every element, of the inactive ones too.
-    residual_rms_rad : float
-        Its root mean square over the active elements.
-    std_m : (3,) numpy.ndarray
-        Standard deviation from independent, uniform rounding errors of the phases (Cramer-Rao
-        bound), in metres; infinite where not observable.
-    bound_m : (3,) numpy.ndarray
-        Largest deviation that rounding can cause, sum_n |J+_in| pi / 2^b, in metres; infinite where
-        not observable.
-    observable : (3,) numpy.ndarray of bool
-        Whether the active elements tell this coordinate from the others.
-    iterations : int
-        Steps that were taken.
-    converged : bool
-        Whether the last step was below 0.1 nm.
-
-    Examples
-    --------
-    >>> phases_rad = dequantise_phase(drive.phase_codes, 8)
-    >>> fit = fit_focus(model, phases_rad, (0.0, 0.0, 0.14), phase_bits=8)
-    >>> fit.converged, bool(fit.bound_m.max() < 1e-3)
-    (True, True)
-    """
-
-    position_m: FloatArray
-    phase_rad: float
-    residual_rad: FloatArray
-    residual_rms_rad: float
-    std_m: FloatArray
-    bound_m: FloatArray
-    observable: BoolArray
-    iterations: int
-    converged: bool
 
 
 def check_focus_target(model: AcousticModel, target_m: ArrayLike) -> None:
@@ -194,233 +133,6 @@ def superpose_foci(
     lags = as_float_vector("phases_rad", phases_rad, len(points))
     weights: ComplexArray = (levels * np.exp(1j * lags)) @ np.exp(1j * focus_phases(model, points))
     return weights
-
-
-def fit_focus(
-    model: AcousticModel,
-    phases_rad: ArrayLike,
-    start_m: ArrayLike,
-    *,
-    phase_bits: int = MAX_PHASE_BITS,
-    step_rad: float | None = None,
-    active: ArrayLike | None = None,
-) -> PhaseFit:
-    """Return the point that explains the phases best.
-
-    Its place x and common phase psi minimise sum_n wrap(phi_n + arg h_n + k r_n(x) - psi)^2.
-    Gauss-Newton with Levenberg-Marquardt damping. It finds the minimum next to *start_m*: on a
-    16 x 16 array of 10 mm pitch, for certain from 4 mm away.
-
-    Parameters
-    ----------
-    phases_rad : (N,) array_like
-        Phases of the elements.
-    start_m : (3,) array_like
-        Where to start, in metres. A coordinate that is not observable is left where it starts.
-    phase_bits : int
-        Resolution of the phases, for `std_m` and `bound_m`.
-    step_rad : float, optional
-        The same as a step in radians, of a board whose period has another number of steps.
-    active : (N,) array_like of bool, optional
-        Elements to use; those with amplitude 0 say nothing about the focus. Those that do not
-        radiate (gain 0) are never used.
-
-    Raises
-    ------
-    ConfigurationError
-        Shapes that do not fit the array, values that are not finite, or no active element.
-
-    Examples
-    --------
-    >>> phases_rad = dequantise_phase(drive.phase_codes, 8)
-    >>> fit = fit_focus(model, phases_rad, (0.0, 0.0, 0.14), phase_bits=8)
-    >>> bool(np.linalg.norm(fit.position_m - target) < 0.1e-3)
-    True
-    """
-    phases = as_float_vector("phases_rad", phases_rad, model.array.count)
-    used = _as_mask(active, model.array.count)
-    if model.calibration is not None:
-        phases = phases + model.calibration.phase_rad
-        used = _as_mask(used & model.calibration.heard, model.array.count)
-    problem = _PhaseProblem(model, phases, used)
-    position, steps, converged = problem.solve(as_coordinates("start_m", start_m))
-    residual, phase, slopes = problem.residual_of_all(position)
-    step = phase_step_rad(phase_bits) if step_rad is None else step_rad
-    std_m, bound_m, observable = problem.uncertainty(slopes, step)
-    own = residual[used]
-    rms = math.sqrt(float(own @ own) / len(own))
-    return PhaseFit(position, phase, residual, rms, std_m, bound_m, observable, steps, converged)
-
-
-def focus_phase_response(
-    model: AcousticModel, position_m: ArrayLike, *, active: ArrayLike | None = None
-) -> tuple[FloatArray, BoolArray]:
-    """Return the displacement of the fitted focus for each radian of phase of each element.
-
-    Parameters
-    ----------
-    position_m : (3,) array_like
-        Focus, in metres.
-    active : (N,) array_like of bool, optional
-        Elements that the fit uses.
-
-    Returns
-    -------
-    response : (3, N) numpy.ndarray
-        -J+, J+ the pseudo-inverse of the slopes of the residuals, in m/rad; 0 for an element that
-        is not used.
-    observable : (3,) numpy.ndarray of bool
-        Whether the active elements tell this coordinate from the others.
-    """
-    used = _as_mask(active, model.array.count)
-    if model.calibration is not None:
-        used = _as_mask(used & model.calibration.heard, model.array.count)
-    problem = _PhaseProblem(model, np.zeros(model.array.count), used)
-    response = np.zeros((3, model.array.count))
-    response[:, used], observable = problem.response(as_coordinates("position_m", position_m))
-    return response, observable
-
-
-def wrapped_phases(phases_rad: FloatArray) -> FloatArray:
-    """Return phases modulo 2 pi, in [-pi, pi]."""
-    wrapped: FloatArray = phases_rad - 2.0 * np.pi * np.rint(phases_rad / (2.0 * np.pi))
-    return wrapped
-
-
-class _PhaseProblem:
-    """The least-squares problem of one fit, with psi eliminated: three unknowns remain."""
-
-    def __init__(self, model: AcousticModel, phases: FloatArray, used: BoolArray) -> None:
-        self._wavenumber = model.wavenumber
-        self._all = (model.array.positions_m, phases)
-        everything = bool(used.all())
-        self._others = not everything
-        self._positions = model.array.positions_m if everything else model.array.positions_m[used]
-        self._phases = phases if everything else phases[used]
-
-    def solve(self, start: FloatArray) -> tuple[FloatArray, int, bool]:
-        """Return the position, the number of steps, and whether they converged."""
-        position, damping = start.copy(), 0.0
-        residual, slopes = self._linearise(position)
-        for iteration in range(1, _MAX_ITERATIONS + 1):
-            step = _damped_step(slopes, residual, damping)
-            candidate = position + step
-            if np.linalg.norm(step) < _STEP_TOLERANCE_M:
-                return candidate, iteration, True
-            new_residual, new_slopes = self._linearise(candidate)
-            if new_residual @ new_residual <= residual @ residual:
-                position, residual, slopes = candidate, new_residual, new_slopes
-                damping = damping / 10.0 if damping > _MIN_DAMPING else 0.0
-            else:
-                damping = max(_MIN_DAMPING, damping * 10.0)
-                if damping > _MAX_DAMPING:
-                    break  # no descent: a kink of the wrapped cost
-        return position, iteration, False
-
-    def residual_of_all(self, position: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        """Return the wrapped residual of every element; of the used ones, phase and slopes."""
-        offset, distance = self._ray(position)
-        residual, phase = self._centred(self._phases + self._wavenumber * distance)
-        phase = math.remainder(phase, 2.0 * math.pi)
-        if self._others:
-            positions, phases = self._all
-            everywhere = np.linalg.norm(position - positions, axis=1)
-            residual = wrapped_phases(phases + self._wavenumber * everywhere - phase)
-        return residual, phase, self._slopes(offset, distance)
-
-    def uncertainty(
-        self, slopes: FloatArray, step_rad: float
-    ) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return std, bound and observability of each coordinate for phases rounded to a step."""
-        inverse, observable = self._inverse(slopes)
-        std = np.sqrt(np.diag(inverse)) * (step_rad / math.sqrt(12.0))
-        bound = np.abs(inverse @ slopes.T).sum(axis=1) * (step_rad / 2.0)
-        return np.where(observable, std, np.inf), np.where(observable, bound, np.inf), observable
-
-    def response(self, position: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return d(position)/d(phase), (3, N), and the observability of each coordinate."""
-        slopes = self._slopes(*self._ray(position))
-        inverse, observable = self._inverse(slopes)
-        return -inverse @ slopes.T, observable
-
-    def _inverse(self, slopes: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return (J^T J)^-1 within the directions that are seen, and which coordinates are."""
-        values, vectors, kept = _spectrum(slopes)
-        # A coordinate is lost if the directions that were dropped contain any of it.
-        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _told_apart(self._positions)
-        return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T, observable
-
-    def _ray(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        offset = position - self._positions
-        return offset, np.sqrt(np.einsum("ni,ni->n", offset, offset))
-
-    def _slopes(self, offset: FloatArray, distance: FloatArray) -> FloatArray:
-        """Return d(residual)/d(position), (N, 3), with the mean that psi absorbs taken out."""
-        slopes: FloatArray = offset * (self._wavenumber / (distance + _TINY_M))[:, None]
-        slopes -= np.add.reduce(slopes) / len(slopes)  # `mean` takes four times as long
-        return slopes
-
-    def _linearise(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        offset, distance = self._ray(position)
-        residual, _ = self._centred(self._phases + self._wavenumber * distance)
-        return residual, self._slopes(offset, distance)
-
-    @staticmethod
-    def _centred(arrival: FloatArray) -> tuple[FloatArray, float]:
-        """Return the arrival phases less their common phase, wrapped; and that phase."""
-        common = float(np.angle(np.exp(1j * arrival).sum()))
-        residual = wrapped_phases(arrival - common)
-        # From the circular to the least-squares mean.
-        mean = float(np.add.reduce(residual)) / len(residual)
-        return wrapped_phases(residual - mean), common + mean
-
-
-def _spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return eigenvalues and eigenvectors of J^T J, and which of them the phases can see."""
-    values, vectors = np.linalg.eigh(slopes.T @ slopes)
-    kept: BoolArray = values > max(values[-1], 1e-12) * _OBSERVABLE_RATIO**2
-    return values, vectors, kept
-
-
-def _told_apart(positions: FloatArray) -> BoolArray:
-    """Return which coordinates are not mixed with another one by the symmetry of a line.
-
-    Elements on one line see a whole circle around it alike, even where the slope along z is not 0.
-    """
-    if _apart(*positions[[0, len(positions) // 2, -1]].tolist()):  # most arrays, at a glance
-        return np.ones(3, dtype=np.bool_)
-    centred = positions - positions.mean(axis=0)
-    squares, directions = np.linalg.eigh(centred.T @ centred)
-    if squares[1] > len(positions) * _ROUNDED_M**2:
-        return np.ones(3, dtype=np.bool_)
-    along: BoolArray = (directions[:, 2] ** 2 > 1.0 - 1e-6) & (
-        squares[2] > len(positions) * _ROUNDED_M**2
-    )
-    return along
-
-
-def _apart(a: list[float], b: list[float], c: list[float]) -> bool:
-    """Whether three points, (3,) each, lie well off a common line."""
-    u, v = [q - p for p, q in zip(a, b, strict=True)], [q - p for p, q in zip(a, c, strict=True)]
-    uu, vv, uv = math.hypot(*u) ** 2, math.hypot(*v) ** 2, sum(map(operator.mul, u, v))
-    return uu * vv - uv * uv > 1e-4 * uu * vv and min(uu, vv) > (100.0 * _POINT_M) ** 2
-
-
-def _damped_step(slopes: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
-    """Return the Levenberg-Marquardt step within the observable directions, at most 20 mm long."""
-    values, vectors, kept = _spectrum(slopes)
-    seen = vectors[:, kept]
-    step: FloatArray = -seen @ ((seen.T @ (slopes.T @ residual)) / (values[kept] * (1.0 + damping)))
-    return step * min(1.0, _MAX_STEP_M / max(float(np.linalg.norm(step)), _MAX_STEP_M))
-
-
-def _as_mask(active: ArrayLike | None, count: int) -> BoolArray:
-    mask = np.ones(count, dtype=np.bool_) if active is None else np.asarray(active, dtype=np.bool_)
-    if mask.shape != (count,):
-        raise ConfigurationError(f"active has shape {mask.shape}, must be ({count},)")
-    if not mask.any():
-        raise ConfigurationError(f"0 of {count} elements are active, must be at least 1")
-    return mask
 
 
 def _check_limit(

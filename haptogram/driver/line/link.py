@@ -267,8 +267,9 @@ class Link:
         return outcome
 
     def close(self) -> None:
-        """Close the port; never raises."""
+        """Close the port, and forget what waits for it; never raises."""
         self._transport.close()
+        self.connection.port_closed()
 
 
 def _error_name(code: int) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
@@ -167,37 +167,6 @@ def attenuation_eq3_printed(distance_m: float, constants: PaperConstants) -> flo
 def attenuation_eq6(distance_m: float, constants: PaperConstants) -> float:
     """Return P/P0 of equation (6)."""
     return math.exp(-constants.attenuation_np_m * distance_m)
-
-
-def pressure_eq7_printed(
-    positions_m: ArrayLike, phases_rad: ArrayLike, point_m: ArrayLike, constants: PaperConstants
-) -> complex:
-    """Return P of equation (7) at t = 0, with the phases that the text describes.
-
-    Parameters
-    ----------
-    positions_m : (N, 3) array_like
-        Elements.
-    phases_rad : (N,) array_like
-        Phase of each element; zeros give the equation to the letter.
-    point_m : (3,) array_like
-        Where.
-
-    Returns
-    -------
-    complex
-        Peak pressure, in pascals.
-    """
-    point = np.asarray(point_m, dtype=np.float64)
-    distance = np.linalg.norm(point - np.asarray(positions_m, dtype=np.float64), axis=1)
-    phasors: ComplexArray = np.exp(1j * (constants.wavenumber * distance + np.asarray(phases_rad)))
-    level = math.sqrt(2.0) * constants.pressure_pa
-    return complex(level * attenuation_eq6(float(point[2]), constants) * phasors.sum())
-
-
-def energy_density_eq4(pressure_rms_pa: float, constants: PaperConstants) -> float:
-    """Return E of equation (4), in J/m^3, for an RMS pressure."""
-    return pressure_rms_pa**2 / (constants.density_kg_m3 * constants.sound_speed_m_s**2)
 
 
 def force_eq8_printed(pressure_peak_pa: float, side_m: float, constants: PaperConstants) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, NotSingle, SingleFocus, phase_step_rad
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
-from haptogram.acoustics.solvers.focus import wrapped_phases
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
 from .peaks import Complexes, ExpectedPeak, Floats

@@ -18,7 +18,7 @@ from haptogram.acoustics import (
     focus_phases,
     phase_step_rad,
 )
-from haptogram.acoustics.solvers.focus import wrapped_phases
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
 from ..faults import faulty_elements_text

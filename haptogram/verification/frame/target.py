@@ -14,7 +14,7 @@ from haptogram.acoustics import AcousticModel, fit_focus, focus_phases
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.own_axes import axes_about_normal
-from haptogram.acoustics.solvers.focus import focus_phase_response
+from haptogram.acoustics.solvers.focus_fit import focus_phase_response
 from haptogram.errors import ConfigurationError
 
 from ..tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text

@@ -40,7 +40,7 @@ from haptogram.acoustics.reconstruct.patterns.found import (
 )
 from haptogram.acoustics.reconstruct.patterns.search import PatternSearch, Start, array_sides
 from haptogram.acoustics.reconstruct.patterns.several import find_foci
-from haptogram.acoustics.solvers.focus import wrapped_phases
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
 

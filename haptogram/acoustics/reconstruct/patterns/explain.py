@@ -15,7 +15,7 @@ from haptogram.acoustics.reconstruct.patterns.fit import (
     fit_pattern_point,
     rms_of_residuals,
 )
-from haptogram.acoustics.solvers.focus import wrapped_phases
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
 MOST_OUTLIERS: Final = 0.2  # share of the elements
 _HOPELESS_RAD: Final = 1.35  # chance leaves 1.8; a focus with a fifth of its elements wrong, 1.0

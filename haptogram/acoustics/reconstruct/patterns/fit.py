@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import BoolArray, FloatArray
-from haptogram.acoustics.solvers.focus import wrapped_phases
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
 #: Standard deviation of the speed of sound that a fit takes for likely: 6 degrees, or 3.5 m/s.
 SPEED_SHARE: Final = 0.01

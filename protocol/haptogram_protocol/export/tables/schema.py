@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import functools
 import json
 import re
 import zlib
@@ -115,6 +116,7 @@ def spec_summary(kind: type) -> str:
     return re.sub(r" HG-[\d.]+$", "", text)
 
 
+@functools.cache
 def description_hash() -> int:
     """Return the CRC-32 of the canonical JSON of what matters on the wire.  HG-11.3.
 

@@ -57,7 +57,6 @@ from haptogram.acoustics import (
     weights_for_foci,
     worst_exposure,
 )
-from haptogram.acoustics.levels.dynamics import hop_mean_square
 from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.calibration import HEADER
 from haptogram.acoustics.reconstruct import reconstruction, tracking
@@ -320,12 +319,6 @@ def test_a_hop_builds_up_from_what_each_element_makes(case):
     expected = np.abs((new + left * (old - new)) @ path) / abs(new @ path)
     targets = case.target, case.other
     assert pressure_after_hop(case.real, LAG, targets, times) == pytest.approx(expected, rel=1e-9)
-    without_phases = dataclasses.replace(
-        case.real.calibration, phase_rad=np.zeros(case.real.array.count)
-    )
-    assert hop_mean_square(case.real, LAG, targets, 5e-3) == pytest.approx(
-        hop_mean_square(case.real.calibrated(without_phases), LAG, targets, 5e-3), rel=1e-9
-    )
 
 
 # --- from drives to the focus ------------------------------------------------------------------

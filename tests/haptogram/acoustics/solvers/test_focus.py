@@ -20,7 +20,8 @@ from haptogram.acoustics import (
     quantise_phase,
     superpose_foci,
 )
-from haptogram.acoustics.solvers.focus import steering_reach_m, wrapped_phases
+from haptogram.acoustics.solvers.focus import steering_reach_m
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import finite_angles, grids, models, seeds, targets
 
