@@ -94,11 +94,11 @@ class Driver:
         that are ready keep theirs.
     clock : ClockEstimate
         Estimate of the device clock.
-    intended : Kept of Intended
+    intended : KeptRecords of Intended
         Frames that were sent or due, in order; ``intended.dropped`` counts those not kept.
-    observations : Kept of Observation
+    observations : KeptRecords of Observation
         Latches that the board reported.
-    events : Kept of EventReceived
+    events : KeptRecords of EventReceived
         Other events of the board, without the periodic status.
     warnings : list of str
         Oddities with which host and board can still work together.

@@ -27,9 +27,9 @@ class HostOutput:
 
     Parameters
     ----------
-    session : Session
+    session : DriverSession
         Started.
-    intended : Kept of Intended
+    intended : KeptRecords of Intended
         Grows by every frame that is sent or due.
     """
 

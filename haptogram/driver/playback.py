@@ -142,7 +142,7 @@ class SequencePlayer:
         Its clock has an estimate.
     identity : HelloReply
         The board's limits, carrier and session.
-    events : Kept of EventReceived
+    events : KeptRecords of EventReceived
         Events of the board while the link is served, with the end of playback among them.
     """
 

@@ -156,7 +156,7 @@ class Streamer:
         Its clock has an estimate.
     identity : HelloReply
         Session and carrier of the board.
-    intended : Kept of Intended
+    intended : KeptRecords of Intended
         Grows by every frame that was sent or skipped, at that moment.
     status : callable
         Returns the newest STATUS of the board, None before the first.

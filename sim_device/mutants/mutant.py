@@ -32,7 +32,7 @@ class Mutant:
         Bytes on the wire, the board's own report, or only a measurement.
     docstring : str
         One sentence about the error.
-    parts : Parts
+    parts : BoardAssembly
         The board.
     """
 

@@ -21,7 +21,7 @@ class SoakBoardAccount:
         To the board.
     oracle : SoakOracle
         Takes the frames that the board must latch.
-    tally : Tally
+    tally : SoakTally
         The account.
     """
 

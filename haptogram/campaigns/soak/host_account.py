@@ -16,7 +16,7 @@ class SoakHostAccount:
     ----------
     line : SoakLine
         To the host.
-    tally : Tally
+    tally : SoakTally
         The account.
     """
 

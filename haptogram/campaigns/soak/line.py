@@ -75,7 +75,7 @@ class SoakLine:
         Of the frames that are hit.
     source : random.Random
         Of all chance.
-    tally : Tally
+    tally : SoakTally
         Where faults are taken down.
 
     Attributes

@@ -50,7 +50,7 @@ class SoakOracle:
         Which drive each stream frame carries.
     carrier_us : int
         Carrier period.
-    tally : Tally
+    tally : SoakTally
         Where it takes down what is wrong.
 
     Attributes

@@ -108,7 +108,7 @@ class PictureField:
 
     Attributes
     ----------
-    plane : Plane
+    plane : PicturePlane
         The plane.
     values : (V, H) numpy.ndarray
         Complex peak pressure of one drive, or real RMS pressure of a sequence, in pascals; NaN

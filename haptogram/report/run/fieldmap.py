@@ -61,9 +61,9 @@ class FieldPicture:
         Whether the field is that of the latched drive; if not, of the ideal drive of the target.
     phase_bits : int
         Number of bits of each phase of that drive.
-    level, upright : FieldMap
+    level, upright : PanelFieldMap
         The plane z = target, and the vertical one through the target along the array's longer side.
-    close_level, close_upright : FieldMap
+    close_level, close_upright : PanelFieldMap
         The same around the target.
     """
 

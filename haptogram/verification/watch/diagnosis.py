@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, Placed
-from haptogram.acoustics.solvers.focus import wrapped_phases
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
 from .latch import SeenLatch
 

@@ -36,7 +36,7 @@ class Outputs:
     ----------
     firmware : Firmware
         What it has room for.
-    layout : Layout
+    layout : SlotLayout
         Where the bit of a channel stands in the bytes of a slot.
     connected : bytes
         For each port the outputs that are set up as such; empty: all.
