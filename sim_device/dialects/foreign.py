@@ -17,7 +17,7 @@ from ..board.clock import earliest_time
 from ..board.events import Notice, PulseLatch, Remark
 from .unit import HoldsBack, Unit
 
-PATIENCE_US: Final = 1_000_000  # without a byte: the rest of the frame will not come
+PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
 
