@@ -110,8 +110,9 @@ def test_out_of_time_every_latch_is_written_down_without_its_field(tmp_path, mon
 
 
 def test_a_place_that_cannot_be_written_is_an_error_at_once(tmp_path):
+    (tmp_path / "file").write_text("")
     with pytest.raises(ConfigurationError, match="cannot write to"):
-        ReconstructionWorker(SETTINGS, str(tmp_path / "no" / "door"))
+        ReconstructionWorker(SETTINGS, str(tmp_path / "file" / "door"))
 
 
 @pytest.mark.parametrize("bits", [8, 6, 5])
