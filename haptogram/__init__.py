@@ -1,6 +1,7 @@
 """Host of the Haptogram harness: drives an ultrasonic phased array and verifies what it radiated.
 
-There are 15 rooms, because the root of the errors and the composition root are modules alone.
+There are 16 rooms, because the root of the errors, the composition root and the entry point are
+modules alone.
 Names are imported when they are asked for, so that a program that needs only the acoustics pays
 for no more.  docs/api.md says which names are public and by which rule they may change.
 

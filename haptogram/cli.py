@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from .settings.board import BoardConfig
     from .settings.verify_config import VerifyConfig
 
-_ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
+_ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _BOARD: Final = "board"
 #: Every command: the module that adds its options, and its line in the list of commands.
 COMMANDS: Final = {
@@ -77,10 +77,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(words: Sequence[str]) -> int:
     parser = _parser(words)
+    heard: list[int] = []
     try:
         arguments = parser.parse_args(words)
         parser = arguments.parser
-        with _terminated_like_interrupted(), hear_interrupts_in_callbacks():
+        with _ended_by_signals(heard), hear_interrupts_in_callbacks():
             return int(arguments.run(arguments))
     except UsageError as error:
         print(terminal_error_line(error.program, str(error), sys.stderr), file=sys.stderr)
@@ -89,23 +90,39 @@ def _run(words: Sequence[str]) -> int:
             terminal_error_line(parser.prog, parser.named(str(error)), sys.stderr), file=sys.stderr
         )
     except KeyboardInterrupt:  # before there was anything to keep
-        print(f"{parser.prog}: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return _interrupted(parser)
+    except Exception:
+        if not heard:
+            raise
+        return _interrupted(parser)  # a library made another error of it
     return USAGE
 
 
-@contextlib.contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP (a CI out of time, a closed terminal) clean up as Ctrl-C does."""
+def _interrupted(parser: Parser) -> int:
+    print(f"{parser.prog}: interrupted", file=sys.stderr)
+    return INTERRUPTED
 
-    def interrupt(*_: object) -> None:
+
+@contextlib.contextmanager
+def _ended_by_signals(heard: list[int]) -> Iterator[None]:
+    """Let SIGTERM and SIGHUP (a CI out of time, a closed terminal) clean up as Ctrl-C does.
+
+    One that is ignored from the start (nohup, a job in the background) stays so; those that came
+    are in *heard*.
+    """
+
+    def interrupt(number: int, _: object) -> None:
+        heard.append(number)
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
         yield  # whoever owns the main thread decides
         return
-    before = {number: signal.signal(number, interrupt) for number in _ENDINGS}
+    before = {number: signal.getsignal(number) for number in _ENDINGS}
     try:
+        for number, handler in before.items():
+            if handler is not signal.SIG_IGN:
+                signal.signal(number, interrupt)
         yield
     finally:
         for number, handler in before.items():

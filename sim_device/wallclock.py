@@ -99,6 +99,7 @@ class Heartbeat:
                 self._wait()
         finally:
             self._stopping = True  # from here on a signal finds the pipe closed
+            self._simulation.advance_to(self._elapsed_ns())  # it may have slept since
             self._simulation.power_down()
             os.close(self._wake_read)
             os.close(self._wake_write)

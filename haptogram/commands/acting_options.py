@@ -225,9 +225,12 @@ ACTING: Final[Mapping[str, Rows]] = {
     "soak": _always("hours fault_rate seed segment_minutes jobs resume json record mutant quiet"),
     "bench": _always(
         "port rate_hz seconds baud phase_bits lead_ms trim spin_us realtime json html picture "
-        "compare record"
+        "compare record quiet"
     ),
-    "budget": _always("baud rate_hz phase_bits transducers"),
+    "budget": {
+        **_always("baud rate_hz phase_bits transducers dialect"),
+        "boards": Acting("with --dialect", lambda a: a.dialect is not None),
+    },
     "view": {
         **dict.fromkeys(
             ("http", "open", "until_eof"),

@@ -68,6 +68,7 @@ def set_up(parser: Parser) -> None:
         metavar="US",
         help="watch the clock so long before a deadline; a quarter of the period at most [0]",
     )
+    parser.add_argument("--quiet", action="store_true", help="print changes and errors only")
     parser.add_argument(
         "--realtime",
         action="store_true",
@@ -124,13 +125,15 @@ def run(arguments: argparse.Namespace) -> int:
 
             writer.document(SUMMARY, writer.last_ns, result)
     changes = [] if old is None else _changes(old, result)
-    print(bench_text(result), file=outputs.text)
+    if not arguments.quiet:
+        print(bench_text(result), file=outputs.text)
     if changes:
         print("\n" + "\n".join(changes), file=outputs.text)
     _write(arguments, found, result, changes)
     recorded = is_recorded("bench", writer)
     outputs.paths.pop("--record", None)
-    outputs.announce()
+    if not arguments.quiet:
+        outputs.announce()
     return 0 if recorded else USAGE
 
 

@@ -78,10 +78,9 @@ def set_up(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
+    refuse_idle_options("budget", arguments)
     if arguments.dialect is not None:
         return _run_dialect(arguments)
-    if arguments.boards is not None:
-        raise ConfigurationError("--boards acts only with --dialect; leave it out")
     rows = options_of(VerifyConfig)
     defaults = {name: rows[name].default for name in _OF_VERIFY} | {"transducers": _TRANSDUCERS}
     for name, value in defaults.items():

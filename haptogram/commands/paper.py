@@ -6,11 +6,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from haptogram.machine.files import STANDARD_OUTPUT
+from haptogram.machine.files import is_standard_output, write_json_file
 from haptogram.settings.parser import file_name_option
 
 from .shell.exit_status import FAIL, PASS
-from .shell.output_files import Outputs, write_json
+from .shell.output_files import Outputs
 
 if TYPE_CHECKING:
     from haptogram.published.paper.document import PaperReproduction
@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.presets:
         print("\n" + presets_text(compared), file=outputs.text, end="")
     if arguments.json:
-        write_json(arguments.json, paper.as_dict() | {"presets": presets})
+        write_json_file(arguments.json, paper.as_dict() | {"presets": presets})
     if arguments.html:
         _write_report(paper, presets, arguments.html)
     return PASS if paper.averages_reproduced else FAIL
@@ -93,7 +93,7 @@ def _outputs(arguments: argparse.Namespace) -> Outputs:
     from haptogram.report.paper.page import check_paper_report
 
     page: Path | None = arguments.html
-    if page is not None and page != STANDARD_OUTPUT:
+    if page is not None and not is_standard_output(page):
         check_paper_report(page)
         page = page if page.suffix else page / "index.html"
     return Outputs(argparse.Namespace(json=arguments.json, html=page), "json", "html")
@@ -103,7 +103,7 @@ def _write_report(paper: PaperReproduction, presets: list[dict[str, Any]], place
     from haptogram.machine.files import write_file_atomically
     from haptogram.report.paper.page import paper_report_files
 
-    if place == STANDARD_OUTPUT:
+    if is_standard_output(place):
         ((_, page),) = paper_report_files(paper, presets, _PAGE)
         write_file_atomically(place, page)
         return

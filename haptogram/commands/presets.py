@@ -6,10 +6,11 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Final
 
+from haptogram.machine.files import write_json_file
 from haptogram.settings.parser import file_name_option
 
 from .shell.exit_status import PASS
-from .shell.output_files import Outputs, write_json
+from .shell.output_files import Outputs
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -57,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = [find_preset(name) for name in arguments.names] or PRESETS
     compared = [(preset, compare_preset(preset)) for preset in chosen]
     if arguments.json:
-        write_json(arguments.json, {"presets": [row for _, rows in compared for row in rows]})
+        write_json_file(arguments.json, {"presets": [row for _, rows in compared for row in rows]})
     else:
         sys.stdout.write(presets_text(compared))
     return PASS

@@ -112,7 +112,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     from haptogram.report.soak import soak_text
 
     outputs = Outputs(arguments, "json", "resume", "record")
-    if arguments.resume == STANDARD_OUTPUT:
+    if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
     campaign = _campaign(arguments)
     interrupted = False

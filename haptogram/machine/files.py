@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import enum
 import os
 import secrets
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TextIO
 
 from haptogram.errors import ConfigurationError
 
@@ -15,11 +17,63 @@ from haptogram.errors import ConfigurationError
 STANDARD_OUTPUT: Final = Path("-")
 
 
+class Kind(enum.Enum):
+    """Kinds of places that an output can name; each is written in a way of its own."""
+
+    STANDARD_OUTPUT = "standard output"
+    STANDARD_ERROR = "standard error"
+    FOLDER = "folder"
+    PIPE = "pipe"
+    DEVICE = "device"
+    FILE = "file"
+
+
+def kind_of(path: Path) -> Kind:
+    """Return the kind of *path*: of what it leads to, or a file where nothing is yet.
+
+    ``-`` is standard output, and so is a name of what standard output leads to (``/dev/stdout``, a
+    file that the shell redirects it to): two writers of their own would overwrite each other.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the system refuses the path; ValueError: it has a null character.
+    """
+    if path == STANDARD_OUTPUT or _is_open_as(1, path):
+        return Kind.STANDARD_OUTPUT
+    if _is_open_as(2, path):
+        return Kind.STANDARD_ERROR
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
+        return Kind.FOLDER
+    if target.is_fifo():
+        return Kind.PIPE
+    return Kind.FILE if target.is_file() or not target.exists() else Kind.DEVICE
+
+
+def is_standard_output(path: Path) -> bool:
+    """Return True if *path* is standard output, by whatever name."""
+    try:
+        return kind_of(path) is Kind.STANDARD_OUTPUT
+    except (OSError, ValueError):
+        return False
+
+
+def _is_open_as(descriptor: int, path: Path) -> bool:
+    with contextlib.suppress(OSError):
+        found = path.stat()
+        nothing = os.stat(os.devnull)  # takes everything, from everybody
+        return os.path.samestat(found, os.fstat(descriptor)) and not os.path.samestat(
+            found, nothing
+        )
+    return False
+
+
 def write_file_atomically(path: Path, content: bytes) -> None:
     """Write *content* to *path*: a reader meets the old file or the new one, never a part.
 
-    The folder is created where there is none.  What exists and is no regular file (``/dev/stdout``,
-    a pipe) is written to, not replaced; ``-`` is standard output.
+    The folder is created where there is none.  What exists and is no regular file (a pipe, a
+    device) is written to, not replaced; see :func:`kind_of` for standard output.
 
     Raises
     ------
@@ -27,17 +81,33 @@ def write_file_atomically(path: Path, content: bytes) -> None:
         If it cannot be written; the text names the path and the reason.
     """
     try:
-        if path == STANDARD_OUTPUT:
-            _write_standard_output(content)
-            return
+        kind = kind_of(path)
         target = Path(os.path.realpath(path))  # a link keeps pointing to the result
-        if target.exists() and not (target.is_file() or target.is_dir()):
+        if kind is Kind.STANDARD_OUTPUT:
+            _write_stream(sys.stdout, content)
+        elif kind is Kind.STANDARD_ERROR:
+            _write_stream(sys.stderr, content)
+        elif kind in (Kind.PIPE, Kind.DEVICE):
             target.write_bytes(content)
-            return
-        target.parent.mkdir(parents=True, exist_ok=True)
-        _replace(target, content)
+        else:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            _replace(target, content)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
         raise _refusal(path, error) from error
+
+
+def write_json_file(path: Path, document: Mapping[str, Any]) -> None:
+    """Write *document* as JSON in ASCII; see :func:`write_file_atomically`.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be written.
+    """
+    import json  # not for --help
+
+    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    write_file_atomically(path, text.encode("ascii"))
 
 
 def check_file_writable(path: Path) -> None:
@@ -49,24 +119,26 @@ def check_file_writable(path: Path) -> None:
         Names the path and the reason.
     """
     try:
-        target = Path(os.path.realpath(path))
-        if target.is_dir():
+        kind, target = kind_of(path), Path(os.path.realpath(path))
+        if kind is Kind.STANDARD_OUTPUT:
+            if sys.stdout is None or sys.stdout.closed:
+                raise ConfigurationError(f"{path}: standard output is closed; name a file")
+        elif kind is Kind.FOLDER:
             raise ConfigurationError(f"{path}: is a folder; name a file")
-        if target.is_fifo():  # opened and closed, it would send its reader away
+        elif kind is Kind.PIPE:  # opened and closed, it would send its reader away
             if not os.access(target, os.W_OK):
                 raise ConfigurationError(f"{path}: cannot be written: no permission")
-            return
-        if target.exists() and not target.is_file():
+        elif kind is Kind.DEVICE:
             os.close(os.open(target, os.O_WRONLY | os.O_NONBLOCK))
-            return
-        folder = next(parent for parent in target.parents if parent.exists())
-        temporary = _temporary(folder)
-        temporary.touch(exist_ok=False)
-        temporary.unlink()
-    except (OSError, ValueError) as error:
-        if not isinstance(error, ConfigurationError):
-            raise _refusal(path, error) from error
+        elif kind is Kind.FILE:
+            folder = next(parent for parent in target.parents if parent.exists())
+            temporary = _temporary(folder)
+            temporary.touch(exist_ok=False)
+            temporary.unlink()
+    except ConfigurationError:
         raise
+    except (OSError, ValueError) as error:
+        raise _refusal(path, error) from error
 
 
 def check_distinct_files(
@@ -88,9 +160,10 @@ def check_distinct_files(
     """
     readers, options = list(inputs), dict[str, str]()
     for option, path in outputs.items():
-        is_stream = path == STANDARD_OUTPUT
-        place = "standard output" if is_stream else os.path.realpath(path)
-        is_shared = is_stream or not os.path.exists(place) or os.path.isfile(place)
+        kind = kind_of(path)
+        is_stream = kind is Kind.STANDARD_OUTPUT
+        place = str(kind.value) if is_stream else os.path.realpath(path)
+        is_shared = is_stream or kind is Kind.FILE
         if is_shared and place in options:
             name = place if is_stream else f"the same file, {path}"
             raise ConfigurationError(
@@ -113,10 +186,10 @@ def _refusal(path: Path, error: OSError | ValueError) -> ConfigurationError:
     return ConfigurationError(f"{path}: cannot be written: {reason}")
 
 
-def _write_standard_output(content: bytes) -> None:
-    sys.stdout.flush()
-    sys.stdout.buffer.write(content)
-    sys.stdout.buffer.flush()
+def _write_stream(stream: TextIO, content: bytes) -> None:
+    stream.flush()
+    stream.buffer.write(content)
+    stream.buffer.flush()
 
 
 def _replace(target: Path, content: bytes) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from haptogram.errors import ConfigurationError, HaptogramError
-from haptogram.machine.files import write_file_atomically
+from haptogram.machine.files import write_json_file
 
 from .memory import SoakMemory, resident_bytes
 from .segment import MakeBoard, run_segment
@@ -164,7 +164,7 @@ class SoakCampaign:
 
     def save(self, path: Path) -> None:
         """Write the checkpoint: as a whole, or not at all."""
-        write_file_atomically(path, json.dumps(self.as_dict(), indent=1).encode() + b"\n")
+        write_json_file(path, self.as_dict())
 
     @property
     def done_s(self) -> float:

@@ -14,7 +14,7 @@ from haptogram.machine.terminal import paint_terminal_verdicts
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import USAGE
-from ..shell.output_files import Outputs, announce_output
+from ..shell.output_files import Outputs, announce_interrupt, announce_output
 from ..shell.recording import is_recorded, recording
 from .options import (
     EXAMPLES,
@@ -108,6 +108,8 @@ def _run(
 
     if not suite.device and suite.cut_short and not suite.is_interrupted:
         raise LinkError(suite.cut_short)  # no board answered: nothing was judged
+    if suite.is_interrupted:
+        announce_interrupt("haptogram conform")
     text = paint_terminal_verdicts(suite_text(suite, verbose=arguments.verbose), outputs.text)
     print(text, file=outputs.text, flush=True)  # before the files: a full disk must not cost it
     _write(arguments, suite)

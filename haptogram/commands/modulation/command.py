@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
+from haptogram.machine.files import write_json_file
 from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import file_name_option, number_option
@@ -14,7 +15,7 @@ from haptogram.settings.verify_config import VerifyConfig, load_verify_config
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options, array_model
 from ..shell.exit_status import PASS
-from ..shell.output_files import FILE_HELP, Outputs, write_json, write_picture
+from ..shell.output_files import FILE_HELP, Outputs, write_picture
 from ..shell.positions import metres_of_argument, position_argument_mm
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.csv is not None:
         write_file_atomically(arguments.csv, felt_csv(frames).encode("ascii"))
     if arguments.json is not None:
-        write_json(arguments.json, felt_dict(felt, arguments.bandwidth_hz))
+        write_json_file(arguments.json, felt_dict(felt, arguments.bandwidth_hz))
     outputs.announce()
     return PASS
 

@@ -5,10 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TextIO
+from typing import TYPE_CHECKING, Final, TextIO
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import STANDARD_OUTPUT, check_distinct_files, check_file_writable
+from haptogram.machine.files import (
+    STANDARD_OUTPUT,
+    check_distinct_files,
+    check_file_writable,
+    is_standard_output,
+)
 from haptogram.settings.board import is_grid_of_elements
 from haptogram.settings.shape import SHAPES
 
@@ -57,13 +62,12 @@ class Outputs:
         }
         check_distinct_files(self.paths, _inputs(settings))
         for option, path in self.paths.items():
-            if path == STANDARD_OUTPUT:
-                _check_standard_output(option)
-            else:
-                try:
-                    check_file_writable(path)
-                except ConfigurationError as error:
-                    raise ConfigurationError(f"{option} {error}") from error
+            try:
+                check_file_writable(path)
+            except ConfigurationError as error:
+                raise ConfigurationError(f"{option} {error}") from error
+            if is_standard_output(path):
+                self.paths[option] = STANDARD_OUTPUT
         self._check_formats(pictures=pictures)
         for folder in dict.fromkeys(path.parent for path in self.paths.values()):
             if not folder.exists():
@@ -88,11 +92,6 @@ class Outputs:
             announce_output(path)
 
 
-def _check_standard_output(option: str) -> None:
-    if sys.stdout is None or sys.stdout.closed:
-        raise ConfigurationError(f"{option} -: standard output is closed; name a file")
-
-
 def _inputs(settings: object) -> Iterator[tuple[str, Path]]:
     """Yield the files that the command reads, with their options."""
     for name, is_file in INPUTS.items():
@@ -108,24 +107,14 @@ def _as_option(name: str) -> str:
 
 def announce_output(path: Path) -> None:
     """Say on standard error that *path* was written, unless that is standard output."""
-    if path != STANDARD_OUTPUT:
+    if not is_standard_output(path):
         print(f"wrote {path}", file=sys.stderr)
 
 
-def write_json(path: Path | str, document: Mapping[str, Any]) -> None:
-    """Write *document* as JSON.
-
-    Raises
-    ------
-    ConfigurationError
-        If it cannot be written.
-    """
-    import json
-
-    from haptogram.machine.files import write_file_atomically
-
-    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
-    write_file_atomically(Path(path), text.encode("ascii"))
+def announce_interrupt(program: str) -> None:
+    """Say on standard error that the result so far is worked out, which may take seconds."""
+    what = "the result of what was seen is worked out and written; Ctrl-C again ends at once"
+    print(f"{program}: interrupted; {what}", file=sys.stderr, flush=True)
 
 
 def _check_picture(path: Path) -> None:
@@ -147,5 +136,5 @@ def write_picture(path: Path, figure: Figure) -> None:
     from haptogram.machine.files import write_file_atomically
     from haptogram.report.figures import encode_figure
 
-    suffix = ".png" if path == STANDARD_OUTPUT else path.suffix.lower()
+    suffix = ".png" if is_standard_output(path) else path.suffix.lower()
     write_file_atomically(path, encode_figure(figure, suffix))

@@ -30,7 +30,7 @@ from haptogram.settings.verify_config import (
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
-from ..shell.output_files import Outputs, announce_output
+from ..shell.output_files import Outputs, announce_interrupt, announce_output
 from ..shell.recording import is_recorded, recording
 from .options import add_verify_options
 
@@ -145,6 +145,8 @@ def _run(
     except _BrokenByPlanError as error:
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return INCONCLUSIVE
+    if found.interrupted:
+        announce_interrupt("haptogram verify")
     with _bar("verifying", quiet=quiet) as progress:
         verdict = verify_run(
             found.intended,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +14,7 @@ from haptogram.conformance.verdict import (
     SuiteResult,
 )
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import write_file_atomically
+from haptogram.machine import files
 from haptogram.records.frame import Evidence
 from haptogram.settings import text_file
 
@@ -64,8 +63,7 @@ def write_suite_json(path: Path, suite: SuiteResult) -> None:
     ConfigurationError
         If *path* cannot be written.
     """
-    text = json.dumps(suite_dict(suite), indent=2, ensure_ascii=False)
-    write_file_atomically(path, text.encode() + b"\n")
+    files.write_json_file(path, suite_dict(suite))
 
 
 def read_suite_json(path: Path) -> SuiteResult:

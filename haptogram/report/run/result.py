@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import enum
 import importlib.metadata
-import json
 import math
 import os
 import platform
@@ -15,6 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from haptogram.machine import files
 from haptogram.machine.files import write_file_atomically
 from haptogram.verification import FrameVerdict, RunVerdict, Verdict
 
@@ -116,8 +116,7 @@ def write_run_json(path: Path, result: Mapping[str, Any]) -> None:
     ConfigurationError
         If *path* cannot be written.
     """
-    text = json.dumps(_plain(result), indent=2, allow_nan=False)
-    write_file_atomically(path, f"{text}\n".encode("ascii"))
+    files.write_json_file(path, _plain(result))
 
 
 def _version(package: str) -> str | None:

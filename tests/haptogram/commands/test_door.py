@@ -83,7 +83,8 @@ def said(command: str, words: list[str], folder: Path, capsys: pytest.CaptureFix
 
 
 def test_the_lists_are_those_of_the_commands() -> None:
-    assert {command for command, _ in NUMERIC} == {*COMMANDS} - {"presets", "paper"}
+    without = {"presets", "paper", "decode"}
+    assert {command for command, _ in NUMERIC} >= {*COMMANDS} - without
     assert len(NUMERIC) > 60
     assert ("verify", "--center-mm") in POSITIONS
     assert ("conform", "--dtr") in CHOSEN

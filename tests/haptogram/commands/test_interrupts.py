@@ -1,6 +1,7 @@
-"""Ctrl-C at the worst moment: inside a callback, where Python drops it."""
+"""Ctrl-C at any moment: while a program is loaded, at work, inside a callback that drops it."""
 
 import ctypes
+import random
 import signal
 import subprocess
 import sys
@@ -57,3 +58,55 @@ def test_the_end_of_the_program_looks_for_no_cycles():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "end\n"
+
+
+#: Says when this program, not the interpreter, answers an interrupt.
+START = (
+    "import os, sys; from haptogram.start import main; sys.argv[0] = 'haptogram'; "
+    "os.write(1, b'.'); sys.exit(main())"
+)
+COMMANDS = {
+    "verify": ["--virtual-time", "--quiet", "--resolution-mm", "1"],
+    "conform": ["--quiet"],
+    "field": ["--object", "hemisphere", "--resolution-mm", "1", "--picture", "field.png"],
+    "soak": ["--hours", "1", "--quiet"],
+    "bench": ["--seconds", "5", "--quiet"],
+}
+
+
+@pytest.mark.usefixtures("heeded")
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_interrupt_at_any_moment_is_one_line_and_status_130(command, tmp_path):
+    times = random.Random(command)
+    # As many while it is loaded as while it is at work.
+    for wait_s in [times.uniform(0.001, longest) for longest in (0.05, 0.2, 1.0)]:
+        with subprocess.Popen(
+            [sys.executable, "-c", START, command, *COMMANDS[command]],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        ) as process:
+            process.stdout.read(1)
+            time.sleep(wait_s)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=120)
+        assert process.returncode == 130, (wait_s, said)
+        assert said.startswith(f"haptogram {command}: interrupted".encode())
+        assert said.count(b"\n") == 1
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_a_signal_that_is_ignored_from_the_start_stays_so(number):
+    code = f"import signal; signal.signal({int(number)}, signal.SIG_IGN); {START}"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, "modulation", "am", "--array", "4x4"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        process.stdout.read(1)
+        for _ in range(5):
+            time.sleep(0.1)
+            process.send_signal(number)
+        process.communicate(timeout=120)
+    assert process.returncode == 0

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -152,3 +154,21 @@ def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
         assert main(["presets", "--json", str(tmp_path / "x.json")]) == 2
     finally:
         tmp_path.chmod(0o700)
+
+
+@pytest.mark.parametrize("is_pipe", [False, True])
+def test_standard_output_by_its_other_name_holds_the_result_alone(
+    is_pipe: bool, tmp_path: Path
+) -> None:
+    words = ["verify", *CIRCLE, "--json", "/dev/stdout"]
+    out = tmp_path / "out"
+    with out.open("wb") as file:
+        done = subprocess.run(
+            [sys.executable, "-m", "haptogram", *words],
+            stdout=subprocess.PIPE if is_pipe else file,
+            stderr=subprocess.PIPE,
+            check=True,
+        )
+    assert json.loads(done.stdout if is_pipe else out.read_bytes())["verdict"] == "pass"
+    assert done.stderr.startswith(b"PASS")
+    assert b"wrote" not in done.stderr

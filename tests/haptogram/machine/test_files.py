@@ -2,13 +2,21 @@ from __future__ import annotations
 
 import os
 import stat
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
 import pytest
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import check_file_writable, write_file_atomically
+from haptogram.machine.files import (
+    Kind,
+    check_file_writable,
+    kind_of,
+    write_file_atomically,
+    write_json_file,
+)
 
 
 def test_a_file_is_written_into_a_folder_that_is_made_for_it(tmp_path: Path) -> None:
@@ -80,3 +88,80 @@ def test_a_named_pipe_keeps_its_reader_through_the_check(tmp_path: Path) -> None
     write_file_atomically(path, b"all of it")
     reader.join(10.0)
     assert read == [b"all of it"]
+
+
+#: Kinds of places, and how each comes to be in a folder.
+PLACES = {
+    Kind.FILE: lambda path: path.write_bytes(b"old"),
+    Kind.FOLDER: lambda path: path.mkdir(),
+    Kind.PIPE: os.mkfifo,
+    Kind.DEVICE: lambda path: path.symlink_to(os.devnull),
+}
+
+
+@pytest.mark.parametrize("kind", PLACES)
+@pytest.mark.parametrize("is_link", [False, True])
+def test_the_kind_is_that_of_what_a_path_leads_to(
+    kind: Kind, is_link: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "place"
+    PLACES[kind](path)
+    if is_link:
+        (tmp_path / "link").symlink_to(path)
+        path = tmp_path / "link"
+    assert kind_of(path) is kind
+
+
+def test_what_is_not_there_yet_is_a_file(tmp_path: Path) -> None:
+    assert kind_of(tmp_path / "new") is Kind.FILE
+    (tmp_path / "link").symlink_to(tmp_path / "new")
+    assert kind_of(tmp_path / "link") is Kind.FILE
+
+
+SHOW = (
+    "import sys; from pathlib import Path; "
+    "from haptogram.machine.files import kind_of, write_file_atomically\n"
+    "for name in sys.argv[1:]: print(kind_of(Path(name)).value, file=sys.stderr)\n"
+)
+
+
+@pytest.mark.parametrize("is_pipe", [False, True])
+def test_standard_output_is_known_by_every_name(is_pipe: bool, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    names = ["-", "/dev/stdout", *([] if is_pipe else [str(out), "/dev/null"])]
+    with out.open("wb") as file:
+        target = subprocess.PIPE if is_pipe else file
+        done = subprocess.run(
+            [sys.executable, "-c", SHOW, *names], stdout=target, stderr=subprocess.PIPE, check=True
+        )
+    told = done.stderr.decode().splitlines()
+    assert told == ["standard output"] * (len(names) - (not is_pipe)) + ["device"] * (not is_pipe)
+
+
+def test_text_and_result_to_one_file_lose_neither(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from haptogram.machine.files import write_file_atomically\n"
+        "print('text'); write_file_atomically(Path(sys.argv[1]), b'result\\n'); print('more')\n"
+    )
+    with out.open("wb") as file:
+        subprocess.run([sys.executable, "-c", code, str(out)], stdout=file, check=True)
+    assert out.read_text() == "text\nresult\nmore\n"
+
+
+def test_a_check_leaves_no_file_and_touches_none(tmp_path: Path) -> None:
+    (tmp_path / "old").write_bytes(b"old")
+    for name in ("old", "new", "deep/new"):
+        check_file_writable(tmp_path / name)
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"old": b"old"}
+
+
+def test_json_is_ascii_of_one_form_and_refuses_what_is_no_number(tmp_path: Path) -> None:
+    write_json_file(tmp_path / "a.json", {"é": [1.5, None]})
+    assert (tmp_path / "a.json").read_bytes() == (
+        b'{\n  "\\u00e9": [\n    1.5,\n    null\n  ]\n}\n'
+    )
+    with pytest.raises(ValueError, match="Out of range"):
+        write_json_file(tmp_path / "b.json", {"x": float("nan")})
+    assert not (tmp_path / "b.json").exists()

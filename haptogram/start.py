@@ -1,0 +1,40 @@
+"""The entry point of the command line: answers Ctrl-C in one line before anything is loaded.
+
+It imports nothing but what every interpreter has loaded already, so that the time in which Python
+itself would answer, with a traceback, is short.
+"""
+
+from __future__ import annotations
+
+import _signal  # type: ignore[import-not-found]  # of signal, the part that is built in
+import os
+import sys
+from collections.abc import Sequence
+
+_INTERRUPTED = 130
+_BOARD = "board"  # ends with 0, whenever it is told to
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line *argv* and return its exit status."""
+    if _signal.getsignal(_signal.SIGINT) is _signal.SIG_IGN:  # started in the background
+        return _run(argv)
+    _signal.signal(_signal.SIGINT, _leave)
+    try:
+        return _run(argv)
+    finally:
+        # The verdict is told: an interrupt now would only break the end of the interpreter.
+        _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    from .cli import main as run
+
+    return run(argv)
+
+
+def _leave(*_: object) -> None:
+    """End at once: while a program is loaded there is nothing to clean up."""
+    command = " ".join(["haptogram", *sys.argv[1:2]])
+    os.write(2, f"{command}: interrupted\n".encode(errors="replace"))
+    os._exit(0 if sys.argv[1:2] == [_BOARD] else _INTERRUPTED)
