@@ -17,11 +17,11 @@ from haptogram.machine.files import check_distinct_files
 from haptogram.machine.terminal import terminal_error_line
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig, is_grid_of_elements
 from haptogram.settings.command_line import add_setting_options, given_options
+from haptogram.settings.dialects import DIALECT_TITLES
 from haptogram.settings.faults.kinds import described_faults
 from haptogram.settings.line import LineSettings
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import Parser
-from haptogram_protocol.dialects.table import DIALECTS
 
 if TYPE_CHECKING:
     from .backdoor.line_tap import LineTap, OpenRecording
@@ -110,7 +110,7 @@ def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
 
 def _epilog(program: str) -> str:
     """Return examples, the faults with their parameters, and the dialects."""
-    dialects = "\n".join(f"  {name:<23}{row.title}" for name, row in DIALECTS.items())
+    dialects = "\n".join(f"  {name:<23}{title}" for name, title in DIALECT_TITLES.items())
     faults = "\n".join(f"  {text}" for text in described_faults())
     return (
         f"{_EPILOG.replace('PROGRAM', program)}\n"

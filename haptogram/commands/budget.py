@@ -12,6 +12,8 @@ from haptogram.settings.option import options_of
 from haptogram.settings.parser import number_option, whole_number_option
 from haptogram.settings.verify_config import VerifyConfig
 
+from .acting_options import refuse_idle_options
+
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.frame_budget import FrameBudget
     from haptogram.settings.parser import Parser

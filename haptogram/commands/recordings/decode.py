@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from haptogram.settings.dialects import DIALECT_TITLES, OWN_DIALECT
 from haptogram.settings.parser import file_name_option
 
 from .sources import FORMATS, Source, open_recorded_source
@@ -41,9 +42,6 @@ exit status:
 
 def set_up(parser: Parser) -> None:
     """Describe the command and add its options."""
-    from haptogram_protocol.dialects.looks_like import HAPTOGRAM
-    from haptogram_protocol.dialects.table import DIALECTS
-
     parser.description = (
         "Print the bytes of a recording, a dump or hex text as annotated frames: of Haptogram's "
         "wire, or of the wire of another board."
@@ -55,9 +53,9 @@ def set_up(parser: Parser) -> None:
     )
     parser.add_argument(
         "--dialect",
-        choices=(HAPTOGRAM, *DIALECTS),
+        choices=(OWN_DIALECT, *DIALECT_TITLES),
         metavar="NAME",
-        help=f"the wire: {HAPTOGRAM}, {', '.join(DIALECTS)} [what the first bytes look like]",
+        help=f"the wire: {OWN_DIALECT}, {', '.join(DIALECT_TITLES)} [what the first bytes look like]",
     )
     parser.add_argument(
         "--input",

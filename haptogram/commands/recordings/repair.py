@@ -21,6 +21,7 @@ examples:
 exit status:
   0    everything that could be read was copied
   2    usage or environment error
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 

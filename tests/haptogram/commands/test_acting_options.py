@@ -45,6 +45,7 @@ CASES = {
         "html": ("--compare a.json", "--list"),
         "list": ("", "--compare a.json"),
     },
+    "budget": {"boards": ("--dialect ultraino", "")},
     "modulation": {
         "modulation_hz": ("am", "dwell"),
         "depth": ("am", "lm"),
@@ -145,6 +146,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         "view",
     ):
         monkeypatch.setattr(f"haptogram.commands.{module}.Outputs", stop)
+    monkeypatch.setattr("haptogram.commands.budget._run_dialect", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._list", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._compare", stop)
     with pytest.raises(Passed):
