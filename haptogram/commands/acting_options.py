@@ -240,7 +240,6 @@ ACTING: Final[Mapping[str, Rows]] = {
     },
     "decode": _always("dialect input from_board verbose json"),
     "repair": {},
-    "view": _always("http open html"),
     "presets": _always("json"),
     "paper": _always("presets json html"),
 }

@@ -55,7 +55,8 @@ def set_up(parser: Parser) -> None:
         "--dialect",
         choices=(OWN_DIALECT, *DIALECT_TITLES),
         metavar="NAME",
-        help=f"the wire: {OWN_DIALECT}, {', '.join(DIALECT_TITLES)} [what the first bytes look like]",
+        help=f"the wire: {OWN_DIALECT}, {', '.join(DIALECT_TITLES)} "
+        "[what the first bytes look like]",
     )
     parser.add_argument(
         "--input",
