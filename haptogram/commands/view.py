@@ -1,4 +1,4 @@
-"""``haptogram view``: a running board in a browser."""
+"""``haptogram view``: a running board, or a recording, in a browser."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import select
 import sys
 import time
 import webbrowser
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from haptogram.errors import ConfigurationError
@@ -34,6 +35,8 @@ examples:
   haptogram board --link /tmp/board --backdoor unix:/tmp/board.sock &
   haptogram view unix:/tmp/board.sock
       the array, its field and its focus, live, while any program drives /tmp/board
+  haptogram view run.mcap
+      a run that --record has written, with its verdicts
   haptogram view /tmp/board.jsonl --html run.html
       what a board has written to a file, as a page that needs no server
 
@@ -47,18 +50,19 @@ exit status:
 def set_up(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
-        "Show in a browser what a virtual board radiates: the phase and amplitude of each "
-        "transducer, the field on a plane, the focus that was found and its trail, late latches, "
-        "counters. Any number of browsers may look; one that is slow skips pictures, and none "
-        "holds the board up. A browser that draws on the processors of a 1 kHz loop disturbs it: "
-        "time in CI, look elsewhere."
+        "Show in a browser what a virtual board radiates, or has radiated in a recording: the "
+        "phase and amplitude of each transducer, the field on a plane, the focus that was found "
+        "and its trail, late latches, counters. Any number of browsers may look; one that is slow "
+        "skips pictures, and none holds the board up. A browser that draws on the processors of a "
+        "1 kHz loop disturbs it: time in CI, look elsewhere."
     )
     parser.epilog = _EXAMPLES
     parser.set_defaults(run=run)
     parser.add_argument(
         "source",
         metavar="SOURCE",
-        help="back door of a board: unix:PATH, or the file that the board appends to",
+        help="a recording, FILE.mcap; or the back door of a board: unix:PATH, or the file that the "
+        "board appends to",
     )
     parser.add_argument(
         "--http",
@@ -81,28 +85,52 @@ def set_up(parser: Parser) -> None:
         "--html",
         type=file_name_option,
         metavar="FILE",
-        help="write what the back door holds now as a page, and serve none [none]",
+        help="write the recording, or what the back door holds now, as a page, and serve none "
+        "[none]",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve or write the page; return the exit status."""
-    from haptogram.evidence.backdoor_stream import BackdoorStream
     from haptogram.report.html import check_html_page
-    from haptogram.report.viewer.live import LiveScene
 
     refuse_idle_options("view", arguments)
-    check_html_page(pictures=False)
     outputs = Outputs(arguments, "html")
+    check_html_page(pictures=False)
+    if arguments.source.endswith(".mcap"):
+        return _view_recording(arguments, outputs)
+    return _view_board(arguments, outputs)
+
+
+def _view_recording(arguments: argparse.Namespace, outputs: Outputs) -> int:
+    from haptogram.report.viewer.page import view_page, write_view
+    from haptogram.report.viewer.recorded import recorded_scene
+
+    scene, lead = recorded_scene(Path(arguments.source))
+    title = Path(arguments.source).name
+    if arguments.html is None:
+        return _serve(arguments, view_page(scene, title=title, lead=lead))
+    write_view(arguments.html, scene, title=title, lead=lead)
+    outputs.announce()
+    return PASS
+
+
+def _view_board(arguments: argparse.Namespace, outputs: Outputs) -> int:
+    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.report.viewer.live import LiveScene
+    from haptogram.report.viewer.page import view_page, write_view
+
     with BackdoorStream(arguments.source) as stream:
         first, *others = _first_records(arguments.source, stream)
         scene = LiveScene(first)
         scene.take(others)
         if arguments.html is None:
-            return _serve(arguments, scene, stream)
+            lead = [f"{scene.firmware}, {scene.model.array.count} transducers."]
+            page = view_page(None, title="Live view", lead=lead)
+            return _serve(arguments, page, (scene, stream))
         while records := stream.read():
             scene.take(records)
-    _write(arguments, scene)
+    write_view(arguments.html, scene.whole(), title=scene.firmware, lead=scene.lead)
     outputs.announce()
     return PASS
 
@@ -117,31 +145,22 @@ def _first_records(source: str, stream: BackdoorStream) -> list[dict[str, Any]]:
     return records
 
 
-def _write(arguments: argparse.Namespace, scene: LiveScene) -> None:
-    from haptogram.report.viewer.live import KEPT
-    from haptogram.report.viewer.page import write_view
-
-    kept = f", of {scene.shown} the last {KEPT}" if scene.shown > KEPT else ""
-    write_view(
-        arguments.html,
-        scene.whole(),
-        title=scene.firmware,
-        lead=[f"{scene.model.array.count} transducers, {min(scene.shown, KEPT)} latches{kept}."],
-    )
-
-
-def _serve(arguments: argparse.Namespace, scene: LiveScene, stream: BackdoorStream) -> int:
+def _serve(
+    arguments: argparse.Namespace, page: str, live: tuple[LiveScene, BackdoorStream] | None = None
+) -> int:
     from haptogram.report.viewer.server import ViewServer
 
-    host, port = arguments.http
-    server = ViewServer(scene, host, port)
+    server = ViewServer(page, live and live[0], *arguments.http)
     with contextlib.suppress(OSError, AttributeError):  # a system without priorities
         os.nice(_NICENESS)
     print(f"view at {server.address}", flush=True)
     if _wants_browser(arguments.open):
         webbrowser.open(server.address)
     try:
-        _follow(server, stream, until_eof=arguments.until_eof)
+        while not (arguments.until_eof and _has_ended(sys.stdin)):
+            if live is not None:
+                _follow(server, *live, stays=not arguments.until_eof)
+            time.sleep(_PERIOD_S)
     except KeyboardInterrupt:
         pass
     finally:
@@ -149,20 +168,15 @@ def _serve(arguments: argparse.Namespace, scene: LiveScene, stream: BackdoorStre
     return PASS
 
 
-def _follow(server: ViewServer, stream: BackdoorStream, *, until_eof: bool) -> None:
-    """Hand on what comes, until Ctrl-C: a board that has ended can still be looked at."""
-    told = False
-    while not (until_eof and _has_ended(sys.stdin)):
-        records = stream.read() if stream.is_open else []
-        if records:
-            server.take(records)
-        ended = server.scene.ended or not stream.is_open
-        if ended and not told:
-            if not until_eof:
-                print("the board has ended; Ctrl-C ends the view", file=sys.stderr)
-            server.end()
-            told = True
-        time.sleep(_PERIOD_S)
+def _follow(server: ViewServer, scene: LiveScene, stream: BackdoorStream, *, stays: bool) -> None:
+    """Hand on what has come; a board that has ended can still be looked at."""
+    if scene.ended:
+        return
+    records = stream.read()
+    if records or not stream.is_open:
+        server.take(scene, records, ended=not stream.is_open)
+    if scene.ended and stays:
+        print("the board has ended; Ctrl-C ends the view", file=sys.stderr)
 
 
 def _has_ended(stream: TextIO) -> bool:

@@ -28,6 +28,8 @@ class LiveScene:
     ----------
     board : mapping
         The ``board`` record, the first one of a back door.
+    kept : int
+        Number of frames that are kept, the newest ones.
 
     Attributes
     ----------
@@ -42,7 +44,7 @@ class LiveScene:
         It is no such record.
     """
 
-    def __init__(self, board: Mapping[str, Any]) -> None:
+    def __init__(self, board: Mapping[str, Any], kept: int = KEPT) -> None:
         if board["kind"] != "board":
             raise ConfigurationError("the first record of a back door must be of the board")
         self.model = board_model(board)
@@ -50,7 +52,7 @@ class LiveScene:
         self._channels = board.get("channels", ())
         self.shown = 0
         self.ended = False
-        self._frames: deque[ShownFrame] = deque(maxlen=KEPT)
+        self._frames: deque[ShownFrame] = deque(maxlen=kept)
         self._counters: Counter[str] = Counter()
         self._state = ""
 
@@ -75,7 +77,14 @@ class LiveScene:
 
     def whole(self) -> Scene:
         """Return the scene of all frames that are kept."""
-        return self._newest(KEPT)
+        return self._newest(len(self._frames))
+
+    @property
+    def lead(self) -> list[str]:
+        """Sentences that say what is shown."""
+        dropped = self.shown - len(self._frames)
+        last = f", the last of {self.shown}" if dropped else ""
+        return [f"{self.model.array.count} transducers, {len(self._frames)} latches{last}."]
 
     def _newest(self, count: int) -> Scene:
         newest = list(islice(reversed(self._frames), max(0, count)))[::-1]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from ..html import write_html_page
+from ..html import render_html_page, write_html_page
 from .scene import Scene
 
 
-def write_view(path: Path, scene: Scene, *, title: str, lead: list[str]) -> None:
-    """Write *scene* as a page of its own, for a browser without a server.
+def view_page(scene: Scene | None, *, title: str, lead: list[str]) -> str:
+    """Return a page that shows *scene*, or what its server tells it if there is none.
 
     Parameters
     ----------
@@ -21,14 +22,27 @@ def write_view(path: Path, scene: Scene, *, title: str, lead: list[str]) -> None
     Raises
     ------
     ConfigurationError
-        If the extra ``report`` is not installed, or *path* cannot be written.
+        If the extra ``report`` is not installed.
     """
-    write_html_page(
-        path,
-        "view.html",
-        title=f"Haptogram: {title}",
-        heading=title,
-        tone="plain",
-        lead=lead,
-        scene=scene.embedded(),
-    )
+    return render_html_page("view.html", **_content(scene, title, lead))
+
+
+def write_view(path: Path, scene: Scene, *, title: str, lead: list[str]) -> None:
+    """Write *scene* as a page, for a browser without a server; the rest as :func:`view_page`.
+
+    Raises
+    ------
+    ConfigurationError
+        Also if *path* cannot be written.
+    """
+    write_html_page(path, "view.html", **_content(scene, title, lead))
+
+
+def _content(scene: Scene | None, title: str, lead: list[str]) -> dict[str, Any]:
+    return {
+        "title": f"Haptogram: {title}",
+        "heading": title,
+        "tone": "plain",
+        "lead": lead,
+        "scene": scene and scene.embedded(),
+    }

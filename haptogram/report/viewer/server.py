@@ -1,4 +1,4 @@
-"""Shows a running board in browsers: a page, and the frames that each page asks for.
+"""Serves a view to browsers: its page, and the frames of a running board that each page asks for.
 
 A page asks for the next frames when it has drawn the last ones, so one that is slow or gone costs
 nothing: no picture waits for it, and none is kept for it alone.
@@ -19,7 +19,6 @@ from urllib.parse import parse_qs, urlsplit
 
 from haptogram.errors import ConfigurationError
 
-from ..html import render_html_page
 from .live import LiveScene
 
 _PATIENCE_S: Final = 1.0  # of a page that waits for frames, before it is told that there are none
@@ -27,14 +26,16 @@ _INLINE: Final = re.compile(r"<(script type=\"module\"|style)>(.*?)</(?:script|s
 
 
 class ViewServer:
-    """Serves one live scene on a port of this machine.
+    """Serves one view on a port of this machine.
 
     On an address that others can reach, pages need the token that is in the address.
 
     Parameters
     ----------
-    scene : LiveScene
-        What is shown.
+    page : str
+        The page.
+    scene : LiveScene, optional
+        The running board that the page shows, if it has no scene of its own.
     host : str
         Address to listen on.
     port : int
@@ -51,11 +52,13 @@ class ViewServer:
         If the port cannot be had.
     """
 
-    def __init__(self, scene: LiveScene, host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(
+        self, page: str, scene: LiveScene | None = None, host: str = "127.0.0.1", port: int = 0
+    ) -> None:
         self.news = threading.Condition()
         self.scene = scene
-        self.page = _page(scene)
-        self.headers = _headers(self.page)
+        self.page = page
+        self.headers = _headers(page)
         try:
             self._server = _Server((host, port), _Handler)
         except OSError as error:
@@ -75,22 +78,21 @@ class ViewServer:
         """Port that it listens on."""
         return int(self._server.server_address[1])
 
-    def take(self, records: list[dict[str, Any]]) -> None:
-        """Take records of the back door, and wake the pages that wait."""
+    def take(self, scene: LiveScene, records: list[dict[str, Any]], *, ended: bool) -> None:
+        """Hand records of the back door to *scene*, and wake the pages that wait."""
         with self.news:
-            self.scene.take(records)
+            scene.take(records)
+            scene.ended |= ended
             self.news.notify_all()
 
-    def end(self) -> None:
-        """Tell the pages that no more frames will come."""
-        with self.news:
-            self.scene.ended = True
-            self.news.notify_all()
+    def frames_after(self, shown: int) -> bytes | None:
+        """Return the scene of the frames after the first *shown*, or of none if none comes.
 
-    def frames_after(self, shown: int) -> bytes:
-        """Return the scene of the frames after the first *shown*, or of none if none comes."""
+        None: the page has its own scene.
+        """
+        if (scene := self.scene) is None:
+            return None
         with self.news:
-            scene = self.scene
             self.news.wait_for(lambda: scene.shown > shown or scene.ended, _PATIENCE_S)
             return scene.since(shown)
 
@@ -124,7 +126,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
-    def _answer(self, content: bytes, kind: str) -> None:
+    def _answer(self, content: bytes | None, kind: str) -> None:
+        if content is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
         self.send_response(HTTPStatus.OK)
         for name, value in self.server.view.headers.items():
             self.send_header(name, value)
@@ -141,17 +146,6 @@ def _whole(query: str) -> int:
     """Return the number of frames that a page has, as its request says; 0 if it says none."""
     text = parse_qs(query).get("after", ["0"])[0]
     return int(text) if text.isdecimal() and len(text) < 16 else 0
-
-
-def _page(scene: LiveScene) -> str:
-    return render_html_page(
-        "view.html",
-        title=f"Haptogram: {scene.firmware}",
-        heading="Live view",
-        tone="plain",
-        lead=[f"{scene.firmware}, {scene.model.array.count} transducers."],
-        scene=None,
-    )
 
 
 def _headers(page: str) -> dict[str, str]:

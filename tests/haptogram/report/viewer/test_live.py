@@ -26,6 +26,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model
 from haptogram.evidence.backdoor_stream import BackdoorStream
 from haptogram.report.viewer.live import KEPT, LiveScene
+from haptogram.report.viewer.page import view_page
 from haptogram.report.viewer.server import ViewServer
 
 from .test_scene import unpack
@@ -55,9 +56,15 @@ def scene(records: list[dict[str, Any]]) -> LiveScene:
 
 @pytest.fixture
 def server(records: list[dict[str, Any]]) -> Iterator[ViewServer]:
-    started = ViewServer(LiveScene(records[0]))
+    page = view_page(None, title="Live view", lead=[])
+    started = ViewServer(page, LiveScene(records[0]))
     yield started
     started.close()
+
+
+def take(server: ViewServer, records: list[dict[str, Any]], *, ended: bool = False) -> None:
+    assert server.scene is not None
+    server.take(server.scene, records, ended=ended)
 
 
 class Answer(NamedTuple):
@@ -141,7 +148,7 @@ def test_frames_come_as_a_page_asks_for_them(
     server: ViewServer, records: list[dict[str, Any]]
 ) -> None:
     assert unpack(ask(server, "/frames?after=0").body)[0]["shown"] == 0
-    server.take(records[1:])
+    take(server, records[1:])
     header, columns = unpack(ask(server, "/frames?after=1").body)
     assert columns["number"].tolist() == list(range(1, header["shown"]))
 
@@ -155,7 +162,7 @@ def test_only_this_machine_by_its_own_name_is_answered(server: ViewServer) -> No
 
 
 def test_other_machines_need_the_token(records: list[dict[str, Any]]) -> None:
-    server = ViewServer(LiveScene(records[0]), "0.0.0.0")
+    server = ViewServer("<p>page</p>", LiveScene(records[0]), "0.0.0.0")
     try:
         token = re.fullmatch(r"http://0\.0\.0\.0:\d+(/[\w-]{22}/)", server.address)
         assert token
@@ -180,15 +187,15 @@ def test_readers_that_are_slow_or_gone_hold_nobody_up(
     deaf = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(20)]
     for one in deaf:
         one.sendall(b"GET /frames?after=0 HTTP/1.1\r\nHost: localhost\r\n\r\n")  # and never reads
-    server.take(records[1:])
+    take(server, records[1:])
     assert unpack(ask(server, "/frames?after=0").body)[0]["shown"] > 0
     for one in deaf:
         one.close()
 
 
-def test_port_that_is_taken_is_named(server: ViewServer, records: list[dict[str, Any]]) -> None:
+def test_port_that_is_taken_is_named(server: ViewServer) -> None:
     with pytest.raises(ConfigurationError, match=f"127.0.0.1:{server.port} .*choose another"):
-        ViewServer(LiveScene(records[0]), port=server.port)
+        ViewServer("<p>page</p>", port=server.port)
 
 
 # --- browser ------------------------------------------------------------------------------------
@@ -198,19 +205,19 @@ def test_page_follows_the_board(
     server: ViewServer, records: list[dict[str, Any]], open_page: Callable[..., Any]
 ) -> None:
     latches = [record for record in records if record["kind"] == "latch"]
-    server.take(latches[:1])
+    take(server, latches[:1])
     page = open_page(server.address)
     frames = "() => haptogramViewer.scene.frames"
     for count in (2, 3):
-        server.take(latches[count - 1 : count])
+        take(server, latches[count - 1 : count])
         page.wait_for_function(f"() => haptogramViewer.scene.frames === {count}")
         assert page.evaluate("() => haptogramViewer.frame") == count - 1
     page.click("[data-part=back]")  # who looks at a frame keeps it
-    server.take(latches[:1] * 5)
+    take(server, latches[:1] * 5)
     page.wait_for_function("() => haptogramViewer.scene.frames === 8")
     assert page.evaluate("() => haptogramViewer.frame") == 1
     assert page.evaluate(frames) == 8
-    server.end()
+    take(server, [], ended=True)
     page.wait_for_function(
         "() => document.querySelector('[data-part=failure]').textContent.includes('has ended')"
     )

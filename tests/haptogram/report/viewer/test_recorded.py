@@ -1,0 +1,58 @@
+"""The view of recordings: of a judged run, of a board, and of what is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptogram.cli import main
+from haptogram.errors import ConfigurationError
+from haptogram.report.viewer.frames import STATUSES
+from haptogram.report.viewer.recorded import recorded_scene
+
+from .test_scene import unpack
+
+pytest.importorskip("mcap")
+SMALL = ["--virtual-time", "--array", "6x6", "--object", "circle", "--quiet"]
+
+
+def test_verdicts_of_a_run_are_shown(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    main(["verify", *SMALL, "--fault", "line.flip ber=3e-4", "--record", str(path)])
+    scene, lead = recorded_scene(path)
+    header, columns = unpack(scene.pack())
+    statuses = [STATUSES[code] for code in columns["status"]]
+    assert {"on target", "lost"} <= set(statuses)
+    lost = np.array([status == "lost" for status in statuses])
+    np.testing.assert_array_equal(columns["seen"], ~lost)
+    found, target = columns["found_mm"][~lost], columns["target_mm"][~lost]
+    np.testing.assert_allclose(found, target, atol=1.0)
+    assert header["counters"]["lost"] == lost.sum()
+    assert lead == [f"verify: 36 transducers, {len(statuses)} judged frames."]
+
+
+def test_recording_that_was_cut_off_is_shown_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    main(["verify", *SMALL, "--record", str(path)])
+    whole = unpack(recorded_scene(path)[0].pack())[1]
+    content = path.read_bytes()
+    shown = []
+    for tenths in range(2, 10):
+        path.write_bytes(content[: len(content) * tenths // 10])
+        scene, lead = recorded_scene(path)
+        shown.append(len(unpack(scene.pack())[1]["number"]))
+        assert lead[-1] == "The recording was cut off."
+    assert shown == sorted(shown)
+    assert 0 < shown[-1] <= len(whole["number"])
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"nothing of the kind")
+    with pytest.raises(ConfigurationError) as refused:
+        recorded_scene(path)
+    assert str(path) in str(refused.value)
+    assert main(["view", str(path), "--html", str(tmp_path / "page.html")]) == 2
+    assert not (tmp_path / "page.html").exists()
