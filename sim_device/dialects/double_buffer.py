@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -23,6 +22,7 @@ from haptogram_protocol.dialects.fpga_bytes import (
 )
 
 from ..board.events import Modulation, PulseLatch
+from .unit import LatchingUnit
 
 POWER_UP: Final = "power-up"
 
@@ -55,7 +55,7 @@ class Registers:
     modulation: Callable[[int], Modulation] | None = None
 
 
-class DoubleBuffer:
+class DoubleBuffer(LatchingUnit):
     """All boards on a line, each with two buffers; see :class:`~.unit.Unit`.
 
     Codes go to the buffer that does not radiate. A swap exchanges the two, so that a second one
@@ -83,7 +83,7 @@ class DoubleBuffer:
     def __init__(
         self, registers: Registers, boards: int, now_us: int, modulation_step: int = 0
     ) -> None:
-        self.counters: Counter[str] = Counter()
+        super().__init__()
         self._registers = registers
         shape = boards, registers.rules.channels
         self._shown = np.full(shape, registers.at_power_up, np.uint16)
@@ -93,7 +93,6 @@ class DoubleBuffer:
         self._written = False
         self._clocked = True
         self._step = modulation_step
-        self._latches: list[PulseLatch] = []
         self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
             Begin: self._begin,
             SetPhases: self._set_phases,
@@ -109,19 +108,6 @@ class DoubleBuffer:
         if (handler := self._handlers.get(type(operation))) is not None:
             handler(operation, t_us)
         return []
-
-    def next_event_us(self) -> int | None:
-        """Return None: the boards do nothing by themselves but modulate."""
-        return None
-
-    def advance_to(self, t_us: int) -> list[Reply]:  # noqa: ARG002  nothing is ever due
-        """Do nothing."""
-        return []
-
-    def take_latches(self) -> list[PulseLatch]:
-        """Return the latches since the last call, in order."""
-        taken, self._latches = self._latches, []
-        return taken
 
     def _begin(self, _: Begin, __: int) -> None:
         """Give all channels of the next frame the full amplitude, until they get another one."""

@@ -53,3 +53,24 @@ class HoldsBack(Protocol):
     def room_bytes(self) -> int:
         """Bytes that the boards take now."""
         ...
+
+
+class LatchingUnit:
+    """The half of a unit that most boards share: it keeps latches, and does nothing by itself."""
+
+    def __init__(self) -> None:
+        self.counters: Counter[str] = Counter()
+        self._latches: list[PulseLatch] = []
+
+    def next_event_us(self) -> int | None:
+        """Return None: nothing is ever due."""
+        return None
+
+    def advance_to(self, t_us: int) -> list[Reply]:  # noqa: ARG002  nothing is ever due
+        """Do nothing."""
+        return []
+
+    def take_latches(self) -> list[PulseLatch]:
+        """Return the latches since the last call, in order."""
+        taken, self._latches = self._latches, []
+        return taken

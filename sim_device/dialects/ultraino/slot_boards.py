@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -23,6 +22,7 @@ from haptogram_protocol.dialects.ultraino.operations import (
 from haptogram_protocol.dialects.ultraino.slots import SlotLayout
 
 from ...board.events import PulseLatch
+from ..unit import LatchingUnit
 from .playlist import PERIOD_US, Playlist
 
 POWER_UP: Final = "power-up"
@@ -51,7 +51,7 @@ class Outputs:
     shows_one: bool = False
 
 
-class SlotBoards:
+class SlotBoards(LatchingUnit):
     """All boards of a chain; see :class:`~..unit.Unit`.
 
     They radiate from power-up on: in the first half of the slots every output is high. Patterns
@@ -77,7 +77,7 @@ class SlotBoards:
     """
 
     def __init__(self, outputs: Outputs, boards: int, now_us: int) -> None:
-        self.counters: Counter[str] = Counter()
+        super().__init__()
         self._outputs = outputs
         firmware, layout = outputs.firmware, outputs.layout
         shape = boards, firmware.patterns, layout.steps, layout.ports
@@ -86,7 +86,6 @@ class SlotBoards:
         self._boot_us = now_us
         self._playlist = Playlist(firmware.patterns, counts=not outputs.shows_one)
         self._durations = bytearray(self._playlist.durations)  # for the next commit
-        self._latches: list[PulseLatch] = []
         self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
             SetPattern: self._set_pattern,
             SetDurations: self._set_durations,
@@ -113,11 +112,6 @@ class SlotBoards:
         if self._playlist.advance_to(self._period(t_us)):
             self._latch("pattern", t_us)
         return []
-
-    def take_latches(self) -> list[PulseLatch]:
-        """Return the latches since the last call, in order."""
-        taken, self._latches = self._latches, []
-        return taken
 
     def _period(self, t_us: int) -> int:
         return (t_us - self._boot_us) // PERIOD_US
