@@ -13,7 +13,7 @@ from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.autd3 import link
 
 from ..emulation import Emulation
-from .unit import Autd3Unit
+from .unit import PERIOD_US, PERIODS_BETWEEN_LATCHES, Autd3Unit
 
 __all__ = ["AUTD3", "Devices"]
 
@@ -34,6 +34,13 @@ class Devices(Settings):
         high=2**63 - 1,
         help="system time at power-up, for clients that name times: since 2000-01-01 UTC",
     )
+    latch_us: int = option(
+        PERIODS_BETWEEN_LATCHES * PERIOD_US,
+        unit="US",
+        low=PERIOD_US,
+        high=1_000_000,
+        help="time between latches that sequences and modulation make by themselves",
+    )
 
 
 def _layout(options: Devices) -> BoardLayout:
@@ -51,7 +58,10 @@ AUTD3: Final = Emulation(
     dialect=link.AUTD3,
     end=lambda _: link.Autd3Board(),
     unit=lambda options, now_us: Autd3Unit(
-        now_us, devices=options.devices, system_ns=options.system_ns
+        now_us,
+        devices=options.devices,
+        system_ns=options.system_ns,
+        periods_between_latches=options.latch_us // PERIOD_US,
     ),
     layout=_layout,
     options=Devices,

@@ -39,11 +39,12 @@ from .device import Device, Output
 from .drive import STEPS, pulses_of
 from .segments import PERIOD_NS
 
-__all__ = ["PERIODS_BETWEEN_LATCHES", "Autd3Unit"]
+__all__ = ["PERIODS_BETWEEN_LATCHES", "PERIOD_US", "Autd3Unit"]
 
 PERIODS_BETWEEN_LATCHES: Final = 10
+MAX_KNOWN: Final = 1024  # pulses that are kept
 _NS_PER_US: Final = 1_000
-_PERIOD_US: Final = PERIOD_NS // _NS_PER_US
+PERIOD_US: Final = PERIOD_NS // _NS_PER_US
 
 
 class Autd3Unit:
@@ -84,6 +85,7 @@ class Autd3Unit:
         self._gap = periods_between_latches
         self._outputs: list[Output] = []
         self._pulses = PulseDrive.off(CHANNELS * devices, STEPS)
+        self._known: dict[tuple[Output, ...], PulseDrive] = {}
         self._latches: list[PulseLatch] = []
         self._asked: int | None = None  # period in which what operations ask for takes effect
         self._changes: int | None = None  # period in which something changes by itself
@@ -171,12 +173,7 @@ class Autd3Unit:
 
     def _latch(self, outputs: list[Output], period: int, cause: str) -> None:
         self._outputs = outputs
-        drives = [output.patterns.drive(output.index) for output in outputs]
-        phases, intensities = zip(*drives, strict=True)
-        levels = [np.full(CHANNELS, output.modulation, np.uint8) for output in outputs]
-        pulses = pulses_of(
-            np.concatenate(phases), np.concatenate(intensities), np.concatenate(levels)
-        )
+        pulses = self._pulses_of(tuple(outputs))
         if pulses == self._pulses and cause in ("index", "modulation"):
             return
         self._pulses = pulses
@@ -184,8 +181,21 @@ class Autd3Unit:
         t_us = self._start_us(period)
         self._latches.append(PulseLatch(t_us, pulses, cause, outputs[0].index))
 
+    def _pulses_of(self, outputs: tuple[Output, ...]) -> PulseDrive:
+        """Return the pulses of all devices; a sequence comes round to those that it had."""
+        if outputs not in self._known:
+            if len(self._known) >= MAX_KNOWN:
+                self._known.clear()
+            drives = [output.patterns.drive(output.index) for output in outputs]
+            phases, intensities = zip(*drives, strict=True)
+            levels = [np.full(CHANNELS, output.modulation, np.uint8) for output in outputs]
+            self._known[outputs] = pulses_of(
+                np.concatenate(phases), np.concatenate(intensities), np.concatenate(levels)
+            )
+        return self._known[outputs]
+
     def _period_at(self, t_us: int) -> int:
-        return self._boot_period + (t_us - self._boot_us) // _PERIOD_US
+        return self._boot_period + (t_us - self._boot_us) // PERIOD_US
 
     def _start_us(self, period: int) -> int:
-        return self._boot_us + (period - self._boot_period) * _PERIOD_US
+        return self._boot_us + (period - self._boot_period) * PERIOD_US
