@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import Transport
     from .evidence.boards import BoardUnderTest
+    from .evidence.recordings.replay import ReplayBoard
     from .evidence.recordings.tap import RecordedBoards
     from .evidence.recordings.writer import RecordingWriter
     from .settings.board import BoardConfig
@@ -48,6 +49,7 @@ COMMANDS: Final = {
     "field": (".field.command", "compute the field of a focus, an object or a drive"),
     "modulation": (".modulation.command", "compute what a modulated focus makes at the skin"),
     "decode": (".recordings.decode", "print recorded or dumped bytes as annotated frames"),
+    "replay": (".recordings.replay", "feed a recording to a board again and compare"),
     "repair": (".recordings.repair", "make a recording that was cut off a whole file again"),
     "presets": (".presets", "list the known systems, with their published figures next to ours"),
     "paper": (".paper", "reproduce the Haptogram paper's simulation"),
@@ -161,6 +163,7 @@ def _add_options(name: str, parser: Parser) -> None:
         "verify": (_prepare_simulator, board_in_virtual_time),
         "conform": (access_in_program,),
         "soak": (board_without_a_line,),
+        "replay": (replayed_board,),
         _BOARD: (open_recording_of_board,),
     }
     module = importlib.import_module(COMMANDS[name][0], "haptogram.commands")
@@ -251,6 +254,21 @@ def access_in_program(
     )
 
 
+def replayed_board(options: Mapping[str, Any], paced: bool) -> ReplayBoard:
+    """Return a virtual board that recorded bytes are fed to.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such board.
+    """
+    from sim_device.driven.replay_board import VirtualReplayBoard
+
+    from .settings.board import BoardConfig
+
+    return VirtualReplayBoard(BoardConfig.of(**options), paced=paced)
+
+
 def open_recording_of_board(path: Path, options: Mapping[str, Any]) -> RecordingWriter:
     """Return the recording that a virtual board writes.
 
@@ -278,8 +296,8 @@ def board_without_a_line(mutant: str | None) -> MakeBoard:
     """
     import functools
 
+    from sim_device.driven.soak_board import SoakBoard
     from sim_device.mutants import mutant_parts
-    from sim_device.soak_board import SoakBoard
 
     mutant_parts(mutant)
     return functools.partial(SoakBoard, mutant=mutant)

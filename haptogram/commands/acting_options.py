@@ -239,6 +239,14 @@ ACTING: Final[Mapping[str, Rows]] = {
         "html": None,
     },
     "decode": _always("dialect input from_board verbose json"),
+    "replay": {
+        **_always("json show"),
+        "port": None,
+        "baud": Acting("with --port", lambda a: a.port is not None),
+        **dict.fromkeys(
+            ("healthy", "mutant", "array"), Acting("without --port", lambda a: a.port is None)
+        ),
+    },
     "repair": {},
     "presets": _always("json"),
     "paper": _always("presets json html"),

@@ -88,7 +88,7 @@ class BoardUnderTest(Protocol):
 
     @property
     def is_in_process(self) -> bool:
-        """Whether :meth:`records` costs nothing, for a board in this program."""
+        """True for a board in this program, whose :meth:`records` costs nothing."""
         ...
 
     @property

@@ -165,7 +165,7 @@ class LatchRecord:
 
     @classmethod
     def of(cls, latch: LatchSeen) -> Self:
-        """Return what the virtual board latched."""
+        """Return the record of a latch of the virtual board."""
         key, drive, radiated = latch.key, latch.drive, latch.radiated
         same = radiated is drive or radiated == drive
         return cls(

@@ -14,10 +14,10 @@ from haptogram_protocol.connection import BoardEvent, StreamReceived
 from haptogram_protocol.connection.events import FrameDropped, RequestReceived
 from haptogram_protocol.export.tables import description_hash
 
-from .board.events import Latch, StateChange
-from .board.settings import BOOT_US, board_settings
-from .faults.clock import faulty_clock
-from .mutants import mutant_parts
+from ..board.events import Latch, StateChange
+from ..board.settings import BOOT_US, board_settings
+from ..faults.clock import faulty_clock
+from ..mutants import mutant_parts
 
 #: The index of a stream frame that was taken, ``request``, or why a frame was dropped.
 Verdict: TypeAlias = int | str

@@ -1,0 +1,179 @@
+"""``haptogram replay``: the bytes of a recording to a board again, and what it does with them."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+from haptogram.errors import ConfigurationError
+from haptogram.machine.terminal import paint_terminal_verdicts
+from haptogram.settings.parser import file_name_option, whole_number_option
+
+from ..acting_options import refuse_idle_options
+from ..shell.output_files import FILE_HELP, Outputs, announce_output, write_json
+
+if TYPE_CHECKING:
+    from haptogram.evidence.recordings.replay import ReplayBoard, ReplayResult
+    from haptogram.settings.parser import Parser
+
+#: Given the options of a virtual board, and whether a simulated line carries its bytes.
+MakeBoard: TypeAlias = "Callable[[Mapping[str, Any], bool], ReplayBoard]"
+
+_FAULTY: Final = ("mutant", "fault", "fault_plan", "fault_seed")
+_EPILOG: Final = """\
+examples:
+  haptogram replay run.mcap
+      the board of the recording again, in virtual time: does it do the same?
+  haptogram replay bug.mcap --healthy
+      the same bytes to a board without its mutant and its faults
+  haptogram replay run.mcap --port /dev/ttyUSB0
+      the same bytes in real time to a board, the times of its frames moved to its clock
+
+A recording of the virtual board on its own clock (haptogram board --record, virtual time) runs
+again byte for byte, and every field is compared.  In one by the host's clock, and at a port, the
+fields that depend on the moment are left out: times of replies, counters, periodic reports.
+
+exit status:
+  0    the board did what was recorded
+  1    something differs
+  2    usage or environment error
+  3    there was nothing to compare
+  130  interrupted (Ctrl-C)
+"""
+
+
+def set_up(parser: Parser, make_board: MakeBoard) -> None:
+    """Describe the command and add its options; *make_board* powers up virtual boards."""
+    parser.description = (
+        "Feed the bytes of a recording to a board, and compare its frames and latches with those "
+        "of the recording."
+    )
+    parser.epilog = _EPILOG
+    parser.set_defaults(run=functools.partial(run, make_board=make_board))
+    parser.add_argument("file", type=file_name_option, metavar="FILE", help="the recording")
+    board = parser.add_argument_group("board")
+    board.add_argument("--port", metavar="URL", help="a board on any pyserial URL [virtual board]")
+    board.add_argument(
+        "--baud",
+        type=whole_number_option(300, 100_000_000, "Bd"),
+        default=3_000_000,
+        metavar="BAUD",
+        help="line rate of --port [3000000]",
+    )
+    board.add_argument(
+        "--healthy", action="store_true", help="leave out mutant and faults of the recorded board"
+    )
+    board.add_argument(
+        "--mutant", metavar="NAME", help="a board that is wrong in one way [as recorded]"
+    )
+    board.add_argument("--array", metavar="NXxNY|FILE", help="its array [as recorded]")
+    result = parser.add_argument_group("result", FILE_HELP)
+    result.add_argument(
+        "--json", type=file_name_option, metavar="FILE", help="write every difference as JSON"
+    )
+    result.add_argument(
+        "--show",
+        type=whole_number_option(0, 1000),
+        default=20,
+        metavar="N",
+        help="differences that are printed [20]",
+    )
+
+
+def run(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
+    """Replay the recording, print the differences, and return the exit status."""
+    from haptogram.evidence.recordings.reader import Recording
+
+    refuse_idle_options("replay", arguments)
+    outputs = Outputs(arguments, "json")
+    recording = Recording(arguments.file)
+    if arguments.port is not None:
+        from haptogram.evidence.recordings.real_time import replay_to_port
+
+        result = replay_to_port(recording, arguments.port, baudrate=arguments.baud)
+    else:
+        from haptogram.evidence.recordings.replay import replay
+
+        def make(options: Mapping[str, Any], *, paced: bool) -> ReplayBoard:
+            return make_board(_changed(options, arguments), paced)
+
+        result = replay(recording, make)
+    text = "\n".join(_lines(result, arguments.show))
+    print(paint_terminal_verdicts(text, outputs.text), file=outputs.text)
+    if arguments.json is not None:
+        write_json(arguments.json, _as_dict(result))
+        announce_output(arguments.json)
+    return result.exit_status
+
+
+def _changed(options: Mapping[str, Any], arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the recorded board with those of the command line."""
+    if arguments.healthy:
+        options = {name: value for name, value in options.items() if name not in _FAULTY}
+    given = {"mutant": arguments.mutant, "array": arguments.array}
+    changed = dict(options) | {name: value for name, value in given.items() if value is not None}
+    if arguments.array is not None:
+        _check_array(options, arguments.array)
+    return changed
+
+
+def _check_array(options: Mapping[str, Any], array: str) -> None:
+    from haptogram.acoustics import TransducerArray
+    from haptogram.settings.board import DEFAULT_ARRAY
+
+    before = TransducerArray.parse(str(options.get("array", DEFAULT_ARRAY))).count
+    after = TransducerArray.parse(array).count
+    if before != after:
+        raise ConfigurationError(
+            f"--array {array} has {after} transducers; the recording is of {before}: name the "
+            "array of the recording, or leave the option out"
+        )
+
+
+def _lines(result: ReplayResult, shown: int) -> list[str]:
+    """Return the outcome in lines."""
+    heads = {
+        0: "PASS: the board did what was recorded",
+        1: f"FAIL: {result.differing} of {result.differing + result.same} entries differ",
+        3: "INCONCLUSIVE: there was nothing to compare",
+    }
+    lines = [heads[result.exit_status]]
+    lines.append(f"  bytes     {result.to_board} to the board, {result.to_host} from it")
+    clock = "the board's, every field compared"
+    if not result.is_exact:
+        clock = "the host's, fields of the moment left out"
+    lines.append(f"  clock     {clock}")
+    for kind in ("frames", "latches", "output", "pulses"):
+        same = sum(comparison.same[kind] for comparison in result.comparisons)
+        other = sum(comparison.differing[kind] for comparison in result.comparisons)
+        if same or other:
+            lines.append(f"  {kind:<9} {same} the same, {other} different")
+    lines += [f"  note      {note}" for note in result.notes]
+    differences = [d for comparison in result.comparisons for d in comparison.differences]
+    lines += [f"  {difference}" for difference in differences[:shown]]
+    if len(differences) > shown:
+        lines.append(f"  ... and {result.differing - shown} more (--show, --json)")
+    return lines
+
+
+def _as_dict(result: ReplayResult) -> dict[str, Any]:
+    return {
+        "exit_status": result.exit_status,
+        "exact": result.is_exact,
+        "to_board": result.to_board,
+        "to_host": result.to_host,
+        "notes": result.notes,
+        "boards": [
+            {
+                "same": dict(comparison.same),
+                "differing": dict(comparison.differing),
+                "differences": [
+                    {"what": d.what, "t_us": d.t_us, "detail": d.detail}
+                    for d in comparison.differences
+                ],
+            }
+            for comparison in result.comparisons
+        ],
+    }

@@ -1,0 +1,247 @@
+"""Two accounts of one run, joined by their keys; every difference has a name.
+
+An account is a sequence of frames, latches and changes of the output.  Entries meet as they come,
+so that memory holds only those whose other half has not come yet.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, TypeAlias
+
+from haptogram.records.latch import Codes, LatchRecord
+from haptogram_protocol.annotation.frames import Annotated
+from haptogram_protocol.messages import EVENT_RANGE, MessageType
+
+Fields: TypeAlias = Mapping[str, Any]
+RECORDED: Final = "recorded"
+REPLAYED: Final = "replayed"
+_OTHER: Final = {RECORDED: REPLAYED, REPLAYED: RECORDED}
+_MOST_KEPT: Final = 1000  # differences that are kept in words; all are counted
+#: Fields that hold a count or a state of the moment at which a frame came.
+_OF_THE_MOMENT: Final = frozenset(
+    {"queued", "free_bytes", "margins", "last_seq", "counters", "number", "oldest", "next"}
+    | {"config_crc", "boot_id"}
+)
+#: Fields by which a board introduces itself.
+_IDENTITY: Final = frozenset({"major", "nonce", "transducers", "carrier_hz"})
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One thing that the two accounts do not agree on.
+
+    Attributes
+    ----------
+    what : str
+        The frame, latch or change of the output, by its key.
+    t_us : int or None
+        Device time in the recording; None: it is not in the recording.
+    detail : str
+        How the accounts differ.
+    """
+
+    what: str
+    t_us: int | None
+    detail: str
+
+    def __str__(self) -> str:
+        """Return it in a line."""
+        when = "" if self.t_us is None else f" at {self.t_us} us"
+        return f"{self.what}{when}: {self.detail}"
+
+
+@dataclass(slots=True)
+class _Entry:
+    what: str
+    t_us: int
+    fields: Fields
+
+
+@dataclass(slots=True)
+class Comparison:
+    """Joins what was recorded with what was replayed.
+
+    Parameters
+    ----------
+    exact : bool
+        Whether both ran on one clock: then every field is compared, else those that do not depend
+        on the moment at which a byte came.
+
+    Attributes
+    ----------
+    same : Counter
+        Entries that agree, by kind.
+    differing : Counter
+        Entries that do not, by kind.
+    differences : list of Difference
+        The first of them.
+    """
+
+    exact: bool
+    same: Counter[str] = field(default_factory=Counter)
+    differing: Counter[str] = field(default_factory=Counter)
+    differences: list[Difference] = field(default_factory=list)
+    _waiting: dict[str, dict[Hashable, _Entry]] = field(
+        default_factory=lambda: {RECORDED: {}, REPLAYED: {}}
+    )
+    _seen: Counter[Hashable] = field(default_factory=Counter)
+    _first_bytes: Difference | None = None
+
+    def add_frame(self, side: str, piece: Annotated) -> None:
+        """Take a frame of the board, or what was left of one."""
+        if piece.header is None:
+            entry = _Entry(f"damaged frame of {piece.size} bytes", 0, {"fault": piece.fault})
+            self._add(side, "frames", ("damaged",), entry)
+            return
+        header = piece.header
+        fields = dict(piece.fields) | {"fault": piece.fault} if piece.fault else dict(piece.fields)
+        what = f"{piece.name} seq {header.seq} of session {header.session:#06x}"
+        entry = _Entry(what, header.time_us, fields)
+        if self.exact:
+            entry.fields = fields | {"t_us": header.time_us, "flags": header.flags}
+            key = (header.session, header.seq, header.type in EVENT_RANGE)
+            self._add(side, "frames", key, entry)
+        elif header.type != MessageType.STATUS:
+            entry.fields = _lasting(fields, piece.name)
+            self._add(side, "frames", _key_in_time(piece), entry)
+
+    def add_latch(self, side: str, latch: LatchRecord, *, timed: bool = True) -> None:
+        """Take a latch; one that was not *timed* latched as soon as its frame was complete."""
+        what = f"latch {latch.index} of session {latch.session:#06x}"
+        if latch.sequence:
+            what = f"latch {latch.index} in pass {latch.loop} of sequence {latch.sequence}"
+        fields = {"late": latch.late, "latched": latch.latched}
+        fields["radiated"] = latch.radiated or latch.latched
+        if self.exact or timed:
+            fields["t_us"] = latch.t_latch_us % (1 << 32)
+        if self.exact:
+            fields |= {"number": latch.number, "t_received_us": latch.t_received_us}
+        entry = _Entry(what, latch.t_latch_us, fields)
+        self._add(side, "latches", ("latch", *latch.key), entry)
+
+    def add_record(self, side: str, kind: str, record: Fields) -> None:
+        """Take another record of the back door: a change of the output, or pulses."""
+        t_us = record.get("t_us", record.get("t_latch_us", 0))
+        what = f"output {record['event']}" if "event" in record else "pulses"
+        left_out = {"kind", "reconstruction"} | (set() if self.exact else {"t_us", "t_latch_us"})
+        fields = {name: value for name, value in record.items() if name not in left_out}
+        key = (kind, record.get("event"))
+        self._add(side, kind, key, _Entry(what, t_us, fields))
+
+    @property
+    def awaited(self) -> int:
+        """Number of entries of the recording whose other half has not come."""
+        return len(self._waiting[RECORDED])
+
+    def note_bytes(self, t_us: int, recorded: bytes, replayed: bytes) -> None:
+        """Take the bytes of one read of each account; an exact replay has the same ones."""
+        if self.exact and recorded != replayed and self._first_bytes is None:
+            detail = f"a read of {len(recorded)} bytes gives {len(replayed)}, or other ones"
+            self._first_bytes = Difference("bytes of the board", t_us, detail)
+
+    def forget_replayed_frames(self) -> None:
+        """Leave out the frames that the recorded host did not come to read."""
+        waiting = self._waiting[REPLAYED]
+        for key in [key for key in waiting if _kind_of(key) == "frames"]:
+            del waiting[key]
+
+    def close(self, end_us: int) -> None:
+        """Count the entries that only one account has.
+
+        Behind *end_us*, the time of the last byte, a board may have ended: what a replay has there
+        may be unwritten in the recording, and the output of the recorded one went off by its end.
+        """
+        for side, why in ((RECORDED, "missing in the replay"), (REPLAYED, "not in the recording")):
+            for key, entry in self._waiting[side].items():
+                kind = _kind_of(key)
+                is_ours = side == RECORDED and kind != "output"
+                if is_ours or entry.t_us < end_us:
+                    self._differ(kind, entry, why, recorded=side == RECORDED)
+            self._waiting[side].clear()
+        if self._first_bytes is not None and not self.differing["frames"]:
+            self.differing["bytes"] += 1  # the same frames: in another order, or with noise between
+            self.differences.append(self._first_bytes)
+
+    def _add(self, side: str, kind: str, key: tuple[Hashable, ...], entry: _Entry) -> None:
+        self._seen[side, kind, key] += 1
+        place = (kind, *key, self._seen[side, kind, key])
+        other = self._waiting[_OTHER[side]].pop(place, None)
+        if other is None:
+            self._waiting[side][place] = entry
+            return
+        recorded, replayed = (entry, other) if side == RECORDED else (other, entry)
+        details = "; ".join(_details(recorded.fields, replayed.fields))
+        if details:
+            self._differ(kind, recorded, details, recorded=True)
+        else:
+            self.same[kind] += 1
+
+    def _differ(self, kind: str, entry: _Entry, detail: str, *, recorded: bool) -> None:
+        self.differing[kind] += 1
+        if len(self.differences) < _MOST_KEPT:
+            t_us = entry.t_us if recorded else None
+            self.differences.append(Difference(entry.what, t_us, detail))
+
+
+def _kind_of(key: Hashable) -> str:
+    assert isinstance(key, tuple)  # as _add made it
+    return str(key[0])
+
+
+def _key_in_time(piece: Annotated) -> tuple[Hashable, ...]:
+    """Return the key of a frame whose number depends on how many STATUS came before."""
+    header, fields = piece.header, piece.fields
+    assert header is not None  # of an undamaged frame
+    if header.type not in EVENT_RANGE:
+        return (header.session, header.seq, "reply")
+    of_latch = fields.get("index", str(fields.get("key", "")))
+    return (header.session, piece.name, of_latch)
+
+
+def _lasting(fields: Fields, name: str) -> Fields:
+    """Return the fields that do not depend on the moment, nor on which board answers."""
+    if name == MessageType.HELLO_REPLY.name:
+        return {key: value for key, value in fields.items() if key in _IDENTITY}
+    return {
+        key: _lasting_items(value)
+        for key, value in fields.items()
+        if not (key.startswith("t_") or key.endswith("_us") or key in _OF_THE_MOMENT)
+    }
+
+
+def _lasting_items(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return _lasting(value, "")
+    if isinstance(value, list):
+        return [_lasting_items(item) for item in value]
+    return value
+
+
+def _details(recorded: Fields, replayed: Fields) -> Iterator[str]:
+    """Yield how two sets of fields differ."""
+    for name in {**recorded, **replayed}:
+        before, after = recorded.get(name), replayed.get(name)
+        if before == after:
+            continue
+        if isinstance(before, Codes) and isinstance(after, Codes):
+            yield f"{name} drive differs in {_text_of_codes(before, after)}"
+        else:
+            yield f"{name} {_short(before)} recorded, {_short(after)} replayed"
+
+
+def _text_of_codes(before: Codes, after: Codes) -> str:
+    count = len(before.phases)
+    if count != len(after.phases):
+        return f"size: {count} elements recorded, {len(after.phases)} replayed"
+    phases = sum(a != b for a, b in zip(before.phases, after.phases, strict=True))
+    amplitudes = sum(a != b for a, b in zip(before.amplitudes, after.amplitudes, strict=True))
+    parts = [f"{phases} phases"] * (phases > 0) + [f"{amplitudes} amplitudes"] * (amplitudes > 0)
+    return f"{' and '.join(parts) or 'the bits of its phases'} of {count} elements"
+
+
+def _short(value: Any) -> str:
+    text = "nothing" if value is None else str(value)
+    return text if len(text) <= 60 else f"{text[:60]}..."

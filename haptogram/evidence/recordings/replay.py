@@ -1,0 +1,330 @@
+"""Feeds the bytes of a recording to a board again, and compares what it does.
+
+A recording on the board's own clock (of ``haptogram board``, and of boards in virtual time) runs
+again byte for byte.  One by the host's clock is set against the device times of the replies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+from haptogram.errors import ConfigurationError
+from haptogram.records.latch import LatchRecord
+from haptogram_protocol.annotation.frames import FrameAnnotator
+from haptogram_protocol.messages import (
+    STREAM_RANGE,
+    Flag,
+    Header,
+    HelloReply,
+    signed_difference,
+)
+
+from .channels import LATCH, LINK, OUTPUT, PULSES, TO_BOARD, TO_HOST
+from .compare import RECORDED, REPLAYED, Comparison
+from .reader import Entry, Recording
+
+_TOPICS: Final = (TO_BOARD, TO_HOST, LINK, LATCH, PULSES, OUTPUT)
+_STEP_NS: Final = 10_000_000
+_AFTER_LAST_NS: Final = 12_000_000_000  # as far ahead as a frame can lie in a queue
+_WRAP: Final = 1 << 32
+
+
+class ReplayBoard(Protocol):
+    """A board that takes recorded bytes; times are nanoseconds since its power-up."""
+
+    @property
+    def boot_us(self) -> int:
+        """Device time of the power-up."""
+        ...
+
+    def write(self, t_ns: int, data: bytes, waited_ns: int) -> None:
+        """Give the board bytes at *t_ns*, which may have waited for it."""
+        ...
+
+    def read(self, t_ns: int) -> bytes:
+        """Return the bytes that have come from the board up to *t_ns*."""
+        ...
+
+    def unplug(self, t_ns: int) -> None:
+        """Lose what is on the line: the host has closed the port."""
+        ...
+
+    def take_records(self) -> list[LatchRecord | Mapping[str, Any]]:
+        """Return latches and other records of the back door since the last call."""
+        ...
+
+
+class MakeReplayBoard(Protocol):
+    """Powers up the board of a recording."""
+
+    def __call__(self, options: Mapping[str, Any], *, paced: bool) -> ReplayBoard:
+        """Return the board with these options."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Opening:
+    """One line to one board: its options, its clock, and what must be known of it beforehand."""
+
+    options: Mapping[str, Any] | None
+    boot_ns: int | None
+    paced: bool
+    excerpt: str = ""
+
+
+@dataclass(slots=True)
+class LineFacts:
+    """The facts that the frames of a line tell of the board and its clock.
+
+    Attributes
+    ----------
+    first_ns : int or None
+        Host time of the first reply.
+    device_us : int or None
+        Latest device time of a reply, unwrapped.
+    offset_ns : int or None
+        Host time minus device time, the least of all replies.
+    hello : HelloReply or None
+        The board's introduction.
+    immediate : set of int
+        Sequence numbers of stream frames without a time to apply.
+    """
+
+    first_ns: int | None = None
+    device_us: int | None = None
+    offset_ns: int | None = None
+    hello: HelloReply | None = None
+    immediate: set[int] = field(default_factory=set)
+
+
+@dataclass(slots=True)
+class ReplayResult:
+    """The outcome of a replay.
+
+    Attributes
+    ----------
+    comparisons : list of Comparison
+        One for every board of the recording that was replayed.
+    notes : list of str
+        Parts that could not be replayed, and why.
+    to_board, to_host : int
+        Bytes that were fed, and bytes that came back.
+    """
+
+    comparisons: list[Comparison] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    to_board: int = 0
+    to_host: int = 0
+
+    @property
+    def same(self) -> int:
+        """Number of entries that agree."""
+        return sum(sum(comparison.same.values()) for comparison in self.comparisons)
+
+    @property
+    def differing(self) -> int:
+        """Number of entries that do not."""
+        return sum(sum(comparison.differing.values()) for comparison in self.comparisons)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether every board ran on its own clock again."""
+        return all(comparison.exact for comparison in self.comparisons)
+
+    @property
+    def exit_status(self) -> int:
+        """0: the same; 1: something differs; 3: there was nothing to compare."""
+        if self.differing:
+            return 1
+        return 0 if self.same else 3
+
+
+def replay(recording: Recording, make_board: MakeReplayBoard) -> ReplayResult:
+    """Feed a recording to virtual boards, in virtual time.
+
+    Raises
+    ------
+    ConfigurationError
+        If the recording cannot be read, or its board cannot be built.
+    """
+    result = ReplayResult()
+    for opening, facts, entries in _lines(recording):
+        if opening.excerpt:
+            result.notes.append(f"an excerpt of a soak is not replayed: {opening.excerpt}")
+            continue
+        _replay_line(opening, facts, entries, make_board, result)
+    if not recording.is_whole:
+        result.notes.append(f"{recording.path}: the recording was cut off")
+    return result
+
+
+def recorded_facts(recording: Recording) -> LineFacts:
+    """Return the facts that the frames of the first board tell."""
+    return _facts(_part(recording, 0, (TO_BOARD, TO_HOST)))
+
+
+def _lines(recording: Recording) -> Iterator[tuple[_Opening, LineFacts, Iterator[Entry]]]:
+    """Yield for every board its opening, its facts, and its entries in the order of the file."""
+    openings = list(_openings(recording))
+    for number, opening in enumerate(openings):
+        part = _part(recording, number, (TO_BOARD, TO_HOST))
+        facts = _facts(part) if opening.boot_ns is None else LineFacts()
+        yield opening, facts, _part(recording, number, _TOPICS)
+
+
+def _openings(recording: Recording) -> Iterator[_Opening]:
+    for entry in recording.entries((LINK,)):
+        fields = entry.fields
+        if fields["event"] == "opened":
+            yield _Opening(fields["board"], fields["boot_ns"], bool(fields["paced"]))
+        elif fields["event"] == "excerpt":
+            yield _Opening(None, None, False, fields["text"])
+
+
+def _part(recording: Recording, number: int, topics: tuple[str, ...]) -> Iterator[Entry]:
+    """Yield the entries behind opening *number* and before the next one."""
+    place = -1
+    for entry in recording.entries({*topics, LINK}):
+        if entry.topic == LINK and entry.fields["event"] in ("opened", "excerpt"):
+            place += 1
+        elif place == number:
+            yield entry
+        elif place > number:
+            return
+
+
+def _facts(entries: Iterator[Entry]) -> LineFacts:
+    facts = LineFacts()
+    annotators = {TO_BOARD: FrameAnnotator(), TO_HOST: FrameAnnotator()}
+    for entry in entries:
+        if entry.topic == LINK:
+            continue
+        for piece in annotators[entry.topic].feed(entry.data):
+            if piece.header is not None and entry.topic == TO_HOST:
+                _note_reply(facts, entry.t_ns, piece.header)
+                if isinstance(piece.message, HelloReply) and facts.hello is None:
+                    facts.hello = piece.message
+            elif piece.header is not None and _is_immediate(piece.header):
+                facts.immediate.add(piece.header.seq)
+    return facts
+
+
+def _is_immediate(header: Header) -> bool:
+    return header.type in STREAM_RANGE and bool(header.flags & Flag.IMMEDIATE)
+
+
+def _note_reply(facts: LineFacts, t_ns: int, header: Header) -> None:
+    if facts.first_ns is None or facts.device_us is None or facts.offset_ns is None:
+        facts.first_ns, facts.device_us = t_ns, header.time_us
+        facts.offset_ns = t_ns - header.time_us * 1000
+        return
+    device_us = facts.device_us + signed_difference(header.time_us, facts.device_us % _WRAP, 32)
+    facts.device_us = max(facts.device_us, device_us)
+    facts.offset_ns = min(facts.offset_ns, t_ns - device_us * 1000)
+
+
+def _replay_line(
+    opening: _Opening,
+    facts: LineFacts,
+    entries: Iterator[Entry],
+    make_board: MakeReplayBoard,
+    result: ReplayResult,
+) -> None:
+    board = make_board(_options(opening, facts), paced=opening.paced)
+    if opening.boot_ns is not None:
+        start_ns = opening.boot_ns
+    elif facts.offset_ns is not None:
+        # The first device time that the recording names, as this board counts it.
+        first_us = (facts.first_ns or 0) - facts.offset_ns
+        ahead_us = (first_us // 1000 - board.boot_us) % _WRAP
+        start_ns = (facts.first_ns or 0) - ahead_us * 1000
+    else:
+        result.notes.append("no reply of the board is in the recording: its clock is not known")
+        return
+    line = _Line(board, Comparison(opening.boot_ns is not None), facts, start_ns)
+    line.run(entries)
+    result.comparisons.append(line.comparison)
+    result.to_board += line.to_board
+    result.to_host += line.to_host
+
+
+def _options(opening: _Opening, facts: LineFacts) -> Mapping[str, Any]:
+    """Return the options of the board; those of a board at a port follow from its HELLO_REPLY."""
+    if opening.options is not None:
+        return opening.options
+    hello = facts.hello
+    if hello is None:
+        return {}
+    if not hello.grid_nx:
+        raise ConfigurationError(
+            f"the recording is of a board of {hello.transducers} transducers in no grid; name "
+            "its positions with --array"
+        )
+    return {"array": f"{hello.grid_nx}x{hello.grid_ny}", "pitch_mm": hello.pitch_um / 1000}
+
+
+class _Line:
+    """Feeds one board, and hands both accounts to the comparison."""
+
+    def __init__(
+        self, board: ReplayBoard, comparison: Comparison, facts: LineFacts, start_ns: int
+    ) -> None:
+        self.comparison = comparison
+        self.to_board = self.to_host = 0
+        self._board, self._facts, self._start_ns = board, facts, start_ns
+        self._now_ns = 0
+        self._recorded, self._replayed = FrameAnnotator(), FrameAnnotator()
+
+    def run(self, entries: Iterator[Entry]) -> None:
+        """Feed every entry, and then let the board come to the end of its queue."""
+        for entry in entries:
+            self._take(entry)
+        self.comparison.forget_replayed_frames()
+        end_ns = self._now_ns
+        while self.comparison.awaited and self._now_ns < end_ns + _AFTER_LAST_NS:
+            self._now_ns += _STEP_NS
+            self._collect()
+        self.comparison.forget_replayed_frames()
+        self.comparison.close(self._board.boot_us + end_ns // 1000)
+
+    def _take(self, entry: Entry) -> None:
+        if entry.topic == TO_BOARD:
+            self._pass_to(entry)
+            self.to_board += len(entry.data)
+            waited_ns = entry.t_ns - entry.published_ns
+            self._board.write(self._now_ns, entry.data, waited_ns)
+        elif entry.topic == TO_HOST:
+            self._pass_to(entry)
+            for piece in self._recorded.feed(entry.data):
+                self.comparison.add_frame(RECORDED, piece)
+            now_us = self._board.boot_us + self._now_ns // 1000
+            self.comparison.note_bytes(now_us, entry.data, self._collect())
+        elif entry.topic == LINK:
+            self._pass_to(entry)
+            self._board.unplug(self._now_ns)
+        elif entry.topic == LATCH:
+            self._add(RECORDED, LatchRecord.unpack(entry.data))
+        else:
+            self._add(RECORDED, entry.fields)
+
+    def _pass_to(self, entry: Entry) -> None:
+        self._now_ns = max(self._now_ns, entry.t_ns - self._start_ns)
+
+    def _collect(self) -> bytes:
+        """Take what has come from the board, and return its bytes."""
+        data = self._board.read(self._now_ns)
+        self.to_host += len(data)
+        for piece in self._replayed.feed(data):
+            self.comparison.add_frame(REPLAYED, piece)
+        for record in self._board.take_records():
+            self._add(REPLAYED, record)
+        return data
+
+    def _add(self, side: str, record: LatchRecord | Mapping[str, Any]) -> None:
+        if isinstance(record, LatchRecord):
+            timed = record.sequence > 0 or record.index % (1 << 16) not in self._facts.immediate
+            self.comparison.add_latch(side, record, timed=timed)
+        elif record["kind"] in ("output", "pulses"):
+            self.comparison.add_record(side, record["kind"], record)

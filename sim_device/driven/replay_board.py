@@ -1,0 +1,80 @@
+"""A virtual board that is fed recorded bytes, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+from haptogram.records.latch import LatchRecord
+from haptogram.settings.board import BoardConfig
+
+from ..backdoor.recorder import InlineReconstruction
+from ..backdoor.records import Record
+from ..blueprint import blueprint_of
+from ..board.events import AnyLatch, Latch, Notice
+from ..simulation import Simulation
+
+Seen: TypeAlias = LatchRecord | Mapping[str, Any]
+
+
+class VirtualReplayBoard:
+    """A board from its power-up on; times are nanoseconds since then.
+
+    Parameters
+    ----------
+    config : BoardConfig
+        The board.
+    paced : bool, keyword-only
+        Whether a simulated line carries the bytes.
+    """
+
+    def __init__(self, config: BoardConfig, *, paced: bool) -> None:
+        blueprint = blueprint_of(config)
+        self._seen: list[Seen] = []
+        self._records = InlineReconstruction(blueprint.settings, self._keep, reconstruct=False)
+        self._seen.clear()  # of the record of the board itself
+        self._simulation = Simulation(
+            blueprint.settings, self, paced=paced, parts=blueprint.parts, faults=blueprint.faults
+        )
+        self.boot_us = blueprint.settings.boot_us
+
+    def write(self, t_ns: int, data: bytes, waited_ns: int) -> None:
+        """Put bytes on the line; see :class:`haptogram.evidence.recordings.replay.ReplayBoard`."""
+        simulation = self._simulation
+        t_ns = max(t_ns, simulation.now_ns)
+        taken = simulation.host_write(data, t_ns, waited_ns=waited_ns)
+        while taken < len(data):
+            next_ns = simulation.next_event_ns()
+            if next_ns is None:
+                return  # a line that is full for good takes no more of a host either
+            taken += simulation.host_write(data[taken:], next_ns)
+        simulation.advance_to(simulation.now_ns)
+
+    def read(self, t_ns: int) -> bytes:
+        """Return the bytes that have come up to *t_ns*."""
+        self._simulation.advance_to(max(t_ns, self._simulation.now_ns))
+        return self._simulation.host_read()
+
+    def unplug(self, t_ns: int) -> None:
+        """Lose what is on the line."""
+        self._simulation.advance_to(max(t_ns, self._simulation.now_ns))
+        self._simulation.unplug()
+
+    def take_records(self) -> list[Seen]:
+        """Return latches and other records since the last call."""
+        taken, self._seen = self._seen, []
+        return taken
+
+    def latch(self, latch: AnyLatch) -> None:
+        """Take down a latch."""
+        if isinstance(latch, Latch):
+            self._seen.append(LatchRecord.of(latch))
+        else:
+            self._records.latch(latch)
+
+    def notice(self, notice: Notice) -> None:
+        """Take down a change of the output."""
+        self._records.notice(notice)
+
+    def _keep(self, record: Record) -> None:
+        self._seen.append(record)

@@ -1,0 +1,52 @@
+"""The times of recorded frames, moved to the clock of another board."""
+
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("mcap")
+
+from haptogram.errors import NoAnswerError
+from haptogram.evidence.recordings.real_time import FrameShifter
+from haptogram_protocol.annotation.frames import FrameAnnotator
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import STREAM_RANGE, Flag, Header, MessageType
+from strategies_protocol import chunkings, headers, messages, noise
+
+WRAP = 1 << 32
+frames = st.builds(
+    lambda message, fields: (Header(type=message.TYPE, **fields), message), messages, headers
+)
+
+
+def moved(shifter, chunks):
+    return b"".join(shifter.feed(chunk) for chunk in chunks)
+
+
+@given(st.lists(frames, max_size=4), st.integers(0, WRAP - 1), st.data())
+def test_frames_with_a_time_are_moved_and_nothing_else(sent, shift_us, data):
+    line = b"".join(encode_frame(header.pack() + message.pack()) for header, message in sent)
+    shifter = FrameShifter()
+    shifter.shift_us = shift_us
+    found = list(FrameAnnotator().feed(moved(shifter, data.draw(chunkings(line)))))
+    assert [piece.message for piece in found] == [message for _, message in sent]
+    for piece, (header, _) in zip(found, sent, strict=True):
+        timed = header.type in STREAM_RANGE or header.type == MessageType.PLAY
+        add_us = shift_us if timed and not header.flags & Flag.IMMEDIATE else 0
+        assert piece.header == dataclasses.replace(header, time_us=(header.time_us + add_us) % WRAP)
+
+
+@given(noise, st.data())
+def test_what_is_no_frame_stays_as_it_is(line, data):
+    shifter = FrameShifter()
+    shifter.shift_us = 5
+    line += b"\0"
+    assert moved(shifter, data.draw(chunkings(line))) == line
+
+
+def test_a_time_cannot_be_moved_before_the_board_has_answered():
+    header = Header(MessageType.PLAY, 0, 1, 77, 2)
+    with pytest.raises(NoAnswerError, match="has not answered"):
+        FrameShifter().feed(encode_frame(header.pack() + b"\0" * 12))
