@@ -8,11 +8,12 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.errors import ConfigurationError
+from haptogram.machine.files import write_json_file
 from haptogram.machine.terminal import paint_terminal_verdicts
 from haptogram.settings.parser import file_name_option, whole_number_option
 
 from ..acting_options import refuse_idle_options
-from ..shell.output_files import FILE_HELP, Outputs, announce_output, write_json
+from ..shell.output_files import FILE_HELP, Outputs, announce_output
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.replay import ReplayBoard, ReplayResult
@@ -103,7 +104,7 @@ def run(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
     text = "\n".join(_lines(result, arguments.show))
     print(paint_terminal_verdicts(text, outputs.text), file=outputs.text)
     if arguments.json is not None:
-        write_json(arguments.json, _as_dict(result))
+        write_json_file(arguments.json, _as_dict(result))
         announce_output(arguments.json)
     return result.exit_status
 

@@ -130,7 +130,7 @@ class ReplayResult:
 
     @property
     def is_exact(self) -> bool:
-        """Whether every board ran on its own clock again."""
+        """True if every board ran on its own clock again."""
         return all(comparison.exact for comparison in self.comparisons)
 
     @property

@@ -46,6 +46,10 @@ CASES = {
         "list": ("", "--compare a.json"),
     },
     "budget": {"boards": ("--dialect ultraino", "")},
+    "replay": {
+        "baud": ("run.mcap --port a", "run.mcap"),
+        **dict.fromkeys(("healthy", "mutant", "array"), ("run.mcap", "run.mcap --port a")),
+    },
     "modulation": {
         "modulation_hz": ("am", "dwell"),
         "depth": ("am", "lm"),
@@ -143,6 +147,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         "field.command",
         "modulation.command",
         "conform.command",
+        "recordings.replay",
         "view",
     ):
         monkeypatch.setattr(f"haptogram.commands.{module}.Outputs", stop)

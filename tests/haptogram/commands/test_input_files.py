@@ -23,7 +23,7 @@ FILES = {
     "fault_plan": (".toml", "seed = 1\n"),
     "drive": (".svg", ""),
 }
-NEEDED = {"modulation": ["am"], "soak": ["--hours", "0.0001"]}
+NEEDED = {"replay": ["run.mcap"], "modulation": ["am"], "soak": ["--hours", "0.0001"]}
 SUFFIX = {"picture": ".svg"}
 
 
