@@ -167,7 +167,7 @@ class Driver:
                 self.configure(trace_mode=trace)
             self._builder()  # refuses *phase_bits* that the board does not take
         except BaseException:
-            link.close()
+            self._session.abandon()
             raise
         self._output = HostOutput(self._session, self.intended)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 import secrets
 from collections.abc import Callable
@@ -126,6 +127,14 @@ class DriverSession:
         self.configuration = SessionConfiguration(self.link, self.identity)
         self.arming = Arming(self.link, self.clock, self.configuration)
         return calibrated
+
+    def abandon(self) -> None:
+        """Mute the board, if it answers, and close the link: a driver that did not come up."""
+        try:
+            with contextlib.suppress(HaptogramError):
+                self.link.mute(MuteReply, min(_MUTE_TIMEOUT_NS, self.link.timeout_ns))
+        finally:
+            self.link.close()
 
     def close(self) -> None:
         """Mute the board and close the link, in bounded time.

@@ -149,7 +149,7 @@ class BoardConfig(Settings):
 
     def non_default(self) -> dict[str, Any]:
         """Return the options whose value is not the default; :meth:`of` takes them."""
-        faults = {"fault": tuple(map(str, self.faults))} if self.faults else {}
+        faults = {"fault": tuple(fault.written for fault in self.faults)} if self.faults else {}
         return super().non_default() | faults
 
 

@@ -24,7 +24,7 @@ from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.driver.stream import StreamReport
-from haptogram.driver.timing.realtime import SPIN_SHARE
+from haptogram.driver.timing.realtime import check_spin
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.recordings.tap import RecordingTransport
@@ -90,12 +90,7 @@ class BenchConfig:
                 f"{self.seconds:g} s at {self.rate_hz:g} Hz are {self.rate_hz * self.seconds:g} "
                 f"frames, must be 1 to {MAX_FRAMES}"
             )
-        longest_us = 1e6 / self.rate_hz / SPIN_SHARE
-        if not 0 <= self.spin_us <= longest_us:
-            raise ConfigurationError(
-                f"spin_us is {self.spin_us} us; at {self.rate_hz:g} Hz it can be 0 to "
-                f"{longest_us:g} us, a quarter of the period"
-            )
+        check_spin(self.spin_us * 1000, round(1e9 / self.rate_hz))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-SPIN_SHARE: Final = 4  # of a period no more than one part in so many is spun away
+from haptogram.errors import ConfigurationError
+
+_SPIN_SHARE: Final = 4  # of a period no more than one part in so many is spun away
 
 
 def next_deadline_ns(*, deadline_ns: int, now_ns: int, period_ns: int) -> int:
@@ -58,10 +60,26 @@ class Tick:
     wake_ns: int
 
 
+def check_spin(spin_ns: int, period_ns: int) -> None:
+    """Raise unless a loop of this period can spin for so long.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the spin and the longest one, in microseconds.
+    """
+    longest_ns = period_ns // _SPIN_SHARE
+    if not 0 <= spin_ns <= longest_ns:
+        raise ConfigurationError(
+            f"spin_us is {spin_ns / 1e3:g} us; at {1e9 / period_ns:g} Hz it can be 0 to "
+            f"{longest_ns / 1e3:g} us, a quarter of the period"
+        )
+
+
 class PeriodicLoop:
     """Keeps absolute deadlines; between them it serves whatever else there is to do.
 
-    It never spins for longer than a quarter of the period: a loop that spins does not serve, and a
+    It spins for a quarter of the period at most: a loop that spins does not serve, and a
     port that is not served fills up, until neither end can write.
 
     Parameters
@@ -73,8 +91,12 @@ class PeriodicLoop:
     period_ns : int
         From one deadline to the next.
     spin_ns : int
-        How long before a deadline to stop sleeping and watch the clock instead; cut to a quarter of
-        the period.
+        How long before a deadline to stop sleeping and watch the clock instead.
+
+    Raises
+    ------
+    ConfigurationError
+        If *spin_ns* is more than a quarter of the period.
     """
 
     def __init__(
@@ -85,7 +107,8 @@ class PeriodicLoop:
         period_ns: int,
         spin_ns: int = 0,
     ) -> None:
-        self.spin_ns = min(spin_ns, period_ns // SPIN_SHARE)
+        check_spin(spin_ns, period_ns)
+        self.spin_ns = spin_ns
         self._now_ns, self._serve = now_ns, serve
         self._period_ns = period_ns
 

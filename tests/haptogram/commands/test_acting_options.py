@@ -82,7 +82,7 @@ CASES = {
 VALUES = {"depth": "0.5", "http": "127.0.0.1:0", "baud": "9600", "clause": "HG-2.3"}
 ROWS = [
     (command, name, *lines) for command, options in CASES.items() for name, lines in options.items()
-]
+] + [("conform", "boot_timeout", "--spawn true", "")]
 
 
 def actions_of(command: str) -> dict[str, argparse.Action]:

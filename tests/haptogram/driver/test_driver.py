@@ -492,6 +492,29 @@ def test_a_pause_of_the_host_does_not_disarm(driver, port, output, pause_ns):
     assert len(port.latches) == len(driver.intended) > 1
 
 
+@pytest.mark.parametrize("silence", [Driver.mute, Driver.disarm])
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_a_board_that_the_caller_silenced_is_not_armed_by_a_later_pause(
+    driver, port, output, silence
+):
+    driver.focus((0, 0, 0.15))
+    port.stall(5_000_000_000)
+    assert port.board.state is OutputState.MUTED
+    silence(driver)
+    latched = len(port.latches)
+    with pytest.raises(ConfigurationError, match="arm it first"):
+        output(driver)
+    assert len(port.latches) == latched
+
+
+def test_a_driver_that_does_not_come_up_mutes_the_board_and_closes_the_port(port, monkeypatch):
+    monkeypatch.setattr(Driver, "_builder", lambda _: (_ for _ in ()).throw(RuntimeError("late")))
+    with pytest.raises(RuntimeError, match="late"):
+        Driver(port, seed=1)
+    assert port.board.state is OutputState.MUTED
+    assert port.closed
+
+
 @pytest.mark.parametrize("output", OUTPUTS)
 @given(pause_ms=st.integers(0, 300))
 @settings(max_examples=12)

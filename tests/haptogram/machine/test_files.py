@@ -12,6 +12,7 @@ import pytest
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import (
     Kind,
+    check_distinct_files,
     check_file_writable,
     kind_of,
     write_file_atomically,
@@ -165,3 +166,18 @@ def test_json_is_ascii_of_one_form_and_refuses_what_is_no_number(tmp_path: Path)
     with pytest.raises(ValueError, match="Out of range"):
         write_json_file(tmp_path / "b.json", {"x": float("nan")})
     assert not (tmp_path / "b.json").exists()
+
+
+def test_two_names_of_one_file_are_one_file(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "folder")
+    one, other = tmp_path / "folder" / "a.json", tmp_path / "link" / "a.json"
+    with pytest.raises(ConfigurationError, match="--json and --html are both the same file"):
+        check_distinct_files({"--json": one, "--html": other})
+    check_distinct_files({"--json": one, "--html": tmp_path / "link" / "b.json"})
+    check_distinct_files({"--json": Path(os.devnull), "--html": Path(os.devnull)})
+
+
+def test_a_link_to_a_device_is_no_file_that_two_may_not_share(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(os.devnull)
+    check_distinct_files({"--json": tmp_path / "link", "--html": Path(os.devnull)})

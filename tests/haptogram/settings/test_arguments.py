@@ -14,7 +14,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
 from haptogram.records.frame import Evidence, Focus, FrameKey, Observation
-from haptogram.settings.arguments import check_number, check_whole, shown_argument
+from haptogram.settings.arguments import check_choice, check_number, check_whole, shown_argument
 from latched_drives import intend
 from virtual_ports import BoardPort
 
@@ -151,6 +151,8 @@ BOARD = {
     "faults": (None, 5, NAN, "line.flip", "", {"line.flip"}, object(), [5], ["line.flip", None]),
     "fault_plan": (5, NAN, [], object()),
     "calibration": OTHER,
+    "dialect": (*optional(TEXT), "", "no-such-wire"),
+    "dialect_options": (5, NAN, "x=1", [5], ["boards=2"], object()),
 }
 INTENDED = (None, 5, NAN, "x", [1], [None], {}, object(), [PLACE])
 VERIFY = {
@@ -357,3 +359,10 @@ def test_any_whole_number_will_do(value):
 def test_a_message_stays_on_one_line():
     assert shown_argument("a\nb" * 50).endswith("...")
     assert "\n" not in shown_argument(np.zeros((9, 9)))
+
+
+@pytest.mark.parametrize("value", [True, False, 1.0, "1", None])
+def test_a_choice_among_numbers_is_a_whole_number(value):
+    check_choice("bits", 1, (0, 1))
+    with pytest.raises(ConfigurationError, match=r"^bits is .*; known are 0, 1"):
+        check_choice("bits", value, (0, 1))

@@ -143,6 +143,18 @@ def test_every_option_survives_url_and_command_line(name):
     survives()
 
 
+@pytest.mark.parametrize("name", sorted(NEEDS))
+def test_an_option_without_the_one_that_it_needs_is_refused(name):
+    row = BOARD_OPTIONS[name]
+    with pytest.raises(ConfigurationError, match=f"^{name} "):
+        BoardConfig.of(**{name: row.high if row.kind is float else int(row.high)})
+
+
+def test_a_fault_is_told_in_the_words_of_the_user():
+    words = ("line.flip ber=0.00001 from=0.5s",)
+    assert BoardConfig.of(fault=words).non_default()["fault"] == words
+
+
 def beyond(row):
     below, above = math.nextafter(row.low, -math.inf), math.nextafter(row.high, math.inf)
     return (int(row.low) - 1, int(row.high) + 1) if row.kind is int else (below, above, math.nan)

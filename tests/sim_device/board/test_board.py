@@ -402,3 +402,13 @@ def test_an_upload_is_taken_whole_or_not_at_all():
     board.play(3, start_us=None, period_us=1000, loops=1, unattended_ms=100)
     board.advance_to(board.now_us + 2_000)
     assert len(board.take_latches()) == 2  # the old sequence
+
+
+def test_a_shorter_hold_that_has_run_out_already_acts_at_once():
+    board = a_board(dataclasses.replace(QUICK, hold_ms=500, host_timeout_ms=1000))
+    assert board.submit(StreamFrame(1, None, a_drive(1))) is None
+    latched_us = board.now_us + CARRIER_US
+    board.advance_to(latched_us + 100_000)
+    board.take_notices()
+    board.configure(dataclasses.replace(QUICK, host_timeout_ms=1000))
+    assert any(isinstance(notice, RampBegan) for notice in board.take_notices())
