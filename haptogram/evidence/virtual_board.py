@@ -129,7 +129,7 @@ class VirtualBoard:
             baud=baudrate,
             fault_plan=fault_plan,
             dialect=dialect,
-            dialect_option=tuple(dialect_options),
+            dialect_option=dialect_options,
         )
         added = dataclasses.replace(config, faults=config.faults + parse_faults(faults))
         self._power_up(added, elements, reconstruct=reconstruct)

@@ -140,6 +140,7 @@ SAID = {
     "codes": "codes|phase corrections",
     "rate_hz": "rate",
     "array": "array|grid",
+    "dialect_options": "dialect_option",
 }
 BOARD = {
     "array": (*TEXT, "", "x", "0x0", "1x-1", "100x100", "/nowhere.csv", "16"),
@@ -151,8 +152,8 @@ BOARD = {
     "faults": (None, 5, NAN, "line.flip", "", {"line.flip"}, object(), [5], ["line.flip", None]),
     "fault_plan": (5, NAN, [], object()),
     "calibration": OTHER,
-    "dialect": (*optional(TEXT), "", "no-such-wire"),
-    "dialect_options": (5, NAN, "x=1", [5], ["boards=2"], object()),
+    "dialect": (*optional(TEXT), ""),
+    "dialect_options": (5, NAN, "x=1", [5], [""], object()),
 }
 INTENDED = (None, 5, NAN, "x", [1], [None], {}, object(), [PLACE])
 VERIFY = {

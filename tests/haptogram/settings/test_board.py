@@ -181,7 +181,7 @@ def test_a_number_beyond_its_limits_is_the_same_error_everywhere(name):
 
 
 def test_the_keywords_of_a_virtual_board_are_options_with_the_same_defaults():
-    other_names = {"baudrate": "baud", "faults": "fault"}
+    other_names = {"baudrate": "baud", "faults": "fault", "dialect_options": "dialect_option"}
     parameters = inspect.signature(VirtualBoard).parameters
     for name, parameter in parameters.items():
         if name != "reconstruct":
