@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from haptogram.errors import HaptogramError
+from haptogram.errors import ConfigurationError, HaptogramError
 
 from .emulator import Emulator
 from .memory import footprint
@@ -29,7 +29,7 @@ def main(words: list[str] | None = None) -> int:
         if why := missing_tool():
             return _refuse(why)
         chosen = [PORTS[name] for name in arguments.port or PORTS]
-        return _worst([_judge(port, arguments.out, quick=arguments.quick) for port in chosen])
+        return worst_status([_judge(port, arguments.out, quick=arguments.quick) for port in chosen])
     except (HaptogramError, OSError) as error:
         return _refuse(str(error))
     except KeyboardInterrupt:
@@ -82,17 +82,26 @@ def _judge(port: Port, out: Path, *, quick: bool) -> int:
         _show(found[0])
         found.append(verify(port, emulator.url, folder, quick=quick))
         _show(found[1])
-        print(f"  memory   {footprint(firmware, emulator)}", flush=True)
-    return _worst([step.status for step in found])
+        print(f"  memory   {_measure(firmware, emulator)}", flush=True)
+    return worst_status([step.status for step in found])
 
 
 def _show(step: Step) -> None:
     print(f"  {step.name:<8} {step.summary} ({step.seconds:.0f} s; {step.log})", flush=True)
 
 
-def _worst(statuses: list[int]) -> int:
-    """Return the status that says most: a failure, then what stopped a step, then doubt."""
-    return min(statuses, key=lambda status: (1, _INTERRUPTED, _USAGE, 3, 0).index(status))
+def _measure(firmware: Path, emulator: Emulator) -> str:
+    try:
+        return str(footprint(firmware, emulator))
+    except ConfigurationError as error:  # the verdicts stand
+        return f"not measured: {error}"
+
+
+def worst_status(statuses: list[int]) -> int:
+    """Return the status that says most: a failure, then what ended a step early, then doubt."""
+    order = (1, _INTERRUPTED, _USAGE, 3, 0)
+    known = [status if status in order else _USAGE for status in statuses]  # -9: it was killed
+    return min(known, key=order.index)
 
 
 if __name__ == "__main__":

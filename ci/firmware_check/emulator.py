@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import select
 import shlex
+import socket
 import subprocess
 import tempfile
 import time
@@ -22,6 +24,7 @@ from .ports import EMULATE
 
 _START_S: Final = 10.0
 _STOP_S: Final = 5.0
+_POLL_S: Final = 0.02
 _ASK_AGAIN_S: Final = 0.25
 _NONCE: Final = 0xB007
 
@@ -35,6 +38,8 @@ class Emulator:
         Name of QEMU's machine.
     firmware : Path
         ELF file.
+    log : Path or None
+        Gets a line for everything that the firmware writes to hardware which QEMU does not have.
 
     Attributes
     ----------
@@ -44,12 +49,14 @@ class Emulator:
         Shell command that restarts the firmware.
     """
 
-    def __init__(self, machine: str, firmware: Path) -> None:
+    def __init__(self, machine: str, firmware: Path, log: Path | None = None) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="haptogram-qemu-")
         self._monitor = Path(self._folder.name) / "monitor"
         self.url = ""
+        self._printed = b""
         self.reset_command = shlex.join([str(EMULATE), "--reset", str(self._monitor)])
-        command = [EMULATE, "--with-parent", "--monitor", self._monitor, machine, firmware]
+        logged = [] if log is None else ["--log", log]
+        command = [EMULATE, "--with-parent", "--monitor", self._monitor, *logged, machine, firmware]
         self._process = subprocess.Popen(
             [str(part) for part in command],
             stdin=subprocess.DEVNULL,
@@ -61,6 +68,7 @@ class Emulator:
     def __enter__(self) -> Self:
         try:
             self.url = self._wait_for_url()
+            self._wait_for_monitor()
         except BaseException:
             self.close()
             raise
@@ -79,18 +87,35 @@ class Emulator:
 
     def _wait_for_url(self) -> str:
         """Return the URL that the program prints first."""
-        assert self._process.stdout is not None  # PIPE
-        printed, end_s = b"", time.monotonic() + _START_S
-        while time.monotonic() < end_s:
-            ready, _, _ = select.select([self._process.stdout], [], [], 0.1)
-            piece = os.read(self._process.stdout.fileno(), 4096) if ready else b""
-            printed += piece
-            if found := re.search(rb"socket://\S+(?=\n)", printed):
+        end_s = time.monotonic() + _START_S
+        while time.monotonic() < end_s and not self._has_ended(0.1):
+            if found := re.search(rb"socket://\S+(?=\n)", self._printed):
                 return found[0].decode()
-            if ready and not piece:
-                break
-        said = " ".join(printed.decode(errors="replace").split())[-200:] or "nothing"
-        raise ConfigurationError(f"QEMU did not start: it printed {said}")
+        raise self._not_started()
+
+    def _wait_for_monitor(self) -> None:
+        """Wait until QEMU has made the machine: only then does its monitor answer."""
+        end_s = time.monotonic() + _START_S
+        while time.monotonic() < end_s and not self._has_ended(_POLL_S):
+            with socket.socket(socket.AF_UNIX) as monitor, contextlib.suppress(OSError):
+                monitor.settimeout(_START_S)
+                monitor.connect(str(self._monitor))
+                if monitor.recv(1):
+                    return
+        raise self._not_started()
+
+    def _has_ended(self, patience_s: float) -> bool:
+        """Read what is printed; return True at its end, which is that of QEMU."""
+        assert self._process.stdout is not None  # PIPE
+        ready, _, _ = select.select([self._process.stdout], [], [], patience_s)
+        piece = os.read(self._process.stdout.fileno(), 4096) if ready else b""
+        self._printed += piece
+        return bool(ready) and not piece
+
+    def _not_started(self) -> ConfigurationError:
+        text = re.sub(r"listening on \S+", "", self._printed.decode(errors="replace"))
+        said = " ".join(text.split())[-200:] or "nothing"
+        return ConfigurationError(f"QEMU did not start; it printed: {said}")
 
     def wait_for_board(self, timeout_s: float) -> HelloReply:
         """Ask for a session until the firmware answers.
@@ -120,16 +145,21 @@ class Emulator:
             "qemu-system-arm -s -S, then gdb: target remote :1234"
         )
 
+    def reset(self) -> None:
+        """Restart the firmware."""
+        self._ask("--reset", self._monitor)
+
     def memory(self, address: int, count: int) -> bytes:
         """Return *count* bytes of the chip's memory."""
         file = Path(self._folder.name) / "memory"
-        command = [EMULATE, "--memory", self._monitor, f"{address:#x}", count, file]
-        done = subprocess.run(
-            [str(part) for part in command], capture_output=True, text=True, check=False
-        )
+        self._ask("--memory", self._monitor, f"{address:#x}", count, file)
+        return file.read_bytes()
+
+    def _ask(self, *words: object) -> None:
+        command = [str(word) for word in (EMULATE, *words)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise ConfigurationError(done.stderr.strip())
-        return file.read_bytes()
 
 
 def _hello_reply(transport: Transport, decoder: FrameDecoder) -> HelloReply | None:

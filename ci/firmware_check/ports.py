@@ -63,8 +63,17 @@ def _has_newlib() -> bool:
     return Path(done.stdout.strip()).is_absolute()
 
 
-def build(port: Port, folder: Path) -> Path:
+def build(port: Port, folder: Path, **variables: str) -> Path:
     """Build the firmware of *port* into *folder*; return its ELF file.
+
+    Parameters
+    ----------
+    port : Port
+        What is built.
+    folder : Path
+        Where; it is made if it is not there.
+    **variables
+        Variables of ``protocol/c/ports/Makefile``, as ``DEFINES``.
 
     Raises
     ------
@@ -73,7 +82,8 @@ def build(port: Port, folder: Path) -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     log = folder / "build.log"
-    command = ["make", "-C", str(FOLDER), f"BUILD={folder.resolve()}", port.name]
+    settings = [f"{name}={value}" for name, value in variables.items()]
+    command = ["make", "-C", str(FOLDER), f"BUILD={folder.resolve()}", *settings, port.name]
     with log.open("w", encoding="utf-8") as output:
         done = subprocess.run(
             command, stdout=output, stderr=subprocess.STDOUT, timeout=_BUILD_S, check=False

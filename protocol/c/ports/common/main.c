@@ -17,6 +17,9 @@
 #ifndef PORT_STORE_BYTES
 #define PORT_STORE_BYTES 32768
 #endif
+#ifndef PORT_HANGS_AFTER_LATCH /* 1: to try the interrupt and the watchdog without the main loop */
+#define PORT_HANGS_AFTER_LATCH 0
+#endif
 
 HG_STATIC_ASSERT(PORT_GRID_NX * PORT_GRID_NY <= BOARD_ELEMENTS, grid_fits);
 
@@ -141,5 +144,7 @@ int main(void)
         turn();
         send();
         sleep();
+        while (PORT_HANGS_AFTER_LATCH && board.has_latched)
+            ;
     }
 }

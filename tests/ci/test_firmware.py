@@ -1,0 +1,326 @@
+"""Firmware on emulated microcontrollers: the short form of ci/firmware, the pin that gates the
+output, and the complaints of ci/firmware.  Not run without QEMU and the ARM compiler."""
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from firmware_check import __main__ as command
+from firmware_check import memory, steps
+from firmware_check.emulator import Emulator
+from firmware_check.ports import EMULATE, FOLDER, PORTS, build, missing_tool
+from haptogram.driver.line.port import open_transport
+from haptogram.errors import ConfigurationError
+from haptogram_protocol.export.tables import description_hash
+from haptogram_protocol.framing import FrameDecoder, encode_frame
+from haptogram_protocol.messages import (
+    FIRST_STREAM_SEQ,
+    Arm,
+    ArmReply,
+    Hello,
+    HelloReply,
+    Mute,
+    PhaseFormat,
+    Phases,
+    build_body,
+    parse_body,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+SESSION = 0xC41F
+PATIENCE_S = 60
+QUICK = {"CFLAGS": "-O1"}
+
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+if missing_tool():
+    pytestmark.append(pytest.mark.skip(reason=f"not run: {missing_tool()}"))
+
+
+@pytest.fixture(scope="module")
+def firmware(tmp_path_factory):
+    """The firmware of every port, built once: a function of the name and of what is defined."""
+    built = {}
+
+    def of(name, defines=""):
+        if (name, defines) not in built:
+            folder = tmp_path_factory.mktemp(name)
+            built[name, defines] = build(PORTS[name], folder, DEFINES=defines, **QUICK)
+        return built[name, defines]
+
+    return of
+
+
+@contextlib.contextmanager
+def running(name, elf, **options):
+    with Emulator(PORTS[name].machine, elf, **options) as emulator:
+        emulator.wait_for_board(PATIENCE_S)
+        yield emulator
+
+
+#: A few clauses of either port: line, reset, points, chunks; the whole suite takes minutes.
+CLAUSES = ("HG-2.1", "HG-4.3/5", "HG-5.4/1-rounding", "HG-7.3/1")
+
+
+@pytest.mark.parametrize("name", PORTS)
+def test_the_firmware_passes_conform_in_the_emulated_chip(name, firmware, tmp_path, monkeypatch):
+    monkeypatch.setattr(steps, "_QUICK_CLAUSES", CLAUSES)
+    port, elf = PORTS[name], firmware(name)
+    with running(name, elf) as emulator:
+        step = steps.conform(port, emulator.url, emulator.reset_command, tmp_path, quick=True)
+        used = memory.footprint(elf, emulator)
+    # A machine that holds QEMU up leaves doubt (3), and never finds a fault (1).
+    assert step.status in (0, 3), step.log.read_text("utf-8")
+    assert "NOT-OBSERVED" not in step.summary, "a reset was not to be had"
+    assert (tmp_path / "conform.xml").exists()
+    assert 0 < used.stack_used < used.stack
+    assert used.static + used.stack <= 128 * 1024
+
+
+def test_the_firmware_passes_verify_in_the_emulated_chip(firmware, tmp_path):
+    with running("musca_b1", firmware("musca_b1")) as emulator:
+        step = steps.verify(PORTS["musca_b1"], emulator.url, tmp_path, quick=True)
+    assert step.status in (0, 3), step.log.read_text("utf-8")
+    assert (tmp_path / "verify.xml").exists()
+
+
+class Board:
+    """A session with firmware, and what it sent."""
+
+    def __init__(self, url):
+        self.transport = open_transport(url)
+        self.decoder = FrameDecoder()
+
+    def send(self, message, seq, *, session=SESSION, flags=0):
+        body = build_body(message, flags=flags, seq=seq, time_us=0, session=session)
+        self.transport.write_some(encode_frame(body))
+
+    def wait_for(self, kind, patience_s=PATIENCE_S):
+        """Return the next message of this kind, or None."""
+        end_ns = self.transport.now_ns() + int(patience_s * 1e9)
+        while self.transport.now_ns() < end_ns:
+            for body in self.decoder.feed(self.transport.read_available(end_ns)):
+                if body[0] == kind.TYPE:
+                    return parse_body(body)[1]
+        return None
+
+    def hello(self, nonce=SESSION):
+        self.send(Hello(1, 0, nonce, description_hash()), 0, session=0)
+        return self.wait_for(HelloReply)
+
+    def arm_and_latch(self):
+        self.hello()
+        self.send(Arm(), 1)
+        assert self.wait_for(ArmReply)
+        self.send(Phases(PhaseFormat.BITS_8, 0, bytes(256)), FIRST_STREAM_SEQ, flags=0x10)
+
+
+# How the log names a write to the pin, and its value for on and off.
+PINS = {
+    "netduinoplus2": (r"GPIOB: .*write.*offset 0x0*18, value (\w+)", 1, 0x10000),
+    "musca_b1": (r"gpio: .*write.*offset 0x0*4, value (\w+)", 1, 0),
+}
+
+
+class Pin:
+    """The pin that enables the output, by what the firmware wrote to it."""
+
+    def __init__(self, name, log):
+        self.log = log
+        self.pattern, self.on, self.off = PINS[name]
+
+    def writes(self):
+        text = self.log.read_text("utf-8", "replace") if self.log.exists() else ""
+        return [int(value, 16) for value in re.findall(self.pattern, text)]
+
+    def wait_until(self, value):
+        """Wait until the last write is this one; return True if it came."""
+        end_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end_s:
+            if self.writes()[-1:] == [value]:
+                return True
+            time.sleep(0.05)
+        return False
+
+
+@contextlib.contextmanager
+def board_with_pin(name, elf, tmp_path):
+    log = tmp_path / "log"
+    with running(name, elf, log=log) as emulator:
+        board = Board(emulator.url)
+        try:
+            yield emulator, board, Pin(name, log)
+        finally:
+            board.transport.close()
+
+
+@pytest.mark.parametrize("name", PORTS)
+def test_the_pin_is_off_from_the_start_on_at_a_latch_and_off_at_mute(name, firmware, tmp_path):
+    with board_with_pin(name, firmware(name), tmp_path) as (_, board, pin):
+        assert set(pin.writes()) == {pin.off}
+        board.arm_and_latch()
+        assert pin.wait_until(pin.on)
+        board.send(Mute(), 2)
+        assert pin.wait_until(pin.off)
+
+
+HANGS = "-DPORT_HANGS_AFTER_LATCH=1"
+
+
+def test_mute_switches_off_in_the_interrupt_though_the_main_loop_hangs(firmware, tmp_path):
+    """QEMU has no watchdog of the STM32, so that nothing else can have done it."""
+    elf = firmware("netduinoplus2", HANGS)
+    with board_with_pin("netduinoplus2", elf, tmp_path) as (_, board, pin):
+        board.arm_and_latch()
+        assert pin.wait_until(pin.on)
+        board.send(Hello(1, 0, SESSION + 1, description_hash()), 5, session=0)
+        assert board.wait_for(HelloReply, patience_s=0.5) is None  # the main loop hangs
+        assert pin.writes()[-1] == pin.on
+        board.send(Mute(), 2, session=0)
+        assert pin.wait_until(pin.off)
+
+
+def test_the_watchdog_switches_off_and_restarts_a_board_whose_main_loop_hangs(firmware, tmp_path):
+    elf = firmware("musca_b1", f"{HANGS} -DCHIP_WATCHDOG_MS=500")
+    with board_with_pin("musca_b1", elf, tmp_path) as (_, board, pin):
+        before = board.hello()
+        board.arm_and_latch()
+        assert pin.wait_until(pin.off)
+        end_s = time.monotonic() + PATIENCE_S
+        after = None
+        while after is None and time.monotonic() < end_s:
+            board.send(Hello(1, 0, SESSION + 1, description_hash()), 0, session=0)
+            after = board.wait_for(HelloReply, patience_s=0.5)
+        assert after is not None
+        assert after.boot_id != before.boot_id
+        assert after.nonce == SESSION + 1
+
+
+@pytest.mark.parametrize("name", PORTS)
+def test_a_reset_by_the_monitor_starts_another_life(name, firmware):
+    with running(name, firmware(name)) as emulator:
+        first = emulator.wait_for_board(PATIENCE_S)
+        assert emulator.wait_for_board(PATIENCE_S).boot_id == first.boot_id
+        emulator.reset()
+        assert emulator.wait_for_board(PATIENCE_S).boot_id != first.boot_id
+
+
+def test_the_board_compiles_without_a_warning_for_three_cores():
+    done = subprocess.run(
+        ["make", "-s", "-C", FOLDER, "warnings"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_firmware_has_no_heap(firmware):
+    listed = subprocess.run(
+        ["arm-none-eabi-nm", firmware("musca_b1")], capture_output=True, text=True, check=True
+    )
+    names = {line.split()[-1] for line in listed.stdout.splitlines()}
+    assert "board_receive" in names
+    assert not {name for name in names if re.search(r"malloc|calloc|realloc|sbrk", name)}
+
+
+# --- Complaints --------------------------------------------------------------------------------
+
+
+def test_firmware_that_hangs_at_its_start_is_named(tmp_path):
+    source, elf = tmp_path / "endless.S", tmp_path / "endless.elf"
+    source.write_text(".thumb\n.word 0x20001000, 0x08000009\nb .\n")
+    options = ["-nostdlib", "-mcpu=cortex-m4", "-Wl,-Ttext=0x08000000,-e0x08000009"]
+    subprocess.run(["arm-none-eabi-gcc", *options, source, "-o", elf], check=True)
+    with (
+        Emulator("netduinoplus2", elf) as emulator,
+        pytest.raises(ConfigurationError, match="did not answer HELLO within 1 s: it hangs"),
+    ):
+        emulator.wait_for_board(1.0)
+
+
+def test_a_machine_that_qemu_does_not_have_is_named(firmware):
+    with (
+        pytest.raises(ConfigurationError, match=r"QEMU did not start.*unsupported machine type"),
+        Emulator("pdp11", firmware("musca_b1")) as emulator,
+    ):
+        emulator.wait_for_board(5.0)
+
+
+def emulated(*words):
+    done = subprocess.run(
+        [EMULATE, *words], capture_output=True, text=True, check=False, timeout=PATIENCE_S
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["musca-b1", "gone.elf"], "gone.elf: there is no such firmware"),
+        (["musca-b1"], "takes MACHINE and FIRMWARE, not musca-b1"),
+        (["--reset", "gone"], "gone: no QEMU answers"),
+    ],
+)
+def test_a_wrong_argument_of_emulate_is_named(words, complaint):
+    status, said, complained = emulated(*words)
+    assert (status, said) == (2, "")
+    assert complained.startswith(f"emulate: {complaint}")
+    assert len(complained.splitlines()) == 1
+
+
+def processes_with(text):
+    """Command lines of this machine that name *text*."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            line = path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            found += [line] if text in line and f"/{os.getpid()}/" not in str(path) else []
+    return found
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="not run: /proc and prctl are Linux")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_nothing_is_left_of_a_run_that_is_ended(number, firmware, tmp_path):
+    out = tmp_path / "out"
+    folder = out / "musca_b1"
+    folder.mkdir(parents=True)
+    elf = firmware("musca_b1")
+    (folder / elf.name).write_bytes(elf.read_bytes())
+    os.utime(folder / elf.name)
+    run = subprocess.Popen(
+        [sys.executable, "-m", "firmware_check", "--port", "musca_b1", "--out", out],
+        env=os.environ | {"PYTHONPATH": f"{ROOT / 'ci'}", "CFLAGS": "-O1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert run.stdout.readline() == "musca_b1: 256 transducers, QEMU musca-b1\n"
+    run.send_signal(number)
+    _, complaint = run.communicate(timeout=PATIENCE_S)
+    if number != signal.SIGKILL:
+        assert (run.returncode, complaint) == (130, "ci/firmware: interrupted\n")
+    end_s = time.monotonic() + PATIENCE_S
+    while processes_with(str(out)) and time.monotonic() < end_s:
+        time.sleep(0.05)
+    assert processes_with(str(out)) == []
+
+
+def test_a_missing_tool_is_named_with_the_packages(monkeypatch, capsys):
+    monkeypatch.setenv("PATH", "/nowhere")
+    assert command.main(["--quick"]) == 2
+    _, complaint = capsys.readouterr()
+    assert complaint.startswith("ci/firmware: qemu-system-arm is not installed; Debian, Ubuntu: ")
+    assert "gcc-arm-none-eabi" in complaint
+    assert len(complaint.splitlines()) == 1
+
+
+def test_the_worst_of_several_ends_is_the_status():
+    assert command.worst_status([0, 3, 0]) == 3
+    assert command.worst_status([3, 2]) == 2
+    assert command.worst_status([2, 1, 130]) == 1
+    assert command.worst_status([0, 0]) == 0
+    assert command.worst_status([3, -9]) == 2
