@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import plain_reason
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     import trimesh
     from scipy.sparse import csr_array
 
-Points: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.intp]
 
 _CANDIDATES_PER_POINT: Final = 8  # random points, of which an even subset is kept
@@ -79,7 +79,7 @@ def _as_text(path: Path) -> io.StringIO:
     return io.StringIO(path.read_text(encoding="utf-8", errors="replace"))
 
 
-def even_mesh_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> Points:
+def even_mesh_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> FloatArray:
     """Return about *count* points of the surface, none much nearer than a resolution to another.
 
     Random points, always the same ones, are taken in turn, unless one that is already there is too
@@ -89,7 +89,7 @@ def even_mesh_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> 
     from scipy.spatial import cKDTree
 
     sampled, _ = trimesh.sample.sample_surface(mesh, _CANDIDATES_PER_POINT * count, seed=0)
-    candidates: Points = np.asarray(sampled, dtype=np.float64)
+    candidates: FloatArray = np.asarray(sampled, dtype=np.float64)
     tree = cKDTree(candidates)
     free = np.ones(len(candidates), dtype=np.bool_)
     kept: list[int] = []
@@ -100,7 +100,7 @@ def even_mesh_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> 
     return candidates[kept]
 
 
-def round_trip_order(points: Points) -> Indices:
+def round_trip_order(points: FloatArray) -> Indices:
     """Return an order of (T, 3) points without long jumps, back to the first one at the end.
 
     Going through a tree, visiting the nodes of even depth before what hangs on them and those of
@@ -133,7 +133,7 @@ def _prepostorder(neighbours: list[list[int]], root: int) -> Iterator[int]:
         to_do += [(n, node, not odd, False) for n in neighbours[node] if n != parent]
 
 
-def _spanning_tree(points: Points) -> list[tuple[int, int]]:
+def _spanning_tree(points: FloatArray) -> list[tuple[int, int]]:
     """Return the edges of the shortest tree over *points*; bodies apart are joined afterwards."""
     from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
@@ -146,7 +146,7 @@ def _spanning_tree(points: Points) -> list[tuple[int, int]]:
     return edges
 
 
-def _neighbour_graph(points: Points) -> csr_array:
+def _neighbour_graph(points: FloatArray) -> csr_array:
     from scipy.sparse import csr_array
     from scipy.spatial import cKDTree
 
@@ -157,7 +157,7 @@ def _neighbour_graph(points: Points) -> csr_array:
     return csr_array((distances.ravel(), (rows, others.ravel())), shape=(count, count))
 
 
-def _bridges(points: Points, bodies: list[Indices]) -> Iterator[tuple[int, int]]:
+def _bridges(points: FloatArray, bodies: list[Indices]) -> Iterator[tuple[int, int]]:
     """Yield an edge from every body but the first to the nearest of those before it.
 
     The nearest by their centres, and then by their points.

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M
 from haptogram.errors import ConfigurationError
 from haptogram.objects.mesh import even_mesh_points, read_mesh, round_trip_order
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     import trimesh
 
 Point3: TypeAlias = tuple[float, float, float]
-Points: TypeAlias = NDArray[np.float64]
 
 MAX_POINTS: Final = 200_000
 _LOWEST_RESOLUTION_M: Final = 1e-5
@@ -33,7 +32,7 @@ _LOWEST_RESOLUTION_M: Final = 1e-5
 class TactileObject(Protocol):
     """Something that can be displayed point by point."""
 
-    def sample(self, resolution_m: float) -> Points:
+    def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points of one pass, in metres, neighbours about *resolution_m* apart.
 
         Raises
@@ -59,7 +58,7 @@ class Point:
     def __post_init__(self) -> None:
         _check_finite("position_m", self.position_m)
 
-    def sample(self, resolution_m: float) -> Points:
+    def sample(self, resolution_m: float) -> FloatArray:
         """Return the (1, 3) point, in metres."""
         _check_resolution(resolution_m, math.inf)
         return np.array([self.position_m])
@@ -82,14 +81,14 @@ class Line:
         _check_finite("start_m", self.start_m)
         _check_finite("end_m", self.end_m)
 
-    def sample(self, resolution_m: float) -> Points:
+    def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres: out on the even ones, back on the odd ones."""
         start, end = np.array(self.start_m), np.array(self.end_m)
         length_m = float(np.linalg.norm(end - start))
         _check_resolution(resolution_m, length_m)
         steps = _count(length_m / resolution_m)
         order = _there_and_back(steps + 1)
-        points: Points = start + (end - start) * (np.array(order)[:, None] / steps)
+        points: FloatArray = start + (end - start) * (np.array(order)[:, None] / steps)
         return points
 
 
@@ -110,7 +109,7 @@ class Circle:
         _check_radius(self.radius_m)
         _check_finite("center_m", self.center_m)
 
-    def sample(self, resolution_m: float) -> Points:
+    def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres, once round."""
         _check_resolution(resolution_m, 2.0 * self.radius_m)
         return np.array(self.center_m) + _ring(self.radius_m, 0.0, resolution_m)
@@ -134,7 +133,7 @@ class Sphere:
         _check_radius(self.radius_m)
         _check_finite("center_m", self.center_m)
 
-    def sample(self, resolution_m: float) -> Points:
+    def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres."""
         return np.array(self.center_m) + _cap(self.radius_m, math.pi, resolution_m)
 
@@ -168,7 +167,7 @@ class Hemisphere:
         _check_finite("center_m", self.center_m)
         check_argument_kind("lower", self.lower, bool, "True or False")
 
-    def sample(self, resolution_m: float) -> Points:
+    def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres."""
         points = _cap(self.radius_m, math.pi / 2.0, resolution_m)
         if not self.lower:
@@ -222,7 +221,7 @@ class MeshSurface:
             mesh.apply_translation(np.array(center_m) - mesh.bounds.mean(axis=0))
         return cls(mesh)
 
-    def sample(self, resolution_m: float) -> Points:
+    def sample(self, resolution_m: float) -> FloatArray:
         """Return (T, 3) points spread evenly over the surface, in metres; always the same ones.
 
         Their order closes: the first is next to the last.
@@ -238,7 +237,7 @@ def _there_and_back(count: int) -> list[int]:
     return [*range(0, count, 2), *reversed(range(1, count, 2))]
 
 
-def _ring(radius_m: float, z_m: float, resolution_m: float, start_rad: float = 0.0) -> Points:
+def _ring(radius_m: float, z_m: float, resolution_m: float, start_rad: float = 0.0) -> FloatArray:
     """Return points once round a circle about the z axis, beginning near *start_rad*."""
     count = _count(2.0 * math.pi * radius_m / resolution_m)
     angles = start_rad + 2.0 * math.pi * np.arange(count) / count
@@ -247,7 +246,7 @@ def _ring(radius_m: float, z_m: float, resolution_m: float, start_rad: float = 0
     )
 
 
-def _cap(radius_m: float, opening_rad: float, resolution_m: float) -> Points:
+def _cap(radius_m: float, opening_rad: float, resolution_m: float) -> FloatArray:
     """Return the points of a sphere from its lowest point to the polar angle *opening_rad*.
 
     Rings a resolution apart along the meridian; each begins where the one before ended.
@@ -255,7 +254,7 @@ def _cap(radius_m: float, opening_rad: float, resolution_m: float) -> Points:
     _check_resolution(resolution_m, 2.0 * radius_m)
     _count(2.0 * math.pi * (1.0 - math.cos(opening_rad)) * (radius_m / resolution_m) ** 2)
     rings = max(1, round(opening_rad * radius_m / resolution_m))
-    parts: list[Points] = []
+    parts: list[FloatArray] = []
     start_rad = 0.0
     for polar in opening_rad * np.arange(rings + 1) / rings:
         around_m = abs(radius_m * math.sin(polar))

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from haptogram.acoustics import FieldEngine, focus_phases, radiation_pressure_pa
-from haptogram.acoustics.arrays import FloatArray, as_coordinates
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.objects.modulation import FocusFrames
-
-ComplexArray: TypeAlias = NDArray[np.complex128]
 
 _FOCI_AT_A_TIME: Final = 2048  # their weights: 8 MB over 256 elements
 

@@ -15,12 +15,13 @@ from haptogram.acoustics import (
     exposure_at,
     switching_level_db_a,
 )
+from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.levels.exposure import GUIDELINE, STATEMENT, worst_exposure
 from haptogram.acoustics.solvers.focus import MIN_TARGET_DISTANCE_M
 from haptogram.errors import ConfigurationError
 
 from ..shell.positions import metres_of_argument, place_text
-from .scene import ComplexArray, Scene, modulated_scene
+from .scene import Scene, modulated_scene
 
 _LISTENER_M: Final = 0.5
 

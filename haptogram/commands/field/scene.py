@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, check_focus_target, focus_phases
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import pressure_level_in_front
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
 from haptogram.acoustics.model.csv_rows import read_element_rows
@@ -26,8 +25,6 @@ from haptogram.settings.shape import ShapeConfig
 
 from ..array_options import array_model
 from ..shell.positions import metres_of_argument
-
-ComplexArray: TypeAlias = NDArray[np.complex128]
 
 _PATH_RADIUS_M: Final = 0.020
 _PATH_STEP_M: Final = 1e-3

@@ -8,12 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
-ComplexArray: TypeAlias = NDArray[np.complex128]
+from typing import Final
 
 
 @dataclass(frozen=True, slots=True)

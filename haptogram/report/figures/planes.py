@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import FieldEngine, points_in_front
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import (
     check_field_points,
     points_clear_of_elements,
@@ -21,8 +21,6 @@ from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import Progress
-
-ComplexArray: TypeAlias = NDArray[np.complex128]
 
 _ORIENTATIONS: Final = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 MAX_POINTS: Final = 4_000_000

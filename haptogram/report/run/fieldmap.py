@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, Drive, focus_phases, points_in_front, pressure
+from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, focus_phases
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.report.figures.planes import PicturePlane, sample_picture_plane
 from haptogram.verification import FrameVerdict, RunVerdict
 
-from .series import Floats, Vector, plotted_focus_mm, worst_frames_of_run
+from .series import Vector, plotted_focus_mm, worst_frames_of_run
 
 _SIDE_MM: Final = 160.0
 _STEP_MM: Final = 1.25  # 7 points to a wavelength at 40 kHz
@@ -20,7 +22,8 @@ _LOWEST_MM: Final = 10.0  # above the array: nearer, single elements outshine th
 _ABOVE_FOCUS_MM: Final = 50.0
 _CLOSE_SIDE_MM: Final = 30.0
 _CLOSE_STEP_MM: Final = 0.5
-_CLEARANCE_M: Final = 2e-3  # the model of the field does not hold nearer to an element
+
+_Range: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,9 +41,9 @@ class PanelFieldMap:
     """
 
     axes: tuple[int, int]
-    across_mm: Floats
-    up_mm: Floats
-    pressure_kpa: Floats
+    across_mm: FloatArray
+    up_mm: FloatArray
+    pressure_kpa: FloatArray
 
     @property
     def peak_mm(self) -> tuple[float, float]:
@@ -83,7 +86,7 @@ class FieldPicture:
         return max(float(values.max(initial=0.0)) for values in heard)
 
     @property
-    def marks_mm(self) -> tuple[Floats, Floats]:
+    def marks_mm(self) -> tuple[FloatArray, FloatArray]:
         """Target and measured focus, (3,) each."""
         return 1e3 * np.array(self.frame.target_m), plotted_focus_mm(self.frame)
 
@@ -132,53 +135,44 @@ def _maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[Pane
     """Yield the level and the upright plane, then both close up."""
     half_extent = model.array.half_extent_m
     side = 1 if half_extent[1] > half_extent[0] else 0
-    planes = (0, 1), (side, 2)
     wide = [
         _height(model, target_m) if axis == 2 else _window(model, target_m, axis)
         for axis in range(3)
     ]
-    close = [_range(1e3 * middle, _CLOSE_SIDE_MM, _CLOSE_STEP_MM) for middle in target_m]
-    for grids in (wide, close):
-        for across, up in planes:
-            yield _sample(model, drive, target_m, (across, up), grids[across], grids[up])
+    close = [_range(1e3 * middle, _CLOSE_SIDE_MM) for middle in target_m]
+    for ranges, step_mm in ((wide, _STEP_MM), (close, _CLOSE_STEP_MM)):
+        for across, up in ((0, 1), (side, 2)):
+            name = "xyz"[across] + "xyz"[up]
+            yield _map(
+                model,
+                drive,
+                PicturePlane(name, target_m, ranges[across], ranges[up], step_mm / 1e3),
+            )
 
 
-def _height(model: AcousticModel, target_m: Vector) -> Floats:
-    """Return grid heights from just above the array to well above the target."""
+def _height(model: AcousticModel, target_m: Vector) -> _Range:
+    """Return the heights from just above the array to well above the target, in m."""
     bottom = min(1e3 * float(model.array.centre_m[2]), 1e3 * target_m[2] - _ABOVE_FOCUS_MM)
     top = max(bottom + _SIDE_MM, 1e3 * target_m[2] + _ABOVE_FOCUS_MM)
-    return np.arange(bottom + _LOWEST_MM, top + _STEP_MM / 2.0, _STEP_MM)
+    low = bottom + _LOWEST_MM
+    steps = math.floor((top - low) / _STEP_MM + 0.5)
+    return 1e-3 * low, 1e-3 * (low + steps * _STEP_MM)
 
 
-def _window(model: AcousticModel, target_m: Vector, axis: int) -> Floats:
-    """Return grid coordinates around the array's middle, or the target if it is not near it."""
+def _window(model: AcousticModel, target_m: Vector, axis: int) -> _Range:
+    """Return the range around the array's middle, or the target if it is not near it, in m."""
     middle, target = 1e3 * float(model.array.centre_m[axis]), 1e3 * target_m[axis]
     if abs(target - middle) > 0.75 * _SIDE_MM / 2.0:
         middle = target
-    return _range(middle, _SIDE_MM, _STEP_MM)
+    return _range(middle, _SIDE_MM)
 
 
-def _range(middle: float, side: float, step: float) -> Floats:
-    return np.arange(middle - side / 2.0, middle + (side + step) / 2.0, step)
+def _range(middle_mm: float, side_mm: float) -> _Range:
+    return 1e-3 * (middle_mm - side_mm / 2.0), 1e-3 * (middle_mm + side_mm / 2.0)
 
 
-def _sample(
-    model: AcousticModel,
-    drive: Drive,
-    target_m: Vector,
-    axes: tuple[int, int],
-    across_mm: Floats,
-    up_mm: Floats,
-) -> PanelFieldMap:
-    from scipy.spatial import KDTree  # slow to import, and only a map of the field needs it
-
-    shape = len(up_mm), len(across_mm)
-    points = np.tile(np.array(target_m), (shape[0] * shape[1], 1))
-    up, across = np.meshgrid(up_mm, across_mm, indexing="ij")
-    points[:, axes[0]], points[:, axes[1]] = 1e-3 * across.ravel(), 1e-3 * up.ravel()
-    free = KDTree(model.array.positions_m).query(points)[0] > _CLEARANCE_M
-    free &= points_in_front(model, points)
-    values = np.full(len(points), np.nan)
-    peak_pa = np.abs(pressure(model, drive.weights(), points[free]))
-    values[free] = peak_pa / math.sqrt(2.0) / 1e3
-    return PanelFieldMap(axes, across_mm, up_mm, values.reshape(shape))
+def _map(model: AcousticModel, drive: Drive, plane: PicturePlane) -> PanelFieldMap:
+    field = sample_picture_plane(NumpyEngine(model), drive.weights(), plane)
+    across_m, up_m = plane.coordinates_m()
+    rms_kpa = np.abs(field.values) / math.sqrt(2.0) / 1e3
+    return PanelFieldMap(plane.axes, 1e3 * across_m, 1e3 * up_m, rms_kpa)

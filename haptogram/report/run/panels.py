@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
 from ..figures.style import BLUE, ERROR_MAP, GREY, VERMILION, draw_mark
 from .fieldmap import FieldPicture, PanelFieldMap
 from .series import (
     ErrorSeries,
-    Floats,
     plotted_focus_mm,
     plotted_relative_error,
     plotted_targets_mm,
@@ -60,7 +60,7 @@ def foci_panel(figure: Figure, axes: Any, run: RunVerdict, model: AcousticModel)
     axes.view_init(elev=17.0, azim=-58.0)
 
 
-def _measured(figure: Figure, axes: Any, seen: list[tuple[Floats, float]], size: float) -> None:
+def _measured(figure: Figure, axes: Any, seen: list[tuple[FloatArray, float]], size: float) -> None:
     from matplotlib.colors import LogNorm
 
     points = np.array([point for point, _ in seen])
@@ -104,7 +104,7 @@ def _troubled(axes: Any, frames: list[FrameVerdict]) -> None:
             )
 
 
-def _equal_scales(axes: Any, points: Floats) -> None:
+def _equal_scales(axes: Any, points: FloatArray) -> None:
     """Draw a millimetre equally long on every axis; no axis is so short that labels collide."""
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.maximum(high - low, 0.25 * float((high - low).max()) + 1.0) * 1.06
@@ -202,7 +202,7 @@ def _mark_foci(axes: Axes, field: PanelFieldMap, shown: FieldPicture) -> None:
     draw_mark(axes, *field.peak_mm, "peak")
 
 
-def _ground(axes: Axes, model: AcousticModel, side: int, across: Floats) -> None:
+def _ground(axes: Axes, model: AcousticModel, side: int, across: FloatArray) -> None:
     """Draw the elements that lie below a vertical plane."""
     places = 1e3 * model.array.positions_m
     near = places[(places[:, side] >= across[0]) & (places[:, side] <= across[-1])]

@@ -8,24 +8,23 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
-Floats: TypeAlias = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]
 
 _MM: Final = 1e3
 _CORNERS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
-def plotted_targets_mm(frames: Sequence[FrameVerdict]) -> Floats:
+def plotted_targets_mm(frames: Sequence[FrameVerdict]) -> FloatArray:
     """Return the intended foci, (F, 3)."""
     return _MM * np.array([frame.target_m for frame in frames], dtype=np.float64).reshape(-1, 3)
 
 
-def plotted_focus_mm(frame: FrameVerdict) -> Floats:
+def plotted_focus_mm(frame: FrameVerdict) -> FloatArray:
     """Return the measured focus, (3,); a coordinate that cannot be observed is the target's."""
     target = _MM * np.array(frame.target_m)
     if frame.measured_m is None or frame.bound_mm is None:
@@ -72,8 +71,8 @@ class ErrorSeries:
     """Errors of many frames in one direction, with the bound of each, in mm."""
 
     name: str
-    errors_mm: Floats
-    bounds_mm: Floats
+    errors_mm: FloatArray
+    bounds_mm: FloatArray
 
 
 def plotted_error_series(run: RunVerdict, model: AcousticModel) -> tuple[ErrorSeries, ErrorSeries]:

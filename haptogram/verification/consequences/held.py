@@ -13,9 +13,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, pressure
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.records.frame import FrameKey, Intended, Observation
 
-from ..frame.peaks import Floats
 from ..verdict import JUDGED, Consequence, FrameVerdict, Vector
 
 _MM: Final = 1e3
@@ -119,6 +119,6 @@ def consequence_of_held_focus(
     return Consequence(_MM * away_m, pressure_rms_pa, wanted)
 
 
-def _pressure_rms_pa(model: AcousticModel, drive: Drive, position: Floats) -> float:
+def _pressure_rms_pa(model: AcousticModel, drive: Drive, position: FloatArray) -> float:
     found = pressure(model, drive.weights(), position[None, :])
     return abs(complex(found[0])) / math.sqrt(2.0)

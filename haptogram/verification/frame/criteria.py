@@ -22,11 +22,12 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, NotSingle, SingleFocus, phase_step_rad
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
-from .peaks import Complexes, ExpectedPeak, Floats
+from .peaks import ExpectedPeak
 from .target import Bools, FrameTarget
 
 _ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
@@ -59,7 +60,7 @@ def position_grain_rad(model: AcousticModel) -> float:
     return model.wavenumber * float(np.linalg.norm(off_m, axis=1).max())
 
 
-def common_phase_error_rad(error: Floats) -> float:
+def common_phase_error_rad(error: FloatArray) -> float:
     """Return half the range of phase errors, the phase that all share taken out."""
     common = np.angle(np.exp(1j * error).sum())
     return float(np.ptp(wrapped_phases(error - common))) / 2.0
@@ -75,23 +76,23 @@ def suits_target(target: FrameTarget, error_rad: float) -> bool:
     return error_rad <= target.phase_limit_rad + target.tolerated_peak_rad
 
 
-def focus_offset_m(target: FrameTarget, focus: SingleFocus | NotSingle) -> Floats:
+def focus_offset_m(target: FrameTarget, focus: SingleFocus | NotSingle) -> FloatArray:
     """S2: return where the reconstructed focus is, seen from the target, (3,) in metres."""
     return np.array(focus.position_m) - target.position_m
 
 
-def is_on_target(target: FrameTarget, offset_m: Floats) -> bool:
+def is_on_target(target: FrameTarget, offset_m: FloatArray) -> bool:
     """S2: return True if every coordinate that can be observed is within its bound."""
     return within_limit(offset_m, target.bound_m + target.tolerated_m, target.tolerance.miss_mm)
 
 
-def within_limit(offset_m: Floats, limit_m: Floats, tolerance_mm: float) -> bool:
+def within_limit(offset_m: FloatArray, limit_m: FloatArray, tolerance_mm: float) -> bool:
     """Return True if what is left of an offset beyond its limits is no longer than a tolerance."""
     beyond = np.maximum(np.abs(offset_m) - limit_m, 0.0)
     return float(np.linalg.norm(beyond)) <= tolerance_mm / _MM
 
 
-def coherence_at_target(target: FrameTarget, latched: Complexes) -> float:
+def coherence_at_target(target: FrameTarget, latched: ComplexArray) -> float:
     """S3: |sum w_n g_n| / sum |A_n g_n| at the target."""
     largest = float(target.amplitudes @ np.abs(target.arrivals))
     return abs(complex((latched * target.arrivals).sum())) / largest if largest > 0.0 else 0.0
@@ -128,11 +129,13 @@ class PeakCriterion:
     """
 
     ok: bool
-    offset_m: Floats | None
+    offset_m: FloatArray | None
     error_rad: float | None
 
     @classmethod
-    def of(cls, target: FrameTarget, expected: ExpectedPeak, latched: Complexes) -> PeakCriterion:
+    def of(
+        cls, target: FrameTarget, expected: ExpectedPeak, latched: ComplexArray
+    ) -> PeakCriterion:
         """Return the error of the peak of *latched* next to the *expected* one."""
         local = expected.offset_m(target.model, latched)
         if local is None:
@@ -143,7 +146,7 @@ class PeakCriterion:
         return cls(ok, offset_m, expected.direction.length_rad(offset_m))
 
 
-def peak_errors(target: FrameTarget, latched: Complexes) -> list[PeakCriterion]:
+def peak_errors(target: FrameTarget, latched: ComplexArray) -> list[PeakCriterion]:
     """S4: return the errors of the peak across and along the beam; none where nothing can tell."""
     return [PeakCriterion.of(target, expected, latched) for expected in target.peaks]
 

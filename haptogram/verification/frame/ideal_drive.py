@@ -11,12 +11,13 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics import Drive
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.frame import Intended
 
 from ..tolerance import Uncertainty, VerdictUncertainty
 from . import criteria
-from .peaks import WITHIN_LOBE_RAD, Complexes, ExpectedPeak, Floats, expected_frame_peak
+from .peaks import WITHIN_LOBE_RAD, ExpectedPeak, expected_frame_peak
 from .target import Bools, FrameTarget, target_place_uncertainty
 
 #: Codes of an amplitude below which a board that computes may round a phase as it likes: the waves
@@ -56,9 +57,9 @@ class IdealFrameDrive:
 
     targets: Sequence[FrameTarget]
     placed: Sequence[FrameTarget]
-    weights: Complexes
-    asked: Complexes
-    tolerated: Sequence[Complexes]
+    weights: ComplexArray
+    asked: ComplexArray
+    tolerated: Sequence[ComplexArray]
     has_amplitudes: bool
     allowed_codes: int
 
@@ -67,8 +68,8 @@ class IdealFrameDrive:
         cls,
         intended: Intended,
         targets: Sequence[FrameTarget],
-        asked: Complexes,
-        tolerated: Sequence[Complexes],
+        asked: ComplexArray,
+        tolerated: Sequence[ComplexArray],
     ) -> IdealFrameDrive:
         """Return the ideal drive of a frame whose foci ask for the weights *asked*."""
         codes, allowed = intended.drive.amplitude_codes, criteria.allowed_phase_codes(intended)
@@ -98,12 +99,12 @@ class IdealFrameDrive:
         )
 
     @cached_property
-    def levels(self) -> Floats:
+    def levels(self) -> FloatArray:
         """(F,) |p| at each target."""
         return self._levels_of(self.weights)
 
     @cached_property
-    def level_limits(self) -> Floats:
+    def level_limits(self) -> FloatArray:
         """(F,) S3: how far rounding can change |p| at each target.
 
         To first order only what is in quadrature to the sum counts, sum_n |Im(q_n / u)| d with u
@@ -112,20 +113,20 @@ class IdealFrameDrive:
         return np.array([self._rounding_of_level(target) for target in self.targets])
 
     @cached_property
-    def tolerated_levels(self) -> Floats:
+    def tolerated_levels(self) -> FloatArray:
         """(F,) S3: how far the tolerance can change |p| at each target, on top of rounding."""
         return self._tolerated_change(self._levels_of)
 
     @cached_property
-    def tolerated_amplitudes(self) -> Floats:
+    def tolerated_amplitudes(self) -> FloatArray:
         """(N,) S5: how far the tolerance can change each amplitude, 0 to 1."""
         return self._tolerated_change(np.abs)
 
-    def _tolerated_change(self, measure: Callable[[Complexes], Floats]) -> Floats:
+    def _tolerated_change(self, measure: Callable[[ComplexArray], FloatArray]) -> FloatArray:
         """Return how far a measure of the drive differs within the tolerance."""
         asked = measure(self.asked)
         changes = [np.abs(measure(drive) - asked) for drive in self.tolerated]
-        tolerated: Floats = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
+        tolerated: FloatArray = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
         return tolerated
 
     def _rounding_of_level(self, target: FrameTarget) -> float:
@@ -136,8 +137,8 @@ class IdealFrameDrive:
         limit += self.allowed_codes * criteria.AMPLITUDE_STEP * np.abs(target.arrivals).sum()
         return float(limit)
 
-    def _levels_of(self, weights: Complexes) -> Floats:
-        levels: Floats = np.abs([target.arrivals @ weights for target in self.targets])
+    def _levels_of(self, weights: ComplexArray) -> FloatArray:
+        levels: FloatArray = np.abs([target.arrivals @ weights for target in self.targets])
         return levels
 
     def phase_error_rad(self, latched: Drive, active: Bools) -> float:
@@ -155,14 +156,14 @@ class IdealFrameDrive:
         )
         return not suits, error_rad
 
-    def offsets_m(self, latched: Complexes) -> list[Floats | None]:
+    def offsets_m(self, latched: ComplexArray) -> list[FloatArray | None]:
         """S2: return (3,) the offset of each peak from its place; None where there is none."""
         return [
             None if peak is None else peak.offset_m(target.model, latched)
             for target, peak in zip(self.placed, self.peaks, strict=True)
         ]
 
-    def in_place(self, offsets_m: Sequence[Floats | None]) -> bool:
+    def in_place(self, offsets_m: Sequence[FloatArray | None]) -> bool:
         """S2: return True if every peak that has a place is within its limit of it."""
         return all(
             offset is not None and bool((np.abs(offset) <= peak.rounding_m).all())
@@ -170,7 +171,7 @@ class IdealFrameDrive:
             if peak is not None
         )
 
-    def excess_level(self, latched: Complexes, *, tolerant: bool) -> float:
+    def excess_level(self, latched: ComplexArray, *, tolerant: bool) -> float:
         """S3: return the share by which |p| at a target is off beyond its limit; 0: none is."""
         limits = self.level_limits + (self.tolerated_levels if tolerant else 0.0)
         excess = np.abs(self._levels_of(latched) - self.levels) - limits
@@ -186,7 +187,7 @@ class IdealFrameDrive:
         allowed = _HALF + self.allowed_codes + FULL_AMPLITUDE * tolerated
         return bool((steps <= allowed).all())
 
-    def limits_m(self) -> list[Floats] | None:
+    def limits_m(self) -> list[FloatArray] | None:
         """Return (3,) how far each focus may be off; None where a miss of one never shows."""
         pairs = list(zip(self.placed, self.peaks, strict=True))
         limits = [peak.rounding_m + target.tolerated_m for target, peak in pairs if peak]
@@ -229,7 +230,7 @@ class IdealFociLevels:
 
     @classmethod
     def of(
-        cls, intended: Intended, latched: Complexes, targets: Sequence[FrameTarget]
+        cls, intended: Intended, latched: ComplexArray, targets: Sequence[FrameTarget]
     ) -> IdealFociLevels:
         """Return the levels of the foci of *intended* under the drive *latched*."""
         arrivals = np.array([target.arrivals for target in targets])

@@ -19,6 +19,7 @@ from haptogram.acoustics import (
     Reconstructor,
     SingleFocus,
 )
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.driver.frames.builder import frame_sound_speed_mm_s, frame_weights
 from haptogram.errors import ConfigurationError
@@ -29,7 +30,6 @@ from ..tolerance import Tolerance, Uncertainty
 from ..verdict import FrameStatus, FrameVerdict
 from . import criteria
 from .ideal_drive import IdealFrameDrive
-from .peaks import Complexes, Floats
 from .several import judge_several
 from .single import SingleFocusFrame, judge_silence, verdict_not_radiated
 from .target import FrameTarget
@@ -107,7 +107,7 @@ class FrameJudge:
                 found.append(IdealFrameDrive.of(intended, targets, asked, tolerated))
         return found
 
-    def _tolerated(self, model: AcousticModel, intended: Intended) -> Iterator[Complexes]:
+    def _tolerated(self, model: AcousticModel, intended: Intended) -> Iterator[ComplexArray]:
         """Yield the drives for these foci in the warmest and coldest air, and displaced."""
         share = self.tolerance.speed_share(model.medium)
         for factor in (1.0 + share, 1.0 - share) if share else ():
@@ -246,7 +246,7 @@ def _without_identity(intended: Intended) -> Intended:
     return dataclasses.replace(intended, number=0, key=_ANY, t_apply_us=None)
 
 
-def _displaced(foci: tuple[Focus, ...], way_m: Floats) -> tuple[Focus, ...]:
+def _displaced(foci: tuple[Focus, ...], way_m: FloatArray) -> tuple[Focus, ...]:
     """Return foci that are all displaced by *way_m* (3,)."""
     return tuple(
         Focus.at(np.add(focus.position_m, way_m), focus.amplitude, focus.phase_rad)

@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, propagators
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.errors import ConfigurationError
-
-Floats: TypeAlias = NDArray[np.float64]
-Complexes: TypeAlias = NDArray[np.complex128]
 
 _STENCIL_M: Final = 2e-4
 _STEPS: Final = 60
@@ -52,10 +49,10 @@ class PeakDirection:
         sqrt(e^T k^2 C e), in radians of phase.
     """
 
-    axes: Floats
-    metric: Floats
+    axes: FloatArray
+    metric: FloatArray
 
-    def length_rad(self, offset_m: Floats) -> float:
+    def length_rad(self, offset_m: FloatArray) -> float:
         """Return the length of an offset (3,), in radians of phase."""
         local = self.axes @ offset_m
         return math.sqrt(max(float(local @ self.metric @ local), 0.0))
@@ -78,19 +75,19 @@ class ExpectedPeak:
     """
 
     direction: PeakDirection
-    place_m: Floats
-    response: Floats
-    rounding_m: Floats
+    place_m: FloatArray
+    response: FloatArray
+    rounding_m: FloatArray
 
-    def offset_m(self, model: AcousticModel, weights: Complexes) -> Floats | None:
+    def offset_m(self, model: AcousticModel, weights: ComplexArray) -> FloatArray | None:
         """Return (D,) the offset of the peak of *weights* from this one; None: there is none."""
         return find_frame_peak(model, weights, self.place_m, self.direction)
 
 
 def expected_frame_peak(
     model: AcousticModel,
-    ideal: Complexes,
-    target_m: Floats,
+    ideal: ComplexArray,
+    target_m: FloatArray,
     direction: PeakDirection,
     phase_limit_rad: float,
     reach_rad: float = NEXT_TO_TARGET_RAD,
@@ -130,11 +127,11 @@ def expected_frame_peak(
 
 def _worst_displacement_m(
     model: AcousticModel,
-    ideal: Complexes,
-    place_m: Floats,
+    ideal: ComplexArray,
+    place_m: FloatArray,
     direction: PeakDirection,
-    errors_rad: Floats,
-) -> Floats:
+    errors_rad: FloatArray,
+) -> FloatArray:
     """Return (D,) the largest displacements of the peak by phase errors (K, N) and their negative.
 
     Infinite where one of them leaves no peak.
@@ -147,8 +144,8 @@ def _worst_displacement_m(
 
 
 def find_frame_peak(
-    model: AcousticModel, weights: Complexes, start_m: Floats, direction: PeakDirection
-) -> Floats | None:
+    model: AcousticModel, weights: ComplexArray, start_m: FloatArray, direction: PeakDirection
+) -> FloatArray | None:
     """Return (D,) the offset of the pressure peak next to *start_m* along the axes of *direction*.
 
     Newton steps on ln |p|^2 with derivatives from a stencil; its curvature is replaced by that of
@@ -186,8 +183,8 @@ def find_frame_peak(
 
 
 def frame_peak_response(
-    model: AcousticModel, weights: Complexes, place_m: Floats, direction: PeakDirection
-) -> Floats | None:
+    model: AcousticModel, weights: ComplexArray, place_m: FloatArray, direction: PeakDirection
+) -> FloatArray | None:
     """Return (D, N) how far each radian of phase of an element moves a peak, in m/rad.
 
     At a peak of L = ln |p|^2, p = sum_n q_n, phases change by d phi and the peak moves by
@@ -212,11 +209,11 @@ def frame_peak_response(
         return None
     slopes = -2.0 * (parts / pressure[:, None]).imag
     mixed = (slopes[1 : 1 + 2 * count : 2] - slopes[2 : 2 + 2 * count : 2]) / (2.0 * _STENCIL_M)
-    response: Floats = np.linalg.solve(-curvature, mixed)
+    response: FloatArray = np.linalg.solve(-curvature, mixed)
     return response
 
 
-def _level(model: AcousticModel, weights: Complexes, points: Floats) -> Floats | None:
+def _level(model: AcousticModel, weights: ComplexArray, points: FloatArray) -> FloatArray | None:
     """Return ln |p|^2 at points (M, 3); None at an element, behind all of them, or in silence."""
     arrivals = _arrivals(model, points)
     if arrivals is None:
@@ -225,7 +222,7 @@ def _level(model: AcousticModel, weights: Complexes, points: Floats) -> Floats |
     return 2.0 * np.log(pressure) if pressure.min() > 0.0 else None
 
 
-def _arrivals(model: AcousticModel, points: Floats) -> Complexes | None:
+def _arrivals(model: AcousticModel, points: FloatArray) -> ComplexArray | None:
     """Return the propagators (M, N); None where a point has no field."""
     try:
         return propagators(model, points)
@@ -233,13 +230,13 @@ def _arrivals(model: AcousticModel, points: Floats) -> Complexes | None:
         return None
 
 
-def _is_peaked(curvature: Floats) -> bool:
+def _is_peaked(curvature: FloatArray) -> bool:
     """Return True if a Hessian (D, D) is that of a peak, in every direction."""
     values = np.linalg.eigvalsh(curvature)
     return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)
 
 
-def _stencil(count: int) -> Floats:
+def _stencil(count: int) -> FloatArray:
     """Return the centre, the neighbours along each axis, and four corners for each two axes."""
     eye = np.eye(count)
     steps = [np.zeros(count)]
@@ -251,7 +248,7 @@ def _stencil(count: int) -> Floats:
     return _STENCIL_M * np.array(steps)
 
 
-def _derivatives(level: Floats, count: int) -> tuple[Floats, Floats]:
+def _derivatives(level: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Return gradient (D,) and Hessian (D, D) from the values at the stencil."""
     plus, minus = level[1 : 1 + 2 * count : 2], level[2 : 2 + 2 * count : 2]
     gradient = (plus - minus) / (2.0 * _STENCIL_M)

@@ -22,6 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import Drive
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.patterns.foci_fit import FociFit, fit_foci, waves_of_foci
 from haptogram.records.frame import Intended
 
@@ -36,7 +37,7 @@ from .ideal_drive import (
     IdealFrameDrive,
     meaningful_elements,
 )
-from .peaks import LOST, WITHIN_LOBE_RAD, Floats
+from .peaks import LOST, WITHIN_LOBE_RAD
 from .target import Bools, FrameTarget
 
 _MM: Final = 1e3
@@ -68,8 +69,8 @@ class _Findings:
 
     verdicts: dict[str, bool]
     unseen: list[str]
-    offsets_m: Sequence[Floats | None]
-    limits_m: Sequence[Floats] | None
+    offsets_m: Sequence[FloatArray | None]
+    limits_m: Sequence[FloatArray] | None
 
 
 def judge_several(
@@ -218,7 +219,7 @@ def _fit(
     )
 
 
-def _limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[Floats] | None:
+def _limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
     """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
@@ -230,7 +231,7 @@ def _limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[Floats] | None:
 
 
 def _peaks_follow(
-    ideal: IdealFrameDrive, latched: Drive, limits_m: Sequence[Floats], tolerance: Tolerance
+    ideal: IdealFrameDrive, latched: Drive, limits_m: Sequence[FloatArray], tolerance: Tolerance
 ) -> bool:
     """Return True if the pressure peaks are no further off than the fitted foci may be."""
     offsets_m = ideal.offsets_m(latched.weights())
@@ -240,7 +241,7 @@ def _peaks_follow(
     )
 
 
-def _are_sharp(ideal: IdealFrameDrive, limits_m: Sequence[Floats]) -> bool:
+def _are_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray]) -> bool:
     """Return True if each focus has a place to within its own lobe: else the fit is no proof."""
     return all(
         target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
@@ -248,7 +249,7 @@ def _are_sharp(ideal: IdealFrameDrive, limits_m: Sequence[Floats]) -> bool:
     )
 
 
-def _are_within(fit: FociFit, limits_m: Sequence[Floats], miss_mm: float) -> bool:
+def _are_within(fit: FociFit, limits_m: Sequence[FloatArray], miss_mm: float) -> bool:
     pairs = zip(fit.offsets_m, limits_m, strict=True)
     return all(criteria.within_limit(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs)
 
@@ -286,10 +287,10 @@ def _not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
         )
 
 
-def _length(vector: Floats) -> float:
+def _length(vector: FloatArray) -> float:
     return float(np.linalg.norm(vector))
 
 
-def _mm(values: Floats) -> Vector:
+def _mm(values: FloatArray) -> Vector:
     x, y, z = (float(_MM * value) for value in values)
     return x, y, z

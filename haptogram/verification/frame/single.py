@@ -18,6 +18,7 @@ from haptogram.acoustics import (
     focus_phases,
     phase_step_rad,
 )
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
@@ -26,7 +27,6 @@ from ..status import frame_status_of, frame_warning_of, is_right_status
 from ..tolerance import Uncertainty
 from ..verdict import FrameStatus, FrameVerdict
 from . import criteria
-from .peaks import Floats
 from .target import Bools, FrameTarget
 
 _MM: Final = 1e3
@@ -275,7 +275,7 @@ def _where(target: FrameTarget, found: SingleFocus | NotSingle) -> dict[str, Any
     }
 
 
-def _place(target: FrameTarget, offset_m: Floats) -> dict[str, Any]:
+def _place(target: FrameTarget, offset_m: FloatArray) -> dict[str, Any]:
     """Return where a focus is, as far as that can be observed."""
     across_m, along_m = target.split(offset_m)
     place_m = (target.position_m + offset_m).tolist()
@@ -300,6 +300,6 @@ def _where_the_peak_is(target: FrameTarget, peaks: list[criteria.PeakCriterion])
     }
 
 
-def _finite_mm(bound_m: Floats) -> tuple[float | None, float | None, float | None]:
+def _finite_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
     x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
     return x, y, z

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, fit_focus, focus_phases
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.own_axes import axes_about_normal
@@ -18,7 +19,7 @@ from haptogram.acoustics.solvers.focus_fit import focus_phase_response
 from haptogram.errors import ConfigurationError
 
 from ..tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
-from .peaks import LOST, Complexes, ExpectedPeak, Floats, PeakDirection, expected_frame_peak
+from .peaks import LOST, ExpectedPeak, PeakDirection, expected_frame_peak
 
 Bools = NDArray[np.bool_]
 
@@ -51,8 +52,8 @@ class FrameTarget:
     """
 
     model: AcousticModel
-    position_m: Floats
-    amplitudes: Floats
+    position_m: FloatArray
+    amplitudes: FloatArray
     phase_limit_rad: float
     tolerance: Tolerance
 
@@ -63,40 +64,40 @@ class FrameTarget:
         return (self.amplitudes > 0.0) & (True if calibration is None else calibration.heard)
 
     @cached_property
-    def phases_rad(self) -> Floats:
+    def phases_rad(self) -> FloatArray:
         """(N,) the phases that focus on the target."""
         return focus_phases(self.model, self.position_m)
 
     @cached_property
-    def arrivals(self) -> Complexes:
+    def arrivals(self) -> ComplexArray:
         """(N,) peak pressure at the target, of each element at unit weight."""
-        arrivals: Complexes = propagators(self.model, self.position_m[None, :])[0]
+        arrivals: ComplexArray = propagators(self.model, self.position_m[None, :])[0]
         return arrivals
 
     @cached_property
-    def axis(self) -> Floats:
+    def axis(self) -> FloatArray:
         """(3,) unit vector from the centre of the elements that shall sound to the target.
 
         Each element counts by its intended amplitude.
         """
         shares = self.amplitudes / self.amplitudes.sum()
         ray = self.position_m - shares @ self.model.array.positions_m
-        axis: Floats = ray / np.linalg.norm(ray)
+        axis: FloatArray = ray / np.linalg.norm(ray)
         return axis
 
     # --- the fitted focus (S2) -----------------------------------------------------------------
 
     @cached_property
-    def _response(self) -> tuple[Floats, Bools]:
+    def _response(self) -> tuple[FloatArray, Bools]:
         return focus_phase_response(self.model, self.position_m, active=self.active)
 
     @property
-    def response(self) -> Floats:
+    def response(self) -> FloatArray:
         """(3, N) displacement of the fitted focus per radian of phase, in m/rad."""
         return self._response[0]
 
     @cached_property
-    def bound_m(self) -> Floats:
+    def bound_m(self) -> FloatArray:
         """(3,) S2: the largest error per axis that rounding can make; infinite: not observable.
 
         sum_n |J+_in| times the phase limit, to first order; 4 % more where that is no small
@@ -109,7 +110,7 @@ class FrameTarget:
         bound_m *= np.where(bound_m > _NEAR * distance_m, _SECOND_ORDER, 1.0)
         return np.where(observable & (bound_m < LOST * distance_m), bound_m, np.inf)
 
-    def nearest_focus_m(self, phases_rad: Floats, active: Bools) -> Floats:
+    def nearest_focus_m(self, phases_rad: FloatArray, active: Bools) -> FloatArray:
         """Return (3,) the offset of the focus that a fit finds from the target on."""
         fit = fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
         return fit.position_m - self.position_m
@@ -119,7 +120,7 @@ class FrameTarget:
         """(3,) whether each coordinate of the focus shows in the phases."""
         return np.isfinite(self.bound_m)
 
-    def split(self, offset_m: Floats) -> tuple[float | None, float | None]:
+    def split(self, offset_m: FloatArray) -> tuple[float | None, float | None]:
         """Return the parts of an offset across and along the beam, in metres.
 
         None where it depends on a coordinate that cannot be observed.
@@ -137,7 +138,7 @@ class FrameTarget:
     # --- the pressure peak (S4) ----------------------------------------------------------------
 
     @cached_property
-    def covariance(self) -> Floats:
+    def covariance(self) -> FloatArray:
         """(3, 3) C: the covariance of the unit vectors from the elements to the target."""
         return focal_shift_covariance(
             self.model, self.position_m, self.amplitudes * np.abs(self.arrivals)
@@ -152,7 +153,7 @@ class FrameTarget:
                 found.append(direction)
         return found
 
-    def direction(self, axes: Floats) -> PeakDirection:
+    def direction(self, axes: FloatArray) -> PeakDirection:
         """Return the direction along *axes* (D, 3) with its metric."""
         metric = self.model.wavenumber**2 * (axes @ self.covariance @ axes.T)
         return PeakDirection(axes, metric)
@@ -170,17 +171,17 @@ class FrameTarget:
     # --- tolerance and uncertainty -------------------------------------------------------------
 
     @cached_property
-    def air_phases_rad(self) -> Floats:
+    def air_phases_rad(self) -> FloatArray:
         """(N,) how the phases change over the tolerated range of the speed of sound."""
         share = self.tolerance.speed_share(self.model.medium)
         distances = np.linalg.norm(self.position_m - self.model.array.positions_m, axis=1)
-        change: Floats = distances - distances[self.active].mean()
+        change: FloatArray = distances - distances[self.active].mean()
         return share * self.model.wavenumber * change
 
     @cached_property
-    def tolerated_m(self) -> Floats:
+    def tolerated_m(self) -> FloatArray:
         """(3,) how far tolerated air moves the fitted focus per axis, in metres."""
-        moved: Floats = np.abs(self.response @ self.air_phases_rad)
+        moved: FloatArray = np.abs(self.response @ self.air_phases_rad)
         return moved
 
     @cached_property
@@ -262,7 +263,7 @@ def check_frame_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: 
 
 
 def target_place_uncertainty(
-    model: AcousticModel, position_m: Floats, response: Floats, known: Uncertainty
+    model: AcousticModel, position_m: FloatArray, response: FloatArray, known: Uncertainty
 ) -> VerdictUncertainty:
     """Return the uncertainty of a place that moves by *response* (D, N) per radian of phase.
 
