@@ -196,6 +196,47 @@ def test_the_architecture_page_draws_every_room():
     assert drawn >= {folder.name for folder in ROOMS if folder.parent in SOURCES.values()}
 
 
+# --- the prose of public docstrings: no clause of "what" as a noun
+
+DEFINITIONS = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+CLAUSE = re.compile(
+    r"^(What|How|Where|Whether|Whoever)\b|^(Tell|Say|Return|Yield) (what|how|where|whether)\b"
+)
+
+
+def docstrings(node, name):
+    """Yield name and docstring of *node* and of every public definition in it."""
+    yield name, ast.get_docstring(node) or ""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, DEFINITIONS) and not re.match(r"_(?!_)", child.name):
+            yield from docstrings(child, f"{name}.{child.name}")
+
+
+def clauses(source, name):
+    return [f"{n}: {doc.splitlines()[0]}" for n, doc in docstrings(ast.parse(source), name)
+            if CLAUSE.match(doc)]  # fmt: skip
+
+
+@pytest.mark.parametrize("package", SOURCES)
+def test_no_public_docstring_begins_with_a_clause(package):
+    assert [
+        clause
+        for path in sorted(SOURCES[package].rglob("*.py"))
+        for clause in clauses(path.read_text("utf-8"), str(path.relative_to(ROOT)))
+    ] == []
+
+
+@pytest.mark.parametrize(
+    "doc",
+    ["What it is.", "Where it lies.", "Tell whether it runs.", "Return how often.", "Whether."],
+)
+def test_a_clause_is_found_in_modules_classes_and_methods(doc):
+    source = f'"""{doc}"""\nclass A:\n    """{doc}"""\n    def b(self):\n        """{doc}"""\n'
+    assert [found.split(":")[0] for found in clauses(source, "m")] == ["m", "m.A", "m.A.b"]
+    assert clauses(f'def _private():\n    """{doc}"""\n', "m") == []
+    assert clauses('def f():\n    """Return the number of times, whatever happens."""\n', "m") == []
+
+
 @pytest.mark.parametrize("package", SOURCES)
 def test_every_error_derives_from_the_root_of_its_package(package):
     errors = {

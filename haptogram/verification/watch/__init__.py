@@ -1,4 +1,4 @@
-"""What a board of another wire radiates, latch by latch: nobody says what was meant.
+"""Patterns that a board of another wire radiates, latch by latch, without an intention.
 
 Every latch has its pattern; a user may add the foci that were expected. A diagnosis is only named
 if it explains the data better than every other one by a margin.

@@ -68,10 +68,10 @@ class SeenLatch:
 
     @property
     def is_of_client(self) -> bool:
-        """Whether a client made the board latch."""
+        """True if a client made the board latch."""
         return self.cause != POWER_UP
 
     @property
     def torn(self) -> dict[str, int]:
-        """What was counted of a frame that is not whole; empty: nothing."""
+        """Counts of a frame that is not whole; empty if there are none."""
         return {kind: count for kind, count in self.counted.items() if kind in TORN_KINDS}

@@ -1,4 +1,4 @@
-"""What was watched: one latch, and a whole run."""
+"""Results of watching: one latch, and a whole run."""
 
 from __future__ import annotations
 
