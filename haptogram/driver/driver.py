@@ -409,6 +409,8 @@ class Driver:
     ) -> PlayReport:
         """Upload *targets* as a sequence, play it on the board's clock, and wait for the end.
 
+        Parameters that are not listed here, and errors, are those of :meth:`stream`.
+
         Parameters
         ----------
         loops : int
@@ -417,8 +419,6 @@ class Driver:
             ``phases`` (the default) or ``points``; frames that are ready are all of one of the two.
         unattended_ms : int
             How long the board plays on without hearing from this host.
-
-        Others and errors as in :meth:`stream`.
         """
         check_callable("progress", progress)
         period_us = playback_period_us(rate_hz, self.identity)

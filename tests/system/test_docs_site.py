@@ -1,0 +1,108 @@
+"""The documentation: it builds without a warning, its examples run, its commands exist."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from haptogram import VirtualBoard
+from haptogram.acoustics import SingleFocus
+from haptogram.cli import COMMANDS, command_parser
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("**/*.md"))]
+#: Placeholders of the pages, which a command line may have.
+_PLACEHOLDER = re.compile(r"[<\[]|\bCOMMAND\b|\.\.\.|^haptogram  ")
+
+
+def test_site_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx", reason="needs the extra docs: ci/docs")
+    pytest.importorskip("furo")
+    pytest.importorskip("myst_parser")
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"),
+            *("-d", str(tmp_path / "cache"), str(DOCS), str(tmp_path / "site")),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    pages = {page.relative_to(tmp_path / "site") for page in (tmp_path / "site").glob("**/*.html")}
+    assert {Path("index.html"), Path("start.html"), Path("python.html"), Path("spec.html")} <= pages
+    index = (tmp_path / "site" / "index.html").read_text()
+    assert not re.search(r'(?:src|href)="https?://(?!github\.com|www\.sphinx-doc|pradyunsg)', index)
+
+
+def _commands() -> Iterator[tuple[str, str]]:
+    for page in PAGES:
+        for block in re.findall(
+            r"```(?:console|sh|)\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL
+        ):
+            for line in block.replace("\\\n", " ").splitlines():
+                words = line.removeprefix("$ ").strip()
+                if words.startswith("haptogram ") and not _PLACEHOLDER.search(words):
+                    yield str(page.relative_to(ROOT)), words
+
+
+@pytest.mark.parametrize(("page", "line"), list(_commands()))
+def test_a_command_of_a_page_has_the_options_that_it_uses(page: str, line: str) -> None:
+    words = [word for word in shlex.split(line, comments=True) if word != "&"][1:]
+    if "|" in words:
+        words = words[: words.index("|")]
+    assert words[0] in COMMANDS, page
+    command_parser(words[0]).parse_args(words[1:])
+
+
+@pytest.fixture
+def c_host(tmp_path: Path) -> list[str]:
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("not run: no C compiler")
+    codec = ROOT / "protocol" / "c"
+    program = str(tmp_path / "host")
+    sources = [str(DOCS / "examples" / "host.c"), str(codec / "haptogram_codec.c")]
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", f"-I{codec}"]
+    subprocess.run([compiler, *flags, *sources, "-lm", "-o", program], check=True)
+    return [program]
+
+
+@pytest.mark.pty
+@pytest.mark.parametrize("language", ["python", "c"])
+def test_a_host_in_40_lines_makes_its_focus(language: str, request: pytest.FixtureRequest) -> None:
+    host = (
+        [sys.executable, str(DOCS / "examples" / "host.py")]
+        if language == "python"
+        else request.getfixturevalue("c_host")
+    )
+    with VirtualBoard() as board:
+        subprocess.run([*host, board.url], check=True, timeout=120)
+        board.finish()
+        seen, output = board.observations(), board.records()
+    found = [latch.reconstruction for latch in seen]
+    assert len(found) >= 50  # a busy machine may run into the lease
+    for focus in found:
+        assert isinstance(focus, SingleFocus)
+        assert focus.position_m == pytest.approx((0.0, 0.0, 0.15), abs=1e-3)
+    states = [record["state"] for record in output if record.get("event") == "state"]
+    assert states[-1] == "MUTED"
+
+
+@pytest.mark.pty
+def test_the_driver_of_the_first_page_runs() -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", (DOCS / "start.md").read_text(), re.DOTALL)
+    with VirtualBoard() as board:
+        program = block.replace("/tmp/board", board.url)
+        subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
+        board.finish()
+        assert len(board.observations()) > 30
