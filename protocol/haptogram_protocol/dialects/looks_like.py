@@ -13,12 +13,14 @@ from ..framing import FrameDecoder
 from .codec import Dialect
 from .table import DIALECTS
 
-__all__ = ["HAPTOGRAM", "HTTP2", "LOOKED_AT_BYTES", "looks_like_dialect"]
+__all__ = ["AUTD3_SDK", "HAPTOGRAM", "HTTP2", "LOOKED_AT_BYTES", "looks_like_dialect"]
 
 HAPTOGRAM: Final = "haptogram"
-HTTP2: Final = "http/2"  # gRPC, which autd3 36 spoke on the link of "Remote"
+HTTP2: Final = "HTTP/2 (gRPC, as autd3 36 and older)"
+AUTD3_SDK: Final = "autd3-sdk"
 LOOKED_AT_BYTES: Final = 4096
-_HTTP2_PREFACE: Final = re.compile(rb"PRI \* HTTP/2\.0\r\n")  # RFC 9113, 3.4
+# Wires that are no dialect here: RFC 9113, 3.4; shinolab/autd3-sdk 110b80c, link-remote/wire.rs
+_OTHERS: Final = {HTTP2: b"PRI * HTTP/2.0\r\n", AUTD3_SDK: b"ARMT"}
 
 
 def looks_like_dialect(
@@ -31,12 +33,12 @@ def looks_like_dialect(
     data : bytes
         What a client sent; only its first 4096 bytes count.
     dialects : iterable of Dialect
-        The dialects in question. Haptogram's own wire and HTTP/2 are looked for in any case.
+        The dialects in question. Haptogram's own wire, HTTP/2 and autd3-sdk are looked for
+        in any case.
     """
     start = data[:LOOKED_AT_BYTES]
     names = [dialect.name for dialect in dialects if dialect.signature.search(start)]
     if any(isinstance(body, bytes) for body in FrameDecoder().feed(start)):
         names.append(HAPTOGRAM)
-    if _HTTP2_PREFACE.match(start):
-        names.append(HTTP2)
+    names += [name for name, preface in _OTHERS.items() if start.startswith(preface)]
     return tuple(names)

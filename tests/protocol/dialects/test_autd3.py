@@ -207,7 +207,10 @@ def test_every_unsupported_operation_has_its_error_code() -> None:
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
-        (b"PRI * HTTP/2.0", "message 50h before the handshake of autd3 38"),
+        (b"PRI * HTTP/2.0", "the client speaks gRPC over HTTP/2, as autd3 36 and older; served"),
+        (b"ARMT\x03", "the client speaks autd3-sdk; served is the link of autd3 38"),
+        (b"PRX", "message 50h before the handshake; served is the link of autd3 38"),
+        (b"ARMX", "message 41h before the handshake"),
         (ONE, "message 01h before the handshake"),
         (
             bytes.fromhex("10 0200") + b"AUTD3REMOTE",

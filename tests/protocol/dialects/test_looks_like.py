@@ -75,7 +75,8 @@ def test_haptogram_s_own_wire_and_grpc_are_named() -> None:
     header = {"flags": 0, "seq": 1, "time_us": 2, "session": 3}
     own = encode_frame(build_body(vector_sample(HelloReply, "random"), **header))
     assert looks_like_dialect(own) == ("haptogram",)
-    assert looks_like_dialect(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n") == ("http/2",)
+    assert looks_like_dialect(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n") == (HTTP2,)
+    assert looks_like_dialect(b"ARMT\x03") == (AUTD3_SDK,)
 
 
 @given(st.binary(max_size=2000))

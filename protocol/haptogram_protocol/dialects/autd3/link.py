@@ -14,8 +14,8 @@ any   what the server refuses                                   FF, u32 length, 
 
 The published server reads on behind some refusals, as if the rest of a message were messages; here
 the link ends with the first. Version 36 spoke gRPC on this link, and autd3-sdk (2026-06) has a new
-protocol. Source: shinolab/autd3-rs, ``autd3-link-remote/src/link/blocking.rs`` f57d8ce and
-``server.rs`` 552ca00.
+protocol: both are named. Source: shinolab/autd3-rs, ``autd3-link-remote/src/link/blocking.rs``
+f57d8ce and ``server.rs`` 552ca00.
 """
 
 from __future__ import annotations
@@ -59,6 +59,9 @@ _WIRE: Final = "autd3"
 _MAGIC: Final = b"AUTD3REMOTE"
 _OPEN, _UPDATE, _WRITE, _READ, _CLOSE, _HELLO = 1, 2, 3, 4, 5, 0x10
 _OK, _ERROR = 0, 0xFF
+# The first bytes of other versions: HTTP/2 (RFC 9113, 3.4); autd3-sdk 110b80c, link-remote/wire.rs
+_STRANGERS: Final = {b"PRI ": "gRPC over HTTP/2, as autd3 36 and older", b"ARMT": "autd3-sdk"}
+_STRANGER_BYTES: Final = 4
 _HELLO_LAYOUT: Final = struct.Struct(f"<BH{len(_MAGIC)}s")
 _COUNT: Final = struct.Struct("<xI")
 _POSE: Final = struct.Struct("<7f")
@@ -140,12 +143,23 @@ class Autd3Board:
         if kind == _HELLO and not self._greeted:
             return self._read_hello(received, at)
         if not self._greeted:
-            return self._give_up(f"message {kind:02X}h before the handshake of autd3 38")
+            return self._read_stranger(received, at)
         if kind not in readers:
             return self._give_up(f"unknown message {kind:02X}h")
         if self._devices is None and kind not in (_OPEN, _CLOSE):
             return self._give_up(f"message {kind:02X}h before the devices are opened")
         return readers[kind](received, at)
+
+    def _read_stranger(self, received: bytes, at: int) -> tuple[Operation | None, int]:
+        """Give up at what is no handshake; name the versions that begin otherwise."""
+        start = received[at : at + _STRANGER_BYTES]
+        served = "served is the link of autd3 38"
+        for magic, name in _STRANGERS.items():
+            if magic.startswith(start) and len(start) < _STRANGER_BYTES:
+                return None, _STRANGER_BYTES
+            if start == magic:
+                return self._give_up(f"the client speaks {name}; {served}")
+        return self._give_up(f"message {received[at]:02X}h before the handshake; {served}")
 
     def _read_hello(self, received: bytes, at: int) -> tuple[Operation | None, int]:
         if len(received) < at + _HELLO_LAYOUT.size:
