@@ -153,6 +153,7 @@ class Simulation:
         self._up.cut()
         self._unread.clear()
         self.dialect.client_left()
+        self._record()
 
     def power_down(self) -> None:
         """Mute the board for good; recorders are told."""

@@ -59,6 +59,8 @@ class TcpPort(BoardPort):
     def read(self, limit: int) -> bytes:
         """Take a client in where one waits, and return what the present one sent."""
         self._accept()
+        if self._departed:
+            return b""  # the board must know that one has left before it gets bytes of the next
         if self._client is None or limit <= 0:
             return b""
         try:
@@ -97,6 +99,8 @@ class TcpPort(BoardPort):
         if (admitted := self._doorman.admit()) is None:
             return
         client, address = admitted
+        if self._client is not None and _has_left(self._client):
+            self._drop_client()
         if self._client is not None or not self._is_there:
             why = "there is one already" if self._client is not None else "the port is gone"
             _LOG.info("client %s:%d turned away: %s", *address[:2], why)
@@ -118,3 +122,13 @@ class TcpPort(BoardPort):
             return super()._lost(error)
         self._drop_client()
         return b""
+
+
+def _has_left(client: socket.socket) -> bool:
+    """Return True if *client* has closed its end and all that it sent has been read."""
+    try:
+        return not client.recv(1, socket.MSG_PEEK)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True

@@ -5,7 +5,6 @@ The answer is a guess: SonicSurface and Ultraino's SimpleFPGA send the same fram
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from typing import Final
 

@@ -11,7 +11,12 @@ from haptogram_protocol.dialects.autd3 import messages as link
 from haptogram_protocol.dialects.codec import Operation
 from haptogram_protocol.dialects.fpga_bytes import Begin, ModulationStep, Select, SetPhases, Swap
 from haptogram_protocol.dialects.interactlab import QueueFrame
-from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_dialect
+from haptogram_protocol.dialects.looks_like import (
+    AUTD3_SDK,
+    HTTP2,
+    LOOKED_AT_BYTES,
+    looks_like_dialect,
+)
 from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino import operations as nibbles

@@ -1,4 +1,4 @@
-"""Every unit by its table: any operations, in any partition of time, and never an error."""
+"""Boards with a clock of their own: any operations, told at any time, and never an error."""
 
 import numpy as np
 import pytest
@@ -13,18 +13,16 @@ from strategies_dialects import WIRES, Wire
 BOOT_US = 2**32 - 10_000_000  # as the device clock of the virtual board begins
 LAST_US = BOOT_US + 4_000_000
 
+TIMED = {"interactlab", "autd3"}
 every_unit = pytest.mark.parametrize(
-    "wire",
-    [wire for wire in WIRES if wire.dialect in EMULATIONS and not wire.options.get("fb")],
-    ids=str,
+    "wire", [wire for wire in WIRES if wire.dialect in TIMED], ids=str
 )
 
 
 def powered_up(wire: Wire, devices: int = 1):
     emulation = EMULATIONS[wire.dialect]
-    names = {"boards", "devices"} & set(emulation.options.__dataclass_fields__)
-    count = wire.options.get("boards", devices)
-    options = emulation.options.of(**dict.fromkeys(names, count))
+    names = {"devices"} & set(emulation.options.__dataclass_fields__)
+    options = emulation.options.of(**dict.fromkeys(names, devices))
     return emulation.unit(options, BOOT_US), emulation.dialect.channels * emulation.boards(options)
 
 
@@ -35,28 +33,17 @@ def told(latches: list[PulseLatch]) -> list[tuple[object, ...]]:
     ]
 
 
-# Units that may be told any time; the others are told of their own events alone, as in the dialect.
-AT_ANY_TIME = {"interactlab", "autd3"}
-
-
-def advanced(unit, wire: Wire, t_us: int):
-    replies = []
-    while (next_us := unit.next_event_us()) is not None and next_us <= t_us:
-        replies += unit.advance_to(t_us if wire.dialect in AT_ANY_TIME else next_us)
-    return replies
-
-
 def driven(wire: Wire, timed, stops, devices=1):
     """Run a unit over operations at their times, stopping where *stops* says."""
     unit, channels = powered_up(wire, devices)
     latches, replies = unit.take_latches(), []
     times = sorted([(t_us, None) for t_us in stops] + timed, key=lambda row: row[0])
     for t_us, operation in times:
-        replies += advanced(unit, wire, t_us)
+        replies += unit.advance_to(t_us)
         if operation is not None:
             replies += unit.take(operation, t_us)
         latches += unit.take_latches()
-    replies += advanced(unit, wire, LAST_US)
+    replies += unit.advance_to(LAST_US)
     return latches + unit.take_latches(), replies, unit.counters, channels
 
 
@@ -110,7 +97,3 @@ def test_an_operation_that_no_board_knows_changes_nothing(wire: Wire) -> None:
     assert unit.take(Unknown(), BOOT_US) == []
     unit.advance_to(BOOT_US + 1000)
     assert unit.take_latches() == []
-
-
-def test_every_emulation_has_a_wire() -> None:
-    assert set(EMULATIONS) <= {wire.dialect for wire in WIRES}
