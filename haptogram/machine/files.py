@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import enum
 import os
-import secrets
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -206,4 +205,4 @@ def _replace(target: Path, content: bytes) -> None:
 
 def _temporary(folder: Path) -> Path:
     # In the folder of the target: a rename is atomic within one file system only.
-    return folder / f".haptogram-{secrets.token_hex(8)}.tmp"
+    return folder / f".haptogram-{os.urandom(8).hex()}.tmp"

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -76,6 +74,8 @@ def read_toml(path: Path, option: str) -> dict[str, Any]:
     ConfigurationError
         As :func:`read_text`; also names the line where the file is no TOML.
     """
+    import tomllib  # not for --help
+
     text = read_text(path, option)
     try:
         return tomllib.loads(text)
@@ -91,6 +91,8 @@ def read_json(path: Path, option: str) -> Any:
     ConfigurationError
         As :func:`read_text`; also names the place where the file is no JSON.
     """
+    import json  # not for --help
+
     text = read_text(path, option)
     try:
         return json.loads(text)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -253,6 +252,8 @@ def _named(option: str) -> Iterator[None]:
 
 
 def _from_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
+    import tomllib  # not for --help
+
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
