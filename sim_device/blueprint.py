@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.acoustics.model.boards.table import LAYOUTS
+from haptogram.acoustics.model.boards.ultraino_file import SUFFIXES, read_ultraino_array
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import DEFAULT_ARRAY, BoardConfig
 from haptogram.settings.faults.kinds import REPORTS
 from haptogram.settings.faults.plan import FaultPlan
+from haptogram.settings.option import Settings
 
 from .assembly import Assembly, ForeignParts
 from .board.settings import BoardSettings
+from .dialects.emulation import Emulation
 from .dialects.table import emulation_of, read_options
 from .mutants import mutant_parts
 
@@ -63,24 +71,19 @@ def _of_another_dialect(config: BoardConfig, name: str) -> Blueprint:
     emulation = emulation_of(name)
     options = read_options(emulation, config.dialect_option)
     _check_sense(config, name)
-    layout = emulation.layout(options)
-    own_layout = config.array == DEFAULT_ARRAY
-    array = layout.array() if own_layout else read_array(config.array, config.pitch_mm * 1e-3)
-    mounted = None
-    if config.calibration is not None:
-        mounted = Calibration.from_file(config.calibration)
-    elif own_layout and emulation.mounting is not None:
-        mounted = emulation.mounting(array)
+    emitters = _emitters_of(config, emulation, options)
+    elements = config.calibration
+    mounted = emitters.mounting if elements is None else Calibration.from_file(elements)
     own = BoardSettings.of(dataclasses.replace(config, array=DEFAULT_ARRAY, calibration=None))
     line = own.line
     if line.baud is None and emulation.dialect.bauds:
         line = dataclasses.replace(line, baud=emulation.dialect.bauds[0])
     settings = dataclasses.replace(
         own,
-        model=dataclasses.replace(own.model, array=array),
+        model=dataclasses.replace(own.model, array=emitters.array),
         calibration=mounted,
         line=line,
-        wiring=emulation.wiring(options, array),
+        wiring=emulation.wiring(options, emitters.channels),
         firmware=emulation.dialect.title,
     )
     return Blueprint(settings, ForeignParts(emulation, options), config.plan)
@@ -99,14 +102,36 @@ def _check_sense(config: BoardConfig, name: str) -> None:
             )
 
 
-def read_array(text: str, pitch_m: float) -> TransducerArray:
-    """Return the layout of that name, a grid, or the array in a file.
+@dataclass(frozen=True)
+class _Emitters:
+    """The emitters of a line, the channels that drive them, and how they are mounted."""
 
-    Raises
-    ------
-    ConfigurationError
-        If there is none.
-    """
+    array: TransducerArray
+    channels: Sequence[int]
+    mounting: Calibration | None = None
+
+
+def _emitters_of(config: BoardConfig, emulation: Emulation, options: Settings) -> _Emitters:
+    """Return the emitters of the dialect, or those that *config* names."""
+    text = config.array
+    if text == DEFAULT_ARRAY:
+        array = emulation.layout(options).array()
+        mounted = None if emulation.mounting is None else emulation.mounting(array)
+        return _Emitters(array, range(array.count), mounted)
+    if text.endswith(SUFFIXES):
+        return _from_ultraino(Path(text), emulation)
     if text in LAYOUTS:
-        return LAYOUTS[text].array()
-    return TransducerArray.parse(text, pitch_m=pitch_m)
+        array = LAYOUTS[text].array()
+    else:
+        array = TransducerArray.parse(text, pitch_m=config.pitch_mm * 1e-3)
+    return _Emitters(array, range(array.count))
+
+
+def _from_ultraino(path: Path, emulation: Emulation) -> _Emitters:
+    """Return the emitters of an array file; the program's corrections undo how they are mounted."""
+    found = read_ultraino_array(path, emulation.numbered_by)
+    mounted = None
+    if found.corrections_rad.any():
+        phases_rad = -np.remainder(found.corrections_rad, math.tau)
+        mounted = Calibration(np.ones(found.array.count), phases_rad, found.array.positions_m)
+    return _Emitters(found.array, found.numbers, mounted)

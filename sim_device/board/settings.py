@@ -62,8 +62,9 @@ class Wiring:
     def __post_init__(self) -> None:
         if not all(0 <= channel < self.channel_count for channel in self.channels):
             raise ConfigurationError(
-                f"array of {len(self.channels)} elements; the boards of {self.dialect} have "
-                f"{self.channel_count} channels: give an array that fits, or more boards"
+                f"array of {len(self.channels)} elements on channels up to {max(self.channels)}; "
+                f"the boards of {self.dialect} have {self.channel_count} channels: give an array "
+                "that fits, or more boards"
             )
 
 

@@ -6,7 +6,7 @@ docs/dialects.md has a worked example.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -57,6 +57,8 @@ class Emulation:
     mounting : callable or None
         From the array of *layout* to how its emitters are mounted, if not all alike: a phase of pi
         is the other way round.
+    numbered_by : str
+        Property of a transducer in Ultraino's array files that is its channel.
     interface : int
         Version of this interface that the emulation was written for.
     """
@@ -68,20 +70,21 @@ class Emulation:
     options: type[Settings] = NoOptions
     boards: Callable[[Any], int] = one_board
     mounting: Callable[[TransducerArray], Calibration] | None = None
+    numbered_by: str = "orderNumber"
     interface: int = INTERFACE
 
-    def wiring(self, options: Settings, array: TransducerArray) -> Wiring:
-        """Return the wiring of an array whose elements are in the order of the channels.
+    def wiring(self, options: Settings, channels: Sequence[int]) -> Wiring:
+        """Return the wiring of emitters that are driven by *channels*.
 
         Raises
         ------
         ConfigurationError
-            If it has more elements than the boards have channels.
+            If the boards do not have them.
         """
         return Wiring(
             dialect=self.dialect.name,
             steps=self.dialect.steps,
-            channels=tuple(range(array.count)),
+            channels=tuple(channels),
             channel_count=self.dialect.channels * self.boards(options),
             client_axes=self.layout(options).client_axes,
         )

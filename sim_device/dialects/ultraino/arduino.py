@@ -65,6 +65,7 @@ def _emulation(
         layout=lambda _: layout,
         options=options,
         boards=lambda options: options.boards,
+        numbered_by="driverPinNumber",
     )
 
 

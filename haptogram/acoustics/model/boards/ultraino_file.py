@@ -1,0 +1,267 @@
+"""Array files of Ultraino: ``.xml`` and ``.xml.gz``, written by Java's ``XMLEncoder``.
+
+Such a file is a program that builds a ``Simulation`` with its transducers: elements call setters,
+set public fields by reflection, and name objects for later. Only what leads to a place, a direction
+and a number of a transducer is carried out; no class is looked for and no code of the file runs.
+
+Source of the classes: asiermarzo/Ultraino 2173581, ``simulation/Transducer.java``,
+``scene/Entity.java`` and ``math/Transform.java``. A transducer emits along its own +y.
+"""
+
+from __future__ import annotations
+
+import gzip
+import math
+import xml.parsers.expat
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics.arrays import MAX_TRANSDUCERS, FloatArray
+from haptogram.acoustics.model.boards.layout import Y_UP
+from haptogram.acoustics.model.geometry import TransducerArray
+from haptogram.errors import ConfigurationError
+
+MAX_BYTES: Final = 16 << 20  # uncompressed; 256 transducers take less than one
+MAX_DEPTH: Final = 64
+SUFFIXES: Final = (".xml", ".xml.gz")
+_GZIP: Final = b"\x1f\x8b"
+_NUMBERS: Final = ("byte", "short", "int", "long", "float", "double")
+_TEXTS: Final = ("string", "char", "boolean", "class")
+_TRANSDUCERS: Final = "transducers"
+
+
+@dataclass(frozen=True)
+class UltrainoArray:
+    """The transducers of an array file, in the order of their numbers.
+
+    Attributes
+    ----------
+    array : TransducerArray
+        Their places in our axes: +z is Ultraino's +y.
+    numbers : tuple of int
+        For each the number by which its program addresses it.
+    corrections_rad : (N,) numpy.ndarray
+        Phase that the program adds for each, because of how it is wired or mounted.
+    """
+
+    array: TransducerArray
+    numbers: tuple[int, ...]
+    corrections_rad: FloatArray
+
+
+def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArray:
+    """Read an array file.
+
+    Parameters
+    ----------
+    number : str
+        Property of a transducer that is its channel: ``orderNumber`` for FPGAs,
+        ``driverPinNumber`` for Arduinos.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the file and its fault: it cannot be read, is larger than 16 MiB, has a document type
+        or entities, holds no transducers, two of one number, or a number that is not whole.
+    """
+    try:
+        root = _Reader().read(_bytes_of(path))
+        found = _transducers(root)
+        numbers = [_number(transducer, number) for transducer in found]
+        order = sorted(range(len(found)), key=numbers.__getitem__)
+        if len(set(numbers)) < len(numbers):
+            raise _FileError(f"two transducers have the same {number}")
+        transforms = [_part(found[n], "transform") for n in order]
+        turn = np.array(Y_UP)
+        places = np.array([_place(transform) for transform in transforms]) @ turn.T
+        normals = np.array([_direction(transform) for transform in transforms]) @ turn.T
+        corrections = [math.pi * _value(found[n], "phaseCorrection") for n in order]
+        return UltrainoArray(
+            TransducerArray(places, normals),
+            tuple(numbers[n] for n in order),
+            np.array(corrections),
+        )
+    except (_FileError, ConfigurationError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    except xml.parsers.expat.ExpatError as error:
+        raise ConfigurationError(f"{path}: line {error.lineno} is not XML, or not whole") from error
+
+
+class _FileError(Exception):
+    """The file is no array file of Ultraino."""
+
+
+@dataclass(eq=False)
+class _Built:
+    """An object of the file: its properties and public fields, and what was added to it."""
+
+    values: dict[str, Any] = field(default_factory=dict)
+    items: list[Any] = field(default_factory=list)
+
+    def part(self, name: str) -> Any:
+        """Return a part; a getter gives an object to be filled where none was set."""
+        return self.values.setdefault(name, _Built())
+
+
+@dataclass
+class _Element:
+    """An element that has begun: a call whose arguments are the values inside it."""
+
+    tag: str
+    attributes: dict[str, str]
+    parent: _Element | None
+    arguments: list[Any] = field(default_factory=list)
+    text: list[str] = field(default_factory=list)
+    done: bool = False
+    value: Any = None
+
+
+class _Reader:
+    """Carries out the calls of a file, one element after the other."""
+
+    def __init__(self) -> None:
+        self._open: list[_Element] = []
+        self._named: dict[str, _Element] = {}
+        self._first: Any = None
+
+    def read(self, data: bytes) -> Any:
+        """Return the first object of the file, when all calls are done."""
+        parser = xml.parsers.expat.ParserCreate()
+        parser.StartDoctypeDeclHandler = _refuse_doctype
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.CharacterDataHandler = self._characters
+        parser.Parse(data, True)
+        return self._first
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        if len(self._open) >= MAX_DEPTH:
+            raise _FileError(f"elements are nested more than {MAX_DEPTH} deep")
+        element = _Element(tag, attributes, self._open[-1] if self._open else None)
+        self._open.append(element)
+        if (name := attributes.get("id")) is not None:
+            self._named[name] = element  # what is inside it may name it already
+
+    def _characters(self, text: str) -> None:
+        if self._open:
+            self._open[-1].text.append(text)
+
+    def _end(self, tag: str) -> None:
+        value = self._value_of(self._open.pop())
+        if self._first is None and tag == "object":
+            self._first = value
+        if self._open and tag != "void":
+            self._open[-1].arguments.append(value)
+
+    def _value_of(self, element: _Element) -> Any:
+        """Return the value of an element; the first to ask makes its call."""
+        if not element.done:
+            element.done = True
+            element.value = self._call(element)
+        return element.value
+
+    def _call(self, element: _Element) -> Any:
+        attributes, arguments = element.attributes, element.arguments
+        if element.tag in _NUMBERS:
+            return _as_number("".join(element.text))
+        if element.tag in _TEXTS:
+            return "".join(element.text)
+        if element.tag not in ("object", "void") or "index" in attributes:
+            return None  # java, array, null: nothing of them is a place
+        if (named := self._named.get(attributes.get("idref", ""))) is not None:
+            return self._value_of(named)
+        if "class" in attributes:
+            is_field = attributes.get("method") == "getField"
+            return arguments[0] if is_field and arguments else _Built()
+        parent = element.parent
+        return _carry_out(attributes, arguments, parent and self._value_of(parent))
+
+
+def _carry_out(attributes: dict[str, str], arguments: list[Any], target: Any) -> Any:
+    """Return the result of a call on *target*: an object, or the name of a public field."""
+    method = attributes.get("method")
+    if isinstance(target, str) and arguments and isinstance(arguments[0], _Built):
+        if method == "set" and len(arguments) == 2:
+            arguments[0].values[target] = arguments[1]
+        return arguments[0].part(target) if method == "get" else None
+    if not isinstance(target, _Built):
+        return None
+    if (name := attributes.get("property", attributes.get("field"))) is not None:
+        if not arguments:
+            return target.part(name)
+        target.values[name] = arguments[0]
+    elif method == "add" and arguments:
+        target.items.append(arguments[0])
+    return None
+
+
+def _refuse_doctype(*_: object) -> None:
+    raise _FileError("a document type, and so maybe entities: such a file is not read")
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            is_packed = file.read(len(_GZIP)) == _GZIP
+            file.seek(0)
+            source = gzip.GzipFile(fileobj=file) if is_packed else file
+            data = source.read(MAX_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise _FileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if len(data) > MAX_BYTES:
+        raise _FileError(f"more than {MAX_BYTES} bytes")
+    return data
+
+
+def _transducers(root: Any) -> list[_Built]:
+    listed = root.part(_TRANSDUCERS).items if isinstance(root, _Built) else []
+    found = [item for item in listed if isinstance(item, _Built)]
+    if not 1 <= len(found) <= MAX_TRANSDUCERS:
+        raise _FileError(
+            f"{len(found)} transducers; an array file of Ultraino holds 1 to {MAX_TRANSDUCERS}"
+        )
+    return found
+
+
+def _part(built: _Built, *names: str) -> _Built:
+    """Return the part with one of *names*; an empty one, with Java's defaults, if it has none."""
+    parts = (built.values.get(name) for name in names)
+    return next((part for part in parts if isinstance(part, _Built)), _Built())
+
+
+def _value(built: _Built, name: str, default: float = 0.0) -> float:
+    value = built.values.get(name, default)
+    if not isinstance(value, float) or not math.isfinite(value):
+        raise _FileError(f"{name} is no finite number")
+    return value
+
+
+def _number(transducer: _Built, name: str) -> int:
+    value = _value(transducer, name)
+    if value != round(value) or value < 0:
+        raise _FileError(f"{name} is {value:g}, must be a whole number from 0 on")
+    return int(value)
+
+
+def _as_number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise _FileError(f"{text[:40]!r} is no number") from error
+
+
+def _place(transform: _Built) -> list[float]:
+    translation = _part(transform, "translation")
+    return [_value(translation, axis) for axis in "xyz"]
+
+
+def _direction(transform: _Built) -> list[float]:
+    """Return where the transducer's own +y points: q (0, 1, 0) q*."""
+    rotation = _part(transform, "rotation", "rot")
+    x, y, z = (_value(rotation, axis) for axis in "xyz")
+    w = _value(rotation, "w", 1.0)
+    return [2 * (x * y - z * w), w * w - x * x + y * y - z * z, 2 * (y * z + x * w)]
