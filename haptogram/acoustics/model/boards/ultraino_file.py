@@ -74,7 +74,7 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
         numbers = [_number(transducer, number) for transducer in found]
         order = sorted(range(len(found)), key=numbers.__getitem__)
         if len(set(numbers)) < len(numbers):
-            raise _FileError(f"two transducers have the same {number}")
+            raise ConfigurationError(f"two transducers have the same {number}")
         transforms = [_part(found[n], "transform") for n in order]
         turn = np.array(Y_UP)
         places = np.array([_place(transform) for transform in transforms]) @ turn.T
@@ -85,14 +85,10 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
             tuple(numbers[n] for n in order),
             np.array(corrections),
         )
-    except (_FileError, ConfigurationError) as error:
+    except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     except xml.parsers.expat.ExpatError as error:
         raise ConfigurationError(f"{path}: line {error.lineno} is not XML, or not whole") from error
-
-
-class _FileError(Exception):
-    """The file is no array file of Ultraino."""
 
 
 @dataclass(eq=False)
@@ -140,7 +136,7 @@ class _Reader:
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         if len(self._open) >= MAX_DEPTH:
-            raise _FileError(f"elements are nested more than {MAX_DEPTH} deep")
+            raise ConfigurationError(f"elements are nested more than {MAX_DEPTH} deep")
         element = _Element(tag, attributes, self._open[-1] if self._open else None)
         self._open.append(element)
         if (name := attributes.get("id")) is not None:
@@ -200,7 +196,7 @@ def _carry_out(attributes: dict[str, str], arguments: list[Any], target: Any) ->
 
 
 def _refuse_doctype(*_: object) -> None:
-    raise _FileError("a document type, and so maybe entities: such a file is not read")
+    raise ConfigurationError("a document type, and so maybe entities: such a file is not read")
 
 
 def _bytes_of(path: Path) -> bytes:
@@ -211,9 +207,11 @@ def _bytes_of(path: Path) -> bytes:
             source = gzip.GzipFile(fileobj=file) if is_packed else file
             data = source.read(MAX_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
-        raise _FileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise ConfigurationError(
+            f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from error
     if len(data) > MAX_BYTES:
-        raise _FileError(f"more than {MAX_BYTES} bytes")
+        raise ConfigurationError(f"more than {MAX_BYTES} bytes")
     return data
 
 
@@ -221,7 +219,7 @@ def _transducers(root: Any) -> list[_Built]:
     listed = root.part(_TRANSDUCERS).items if isinstance(root, _Built) else []
     found = [item for item in listed if isinstance(item, _Built)]
     if not 1 <= len(found) <= MAX_TRANSDUCERS:
-        raise _FileError(
+        raise ConfigurationError(
             f"{len(found)} transducers; an array file of Ultraino holds 1 to {MAX_TRANSDUCERS}"
         )
     return found
@@ -236,14 +234,14 @@ def _part(built: _Built, *names: str) -> _Built:
 def _value(built: _Built, name: str, default: float = 0.0) -> float:
     value = built.values.get(name, default)
     if not isinstance(value, float) or not math.isfinite(value):
-        raise _FileError(f"{name} is no finite number")
+        raise ConfigurationError(f"{name} is no finite number")
     return value
 
 
 def _number(transducer: _Built, name: str) -> int:
     value = _value(transducer, name)
     if value != round(value) or value < 0:
-        raise _FileError(f"{name} is {value:g}, must be a whole number from 0 on")
+        raise ConfigurationError(f"{name} is {value:g}, must be a whole number from 0 on")
     return int(value)
 
 
@@ -251,7 +249,7 @@ def _as_number(text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise _FileError(f"{text[:40]!r} is no number") from error
+        raise ConfigurationError(f"{text[:40]!r} is no number") from error
 
 
 def _place(transform: _Built) -> list[float]:
