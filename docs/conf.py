@@ -10,10 +10,12 @@ html_theme = "furo"
 html_title = f"Haptogram {release}"
 html_static_path: list[str] = []
 exclude_patterns = ["ci/**", "examples/**"]
-myst_enable_extensions = ["dollarmath", "fieldlist"]
+myst_enable_extensions = [
+    "fieldlist"
+]  # no mathematics: it would be drawn by a script from elsewhere
 myst_heading_anchors = 4
 # A page links to files of the checkout as they are; on the site those are no pages.
-suppress_warnings = ["myst.xref_missing"]
+suppress_warnings = ["myst.xref_missing", "toc.not_included"]
 autodoc_typehints = "none"  # the docstrings give types, shapes and units
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
