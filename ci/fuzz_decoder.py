@@ -1,4 +1,4 @@
-"""Fuzz the decoder and both ends of the link, guided by what their code does with each input.
+"""Fuzz the decoder, both ends of the link and other dialects, guided by what their code does.
 
 ::
 
@@ -20,6 +20,7 @@ _INPUTS, _SEED = 50_000, 1
 _LONGEST = 5000  # longer than any frame, so that a run can be too long
 _MAX_INPUT = 600  # two frames of 16 x 16 transducers
 _BYTEWISE = 100  # shorter inputs come byte by byte,
+_MAX_PENDING = 64 * 626  # the largest message of a dialect: frames of 64 devices of autd3
 _PIECE = 61  # longer ones in pieces, for the sake of speed
 _DAMAGE = ("crc", "cobs", "short", "oversize")
 _MISSING = "ci/fuzz: atheris is not installed; it has wheels for CPython 3.11 to 3.13 on Linux"
@@ -39,6 +40,7 @@ def main(arguments: list[str]) -> int:
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "protocol"))
     with atheris.instrument_imports(include=["haptogram_protocol"]):
         import haptogram_protocol.connection
+        import haptogram_protocol.dialects.table
         import haptogram_protocol.export.tables  # noqa: F401  all messages
     options = [
         f"-runs={inputs}",
@@ -62,6 +64,7 @@ def check(data: bytes) -> None:
     _check_decoder(wire)
     _check_board(wire)
     _check_host(wire)
+    _check_dialect(data[0], data[1:])
 
 
 def _as_frames(data: bytes) -> bytes:
@@ -126,6 +129,24 @@ def _check_host(wire: bytes) -> None:
     damaged = sum(isinstance(e, FrameDropped) and e.reason in _DAMAGE for e in events)
     assert host.counters["frames"] == len(events) - damaged
     assert host.outstanding <= 1
+
+
+def _check_dialect(number: int, wire: bytes) -> None:
+    """Check the board's end of another dialect: the same in pieces, and nothing without a bound."""
+    from haptogram_protocol.dialects.table import DIALECTS
+
+    dialect = list(DIALECTS.values())[number % len(DIALECTS)]
+    whole, pieces = dialect.board(), dialect.board()
+    found, again, place = whole.receive_data(wire), list[Any](), 0
+    while place < len(wire):
+        end = pieces.next_end(wire, place)
+        assert place < end <= len(wire)
+        again += pieces.receive_data(wire[place:end])
+        assert pieces.pending <= _MAX_PENDING
+        place = end
+    assert found == again
+    assert whole.counters == pieces.counters
+    assert whole.pending == pieces.pending
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
-"""Foreign wires: decoding alone, against the speed of the line and the rate of their frames."""
+"""Foreign wires: decoding alone and with their boards, against the line and the rate of frames."""
 
 import random
 
 import pytest
 
+from haptogram.settings.board import BoardConfig
 from haptogram_protocol.dialects.autd3 import messages as link
 from haptogram_protocol.dialects.autd3.frame import DeviceFrame
 from haptogram_protocol.dialects.autd3.operations import Gain
@@ -13,12 +14,14 @@ from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.arduino import mega64_frame
 from haptogram_protocol.dialects.ultraino.fpga import chained_fpga_frame
 from haptogram_protocol.dialects.ultraino.operations import SetPattern, Swap
+from sim_device.blueprint import blueprint_of
 
 CHUNK = 4096  # bytes, as a pseudo-terminal hands them out
 BITS = 10  # of a byte on a serial line, 8N1
 TIMES_LINE = 10  # decoding is at least so many times as fast as the line
 FRAMES_PER_S = 5_000  # of autd3, which has no baud rate
 FRAMES = 50
+FRAME_US = 25_000
 
 source = random.Random(9)
 codes = bytes(source.randrange(33) for _ in range(256))
@@ -93,3 +96,38 @@ def test_dialect_decoding(dialect, content, measure, benchmark):
     else:
         per_s = 2 * FRAMES / benchmark.extra_info["ours_s"]
         benchmark.extra_info.update(goal=FRAMES_PER_S, frames_per_s=per_s)
+
+
+def latching(name, line):
+    """Return a call that lets the boards of a dialect take *line*, and counts their latches."""
+    options, beginning, _ = CLIENTS[name]
+    words = tuple(f"{option}={value}" for option, value in options.items())
+    blueprint = blueprint_of(BoardConfig.of(dialect=name, dialect_option=words))
+    boards = blueprint.parts.assemble(blueprint.settings, 0)
+    host = DIALECTS[name].host(**options)
+    boards.receive(b"".join(map(host.send, beginning)), boards.now_us)
+    pieces, at = [], 0
+    while at < len(line):
+        pieces.append(line[at : at + len(line) // FRAMES])
+        at += len(pieces[-1])
+
+    def latch():
+        count = 0
+        for piece in pieces:
+            boards.receive(piece, boards.now_us + FRAME_US)
+            boards.take_output()
+            count += len(boards.take_latches())
+        return count
+
+    return latch
+
+
+@pytest.mark.row("boards of {dialect}, from bytes to latches")
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_dialect_boards(dialect, measure, benchmark):
+    """Codec, boards and weights of their emitters, a frame every 25 ms."""
+    line = frames(dialect)
+    latch = latching(dialect, line)
+    assert latch() > FRAMES // 2
+    measure(latch, bytes=len(line))
+    benchmark.extra_info.update(latches_per_s=FRAMES / benchmark.extra_info["ours_s"])

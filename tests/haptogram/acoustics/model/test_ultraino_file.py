@@ -106,9 +106,13 @@ def elements(draw, depth=0):
     return f"<{tag}{words}>{inside}</{tag}>"
 
 
-@given(elements())
-def test_any_calls_are_an_array_or_refused(tmp_path_factory, text):
-    path = tmp_path_factory.mktemp("any") / "array.xml"
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return tmp_path_factory.mktemp("any") / "array.xml"
+
+
+@given(text=elements())
+def test_any_calls_are_an_array_or_refused(path, text):
     path.write_text(text)
     try:
         found = read_ultraino_array(path)
