@@ -14,6 +14,7 @@ from .board.events import (
     LineCounted,
     Notice,
     PlaybackEnd,
+    PowerDown,
     RampBegan,
     RampEnded,
     Remark,
@@ -74,6 +75,8 @@ def describe_notice(notice: Notice) -> str:
         return f"ramp to silence began: {_words(notice.reason)}"
     if isinstance(notice, RampEnded):
         return "ramp undone: full output" if notice.restored else "ramp ended: silence"
+    if isinstance(notice, PowerDown):
+        return "powered down"
     if isinstance(notice, Remark):
         return notice.text
     if isinstance(notice, FaultsCounted):

@@ -16,7 +16,7 @@ from haptogram_protocol.framing import MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
 from .board.clock import NS_PER_US, earliest_time, whole_us
-from .board.events import AnyLatch, LineCounted, Notice
+from .board.events import AnyLatch, LineCounted, Notice, PowerDown
 from .board.settings import BoardSettings
 from .dialects.endpoint import Endpoint
 from .faults.clock import faulty_clock
@@ -157,6 +157,8 @@ class Simulation:
 
     def power_down(self) -> None:
         """Mute the board for good; recorders are told."""
+        for recorder in self._recorders:
+            recorder.notice(PowerDown(self.dialect.now_us))
         self.dialect.power_down()
         self._record()
         self.report_counts()

@@ -15,6 +15,7 @@ from ..board.events import (
     LineCounted,
     Notice,
     PlaybackEnd,
+    PowerDown,
     PulseLatch,
     RampBegan,
     RampEnded,
@@ -188,6 +189,8 @@ def _what(notice: Notice) -> Record:
         return {"event": "ramp_began", "reason": notice.reason.name}
     if isinstance(notice, RampEnded):
         return {"event": "ramp_ended", "restored": notice.restored}
+    if isinstance(notice, PowerDown):
+        return {"event": "power_down"}
     if isinstance(notice, Remark):
         return {"event": "remark", "text": notice.text}
     if isinstance(notice, FaultsCounted | LineCounted):

@@ -184,6 +184,13 @@ class Remark:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class PowerDown:
+    """The board was told to end: it mutes itself, and nobody asked for that."""
+
+    t_us: int
+
+
 AnyLatch: TypeAlias = Latch | PulseLatch
 Notice: TypeAlias = (
     FaultsCounted
@@ -194,4 +201,5 @@ Notice: TypeAlias = (
     | RampEnded
     | PlaybackEnd
     | Remark
+    | PowerDown
 )

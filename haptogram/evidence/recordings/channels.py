@@ -154,7 +154,7 @@ CHANNELS: Final = {
             "device",
             "a change of the output, as the back door tells it",
             t_us={"type": "integer", "description": "device time, us"},
-            event=_text("session, state, ramp_began, ramp_ended or playback_ended"),
+            event=_text("session, state, ramp_began, ramp_ended, playback_ended or power_down"),
         ),
         _json(
             RECONSTRUCTION,

@@ -275,6 +275,7 @@ class _Line:
         self.to_board = self.to_host = 0
         self._board, self._facts, self._start_ns = board, facts, start_ns
         self._now_ns = 0
+        self._is_over = False
         self._recorded, self._replayed = FrameAnnotator(), FrameAnnotator()
 
     def run(self, entries: Iterator[Entry]) -> None:
@@ -306,8 +307,11 @@ class _Line:
             self._board.unplug(self._now_ns)
         elif entry.topic == LATCH:
             self._add(RECORDED, LatchRecord.unpack(entry.data))
-        else:
-            self._add(RECORDED, entry.fields)
+        elif not self._is_over:
+            record = entry.fields
+            self._is_over = record.get("event") == "power_down"  # the mute behind it is its own
+            if not self._is_over:
+                self._add(RECORDED, record)
 
     def _pass_to(self, entry: Entry) -> None:
         self._now_ns = max(self._now_ns, entry.t_ns - self._start_ns)

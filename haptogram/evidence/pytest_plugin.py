@@ -1,0 +1,84 @@
+"""A virtual board for the tests of a driver, in any repository: the fixture ``verified_board``.
+
+::
+
+    def test_my_driver(verified_board):
+        with MyDriver(verified_board.port) as driver:
+            driver.show([(0, 0, 0.15), (0.01, 0, 0.15)])
+        verified_board.expect([(0, 0, 0.15), (0.01, 0, 0.15)])
+
+The test fails if a focus is not where it was expected, a frame is late or lost, or the board is not
+muted at the end.  The plugin imports nothing but pytest before the fixture is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from haptogram.evidence.verified_board import VerifiedBoard
+
+_FIXTURE = "verified_board"
+_MARKER = "haptogram_board"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Register the marker with the options of the board."""
+    config.addinivalue_line(
+        "markers",
+        f"{_MARKER}(**options): options of the board of {_FIXTURE}, as of haptogram.VirtualBoard",
+    )
+
+
+@pytest.fixture
+def verified_board(request: pytest.FixtureRequest) -> Iterator[VerifiedBoard]:
+    """Give a virtual board that judges at the end of the test what a driver sent to it."""
+    from haptogram.evidence.verified_board import VerifiedBoard
+
+    marker = request.node.get_closest_marker(_MARKER)
+    with VerifiedBoard(**({} if marker is None else marker.kwargs)) as board:
+        yield board
+        if _is_held_by_a_fixture(request.node) and not _has_failed(request.node):
+            _check(board)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, object]:
+    """Judge behind the last line of the test, so that a wrong drive is a failure of the test."""
+    try:
+        result = yield
+    except BaseException:
+        pyfuncitem.stash[_FAILED] = True
+        raise
+    board: Any = pyfuncitem.funcargs.get(_FIXTURE)
+    if board is not None and not _is_held_by_a_fixture(pyfuncitem):
+        _check(board)
+    return result
+
+
+_FAILED = pytest.StashKey[bool]()
+
+
+def _has_failed(item: Any) -> bool:
+    return bool(item.stash.get(_FAILED, False))
+
+
+def _is_held_by_a_fixture(item: Any) -> bool:
+    """Return True if another fixture has the board: its driver may close after the test only."""
+    closure = item._fixtureinfo.name2fixturedefs  # noqa: SLF001  pytest shows it to nobody else
+    return any(_FIXTURE in definition.argnames for (*_, definition) in closure.values())
+
+
+def _check(board: VerifiedBoard) -> None:
+    from haptogram.errors import HaptogramError
+
+    problem = ""
+    try:
+        board.check()
+    except HaptogramError as error:
+        problem = str(error)
+    if problem:  # not in the handler: pytest would show the error a second time
+        pytest.fail(problem, pytrace=False)

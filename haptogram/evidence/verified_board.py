@@ -1,0 +1,266 @@
+"""A virtual board for the test of a driver that is not ours: it judges what the driver sent.
+
+The driver says nothing of what it means, so the test does: the foci that are expected, in order.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.arrays import ComplexArray
+from haptogram.errors import ConfigurationError, VerificationError
+from haptogram.evidence.backdoor import observation_of, why_backdoor_incomplete
+from haptogram.evidence.pulse_records import pulse_observation_of
+from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.settings.arguments import check_whole
+from haptogram.verification import Tolerance, Verdict
+from haptogram.verification.watch import Expectation, SeenLatch, Watch
+from haptogram.verification.watch.result import WatchResult
+
+_QUIET_S: Final = 0.3  # without a new record: the driver is done
+_LONGEST_S: Final = 10.0
+_POLL_S: Final = 0.05
+_MOST_ROUNDS: Final = 10**9
+_SHOWN: Final = 5  # frames of a kind that are named
+
+
+class VerifiedBoard:
+    """A virtual board in a process of its own, and the foci that a test expects on it.
+
+    Parameters
+    ----------
+    **options : object
+        Options of :class:`~haptogram.evidence.virtual_board.VirtualBoard`: ``array``, ``pitch_mm``,
+        ``temperature_c``, ``seed``, ``dialect``, ...
+
+    Attributes
+    ----------
+    port : str
+        What the driver under test opens: the path of a pseudo-terminal.
+    model : AcousticModel
+        What the board radiates with.
+
+    Examples
+    --------
+    >>> with VerifiedBoard(array="8x8") as board:
+    ...     with Driver(board.port, seed=1) as driver:
+    ...         state = driver.arm()
+    ...         report = driver.stream([(0.0, 0.0, 0.1), (0.01, 0.0, 0.1)], rate_hz=100)
+    ...     board.expect([(0.0, 0.0, 0.1), (0.01, 0.0, 0.1)])
+    ...     board.check()
+    """
+
+    def __init__(self, **options: Any) -> None:
+        self._board = VirtualBoard(**({"reconstruct": False} | options))
+        self._expectation: Expectation | None = None
+        self._rounds: int | None = None
+        self._most_late = 0
+        self._may_stay_armed = False
+        self._problems: list[str] | None = None
+
+    @property
+    def port(self) -> str:
+        """Path that the driver under test opens."""
+        return self._board.url
+
+    @property
+    def model(self) -> AcousticModel:
+        """Array and air of the board."""
+        return self._board.model
+
+    def expect(
+        self,
+        frames_m: Sequence[ArrayLike],
+        *,
+        rounds: int | None = None,
+        tolerance_mm: float = 0.0,
+        most_late: int = 0,
+        may_stay_armed: bool = False,
+    ) -> None:
+        """Say which foci the driver is to show, frame after frame.
+
+        Parameters
+        ----------
+        frames_m : sequence of (3,) or (F, 3) array_like
+            Focus or foci of each frame, in metres from the array's centre.
+        rounds : int, optional
+            How often all of them are shown; by default any whole number of times, at least once.
+        tolerance_mm : float
+            Misses that pass on top of those of rounding of the phases.
+        most_late : int
+            Frames that may be latched late.
+        may_stay_armed : bool
+            Whether the driver may leave the output on.
+
+        Raises
+        ------
+        ConfigurationError
+            A point that is no place, or an argument out of its limits.
+        """
+        if rounds is not None:
+            check_whole("rounds", rounds, 1, _MOST_ROUNDS)
+        check_whole("most_late", most_late, 0, _MOST_ROUNDS)
+        tolerance = Tolerance(miss_mm=tolerance_mm)
+        self._expectation = Expectation(self.model, frames_m, tolerance=tolerance)
+        self._rounds, self._most_late = rounds, most_late
+        self._may_stay_armed = may_stay_armed
+
+    def check(self) -> None:
+        """End the board and judge what the driver sent; the second time the result is known.
+
+        Raises
+        ------
+        VerificationError
+            If something was not as expected; the text says what.
+        ConfigurationError
+            If nothing was expected.
+        """
+        if self._problems is None:
+            self._problems = list(self._judge())
+        if self._problems:
+            raise VerificationError("\n".join(self._problems))
+
+    def close(self) -> None:
+        """End the board and remove what it left behind."""
+        self._board.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # --- verdict -------------------------------------------------------------------------------
+
+    def _judge(self) -> Iterator[str]:
+        """Yield what was wrong, in lines: the verdict first."""
+        if self._expectation is None:
+            raise ConfigurationError(
+                "verified_board: the test did not say which foci it expects: call "
+                "verified_board.expect([(x, y, z), ...]), in metres"
+            )
+        records = self._records()
+        result, frames = self._watched(records)
+        problems = [
+            *_focus_problems(result, self._expectation.count, frames, self._rounds),
+            *_late_problems(records, self._most_late),
+            *_lost_problems(records),
+        ]
+        if not self._may_stay_armed:
+            problems += _armed_problems(records)
+        if problems:
+            head = str(result).replace(str(result.verdict), str(Verdict.FAIL).upper(), 1)
+            yield f"verified_board: {head}"
+            yield from (f"  {problem}" for problem in problems)
+
+    def _records(self) -> list[dict[str, Any]]:
+        """Wait until the board is quiet, end it, and return its records."""
+        end_s = quiet_s = time.monotonic()
+        end_s += _LONGEST_S
+        count = len(self._board.records())
+        while (now_s := time.monotonic()) < min(end_s, quiet_s + _QUIET_S):
+            time.sleep(_POLL_S)
+            if len(self._board.records()) > count:
+                count, quiet_s = len(self._board.records()), now_s
+        self._board.finish()
+        return self._board.records()
+
+    def _watched(self, records: Sequence[Mapping[str, Any]]) -> tuple[WatchResult, int]:
+        """Return the verdict on all latches, and how many radiated something."""
+        board = records[0]
+        channels = [int(channel) for channel in board.get("channels", ())]
+        watch = Watch(
+            self.model,
+            channels=board.get("channel_count"),
+            expectation=self._expectation,
+        )
+        frames = 0
+        for record in records:
+            latch = _seen(record, channels)
+            if latch is not None:
+                frames += watch.take(latch).verdict is not None
+        return watch.result(why_backdoor_incomplete(records)), frames
+
+
+def _seen(record: Mapping[str, Any], channels: Sequence[int]) -> SeenLatch | None:
+    if record["kind"] == "pulses":
+        pulses = pulse_observation_of(record, channels)
+        return SeenLatch(
+            pulses.number,
+            pulses.weights,
+            pulses.pulses.steps,
+            pulses.t_latch_us,
+            pulses.cause,
+            pulses.counted,
+        )
+    if record["kind"] != "latch":
+        return None
+    seen = observation_of(record)
+    drive = seen.radiated or seen.drive
+    weights: ComplexArray = np.zeros(0, complex) if drive is None else drive.weights()
+    steps = 1 << int(record["commanded_bits"])
+    return SeenLatch(record["number"], weights, steps, seen.t_latch_us)
+
+
+def _focus_problems(
+    result: WatchResult, count: int, frames: int, rounds: int | None
+) -> Iterator[str]:
+    if result.verdict is not Verdict.PASS:
+        yield "foci      not all are where they were expected"
+    if rounds is not None and frames != rounds * count:
+        yield f"frames    {frames} were latched, {rounds} x {count} were expected"
+    elif rounds is None and (frames % count or not frames):
+        yield f"frames    {frames} were latched, a whole number of times {count} was expected"
+
+
+def _late_problems(records: Sequence[Mapping[str, Any]], most: int) -> Iterator[str]:
+    late = [record["index"] for record in records if record["kind"] == "latch" and record["late"]]
+    if len(late) > most:
+        yield f"late      {len(late)} frames were latched late: {_first(late)}"
+
+
+def _lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the stream frames that are missing between two that were latched."""
+    last: dict[int, int] = {}
+    lost: list[int] = []
+    for record in records:
+        if record["kind"] == "latch" and record["sequence"] == 0:
+            session, index = record["session"], record["index"]
+            lost += range(last.get(session, index) + 1, index)
+            last[session] = index
+    if lost:
+        yield f"lost      {len(lost)} frames of the stream were never latched: {_first(lost)}"
+
+
+def _armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield why the board was not muted by its driver: the state before it was told to end."""
+    states: list[Mapping[str, Any]] = []
+    for record in records:
+        if record.get("event") == "power_down":
+            break
+        if record.get("event") == "state":
+            states.append(record)
+    if not states:
+        return
+    last = states[-1]
+    if last["state"] == "ARMED":
+        yield "output    was left on: the driver did not mute the board at its end"
+    elif not last["requested"]:
+        yield f"output    was muted by the board itself ({last['reason']}), not by the driver"
+
+
+def _first(indices: Sequence[int]) -> str:
+    more = f" and {len(indices) - _SHOWN} more" if len(indices) > _SHOWN else ""
+    return f"index {', '.join(map(str, indices[:_SHOWN]))}{more}"
