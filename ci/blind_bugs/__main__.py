@@ -41,7 +41,7 @@ def main(words: list[str] | None = None) -> int:
     if arguments.clock == "virtual" and arguments.arguments:
         sys.exit("ci/blind-bugs: arguments of conform take --clock wall")
     clauses, more = tuple(arguments.clause), tuple(arguments.arguments)
-    way = Way(arguments.clock, arguments.grid, arguments.seed, clauses, more)
+    way = Way(arguments.clock, arguments.grid, arguments.seed, arguments.depth, clauses, more)
     kept = arguments.results or arguments.folder / "results"
     kept.mkdir(parents=True, exist_ok=True)
     work = functools.partial(_verdict, source=arguments.source, way=way, kept=kept)
@@ -70,6 +70,12 @@ def _parser() -> argparse.ArgumentParser:
         "[virtual]",
     )
     add("--grid", default="16x16", metavar="NXxNY", help="grid of the board [16x16]")
+    add(
+        "--depth",
+        choices=("quick", "default", "full"),
+        default="default",
+        help="depth of the suite [default]",
+    )
     add("--seed", type=int, default=0, metavar="N", help="seed of the suite [0]")
     add(
         "--clause",

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.run.stepping import SteppedAccess
@@ -33,6 +34,8 @@ class Way:
         Grid of the board.
     seed : int
         Seed of the suite.
+    depth : str
+        ``quick``, ``default`` or ``full``.
     clauses : tuple of str
         Cases, clauses, sections or chapters that are judged; none: all.
     arguments : tuple of str
@@ -42,6 +45,7 @@ class Way:
     clock: str = "virtual"
     grid: str = "16x16"
     seed: int = 0
+    depth: str = "default"
     clauses: tuple[str, ...] = ()
     arguments: tuple[str, ...] = ()
 
@@ -78,7 +82,8 @@ def _reason(item: dict[str, Any]) -> str:
 def _in_virtual_time(programs: Path, way: Way) -> dict[str, Any]:
     access = SteppedAccess([str(programs / "board_steps"), way.grid])
     cases = tuple(select(all_cases(), way.clauses))
-    return suite_dict(SuiteRunner(access, SuiteOptions(seed=way.seed)).run(cases))
+    options = SuiteOptions(seed=way.seed, depth=Depth[way.depth.upper()])
+    return suite_dict(SuiteRunner(access, options).run(cases))
 
 
 def _on_pty(programs: Path, way: Way) -> dict[str, Any]:
@@ -86,6 +91,8 @@ def _on_pty(programs: Path, way: Way) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "result.json"
         words = ["conform", "--spawn", board, "--seed", str(way.seed), "--quiet", "--json", path]
+        if way.depth != "default":
+            words.append(f"--{way.depth}")
         for clause in way.clauses:
             words += ["--clause", clause]
         command = [sys.executable, "-m", "haptogram", *map(str, words), *way.arguments]

@@ -119,7 +119,7 @@ def record(
     ValueError
         If the two boards did not send the same.
     """
-    if case.body is None or case.variant in _OF_THE_FIELD:
+    if case.body is None or case.variant in _OF_THE_FIELD or _is_product(case):
         return None
     usual = _spoken(case, LIMITS, peer)
     if usual is None or len(json.dumps(usual)) > _LONGEST:
@@ -136,6 +136,11 @@ def record(
         "board": board,
         "steps": usual,
     }
+
+
+def _is_product(case: Case) -> bool:
+    """Return True for a case that asks for a clause at every type and size: too long to port."""
+    return ".products." in getattr(case.body, "__module__", "")
 
 
 def _spoken(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
@@ -12,6 +13,15 @@ from haptogram_protocol.messages import Feature
 from .client.board_client import BoardClient
 
 Body: TypeAlias = Callable[[BoardClient], None]
+
+
+class Depth(enum.IntEnum):
+    """How thoroughly a run judges a board; each depth holds the cases of those before."""
+
+    QUICK = 0
+    DEFAULT = 1
+    FULL = 2
+
 
 #: The case needs no capability.
 NOTHING: Final = Feature(0)
@@ -39,6 +49,8 @@ class Case:
         Whether the case begins with a board that has just started.
     needs_session : bool
         Whether a session is opened before the case; else the board's state is unknown.
+    depth : Depth
+        The least depth of a run that holds the case.
     """
 
     clause: str
@@ -49,6 +61,7 @@ class Case:
     evidence: Evidence = Evidence.WIRE
     needs_reset: bool = False
     needs_session: bool = True
+    depth: Depth = Depth.QUICK
 
     @property
     def id(self) -> str:
@@ -65,11 +78,14 @@ def case(
     evidence: Evidence = Evidence.WIRE,
     needs_reset: bool = False,
     needs_session: bool = True,
+    depth: Depth = Depth.QUICK,
 ) -> Callable[[Body], Case]:
     """Return a decorator that makes a function a :class:`Case`."""
 
     def make(body: Body) -> Case:
-        return Case(clause, summary, body, variant, needs, evidence, needs_reset, needs_session)
+        return Case(
+            clause, summary, body, variant, needs, evidence, needs_reset, needs_session, depth
+        )
 
     return make
 

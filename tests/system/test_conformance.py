@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from haptogram.cli import access_in_program
+from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
 
-OPTIONS = SuiteOptions(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={})
+OPTIONS = SuiteOptions(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={}, depth=Depth.QUICK)
 
 
 def test_the_healthy_board_passes_everything_that_a_line_can_show() -> None:

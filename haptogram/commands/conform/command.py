@@ -25,7 +25,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from haptogram.conformance.case import Case
+    from haptogram.conformance.case import Case, Depth
     from haptogram.conformance.run.access import Access
     from haptogram.conformance.run.runner import CaseProgress
     from haptogram.conformance.verdict import SuiteResult
@@ -134,9 +134,18 @@ def _run_cases(
         repeat=arguments.repeat,
         strict=arguments.strict,
         expected=expected,
+        depth=_depth(arguments),
     )
     with _progress(quiet=arguments.quiet) as progress:
         return SuiteRunner(_access(arguments, virtual, writer), options, progress).run(cases)
+
+
+def _depth(arguments: argparse.Namespace) -> Depth:
+    from haptogram.conformance.case import Depth
+
+    if arguments.quick:
+        return Depth.QUICK
+    return Depth.FULL if arguments.full else Depth.DEFAULT
 
 
 def _seed(arguments: argparse.Namespace) -> int:

@@ -25,6 +25,8 @@ examples:
       a board; every case, every byte of what failed
   haptogram conform --spawn ./build/firmware --port-regex 'PTY is (/dev/pts/[0-9]+)'
       a native build on a pty, restarted for the clauses about a reset
+  haptogram conform --spawn ./build/firmware --quick
+      what takes no time, for every commit; --full before a release
   haptogram conform --port /dev/ttyACM0 --clause HG-2 --clause HG-3.4/1
       one chapter and one clause
   haptogram conform --compare a.json b.json --html matrix.html
@@ -74,6 +76,11 @@ def _add_choice(group: argparse._ArgumentGroup) -> None:
         default=[],
         metavar="ID",
         help="only this case, clause (HG-3.4/1), section or chapter (HG-3); may be repeated",
+    )
+    depth = group.add_mutually_exclusive_group()
+    depth.add_argument("--quick", action="store_true", help="20 s, for every commit")
+    depth.add_argument(
+        "--full", action="store_true", help="minutes: the longest timers and largest numbers too"
     )
     group.add_argument("--strict", action="store_true", help="a SHOULD that is not met: FAILED")
     group.add_argument(

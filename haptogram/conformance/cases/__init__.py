@@ -1,4 +1,8 @@
-"""The cases: a folder for every chapter of SPEC.md, a module for one or more of its sections."""
+"""The cases: a folder for every chapter of SPEC.md, a module for one or more of its sections.
+
+``products`` holds the cases that ask for a clause at every type, on every path, at every size and
+length of time that it speaks of.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +24,12 @@ def case_modules() -> tuple[ModuleType, ...]:
 
 
 def cases_in(module: ModuleType) -> list[Case]:
-    """Return the cases that a module defines."""
-    return [value for value in vars(module).values() if isinstance(value, Case)]
+    """Return the cases that a module defines, singly or as a tuple of a whole product."""
+    found: list[Case] = []
+    for value in vars(module).values():
+        some = value if isinstance(value, tuple) else (value,)
+        found += [one for one in some if isinstance(one, Case)]
+    return found
 
 
 @functools.cache

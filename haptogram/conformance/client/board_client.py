@@ -81,12 +81,15 @@ class BoardClient:
         The last HELLO_REPLY.
     config : Config
         Configuration in force, as far as the host knows.
+    thorough : bool
+        Whether cases cover the whole of a product, or for a quick run the least of it.
     last_boot_id, last_config
         Boot id and configuration before the board was reset.
     """
 
     identity: HelloReply
     config: Config
+    thorough: bool = True
     last_boot_id: int | None = None
     last_config: Config | None = None
 

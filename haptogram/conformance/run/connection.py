@@ -39,6 +39,8 @@ class SuiteConnection:
         How long an answer may take.
     seed : int
         Seed of nonces and contents.
+    thorough : bool
+        Whether cases cover the whole of a product.
 
     Attributes
     ----------
@@ -50,11 +52,11 @@ class SuiteConnection:
         Rate of the line: as stated, or as measured if that is less.
     """
 
-    def __init__(self, access: Access, *, timeout_s: float, seed: int) -> None:
+    def __init__(self, access: Access, *, timeout_s: float, seed: int, thorough: bool) -> None:
         self.lost = ""
         self.device: dict[str, object] = {}
         self.baudrate = access.baudrate
-        self._access = access
+        self._access, self._thorough = access, thorough
         self._limits = WaitLimits.of(timeout_s, virtual=access.virtual)
         self._random = random.Random(seed)
         self._hash = description_hash()
@@ -145,6 +147,7 @@ class SuiteConnection:
         self._transport = transport
         wire = RawFrameWire(transport, self._limits, baudrate=self.baudrate)
         self._board = BoardClient(wire, self._random, self._hash, booted=booted)
+        self._board.thorough = self._thorough
         return self._board
 
     def _drop(self) -> None:

@@ -12,7 +12,7 @@ from typing import Final, Self, TypeAlias
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
 from haptogram.records.frame import Evidence
 
-from ..case import Case
+from ..case import Case, Depth
 from ..clauses import Clause, Level, load_clauses
 from ..client.board_client import BoardClient
 from ..judge.recovery import recover_board
@@ -43,6 +43,8 @@ class SuiteOptions:
         Whether a SHOULD that is not met is a failure.
     expected : dict of str to str
         Baseline: the failures that are expected, as verdict by case or clause.
+    depth : Depth
+        How thoroughly the board is judged: deeper cases are NOT-OBSERVED.
     """
 
     timeout_s: float = 1.0
@@ -50,6 +52,7 @@ class SuiteOptions:
     repeat: int = 1
     strict: bool = False
     expected: dict[str, str] = dataclasses.field(default_factory=dict)
+    depth: Depth = Depth.DEFAULT
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,12 @@ class SuiteRunner:
     ) -> None:
         self._access, self._options = access, options
         self._progress: CaseProgress = progress or (lambda *_: None)
-        self._connection = SuiteConnection(access, timeout_s=options.timeout_s, seed=options.seed)
+        self._connection = SuiteConnection(
+            access,
+            timeout_s=options.timeout_s,
+            seed=options.seed,
+            thorough=options.depth > Depth.QUICK,
+        )
         self._clauses = load_clauses()
 
     def __enter__(self) -> Self:
@@ -126,6 +134,7 @@ class SuiteRunner:
             "repeat": options.repeat,
             "strict": options.strict,
             "timeout_s": options.timeout_s,
+            "depth": options.depth.name.lower(),
             "baudrate": self._access.baudrate,
             "measured_baudrate": self._connection.baudrate,
         }
@@ -163,6 +172,8 @@ class SuiteRunner:
     def _attempt(self, case: Case) -> _Outcome:
         if case.body is None:
             return _Outcome(Behaviour.NOT_OBSERVED, case.summary)
+        if case.depth > self._options.depth:
+            return _Outcome(Behaviour.NOT_OBSERVED, left_out(case.depth))
         if case.needs_reset and not self._access.can_reset:
             return _Outcome(Behaviour.NOT_OBSERVED, NO_RESET)
         connection = self._connection
@@ -262,6 +273,12 @@ class SuiteRunner:
         self._connection.lost = f"the board is gone: {text}"
         self._connection.revive()
         return dataclasses.replace(outcome, recovery=Recovery(None, text), transcript=transcript)
+
+
+def left_out(depth: Depth) -> str:
+    """Return the reason of a case that only a deeper run holds."""
+    how = "--full" if depth is Depth.FULL else "a run without --quick"
+    return f"takes longer than this depth allows: {how} holds it"
 
 
 def _broke_off(error: Exception) -> _Outcome:

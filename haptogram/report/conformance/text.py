@@ -9,6 +9,7 @@ from typing import Final
 from haptogram.conformance.causes import failures_by_cause
 from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
+_LEFT_OUT: Final = "takes longer than this depth"  # begin of the reason of such cases
 _CAUSES: Final = 3  # failures with their bytes; the others may follow from these
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
 _NAMED: Final = 3  # cases that are named where they have a reason in common
@@ -93,6 +94,9 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
         )
     time = "virtual time" if suite.settings.get("virtual_time") else "wall time"
     yield f"port         {suite.settings.get('port')} ({time}, seed {suite.settings.get('seed')})"
+    if depth := suite.settings.get("depth"):
+        left = sum(r.detail.startswith(_LEFT_OUT) for r in suite.results)
+        yield f"depth        {depth}" + (f"; {left} cases are left out" if left else "")
     measured, stated = (suite.settings.get(n) for n in ("measured_baudrate", "baudrate"))
     if measured != stated:
         yield f"line         {measured} Bd as measured, {stated} Bd as stated"

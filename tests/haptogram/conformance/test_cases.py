@@ -44,6 +44,8 @@ def test_every_line_that_begins_like_a_clause_was_read():
 
 def test_a_chapter_folder_holds_the_cases_of_its_chapter_and_no_others():
     for module in case_modules():
+        if ".products." in module.__name__:
+            continue  # a product holds for clauses of several chapters
         chapter = int(re.fullmatch(r".*\.ch(\d\d)_[a-z]+\.[a-z_]+", module.__name__)[1])
         found = {load_clauses()[case.clause].order[0] for case in cases_in(module)}
         assert found == {chapter}, module.__name__
@@ -58,7 +60,7 @@ def test_no_file_of_a_chapter_is_left_out():
 
 @pytest.mark.parametrize("module", case_modules(), ids=lambda module: module.__name__[28:])
 def test_a_module_names_the_sections_of_its_cases_in_its_first_line(module):
-    named = module.__doc__.partition(": ")[0].split(", ")
+    named = module.__doc__.replace("\n", " ").partition(": ")[0].split(", ")
     sections = {load_clauses()[case.clause].section for case in cases_in(module)}
     assert named == sorted(sections, key=lambda name: Clause(name, "").order)
 

@@ -6,6 +6,8 @@ import functools
 import pytest
 from boards import run, virtual
 
+from haptogram.conformance.case import Depth
+from haptogram.conformance.cases import all_cases
 from haptogram.conformance.verdict import Behaviour
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Feature
@@ -44,24 +46,30 @@ NOT_HERE = {"HG-1.2/2", "HG-1.2/3", "HG-7.1/2"}
 
 
 @functools.cache
-def result(array, baud=3_000_000):
-    return run(virtual(array=array, baud=baud))
+def result(array, baud=3_000_000, depth=Depth.QUICK):
+    return run(virtual(array=array, baud=baud), depth=depth)
 
 
 @pytest.mark.parametrize(
-    ("array", "baud", "not_here"),
+    ("array", "baud", "not_here", "depth"),
     [
-        ("16x16", 3_000_000, NOT_HERE | {"HG-5.2/2"}),
-        ("5x5", 3_000_000, NOT_HERE),  # leaves spare bits
-        ("5x5", 115_200, NOT_HERE - {"HG-7.1/2"}),  # a line that STATUS could fill
+        ("16x16", 3_000_000, NOT_HERE | {"HG-5.2/2"}, Depth.DEFAULT),
+        ("5x3", 3_000_000, NOT_HERE, Depth.QUICK),  # leaves spare bits, and is not square
+        ("5x5", 115_200, NOT_HERE - {"HG-7.1/2"}, Depth.QUICK),  # a line that STATUS could fill
     ],
 )
-def test_the_healthy_board_passes_everything(array, baud, not_here):
-    suite = result(array, baud)
+def test_the_healthy_board_passes_everything(array, baud, not_here, depth):
+    suite = result(array, baud, depth)
     wrong = {r.case: r.detail for r in suite.results if r.behaviour is Behaviour.FAILED}
     assert wrong == {}
     assert {r.case: str(r.recovery) for r in suite.results if not r.recovers} == {}
-    silent = {r.clause for r in suite.results if r.behaviour is Behaviour.NOT_OBSERVED}
+    shallow = {case.id for case in all_cases() if case.depth > depth}
+    assert {r.case for r in suite.results if "this depth" in r.detail} == shallow
+    silent = {
+        r.clause
+        for r in suite.results
+        if r.behaviour is Behaviour.NOT_OBSERVED and r.case not in shallow
+    }
     assert silent == NEVER_SHOWN | not_here
     others = {r.behaviour for r in suite.results}
     assert others == {Behaviour.OK, Behaviour.NOT_OBSERVED}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from haptogram_protocol.messages import Error, Feature, HelloReply, Ping, StateChanged
 
-from ...case import case
+from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_dialogue
@@ -95,6 +95,7 @@ def drops_a_wrong_crc(board: BoardClient) -> None:
     "frames with a wrong CRC do not keep an ARMED board alive",
     variant="lease",
     needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
 )
 def a_wrong_crc_renews_no_lease(board: BoardClient) -> None:
     timeout_ms = 200

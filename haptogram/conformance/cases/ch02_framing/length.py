@@ -5,7 +5,7 @@ from __future__ import annotations
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, cobs_encode
 from haptogram_protocol.messages import Arm, Ping
 
-from ...case import case
+from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_dialogue
@@ -24,7 +24,7 @@ def drops_short_frames(board: BoardClient) -> None:
         board.link.send(*(malformed_frames.malformed_frame(piece) for piece in pieces))
 
 
-@case("HG-2.6/1", "no frame of a full dialogue is longer than 4096 bytes")
+@case("HG-2.6/1", "no frame of a full dialogue is longer than 4096 bytes", depth=Depth.DEFAULT)
 def sends_no_frame_too_long(board: BoardClient) -> None:
     longest = max((len(piece.piece) for piece in full_dialogue(board)), default=0)
     check(longest <= MAX_ENCODED_BYTES, f"{longest} bytes between two delimiters")

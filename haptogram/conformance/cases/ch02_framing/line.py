@@ -7,7 +7,7 @@ from typing import Final
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import Ping, Pong
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...outcome import SELF_REPORTED, check
 
@@ -40,6 +40,7 @@ def takes_a_full_window(board: BoardClient) -> None:
     "HG-2.7/3",
     "for 0.3 s after a reset the board sends no frame; boot text is tolerated",
     needs_reset=True,
+    depth=Depth.DEFAULT,
 )
 def is_silent_before_hello(board: BoardClient) -> None:
     board.wire.idle(_LISTEN_US)

@@ -11,7 +11,7 @@ from haptogram_protocol.messages import (
     Pong,
 )
 
-from ...case import case
+from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...outcome import SELF_REPORTED, check
@@ -59,6 +59,7 @@ def survives_junk(board: BoardClient) -> None:
 @case(
     "HG-3.9/4",
     "2 MiB of junk, or 20 s of it: PINGs are answered, and free_bytes is as before",
+    depth=Depth.DEFAULT,
 )
 def does_not_leak(board: BoardClient) -> None:
     before = board.status()

@@ -8,7 +8,7 @@ from typing import Final
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import FIRST_STREAM_SEQ, Feature, Ping, Pong, Status
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_dialogue
 from ...client.latching import latch_now
@@ -45,6 +45,7 @@ def request_numbers_wrap(board: BoardClient) -> None:
     variant="time",
     needs_reset=True,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def times_wrap(board: BoardClient) -> None:
     board.prepare()

@@ -7,7 +7,7 @@ from typing import Final
 
 from haptogram_protocol.messages import DriveKind, DriveReply, Feature, ReadDrive
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import (
     board_latches,
@@ -28,6 +28,7 @@ _READS: Final = 12
     "HG-5.8/1",
     "frames for 0 to 49 us past a carrier period are latched on the next one, none before",
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def latches_on_the_carrier(board: BoardClient) -> None:
     board.arm()
@@ -72,6 +73,7 @@ def immediate_on_the_carrier(board: BoardClient) -> None:
     "two drives that alternate on every carrier period are never mixed in a read-back or a trace",
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def latches_all_at_once(board: BoardClient) -> None:
     count = board.identity.transducers
@@ -147,6 +149,7 @@ def counts_latches(board: BoardClient) -> None:
     "HG-5.8/5",
     "each of 8 drives stays in the registers until the next is latched",
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def holds_the_last_drive(board: BoardClient) -> None:
     witness = Witness.of(board)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature, FocalPoint, PhaseFormat, Points
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ShownDrive, latch_now, read_back
 from ...outcome import SELF_REPORTED, check, not_observed
@@ -36,6 +36,7 @@ def _model(board: BoardClient) -> AcousticModel:
     variant="focus",
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def phases_make_a_focus(board: BoardClient) -> None:
     from ...judge.focusing import check_focus, host_frames, judge_of_model
@@ -56,6 +57,7 @@ def phases_make_a_focus(board: BoardClient) -> None:
     variant="focus",
     needs=Feature.READ_LATCHED | Feature.AMPLITUDE,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def drives_make_a_focus(board: BoardClient) -> None:
     from ...judge.focusing import check_focus, host_frames, judge_of_model

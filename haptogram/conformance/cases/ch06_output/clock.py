@@ -6,7 +6,7 @@ from typing import Final
 
 from haptogram_protocol.messages import GetGeometry, Ping, Pong, signed_difference
 
-from ...case import about_host, case
+from ...case import Depth, about_host, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.board_clock import BOOT_US
@@ -52,7 +52,11 @@ class _Watch:
         )
 
 
-@case("HG-6.9/1", "over 10 s (2 s in wall time) the clock keeps its rate and makes no step")
+@case(
+    "HG-6.9/1",
+    "over 10 s (2 s in wall time) the clock keeps its rate and makes no step",
+    depth=Depth.DEFAULT,
+)
 def keeps_time(board: BoardClient) -> None:
     duration_us = 2_000_000 if board.wire.limits.slack_us else 10_000_000
     watch = _Watch(board)
@@ -66,6 +70,7 @@ def keeps_time(board: BoardClient) -> None:
     "the clock starts at 2^32 - 10 s at a reset and goes on across 2^32",
     variant="wrap",
     needs_reset=True,
+    depth=Depth.DEFAULT,
 )
 def crosses_the_wrap(board: BoardClient) -> None:
     board.prepare()

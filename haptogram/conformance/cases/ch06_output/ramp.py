@@ -18,7 +18,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ShownDrive, latch_now, read_back_radiated, shown_drive_of_reply
 from ...client.playback import play_now, store_phases
@@ -33,6 +33,7 @@ _RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
     "HG-6.7/1",
     "frames dropped for type, flags, length, number or time renew the lease; stale frames do not",
     needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
 )
 def any_frame_renews(board: BoardClient) -> None:
     board.configure(host_timeout_ms=300)
@@ -99,6 +100,7 @@ def _read_at(board: BoardClient) -> tuple[int, ShownDrive]:
     "during a ramp the amplitude in read-backs never rises",
     needs=_RAMPS,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def ramps_do_not_rise(board: BoardClient) -> None:
     ramp = _ramp(board, hold_ms=100, ramp_ms=300)
@@ -111,6 +113,7 @@ def ramps_do_not_rise(board: BoardClient) -> None:
     "the amplitude is full before a ramp, falls in small steps and is 0 at its end",
     needs=_RAMPS,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def ramps_reach_silence(board: BoardClient) -> None:
     ramp = _ramp(board, hold_ms=100, ramp_ms=400)
@@ -143,6 +146,7 @@ def hard_mute(board: BoardClient) -> None:
     "a latch ends the ramp of the hold, a request does not; any frame ends the lease's ramp",
     needs=_RAMPS,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def ramps_are_renewed(board: BoardClient) -> None:
     board.configure(hold_ms=100, ramp_ms=600)

@@ -19,7 +19,7 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.uploads import upload_to_board
@@ -119,6 +119,7 @@ def is_in_force_at_once(board: BoardClient) -> None:
     "a ramp that has begun goes on as it began",
     variant="ramp",
     needs=Feature.CONFIG | Feature.AMPLITUDE,
+    depth=Depth.DEFAULT,
 )
 def a_ramp_goes_on(board: BoardClient) -> None:
     board.configure(hold_ms=50, ramp_ms=400)

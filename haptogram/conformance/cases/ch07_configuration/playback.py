@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, latch_now, watch_board_latches
 from ...client.playback import play_at, play_now, store_phases
@@ -143,6 +143,7 @@ def may_be_left_alone(board: BoardClient) -> None:
     "HG-7.6/6",
     "with loops = 0 a sequence plays until STOP, DISARM, MUTE or a new session ends it",
     needs=_NEEDS,
+    depth=Depth.DEFAULT,
 )
 def plays_until_it_is_ended(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)

@@ -14,7 +14,7 @@ from haptogram_protocol.messages import (
     TraceReply,
 )
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import full_drive, latch_now
 from ...client.playback import play_now, store_phases
@@ -28,6 +28,7 @@ _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
     "the ring keeps the last trace_ring latches, numbered from 0, and forgets the oldest",
     needs=Feature.TRACE_RING | Feature.CONFIG,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def ring_keeps_the_last(board: BoardClient) -> None:
     size = board.identity.trace_ring

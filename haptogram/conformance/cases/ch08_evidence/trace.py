@@ -14,7 +14,7 @@ from haptogram_protocol.messages import (
     TracePlayback,
 )
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, full_drive, latch_now, watch_board_latches
 from ...client.playback import flood_with_traces, play_now, store_phases
@@ -82,6 +82,7 @@ def keys_are_unique(board: BoardClient) -> None:
     "the time in a trace is the carrier period at or after t_apply, as in STATUS",
     needs=Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def traces_tell_the_time(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.CRC)

@@ -11,7 +11,7 @@ from haptogram_protocol.messages import (
     StatusReply,
 )
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...outcome import SELF_REPORTED, check
@@ -19,7 +19,11 @@ from ...outcome import SELF_REPORTED, check
 _MS: Final = 1000
 
 
-@case("HG-9.1/1", "in 8.4 periods eight STATUS come; with status_period_ms = 0 none comes")
+@case(
+    "HG-9.1/1",
+    "in 8.4 periods eight STATUS come; with status_period_ms = 0 none comes",
+    depth=Depth.DEFAULT,
+)
 def sends_status(board: BoardClient) -> None:
     board.need(Feature.CONFIG)
     period_ms = board.quick_status_ms

@@ -12,7 +12,7 @@ from haptogram_protocol.messages import (
     Pong,
 )
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.playback import flood_with_traces
 from ...outcome import SELF_REPORTED, check
@@ -52,6 +52,7 @@ def drops_no_numbers(board: BoardClient) -> None:
 @case(
     "HG-9.6/1",
     "40 GET_GEOMETRY without a pause: whole frames come, then the board answers as before",
+    depth=Depth.DEFAULT,
 )
 def bounds_its_output(board: BoardClient) -> None:
     wires = [board.link.request_wire(GetGeometry(0, 0xFFFF))[0] for _ in range(_ASKED)]

@@ -17,7 +17,7 @@ from haptogram_protocol.messages import (
     MuteReply,
 )
 
-from ...case import about_host, about_text, case
+from ...case import Depth, about_host, about_text, case
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_dialogue, undamaged_pieces
 from ...outcome import SELF_REPORTED, check
@@ -49,7 +49,11 @@ def keeps_what_never_changes(board: BoardClient) -> None:
     check(reply.body[10] == VERSION_MAJOR, f"byte 0 of HELLO_REPLY is {reply.body[10]}")
 
 
-@case("HG-11.2/2", "a host of minor version 255 is answered; the board sends messages of 1.0 only")
+@case(
+    "HG-11.2/2",
+    "a host of minor version 255 is answered; the board sends messages of 1.0 only",
+    depth=Depth.DEFAULT,
+)
 def uses_the_smaller_minor(board: BoardClient) -> None:
     hello = Hello(VERSION_MAJOR, 255, board.new_nonce(), board.description_hash ^ 1)
     reply = board.link.call(hello, HelloReply, session=0)
@@ -75,6 +79,7 @@ def advertises_nothing_reserved(board: BoardClient) -> None:
     "HG-11.5/2",
     "no frame of a full dialogue has a type, flag, code, value or capability outside the tables",
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def sends_nothing_reserved(board: BoardClient) -> None:
     known = sum(int(feature) for feature in Feature)

@@ -12,7 +12,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason
 
-from ...case import about_host, case
+from ...case import Depth, about_host, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, store_phases
@@ -28,7 +28,12 @@ host_times = about_host("HG-12.6/1")
 host_gives_up = about_host("HG-12.6/2")
 
 
-@case("HG-12.1/1", "hold and STATUS come within 1 ms of their time", needs=Feature.CONFIG)
+@case(
+    "HG-12.1/1",
+    "hold and STATUS come within 1 ms of their time",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
 def timers_are_exact(board: BoardClient) -> None:
     for hold_ms in (50, 137):
         board.configure(hold_ms=hold_ms)
@@ -90,6 +95,7 @@ def hold_runs_from_the_last_latch(board: BoardClient) -> None:
     "HG-12.4/1",
     "from the end of a playback on the lease is host_timeout_ms again",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
 )
 def lease_after_playback(board: BoardClient) -> None:
     board.configure(host_timeout_ms=150, hold_ms=5000)
@@ -104,7 +110,12 @@ def lease_after_playback(board: BoardClient) -> None:
     check_mute_time(board, board.clock.unwrap(ended[0].time_us), header, 150, "after the playback")
 
 
-@case("HG-12.5/1", "the timer that runs out first mutes, in both orders", needs=Feature.CONFIG)
+@case(
+    "HG-12.5/1",
+    "the timer that runs out first mutes, in both orders",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
 def the_first_timer_wins(board: BoardClient) -> None:
     for reason, hold_ms, lease_ms, ramp_ms in (
         (MuteReason.HOLD_EXPIRED, 60, 120, 100),

@@ -1,0 +1,117 @@
+"""HG-5.2, HG-5.4, HG-7.9: drives on every path."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import DriveKind, Feature, Message, Points, UploadKind
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.drive_paths import drive_paths, registers_of
+from ...client.latching import ShownDrive, read_back
+from ...client.uploads import upload_to_board
+from ...outcome import SELF_REPORTED, check
+
+_SPEEDS_MM_S: Final = (300_000, 331_300, 380_000)  # HG-7.1: least, 0 C, most
+_CEILINGS: Final = (1, 100, 254)
+_SHOWN: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
+_WORST_STEPS: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half of one
+
+
+@case(
+    "HG-5.2/6",
+    "PHASES and DRIVES of every format reach the registers, at once, at their time and played",
+    variant="paths",
+    needs=Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def every_path_of_codes(board: BoardClient) -> None:
+    board.arm()
+    for path in drive_paths(board):
+        due = registers_of(board, path.latch())
+        shown = read_back(board)
+        if due is not None:
+            wrong = sum(a != b for a, b in zip((shown.phases, shown.amplitudes), due, strict=True))
+            check(wrong == 0, f"{path.name}: another drive is latched than was sent")
+
+
+@case(
+    "HG-5.4/1",
+    "focal points streamed and played, at three speeds of sound: phases and amplitudes are right",
+    variant="paths",
+    needs=Feature.POINTS | Feature.READ_LATCHED | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def every_path_of_points(board: BoardClient) -> None:
+    for speed in _SPEEDS_MM_S if board.thorough else _SPEEDS_MM_S[:1]:
+        board.configure(sound_speed_mm_s=speed)
+        board.arm()
+        for path in drive_paths(board):
+            message = path.latch()
+            if isinstance(message, Points):
+                _check_points(board, f"{path.name}, {speed / 1000:g} m/s", message)
+
+
+def _check_points(board: BoardClient, name: str, message: Points) -> None:
+    from ...judge.array_model import model_of_board
+    from ...judge.focusing import amplitude_errors, phase_errors
+
+    found = [(tuple(message.points), read_back(board))]
+    model = model_of_board(board)
+    worst = float(abs(phase_errors(model, found)).max(initial=0.0))
+    check(worst <= _WORST_STEPS, f"{name}: a phase is off by {worst:.1f} steps")
+    if board.has(Feature.AMPLITUDE):
+        worst = float(abs(amplitude_errors(model, found)).max())
+        check(worst <= _WORST_STEPS, f"{name}: an amplitude is off by {worst:.1f} steps")
+
+
+@case(
+    "HG-7.9/1",
+    "on every path the radiated phases are the latched ones and the correction, modulo 256",
+    variant="paths",
+    needs=Feature.CORRECTION | _SHOWN,
+    evidence=SELF_REPORTED,
+)
+def corrects_every_path(board: BoardClient) -> None:
+    correction = board.random.randbytes(board.identity.transducers)
+    upload_to_board(board, UploadKind.CORRECTION, 0, correction)
+    board.arm()
+    for path in drive_paths(board):
+        latched, radiated = _latch(board, path.latch())
+        due = bytes((a + b) % 256 for a, b in zip(latched.phases, correction, strict=True))
+        wrong = sum(a != b for a, b in zip(radiated.phases, due, strict=True))
+        check(wrong == 0, f"{path.name}: {wrong} radiated phases are not latched + correction")
+    upload_to_board(board, UploadKind.CORRECTION, 0, bytes(board.identity.transducers))
+
+
+@case(
+    "HG-7.9/2",
+    "on every path no radiated amplitude is above ceilings of 1, 100 and 254, none below them less",
+    variant="paths",
+    needs=Feature.CONFIG | Feature.AMPLITUDE | _SHOWN,
+    evidence=SELF_REPORTED,
+)
+def limits_every_path(board: BoardClient) -> None:
+    for ceiling in _CEILINGS if board.thorough else _CEILINGS[1:2]:
+        board.configure(amplitude_ceiling=ceiling)
+        board.arm()
+        for path in drive_paths(board):
+            latched, radiated = _latch(board, path.latch())
+            loudest = max(radiated.amplitudes)
+            check(loudest <= ceiling, f"{path.name}: ceiling {ceiling}, {loudest} is radiated")
+            quiet = [
+                number
+                for number, (a, b) in enumerate(
+                    zip(latched.amplitudes, radiated.amplitudes, strict=True)
+                )
+                if a <= ceiling and a != b
+            ]
+            check(
+                not quiet, f"{path.name}: ceiling {ceiling} changes lower amplitudes, {quiet[:4]}"
+            )
+
+
+def _latch(board: BoardClient, _: Message) -> tuple[ShownDrive, ShownDrive]:
+    """Return the latched and the radiated drive after a latch."""
+    return read_back(board), read_back(board, DriveKind.RADIATED)

@@ -1,0 +1,136 @@
+"""HG-7.6, HG-7.8, HG-8.4: playback of every kind and size."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Feature,
+    PlaybackEnded,
+    TraceDrive,
+    TraceMode,
+    UploadKind,
+)
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import board_latches, latch_now
+from ...client.playback import play_at, play_now, store_phases
+from ...client.stream_kinds import random_point
+from ...client.uploads import upload_to_board
+from ...outcome import SELF_REPORTED, check, fail
+
+_SEQUENCE: Final = 0x0102
+#: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
+_SHAPES: Final = ((1, 1, 1003), (1, 258, 0), (3, 100, 0), (300, 1, 0), (2, 1, 70_000))
+_MANY: Final = 66_000  # frames in a playback: more than 16 bits
+_DIVIDER: Final = 260
+
+
+def _store(board: BoardClient, kind: UploadKind, frames: int) -> None:
+    if kind is UploadKind.PHASES:
+        store_phases(board, _SEQUENCE, frames=frames)
+        return
+    data = b"".join(random_point(board).pack() for _ in range(frames))
+    upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, 1)
+
+
+def _kinds(board: BoardClient) -> list[UploadKind]:
+    features = (
+        (Feature.SEQUENCE_PHASES, UploadKind.PHASES),
+        (Feature.SEQUENCE_POINTS, UploadKind.POINTS),
+    )
+    return [kind for feature, kind in features if board.has(feature)]
+
+
+def _shortest_us(board: BoardClient) -> int:
+    return max(-(-1_000_000 // board.identity.max_playback_rate_hz), 200)
+
+
+def _ended(board: BoardClient, since: int, timeout_us: int) -> PlaybackEnded:
+    slack_us = 300_000 + 2 * board.wire.limits.slack_us
+    found = board.link.await_event(PlaybackEnded, since, timeout_us + slack_us)
+    if found is None:
+        fail(f"no PLAYBACK_ENDED within {timeout_us / 1000:.0f} ms")
+    return found[1]
+
+
+@case(
+    "HG-7.6/4",
+    "258 loops, 300 frames, a period of 70 ms, of phases and points: each frame at its time, once",
+    variant="sizes",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_shape_is_played(board: BoardClient) -> None:
+    ring = board.identity.trace_ring
+    for kind in _kinds(board):
+        for frames, loops, period_us in _SHAPES:
+            if frames * loops > ring or frames > board.identity.max_sequence_frames:
+                continue
+            board.hello()
+            board.configure(trace_mode=TraceMode.RING)
+            _store(board, kind, frames)
+            board.arm()
+            since = board.link.mark()
+            start_us = board.clock.soon_us(bytes(100)) + 1003
+            period = period_us or _shortest_us(board)
+            play_at(board, _SEQUENCE, start_us, loops=loops, period_us=period)
+            event = _ended(board, since, frames * loops * period + 100_000)
+            due = [
+                (_SEQUENCE, n // frames, n % frames, board.clock.on_carrier(start_us + n * period))
+                for n in range(frames * loops)
+            ]
+            seen = board_latches(board, since, TraceMode.RING)
+            got = [(latch.sequence, latch.loop, latch.index, latch.t_us) for latch in seen]
+            name = f"{kind.name}, {frames} frames, {loops} loops, {period} us"
+            wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
+            check(not wrong, f"{name}: (sequence, loop, index, time) seen and due: {wrong[:1]}")
+            check(len(got) == len(due), f"{name}: {len(got)} latches, {len(due)} were due")
+            told = (event.sequence, event.loops, event.frames)
+            check(told == (_SEQUENCE, loops, frames * loops), f"{name}: PLAYBACK_ENDED {told}")
+
+
+@case(
+    "HG-7.8/1",
+    "66000 frames are played and counted: more than 16 bits hold",
+    variant="many",
+    needs=Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def many_frames_are_counted(board: BoardClient) -> None:
+    period_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
+    store_phases(board, _SEQUENCE, frames=1)
+    board.arm()
+    since = board.link.mark()
+    with board.counting(latched=_MANY):
+        alone_ms = 2 * _MANY * period_us // 1000
+        play_now(board, _SEQUENCE, loops=_MANY, period_us=period_us, unattended_ms=alone_ms)
+        event = _ended(board, since, _MANY * period_us)
+    told = (event.loops, event.frames)
+    check(told == (_MANY, _MANY), f"{_MANY} passes of one frame: PLAYBACK_ENDED says {told}")
+
+
+@case(
+    "HG-8.4/1",
+    "of 600 latches a divider of 260 traces those of 0, 260 and 520, of stream and playback",
+    variant="divider",
+    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def wide_dividers_divide(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=3)
+    board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
+    board.arm()
+    since = board.link.mark()
+    latch_now(board, board.flat_phases())
+    play_now(board, _SEQUENCE, loops=200, period_us=_shortest_us(board))
+    _ended(board, since, 600 * _shortest_us(board))
+    board.link.barrier()
+    got = [event.key for _, event in board.link.events(TraceDrive, since)]
+    # Latch 0 is the stream's, so that latch n of the rest is frame n - 1 of the playback.
+    due = [(0, 0), *(divmod(n - 1, 3) for n in (_DIVIDER, 2 * _DIVIDER))]
+    found = [(key.loop, 0 if key.sequence == 0 else key.index) for key in got]
+    check(found == due, f"(loop, index) of the traced latches {found}, due are {due}")

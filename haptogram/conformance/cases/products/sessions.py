@@ -1,0 +1,122 @@
+"""HG-4.6: a new session at every moment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Config,
+    ConfigReply,
+    Feature,
+    GetConfig,
+    Mute,
+    PlaybackEnded,
+    TraceMode,
+    UploadChunk,
+    UploadKind,
+)
+from haptogram_protocol.state import OutputState
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, store_phases
+from ...client.uploads import begin_upload, upload_to_board
+from ...outcome import SELF_REPORTED, check
+
+_SEQUENCE: Final = 5
+_FRAMES: Final = 4
+
+
+def _everything_set(board: BoardClient) -> Config:
+    """Set every field of the configuration away from its default and return it."""
+    return board.configure(
+        hold_ms=4321,
+        ramp_ms=0 if not board.has(Feature.AMPLITUDE) else 33,
+        host_timeout_ms=7654,
+        status_period_ms=0,
+        late_window_us=12_345,
+        sound_speed_mm_s=355_555,
+        trace_mode=TraceMode.OFF,
+        amplitude_ceiling=77,
+        trace_divider=515,
+    )
+
+
+def _idle(_: BoardClient) -> None:
+    """Leave the board DISARMED."""
+
+
+def _muted(board: BoardClient) -> None:
+    board.link.ask(Mute())
+
+
+def _streaming(board: BoardClient) -> None:
+    board.arm()
+    latch_now(board, board.flat_phases(7))
+    t_us = board.clock.soon_us(bytes(2000)) + 2_000_000
+    board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+
+
+def _playing(board: BoardClient) -> None:
+    board.arm()
+    play_now(board, _SEQUENCE, loops=0)
+
+
+def _uploading(board: BoardClient) -> None:
+    data = bytes(2 * board.identity.transducers)
+    begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
+    board.link.ask(UploadChunk(0, data[:1]))
+
+
+_MOMENTS: Final[dict[str, Callable[[BoardClient], None]]] = {
+    "while DISARMED": _idle,
+    "while MUTED": _muted,
+    "with frames queued": _streaming,
+    "during a playback": _playing,
+    "during an upload": _uploading,
+}
+
+
+@case(
+    "HG-4.6/5",
+    "a new session, idle, muted, streaming, playing, uploading, leaves every setting as it is",
+    variant="moments",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+)
+def settings_outlive_sessions(board: BoardClient) -> None:
+    if board.has(Feature.CORRECTION):
+        upload_to_board(
+            board, UploadKind.CORRECTION, 0, board.random.randbytes(board.identity.transducers)
+        )
+    store_phases(board, _SEQUENCE, frames=_FRAMES)
+    config = _everything_set(board)
+    crc = board.status().config_crc
+    for name, bring in _MOMENTS.items():
+        bring(board)
+        before = board.status().counters
+        reply = board.hello()
+        check(reply.config_crc == crc, f"{name}: config_crc is {reply.config_crc:#x}, was {crc:#x}")
+        found = board.link.call(GetConfig(), ConfigReply).config
+        check(found == config, f"{name}: the configuration is {found}, was {config}")
+        counted = board.counted_since(before)
+        gone = {key: value for key, value in counted.items() if value > 1 << 31}
+        check(not gone, f"{name}: counters went back by {gone}")
+        check(board.status().queued == 0, f"{name}: frames are still queued")
+        if board.identity.state is OutputState.ARMED:
+            check(False, f"{name}: the board is ARMED in a new session")
+        _plays_still(board, name)
+
+
+def _plays_still(board: BoardClient, name: str) -> None:
+    """FAILED unless the stored sequence is played as before."""
+    board.arm()
+    since = board.link.mark()
+    with board.counting(latched=_FRAMES):
+        play_now(board, _SEQUENCE, loops=1)
+        timeout_us = 200_000 + 2 * board.wire.limits.slack_us
+        ended = board.link.await_event(PlaybackEnded, since, timeout_us)
+    check(ended is not None, f"{name}: the stored sequence is not played in a new session")
+    board.disarm()

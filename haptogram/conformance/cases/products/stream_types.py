@@ -1,0 +1,203 @@
+"""HG-3.2, HG-3.4, HG-3.6, HG-3.7, HG-5.5, HG-5.7: dropped stream frames, at every format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+from haptogram_protocol.messages import Flag, Mute, MuteReply, Phases, Points
+
+from ...case import Case, Depth, case
+from ...client.board_client import BoardClient
+from ...client.stream_kinds import StreamKind, stream_kinds
+from ...outcome import SELF_REPORTED, CaseEndedError, fail, not_observed
+
+_STALE: Final = 0x0F0F
+_AHEAD_US: Final = 400_000
+_DEEPEST: Final = 512
+
+#: Given board, kind and the t_apply of the last queued frame: the frames that have to be dropped.
+Frames: TypeAlias = Callable[[BoardClient, StreamKind, int], Iterable[bytes]]
+
+
+@dataclass(frozen=True, slots=True)
+class Drop:
+    """One reason for which a board drops a stream frame.
+
+    Attributes
+    ----------
+    clause, summary : str
+        Of the case.
+    counter : str
+        Counter that counts the frames.
+    frames : callable
+        The frames.
+    armed : bool
+        Whether the board is ARMED when they come.
+    queued : int
+        Frames that wait before them: 0, 1, or -1 for a full queue.
+    """
+
+    clause: str
+    summary: str
+    counter: str
+    frames: Frames
+    armed: bool = True
+    queued: int = 0
+
+
+def _stale(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    for session in (board.link.session ^ _STALE, 0):
+        for seq in (board.link.stream_next, board.link.stream_next - 1):
+            yield board.link.stream_wire(kind.make(), session=session, seq=seq)
+
+
+def _old(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    for back in (1, 2, 32_768):
+        yield board.link.stream_wire(kind.make(), seq=board.link.stream_next - back)
+
+
+def _flagged(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    for flags in (0x20, 0x40, 0x80, 0xE0 | Flag.IMMEDIATE):
+        yield board.link.stream_wire(kind.make(), flags=flags)
+
+
+def _wrong_length(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    message = kind.make()
+    payload = message.serialize()
+    for wrong in (payload + b"\x00", payload[:-1], payload[:1]):
+        yield board.link.stream_raw(message.TYPE, wrong)
+
+
+def _wrong_value(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    message = kind.make()
+    if isinstance(message, Points):
+        more = message.points[:1] * (board.identity.max_points + 1)
+        if len(more) * 16 < 4000:
+            yield board.link.stream_wire(Points(more))
+        return
+    payload = message.serialize()
+    for bits in {0, 4, 7, 9, 255} if isinstance(message, Phases) else {0, 5, 6, 7, 9, 255}:
+        # The length of the right format: a board may judge the length of a format first.
+        wrong = bytes([bits, 0]) + payload[2:]
+        if isinstance(message, Phases):
+            size = -(-board.identity.transducers * bits // 8)
+            wrong = bytes([bits, 0]) + bytes(min(size, 2048))
+        yield board.link.stream_raw(message.TYPE, wrong)
+    for bank in (1, 128, 255):
+        yield board.link.stream_raw(message.TYPE, payload[:1] + bytes([bank]) + payload[2:])
+
+
+def _any(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    yield board.link.stream_wire(kind.make())
+    yield board.link.stream_wire(kind.make(), board.clock.device_us() + _AHEAD_US)
+
+
+def _disordered(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
+    for early_us in (0, 1, 1000, 100_000):
+        yield board.link.stream_wire(kind.make(), last_us - early_us)
+
+
+def _late(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    now_us = board.clock.device_us()
+    for late_us in (1, 1000, 70_000, 1_000_000, 2**30):
+        yield board.link.stream_wire(kind.make(), now_us - late_us)
+
+
+def _beyond(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    horizon_us = board.identity.max_horizon_us
+    now_us = board.clock.device_us()
+    for ahead_us in (horizon_us + 500_000, 2 * horizon_us, 2**31 - 10_000_000):
+        if horizon_us + 500_000 <= ahead_us < 2**31:
+            yield board.link.stream_wire(kind.make(), now_us + ahead_us)
+
+
+def _overflowing(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
+    yield board.link.stream_wire(kind.make(), last_us + 1000)
+    yield board.link.stream_wire(kind.make(), last_us + 2 * board.identity.max_horizon_us)
+
+
+DROPS: Final = (
+    Drop("HG-3.7/2", "of another session or none", "stale_session", _stale),
+    Drop("HG-5.5/1", "seen before", "duplicate", _old),
+    Drop("HG-3.4/1", "with unknown flags that must be understood", "unsupported", _flagged),
+    Drop("HG-3.2/4", "of a wrong length", "bad_length", _wrong_length),
+    Drop("HG-3.2/5", "with a value that no table has", "bad_value", _wrong_value),
+    Drop("HG-5.7/1", "while DISARMED", "dropped_state", _any, armed=False),
+    Drop("HG-5.7/2", "not after the last queued one", "dropped_order", _disordered, queued=1),
+    Drop("HG-5.7/3", "that meet a full queue", "dropped_full", _overflowing, queued=-1),
+    Drop("HG-5.7/4", "beyond the horizon", "dropped_future", _beyond),
+    Drop("HG-5.7/5", "1 us to 18 minutes late", "dropped_late", _late),
+)
+
+
+def fill_queue(board: BoardClient, number: int, ahead_us: int = 5 * _AHEAD_US) -> int:
+    """Queue so many frames, a millisecond apart, from *ahead_us* on; return the last t_apply."""
+    good = board.shortest_stream()
+    size = len(board.link.stream_wire(good, 0, seq=0))
+    start_us = board.clock.soon_us(bytes(size * number)) + ahead_us
+    times = [start_us + 1000 * place for place in range(number)]
+    if times[-1] + 1000 > board.clock.device_us() + board.identity.max_horizon_us:
+        not_observed(f"this line takes too long to fill a queue of {number} frames")
+    board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
+    return times[-1]
+
+
+def _judge(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
+    """FAILED unless every frame of one kind is dropped, counted once and not answered."""
+    depth = board.identity.queue_depth
+    if drop.queued < 0 and depth > _DEEPEST:
+        not_observed(f"a queue of {depth} frames is not filled")
+    board.hello()
+    if drop.armed:
+        board.arm()
+    board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
+    board.clock.wait_latched(2000)
+    last_us = fill_queue(board, depth if drop.queued < 0 else drop.queued) if drop.queued else 0
+    board.link.barrier()
+    waiting = board.status().queued
+    wires = list(drop.frames(board, kind, last_us))
+    with board.counting(**{drop.counter: len(wires)}, latched=0):
+        board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
+        queued = board.status().queued
+        if queued != waiting:
+            fail(f"{waiting} frames wait, then {queued}")
+    board.link.call(Mute(), MuteReply)
+
+
+def _case(drop: Drop) -> Case:
+    def body(board: BoardClient) -> None:
+        for kind in stream_kinds(board):
+            try:
+                _judge(board, drop, kind)
+            except CaseEndedError as error:
+                raise CaseEndedError(error.behaviour, f"{kind.name}: {error}") from None
+
+    summary = f"frames {drop.summary}, of every message and format, are counted in {drop.counter}"
+    return Case(drop.clause, summary, body, "types", evidence=SELF_REPORTED)
+
+
+PRODUCT: Final = tuple(_case(drop) for drop in DROPS)
+
+
+@case(
+    "HG-3.6/1",
+    "frames are dropped and counted by the same rules before 2^32 us and after",
+    variant="sides",
+    evidence=SELF_REPORTED,
+    needs_reset=True,
+    depth=Depth.DEFAULT,
+)
+def both_sides_of_the_wrap(board: BoardClient) -> None:
+    board.prepare()
+    for side in ("before", "after"):
+        kind = stream_kinds(board)[0]
+        for drop in DROPS:
+            try:
+                _judge(board, drop, kind)
+            except CaseEndedError as error:
+                text = f"{side} 2^32 us, frames {drop.summary}: {error}"
+                raise CaseEndedError(error.behaviour, text) from None
+        if side == "before":
+            board.clock.wait_until(2**32 + 100_000)

@@ -1,0 +1,129 @@
+"""Every path on which a drive reaches the registers: at once, at its time, played."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Final, TypeAlias
+
+from haptogram_protocol.messages import (
+    Drives,
+    Feature,
+    Message,
+    PhaseFormat,
+    Phases,
+    PlaybackEnded,
+    Points,
+    Stop,
+    UploadKind,
+    unpack_phases,
+)
+
+from ..outcome import check
+from .board_client import BoardClient
+from .latching import FULL, latch_now
+from .playback import PERIOD_US, play_now
+from .stream_kinds import StreamKind, random_point, stream_kinds
+from .uploads import upload_to_board
+
+_SEQUENCE: Final = 6
+_FRAMES: Final = 3
+
+#: Latches a random drive and returns the message that carried it.
+LatchDrive: TypeAlias = Callable[[], Message]
+
+
+@dataclass(frozen=True, slots=True)
+class DrivePath:
+    """One kind of drive on one path.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    latch : callable
+        Latches a random drive; the board is ARMED.  Returns the message that carried it.
+    """
+
+    name: str
+    latch: LatchDrive
+
+
+def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
+    """Yield every path of every kind of drive that the board takes; the last goes on playing."""
+    board.link.ask(Stop())
+    for kind in stream_kinds(board):
+        yield DrivePath(f"{kind.name}, at once", partial(_at_once, board, kind))
+        yield DrivePath(f"{kind.name}, at its time", partial(_in_time, board, kind))
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield DrivePath("PHASES, played", partial(_played_phases, board))
+    if board.has(Feature.SEQUENCE_POINTS):
+        for number in sorted({1, board.identity.max_points}):
+            name = f"POINTS ({number}), played"
+            yield DrivePath(name, partial(_played_points, board, number))
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield DrivePath("PHASES, while they play", partial(_playing_phases, board))
+        board.link.ask(Stop())
+
+
+def _at_once(board: BoardClient, kind: StreamKind) -> Message:
+    message = kind.make()
+    latch_now(board, message)
+    return message
+
+
+def _in_time(board: BoardClient, kind: StreamKind) -> Message:
+    message = kind.make()
+    t_us = board.clock.soon_us(bytes(2 * len(message.serialize())))
+    board.link.send(board.link.stream_wire(message, t_us))
+    board.clock.require_in_time(t_us)
+    board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
+    return message
+
+
+def _played_phases(board: BoardClient) -> Message:
+    frames = [board.random.randbytes(board.identity.transducers) for _ in range(_FRAMES)]
+    upload_to_board(board, UploadKind.PHASES, _SEQUENCE, b"".join(frames))
+    _play(board)
+    return Phases(PhaseFormat.BITS_8, 0, frames[-1])
+
+
+def _playing_phases(board: BoardClient) -> Message:
+    frame = board.random.randbytes(board.identity.transducers)
+    upload_to_board(board, UploadKind.PHASES, _SEQUENCE, frame)
+    play_now(board, _SEQUENCE, loops=0)
+    board.wire.idle(5 * PERIOD_US)
+    return Phases(PhaseFormat.BITS_8, 0, frame)
+
+
+def _played_points(board: BoardClient, number: int) -> Message:
+    frames = [
+        Points(tuple(random_point(board, number) for _ in range(number))) for _ in range(_FRAMES)
+    ]
+    data = b"".join(frame.serialize() for frame in frames)
+    upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, number)
+    _play(board)
+    return frames[-1]
+
+
+def _play(board: BoardClient) -> None:
+    since = board.link.mark()
+    play_now(board, _SEQUENCE, loops=1)
+    timeout_us = 2 * _FRAMES * PERIOD_US + 200_000 + board.wire.limits.slack_us
+    check(board.link.await_event(PlaybackEnded, since, timeout_us) is not None, "no PLAYBACK_ENDED")
+
+
+def registers_of(board: BoardClient, message: Message) -> tuple[bytes, bytes] | None:
+    """Return the phase and amplitude codes that a message leads to; None where the board computes.
+
+    Codes of fewer than 8 bits are widened (HG-5.2/7).
+    """
+    if isinstance(message, Drives):
+        half = len(message.data) // 2
+        return message.data[:half], message.data[half:]
+    if isinstance(message, Phases):
+        bits, count = int(message.bits), board.identity.transducers
+        codes = unpack_phases(message.data, bits, count)
+        return bytes(code << (8 - bits) for code in codes), bytes([FULL]) * count
+    return None

@@ -1,0 +1,143 @@
+"""Every kind of stream frame and of request that a board takes: from messages and limits."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from haptogram_protocol.messages import (
+    MESSAGES,
+    PHASE_FORMAT_BIT,
+    STREAM_RANGE,
+    Arm,
+    Disarm,
+    DriveKind,
+    Drives,
+    Feature,
+    FocalPoint,
+    GetConfig,
+    GetGeometry,
+    GetStatus,
+    Message,
+    PhaseFormat,
+    Phases,
+    Ping,
+    Play,
+    Points,
+    ReadDrive,
+    ReadTrace,
+    SetConfig,
+    Stop,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+    pack_phases,
+)
+
+from .board_client import BoardClient
+from .capabilities import PLAYBACK
+
+MakeMessage: TypeAlias = Callable[[], Message]
+
+
+@dataclass(frozen=True, slots=True)
+class StreamKind:
+    """One kind of stream frame.
+
+    Attributes
+    ----------
+    name : str
+        Message and format, for reports.
+    make : callable
+        Returns such a frame with random contents.
+    """
+
+    name: str
+    make: MakeMessage
+
+
+def stream_kinds(board: BoardClient) -> list[StreamKind]:
+    """Return every message and format of the stream that the board advertises."""
+    found = [_phases(board, form) for form in offered_formats(board)]
+    if board.has(Feature.AMPLITUDE):
+        found.append(StreamKind("DRIVES", lambda: _drives(board)))
+    if board.has(Feature.POINTS):
+        numbers = sorted({1, board.identity.max_points})
+        found += [_points(board, number) for number in numbers]
+    return found
+
+
+def offered_formats(board: BoardClient) -> list[PhaseFormat]:
+    """Return the formats of PHASES that the board advertises."""
+    return [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
+
+
+def _phases(board: BoardClient, form: PhaseFormat) -> StreamKind:
+    def make() -> Message:
+        codes = (board.random.randrange(1 << form) for _ in range(board.identity.transducers))
+        return Phases(form, 0, pack_phases(bytes(codes), form))
+
+    return StreamKind(f"PHASES of {form:d} bits", make)
+
+
+def _drives(board: BoardClient) -> Message:
+    return Drives(PhaseFormat.BITS_8, 0, board.random.randbytes(2 * board.identity.transducers))
+
+
+def _points(board: BoardClient, number: int) -> StreamKind:
+    def make() -> Message:
+        return Points(tuple(random_point(board, number) for _ in range(number)))
+
+    return StreamKind(f"POINTS ({number})", make)
+
+
+def random_point(board: BoardClient, number: int = 1) -> FocalPoint:
+    """Return a random focal point off all planes of symmetry, one of *number* in a frame."""
+
+    def away() -> int:
+        return board.random.choice((-1, 1)) * board.random.randrange(4_000, 40_000)
+
+    loudest = 40_000 // number
+    level = board.random.randrange(loudest // 3, loudest)
+    depth_um = board.random.randrange(80_000, 200_000)
+    return FocalPoint(away(), away(), depth_um, level, board.random.randrange(65_536))
+
+
+# --- Requests ----------------------------------------------------------------------------------
+
+
+def host_types() -> list[type[Message]]:
+    """Return every message that a host sends."""
+    return [kind for number, kind in MESSAGES.items() if number < STREAM_RANGE.stop * 2]
+
+
+def valid_requests(board: BoardClient, sequence: int) -> Iterator[Message]:
+    """Yield a request of every type but HELLO and MUTE that the board carries out while ARMED.
+
+    They hold in this order: PLAY plays the stored *sequence*, and STOP ends it.
+    """
+    yield from (Arm(), Ping(board.random.getrandbits(64)), GetStatus(), GetConfig())
+    yield GetGeometry(0, 2)
+    if board.has(Feature.CONFIG):
+        yield SetConfig(board.config)
+    for feature, kind in (
+        (Feature.READ_LATCHED, DriveKind.LATCHED),
+        (Feature.READ_RADIATED, DriveKind.RADIATED),
+    ):
+        if board.has(feature):
+            yield ReadDrive(kind, 0, 2)
+    if board.has(Feature.TRACE_RING):
+        yield ReadTrace(0, 4)
+    if board.has(Feature.SEQUENCE_PHASES):
+        data = bytes(board.identity.transducers)
+        yield UploadBegin(UploadKind.PHASES, 0, sequence, len(data), zlib.crc32(data))
+        yield UploadChunk(0, data[: board.identity.max_chunk])
+        if len(data) <= board.identity.max_chunk:
+            yield UploadCommit(sequence)
+            yield Play(sequence, 1000, 0, min(2000, board.identity.max_unattended_ms))
+    if board.identity.features & PLAYBACK:
+        yield Stop()
+    yield Disarm()
