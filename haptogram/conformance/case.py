@@ -16,7 +16,7 @@ Body: TypeAlias = Callable[[BoardClient], None]
 
 
 class Depth(enum.IntEnum):
-    """How thoroughly a run judges a board; each depth holds the cases of those before."""
+    """Depth of a run: each holds the cases of those before it, and more."""
 
     QUICK = 0
     DEFAULT = 1
