@@ -61,6 +61,8 @@ OTHERS = {
     "test_board_step[phases]": "board step, 256 phases",
     "test_board_step[phases and amplitudes]": "board step, 256 phases and amplitudes",
     "test_board_step[focal point]": "board step, a focal point (the board computes the phases)",
+    "test_writing": "recording of a frame and its latch",
+    "test_recorded_board_step_against_one_that_is_not": "board step, 256 phases, recorded",
     "test_verify_in_virtual_time[phases]": "verification, phases",
     "test_verify_in_virtual_time[sequence]": "verification, sequence",
 }

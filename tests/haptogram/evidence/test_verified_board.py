@@ -72,6 +72,7 @@ def run(folder, tests, *options):
     (folder / "protocol").mkdir()
     (folder / "protocol" / "__init__.py").write_text("raise RuntimeError('not ours')\n")
     (folder / "test_own.py").write_text(HEAD + tests)
+    shutil.copy(ROOT / "docs" / "examples" / "test_my_driver.py", folder)
     (folder / "pytest.ini").write_text("[pytest]\naddopts = --strict-markers\n")
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-v", "-rA", *PLUGIN, "-p", "no:cacheprovider", *options],
@@ -82,7 +83,7 @@ def run(folder, tests, *options):
         text=True,
         check=False,
     )
-    outcomes = dict(re.findall(r"^test_own\.py::(\w+) (PASSED|FAILED|ERROR)", done.stdout, re.M))
+    outcomes = dict(re.findall(r"^test_\w+\.py::(\w+) (PASSED|FAILED|ERROR)", done.stdout, re.M))
     return outcomes, done.stdout
 
 
@@ -91,6 +92,7 @@ def run(folder, tests, *options):
 def test_a_driver_is_judged_by_what_the_board_radiated(tmp_path):
     outcomes, said = run(tmp_path, TESTS)
     assert outcomes == {
+        "test_my_driver": "PASSED",  # the example of the tutorial
         "test_beside_a_benchmark": "PASSED",
         "test_with_a_driver_that_closes_later": "PASSED",
         "test_wrong_with_a_driver_that_closes_later": "ERROR",  # after the test had passed
@@ -99,7 +101,7 @@ def test_a_driver_is_judged_by_what_the_board_radiated(tmp_path):
         "test_says_nothing": "FAILED",
         "test_fails_by_itself": "FAILED",
     }, said
-    assert "3 failed, 4 passed, 1 error" in said
+    assert "3 failed, 5 passed, 1 error" in said
     for text in (
         "verified_board: FAIL: 3 latches of the client",
         "verified_board: FAIL: 5 latches of the client",
