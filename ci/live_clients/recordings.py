@@ -25,6 +25,8 @@ def record(environment: Environment, program: Path, target: Path) -> None:
     cases = {name: _case(sent[name], emulated[name]) for name in emulated}
     rows = (f"{json.dumps(name)}: {json.dumps(case)}" for name, case in cases.items())
     target.write_text("{\n" + ",\n".join(rows) + "\n}\n")
+    focus = b"".join(base64.b64decode(row["bytes"]) for row in sent["focus"][:-1])
+    (target.parent / "focus.bin").write_bytes(focus)  # without its end, for docs/boards/autd3.md
 
 
 def _case(sent: list[dict[str, Any]], emulated: dict[str, Any]) -> dict[str, Any]:

@@ -35,11 +35,13 @@ MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown
 class DriveEstimator:
     """Rebuilds the field of latch after latch; a drive that was seen lately costs nothing.
 
-    Each drive is judged by the rounding of the phases that it was commanded with.
+    Each drive is judged by the rounding of the phases that it was commanded with: a board may
+    make its pulses of finer steps (*phase_steps* a period) than its phases.
     """
 
-    def __init__(self, model: AcousticModel) -> None:
+    def __init__(self, model: AcousticModel, phase_steps: int | None = None) -> None:
         self._reconstructor = Reconstructor(model)
+        self._phase_steps = phase_steps
         self._seen: OrderedDict[Hashable, Reconstruction] = OrderedDict()
 
     def estimate(self, latch: AnyLatch) -> Reconstruction:
@@ -62,8 +64,10 @@ class DriveEstimator:
             return self._reconstructor.reconstruct(
                 latch.radiated, ramping=latch.ramping, phase_bits=latch.commanded_bits
             )
+        steps = latch.pulses.steps
+        coarsest = steps if self._phase_steps is None else min(steps, self._phase_steps)
         return self._reconstructor.reconstruct_weights(
-            _weights(latch), step_rad=math.tau / latch.pulses.steps
+            _weights(latch), step_rad=math.tau / coarsest
         )
 
 
@@ -101,7 +105,9 @@ class InlineReconstruction:
         reconstruct: bool = True,
     ) -> None:
         self._write = write
-        self._estimator = DriveEstimator(settings.truth) if reconstruct else None
+        wiring = settings.wiring
+        steps = None if wiring is None else wiring.steps
+        self._estimator = DriveEstimator(settings.truth, steps) if reconstruct else None
         self._latched = self._reconstructed = 0
         self._faults: FaultsCounted | None = None
         self._line: LineCounted | None = None
