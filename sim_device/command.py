@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import gc
 import logging
+import os
 import secrets
 import sys
 from collections.abc import Sequence
@@ -24,6 +25,8 @@ from haptogram.settings.option import options_of
 from haptogram.settings.parser import Parser
 
 if TYPE_CHECKING:
+    from haptogram.machine.device_client import DeviceClient
+
     from .backdoor.line_tap import LineTap, OpenRecording
     from .backdoor.worker import ReconstructionWorker
     from .board.settings import BoardSettings
@@ -51,6 +54,8 @@ examples:
   PROGRAM --link /tmp/board --dialect sonicsurface
                      a board that other programs drive: start yours on /tmp/board
   PROGRAM --link /tmp/board --dialect ultraino-mega64 --dialect-option boards=2 --array tinylev
+  PROGRAM --dialect ultraino-mega64 --as-device -- java -jar AcousticFieldSim.jar
+                     a program that lists serial ports and takes no path
 
 Without --baud the line takes no time, as a pseudo-terminal does, and holds as much as one; that of
 another dialect has the rate of its boards.
@@ -61,8 +66,9 @@ and in the last record of the back door.
 The board ends on SIGINT or SIGTERM: muted, every record written, the link removed.
 
 exit status:
-  0  ended by SIGINT, SIGTERM or, with --until-eof, the end of standard input
-  1  the port was lost
+  0  ended by SIGINT, SIGTERM, by the program of --as-device or, with --until-eof, by the end of
+     standard input
+  1  the port was lost, or the program of --as-device failed
   2  usage or environment error
 """
 
@@ -78,6 +84,14 @@ def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
         "--serial",
         metavar="PORT",
         help="real serial port, at its far end; --baud is 3000000 there, or that of the dialect",
+    )
+    where.add_argument(
+        "--as-device",
+        action="store_true",
+        help="start COMMAND, behind --, which finds the board as a serial device (Linux)",
+    )
+    parser.add_argument(
+        "client", nargs="*", metavar="COMMAND", help="program of --as-device, with its arguments"
     )
     line = options_of(LineSettings)
     board = [row for name, row in BOARD_OPTIONS.items() if name not in line]
@@ -168,17 +182,23 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
     from .wallclock import Heartbeat
 
     config = _config(options)
+    if options.as_device and any(fault.name == "line.disconnect" for fault in config.faults):
+        raise ConfigurationError("--as-device holds one port; leave the fault line.disconnect out")
     board = blueprint_of(config)
+    client: DeviceClient | None = None
     settings, parts, plan = board.settings, board.parts, board.faults
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
     tap = _start_tap(options, config, settings, open_recording)
-    port = _open_port(options, settings.line)
-    worker = None
+    port: BoardPort | None = None
+    worker: ReconstructionWorker | None = None
     with contextlib.ExitStack() as signals:  # heard until everything is closed
+        if options.as_device:
+            options.link = _private_path(signals, "board")
         try:
+            port = _open_port(options, settings.line)
             if options.view and options.backdoor is None:
-                options.backdoor = _private_backdoor(signals)
+                options.backdoor = _SOCKET + _private_path(signals, "backdoor")
             worker = _start_worker(options, settings)
             if options.view:
                 signals.enter_context(contextlib.closing(ViewProcess(options.backdoor)))
@@ -192,13 +212,19 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
             if options.until_eof:
                 heartbeat.stop_at_eof(sys.stdin.fileno())
             signals.enter_context(heartbeat.stopped_by_signals())
-            _serve(heartbeat, port)
+            if options.as_device:
+                client = _start_client(options, heartbeat)
+            _serve(heartbeat, port.description if client is None else client.device)
         finally:
-            port.close()
+            if port is not None:
+                port.close()
+            failed = client is not None and client.close()
             if worker is not None:
                 _end(worker)
             if tap is not None and (failure := tap.close()):
                 raise ConfigurationError(failure)
+    if failed:
+        raise HaptogramError(f"{options.client[0]} ended with status {failed}")
 
 
 def _start_tap(
@@ -217,13 +243,13 @@ def _start_tap(
     return LineTap(recording, config, settings, paced=options.serial is None)
 
 
-def _private_backdoor(stack: contextlib.ExitStack) -> str:
-    """Return a socket for the view, in a folder that is removed with *stack*."""
+def _private_path(stack: contextlib.ExitStack, name: str) -> str:
+    """Return a path in a folder of its own, which is removed with *stack*."""
     from haptogram.machine.working_folder import WorkingFolder
 
     folder = WorkingFolder("haptogram-board-")
     stack.callback(folder.remove)
-    return f"{_SOCKET}{folder.path / 'backdoor'}"
+    return str(folder.path / name)
 
 
 def _end(worker: ReconstructionWorker) -> None:
@@ -232,10 +258,20 @@ def _end(worker: ReconstructionWorker) -> None:
         _LOG.warning("the back door lacks %d latches", worker.dropped)
 
 
-def _serve(heartbeat: Heartbeat, port: BoardPort) -> None:
+def _start_client(options: argparse.Namespace, heartbeat: Heartbeat) -> DeviceClient:
+    """Start the program of ``--as-device``; the board ends with it."""
+    from haptogram.machine.device_client import DeviceClient
+
+    client = DeviceClient(os.path.realpath(options.link), options.client)
+    if client.alive is not None:
+        heartbeat.stop_after(client.alive)
+    return client
+
+
+def _serve(heartbeat: Heartbeat, description: str) -> None:
     gc.collect()
     gc.freeze()  # what is there now stays: no later collection need look at it
-    sys.stdout.write(f"listening on {port.description}\n")
+    sys.stdout.write(f"listening on {description}\n")
     sys.stdout.flush()  # programs wait for this line
     heartbeat.run()
 
@@ -243,6 +279,8 @@ def _serve(heartbeat: Heartbeat, port: BoardPort) -> None:
 def _config(options: argparse.Namespace) -> BoardConfig:
     if options.no_reconstruct and options.backdoor is None:
         raise ConfigurationError("--no-reconstruct acts only with --backdoor; leave it out")
+    if options.as_device != bool(options.client):
+        raise ConfigurationError("--as-device and a program behind -- need each other")
     _check_files(options)
     values = given_options(options, BOARD_OPTIONS)
     line = [BOARD_OPTIONS[name].word for name in options_of(LineSettings) if name in values]

@@ -54,6 +54,8 @@ class Heartbeat:
         self._stopping = False
         self._is_plugged = True
         self._parents: list[int] = []  # whose end is that of the board
+        self._clients: list[int] = []  # the same, but what they have sent still counts
+        self._has_no_client = self._is_quiet = False
         self._due_ns: int | None = None  # when it meant to wake
         self._hand_over_ns = 0
         self._waiter = DescriptorWaiter()
@@ -85,6 +87,10 @@ class Heartbeat:
         """
         self._parents.append(descriptor)
 
+    def stop_after(self, descriptor: int) -> None:
+        """Let the end of a pipe stop the board, once it has taken all that its client sent."""
+        self._clients.append(descriptor)
+
     def run(self) -> None:
         """Serve the port until :meth:`stop`; then mute the board.
 
@@ -96,6 +102,8 @@ class Heartbeat:
         try:
             while not self._stopping:
                 self._turn()
+                if self._has_no_client and self._is_quiet:
+                    return
                 self._wait()
         finally:
             self._stopping = True  # from here on a signal finds the pipe closed
@@ -109,7 +117,9 @@ class Heartbeat:
         # Late for what it meant to wake for: for so long the host's bytes may lie here already.
         # Time spent idle is not counted, or a frame after a pause would take no time on the line.
         stalled_ns = 0 if self._due_ns is None else max(0, now_ns - self._due_ns)
-        if data := port.read(simulation.host_room):
+        data = port.read(simulation.host_room)
+        self._is_quiet = not data and not simulation.host_unsent
+        if data:
             simulation.host_write(data, now_ns, waited_ns=stalled_ns)
             if self._tap is not None:
                 self._tap.to_board(now_ns, data, stalled_ns)
@@ -161,8 +171,11 @@ class Heartbeat:
         wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
         if wait_ns is not None and wait_ns <= 0:
             return  # it is due already: the next turn looks at the port all the same
-        waiting = [self._wake_read, *self._parents, *reading]
+        waiting = [self._wake_read, *self._parents, *self._clients, *reading]
         ready = self._waiter.wait(waiting, writing, _timeout_s(wait_ns))
+        if any(client in ready and not os.read(client, _CHUNK) for client in self._clients):
+            self._clients.clear()
+            self._has_no_client = True
         if any(parent in ready and not os.read(parent, _CHUNK) for parent in self._parents):
             self.stop()
             if self._worker is not None:

@@ -127,7 +127,7 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ([], "one of --link --tcp --serial is missing"),
+        ([], "one of --link --tcp --serial --as-device is missing"),
         (["--link", "/no/such/folder/board"], "cannot make the link /no/such/folder/board"),
         (["--tcp", "127.0.0.1:x"], "--tcp 127.0.0.1:x: must be HOST:PORT"),
         (

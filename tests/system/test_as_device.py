@@ -1,0 +1,88 @@
+"""``haptogram board --as-device``: a program that lists serial ports finds the board among them."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from dialect_boards import DATA
+from haptogram.errors import ConfigurationError
+from haptogram.machine.device_client import DeviceClient
+
+pytestmark = pytest.mark.pty
+CLIENT = """
+import glob, pathlib, sys
+import serial
+port = sys.argv[1]
+assert port in glob.glob("/dev/ttyS*")
+(product,) = pathlib.Path("/sys/devices").glob(f"*/tty/{port[5:]}/product")
+assert product.read_text() == "Haptogram virtual board\\n"
+with serial.Serial(port, 230_400) as line:
+    line.write(pathlib.Path(sys.argv[2]).read_bytes())
+sys.exit(int(sys.argv[3]))
+"""
+
+
+@pytest.fixture(scope="module")
+def device():
+    """The device that a program finds here."""
+    try:
+        client = DeviceClient("/dev/null", ["true"])
+    except ConfigurationError as error:
+        pytest.skip(str(error))
+    assert client.close() == 0
+    return client.device
+
+
+def board(*words, **environment):
+    return subprocess.run(
+        [sys.executable, "-m", "haptogram", "board", "--dialect", "sonicsurface", *words],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("status", [0, 3])
+def test_a_program_finds_the_board_and_all_that_it_sent_counts(device, tmp_path, status):
+    records = tmp_path / "records.jsonl"
+    sent = DATA / "sonicsurface" / "two_foci_then_4_commits.bin"
+    program = [sys.executable, "-c", CLIENT, device, str(sent), str(status)]
+    done = board("--backdoor", str(records), "--as-device", "--", *program)
+    assert done.returncode == (1 if status else 0), done.stderr
+    assert f"listening on {device}" in done.stdout
+    if status:
+        assert "ended with status 3" in done.stderr
+    kinds = [json.loads(line)["kind"] for line in records.read_text().splitlines()]
+    assert kinds == ["board", *["pulses"] * 7, "end"]
+
+
+def test_where_the_system_does_not_permit_it_one_line_says_so(tmp_path):
+    refusing = tmp_path / "unshare"
+    refusing.write_text("#!/bin/sh\necho unshare failed: not permitted >&2\nexit 1\n")
+    refusing.chmod(0o755)
+    done = board("--as-device", "--", "true", PATH=f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "--as-device" in done.stderr
+    assert "--link PATH" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--as-device"], "a program behind --"),
+        (["--link", "x", "--", "true"], "a program behind --"),
+        (["--as-device", "--", "no-such-program"], "no program no-such-program"),
+        (["--as-device", "--fault", "line.disconnect", "--", "true"], "line.disconnect"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(words, says):
+    done = board(*words)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert done.stderr.count("\n") == 1
