@@ -43,6 +43,7 @@ COMMANDS: Final = {
     "conform": (".conform.command", "judge a board by every clause of the protocol"),
     _BOARD: ("sim_device.command", "start the virtual board on a pty, TCP or a serial port"),
     "view": (".view", "show a running board in a browser: phases, field, focus, time line"),
+    "watch": (".watch.command", "tell what a board radiates while any program drives it"),
     "soak": (".soak", "stream for hours over a bad line and account for every fault"),
     "bench": (".bench", "measure the 1 kHz loop: percentiles, every miss with its cause"),
     "budget": (".budget", "show where the time of a frame goes, and the highest rate that fits"),
@@ -51,8 +52,11 @@ COMMANDS: Final = {
     "decode": (".recordings.decode", "print recorded or dumped bytes as annotated frames"),
     "replay": (".recordings.replay", "feed a recording to a board again and compare"),
     "repair": (".recordings.repair", "make a recording that was cut off a whole file again"),
-    "presets": (".presets", "list the known systems, with their published figures next to ours"),
-    "paper": (".paper", "reproduce the Haptogram paper's simulation"),
+    "presets": (
+        ".published.presets",
+        "list the known systems, with their published figures next to ours",
+    ),
+    "paper": (".published.paper", "reproduce the Haptogram paper's simulation"),
 }
 _EXAMPLES: Final = """\
 examples:
@@ -164,6 +168,7 @@ def _add_options(name: str, parser: Parser) -> None:
         "conform": (access_in_program,),
         "soak": (board_without_a_line,),
         "replay": (replayed_board,),
+        "watch": (records_of_bytes,),
         _BOARD: (open_recording_of_board,),
     }
     module = importlib.import_module(COMMANDS[name][0], "haptogram.commands")
@@ -301,3 +306,23 @@ def board_without_a_line(mutant: str | None) -> MakeBoard:
 
     mutant_parts(mutant)
     return functools.partial(SoakBoard, mutant=mutant)
+
+
+def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:
+    """Return the back door of a virtual board in this program that takes the bytes of a client.
+
+    Raises
+    ------
+    ConfigurationError
+        If the board cannot be built.
+    """
+    from sim_device.protocol_haptogram import open_port
+
+    from .settings.board_url import PortConfig
+
+    with contextlib.closing(
+        open_port(PortConfig(board=config, clock="virtual", reconstruct=False))
+    ) as port:
+        port.write(data)
+        port.flush()
+    return list(port.records)

@@ -217,6 +217,20 @@ _FIELD: Final[Rows] = {
 }
 
 #: For every command the options, and when each acts.
+_OWN_BOARD: Final = Acting(
+    "on a board that is started here, or on a file of bytes (not on a back door)",
+    lambda s: s.source is None or (s.dialect is not None and not s.source.startswith("unix:")),
+)
+_EXPECTED: Final = Acting(
+    "with --expect or --expect-file", lambda s: bool(s.expect) or s.expect_file is not None
+)
+_WATCH: Final[Rows] = {
+    **_always("link expect expect_file latches frames json junit quiet"),
+    **dict.fromkeys(
+        ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD
+    ),
+    **dict.fromkeys(("tolerance_mm", "tolerance_c", "tolerance_humidity"), _EXPECTED),
+}
 ACTING: Final[Mapping[str, Rows]] = {
     "verify": _VERIFY,
     "conform": _CONFORM,
@@ -238,6 +252,7 @@ ACTING: Final[Mapping[str, Rows]] = {
         ),
         "html": None,
     },
+    "watch": _WATCH,
     "decode": _always("dialect input from_board verbose json"),
     "replay": {
         **_always("json show"),

@@ -27,7 +27,9 @@ INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
     "array": lambda value: not is_grid_of_elements(value),
     "source": lambda value: not value.startswith("unix:"),
     "object": lambda value: value not in SHAPES,
-    **dict.fromkeys(("baseline", "calibration", "compare", "config", "drive", "fault_plan"), bool),
+    **dict.fromkeys(
+        ("baseline", "calibration", "compare", "config", "drive", "expect_file", "fault_plan"), bool
+    ),
 }
 
 

@@ -25,6 +25,7 @@ _SOUNDING: Final = 1e-6
 _FEW: Final = 0.2  # share of the elements that can be off by mistake; more are a part of the array
 _NEIGHBOURS: Final = 4
 _SCATTERED: Final = 0.65  # share of the neighbours of silent elements that sound
+_SAME_M: Final = 1e-6
 _CHANCE: Final = 1e-4  # that so many wrong elements are all half a turn off
 _LEAST_LATCHES: Final = 2  # of different drives that show an element reversed
 _FB_BYTES: Final = 1  # that fall through before the amplitudes
@@ -99,6 +100,7 @@ class DefectFinder:
 
     def __init__(self, positions_m: FloatArray, channels: int, most: int = 10_000) -> None:
         self._neighbours = _neighbours(positions_m)
+        self._distance_m = np.linalg.norm(positions_m - positions_m.mean(axis=0), axis=1)
         self._channels = channels
         self._most = most
         self._latches: dict[Defect, list[int]] = defaultdict(list)
@@ -178,9 +180,13 @@ class DefectFinder:
         silent = ~(np.abs(np.nan_to_num(latch.weights)) > _SOUNDING)
         if not isinstance(pattern, Placed) or not silent.any() or silent.mean() > _FEW:
             return frozenset()
-        if silent[self._neighbours[silent]].mean() > 1.0 - _SCATTERED:
+        if silent[self._neighbours[silent]].mean() > 1.0 - _SCATTERED or self._is_rim(silent):
             return frozenset()
         return frozenset(int(n) for n in np.flatnonzero(silent))
+
+    def _is_rim(self, silent: NDArray[np.bool_]) -> bool:
+        """Return True if the silent elements are those furthest from the middle, as corners are."""
+        return bool(self._distance_m[silent].min() >= self._distance_m[~silent].max() - _SAME_M)
 
     def _take_polarities(self, latch: SeenLatch, pattern: Placed) -> None:
         """Take down which elements are half a turn off the pattern of the others."""

@@ -24,7 +24,6 @@ _EXPLAINS: Final = 2.5  # standard deviations of rounding, in the root mean squa
 _WORST: Final = 6.0  # of one coordinate: errors of rounding are not all independent
 _MARGIN: Final = 2.5  # between the explanation and the next best one
 _LEAST_RIVAL: Final = 4.0  # standard deviations that the next best one must be off
-_SAME_ARRAY_M: Final = 1e-4
 _MOST_SHIFT_M: Final = 0.03
 _MOST_SPEED: Final = 0.04
 _STEP: Final = 0.01  # share of the speed of sound for a slope
@@ -157,18 +156,17 @@ class _Case:
         return bool(off.max() < _MOST_SHIFT_M)
 
     def _orders(self) -> Iterator[tuple[str, Places]]:
-        """Yield the foci of elements in another order, around the array and around the origin."""
+        """Yield the foci of elements, or of coordinates, in another order.
+
+        Elements that are mirrored or turned onto each other do so around their centre, and
+        coordinates around the origin.
+        """
         array = self._model.array
-        local = array.local_m(array.positions_m)
-        for order in _ORDERS:
-            turn = np.eye(3)
-            turn[:2, :2] = order.matrix
-            if _is_onto(local, local @ turn.T):
-                yield order.name, array.world_m(array.local_m(self.targets) @ turn.T)
         axes = array.axes
         for order in _ORDERS:
             turn = np.eye(3)
             turn[:2, :2] = order.matrix
+            yield order.name, array.world_m(array.local_m(self.targets) @ turn.T)
             yield order.name, self.targets @ (axes.T @ turn @ axes).T
 
     def _shifted(
@@ -225,9 +223,3 @@ class _Case:
             phases = PatternPhases(local, -k / (1.0 + share) * distance, k)
             found.append(fit_pattern_point(phases, start).position_m)
         return array.world_m(np.array(found))
-
-
-def _is_onto(local: FloatArray, turned: FloatArray) -> bool:
-    """Return True if the elements cover the same places in another order."""
-    nearest = (np.linalg.norm(local - place, axis=1).min() for place in turned)
-    return all(distance < _SAME_ARRAY_M for distance in nearest)

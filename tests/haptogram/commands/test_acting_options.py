@@ -50,6 +50,16 @@ CASES = {
         "baud": ("run.mcap --port a", "run.mcap"),
         **dict.fromkeys(("healthy", "mutant", "array"), ("run.mcap", "run.mcap --port a")),
     },
+    "watch": {
+        **dict.fromkeys(
+            ("dialect", "dialect_option", "array", "temperature_c", "calibration"),
+            ("--link board --dialect sonicsurface", "unix:board.sock"),
+        ),
+        **dict.fromkeys(
+            ("tolerance_mm", "tolerance_c", "tolerance_humidity"),
+            ("capture.bin --expect 0,0,100", "unix:board.sock"),
+        ),
+    },
     "modulation": {
         "modulation_hz": ("am", "dwell"),
         "depth": ("am", "lm"),
@@ -149,6 +159,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         "conform.command",
         "recordings.replay",
         "view",
+        "watch.command",
     ):
         monkeypatch.setattr(f"haptogram.commands.{module}.Outputs", stop)
     monkeypatch.setattr("haptogram.commands.budget._run_dialect", stop)

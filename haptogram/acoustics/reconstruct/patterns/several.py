@@ -19,7 +19,7 @@ from haptogram.acoustics.reconstruct.patterns.found import SeveralFoci, Vector
 from haptogram.acoustics.solvers.focus import focus_phases
 
 MOST_FOCI: Final = 8
-_ELEMENTS_A_FOCUS: Final = 16  # three for each of its five unknowns
+_ELEMENTS_A_FOCUS: Final = 36  # seven for each of its five unknowns
 _LOOKED_AT: Final = 24
 _APART: Final = 0.7  # of a wavelength: nearer ones are one focus
 _LEAST_SHARE: Final = 0.2  # of the strongest: fainter ones are side lobes
@@ -51,7 +51,7 @@ def find_foci(
     The loudest point comes first. What the foci so far do not explain says where the next one is.
     """
     phasors = np.where(active, np.exp(1j * np.angle(drive)), 0.0)
-    most = min(MOST_FOCI, int(active.sum()) // _ELEMENTS_A_FOCUS)
+    most = min(MOST_FOCI, max(2, int(active.sum()) // _ELEMENTS_A_FOCUS))
     places = np.empty((0, 3))
     rest = phasors
     for _ in range(most):
@@ -100,7 +100,7 @@ def _climb(model: AcousticModel, drive: ComplexArray, start_m: FloatArray) -> Fl
 def _unexplained(
     model: AcousticModel, phasors: ComplexArray, active: BoolArray, places: FloatArray
 ) -> ComplexArray:
-    """Return what remains of the phasors when the waves from all places are taken out."""
+    """Return the rest of the phasors when the waves from all places are taken out."""
     waves = np.exp(1j * focus_phases(model, places))[:, active].T
     weights = np.linalg.lstsq(waves, phasors[active], rcond=1e-6)[0]
     rest = np.zeros_like(phasors)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 from haptogram.machine.files import write_json_file
 from haptogram.settings.parser import file_name_option
 
-from .shell.exit_status import PASS
-from .shell.output_files import Outputs
+from ..shell.exit_status import PASS
+from ..shell.output_files import Outputs
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser

@@ -1,0 +1,1 @@
+"""Published systems and the published paper, next to our figures."""

@@ -1,0 +1,1 @@
+"""``haptogram watch``: options, lines of latches, the foci that are expected, the run."""

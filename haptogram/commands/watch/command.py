@@ -1,0 +1,286 @@
+"""``haptogram watch``: what a board radiates, latch by latch, without being told what was meant."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import functools
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias
+
+from haptogram.errors import ConfigurationError
+from haptogram.machine.files import write_json_file
+from haptogram.settings.board import BoardConfig
+from haptogram.settings.command_line import add_setting_options
+from haptogram.settings.option import options_of
+from haptogram.settings.tolerance import ToleranceConfig
+
+from ..acting_options import refuse_idle_options
+from ..shell.output_files import FILE_HELP, Outputs
+from ..shell.positions import position_argument_mm
+from .expected import Foci, expected_frames_mm, make_expectation
+from .lines import LatchLines
+from .options import WATCHED_BOARD_OPTIONS, WatchConfig, watched_board_config
+
+if TYPE_CHECKING:
+    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.settings.parser import Parser
+    from haptogram.verification.verdict import FrameVerdict
+    from haptogram.verification.watch import Watch, WatchedLatch
+
+#: From a virtual board and the bytes of a client to the records of its back door.
+Replay: TypeAlias = Callable[[BoardConfig, bytes], list[dict[str, Any]]]
+Records: TypeAlias = Iterator[dict[str, Any]]
+
+_PERIOD_S: Final = 0.05
+_PATIENCE_S: Final = 5.0
+_OUTPUTS: Final = ("frames", "json", "junit")
+_EXAMPLES: Final = """\
+examples:
+  haptogram watch --dialect sonicsurface --link /tmp/board
+      starts a board; point your own program at /tmp/board
+  haptogram watch --dialect sonicsurface --link /tmp/board --expect 0,120,0 --latches 1
+      passes if the first focus is at (0, 120, 0) mm, in the axes of SonicSurface's programs
+  haptogram watch capture.bin --dialect ultraino-fpga
+      bytes that a program wrote to its port
+  haptogram watch unix:/tmp/board.sock --frames latches.jsonl
+      the back door of a board that runs
+
+exit status:
+  0  nothing is wrong: every focus is where it was expected, no defect has a name
+  1  a focus that is not where it was expected, or a defect with a name
+  2  usage or environment error: nothing was judged, or a result could not be written
+  3  not verified: nothing was latched, latches are missing, or a focus cannot be told
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP) before anything was watched; later the summary comes
+"""
+
+
+def set_up(parser: Parser, replay: Replay) -> None:
+    """Describe the command and add its options; *replay* hands bytes to a board."""
+    parser.description = (
+        "Tell what a board radiates, latch by latch, while any program drives it: one focus and "
+        "where, several, a twin trap, a vortex, off, uniform, or none of these. Nobody has to say "
+        "what was meant. Defects that the latches prove are named; with expected foci each latch "
+        "gets the verdict of haptogram verify, for the steps that the board has."
+    )
+    parser.epilog = _EXAMPLES
+    parser.set_defaults(run=functools.partial(run, replay=replay))
+    parser.add_argument(
+        "source",
+        nargs="?",
+        metavar="SOURCE",
+        help="back door of a board (unix:PATH, or the file that it appends to); with --dialect a "
+        "file of bytes that a program wrote [a board is started at --link]",
+    )
+    board = parser.add_argument_group("board")
+    rows = options_of(BoardConfig)
+    add_setting_options(board, [rows[name] for name in WATCHED_BOARD_OPTIONS])
+    board.add_argument(
+        "--link", metavar="PATH", help="start a board at this pseudo-terminal [none]"
+    )
+    expected = parser.add_argument_group("expected foci")
+    expected.add_argument(
+        "--expect",
+        type=position_argument_mm,
+        action="append",
+        metavar="X,Y,Z",
+        help="focus that is expected, in the axes of the board's own programs; may be repeated: "
+        "one a frame, and after the last the first again [none]",
+    )
+    own = options_of(WatchConfig)
+    add_setting_options(expected, [own["expect_file"], *options_of(ToleranceConfig).values()])
+    result = parser.add_argument_group("result", FILE_HELP)
+    add_setting_options(result, [own["latches"], *(own[name] for name in _OUTPUTS)])
+    parser.add_argument("--quiet", action="store_true", help="no line for each latch")
+
+
+def run(arguments: argparse.Namespace, replay: Replay) -> int:
+    """Watch until the end, and return the exit status."""
+    refuse_idle_options("watch", arguments)
+    outputs = Outputs(arguments, *_OUTPUTS)
+    _check_source(arguments)
+    frames_mm = expected_frames_mm(arguments)
+    with _records(arguments, replay) as records, _frames_file(arguments.frames) as frames:
+        run = _Run(arguments, frames_mm, frames, outputs.text, records)
+        run.follow()
+    return run.finish(outputs)
+
+
+def _check_source(arguments: argparse.Namespace) -> None:
+    if arguments.source is not None and arguments.link is not None:
+        raise ConfigurationError("--link starts a board; leave it out, or the source")
+    if arguments.source is None and (arguments.link is None or arguments.dialect is None):
+        raise ConfigurationError(
+            "nothing to watch; give a back door (unix:PATH), a file of bytes with --dialect, or "
+            "--dialect and --link to start a board"
+        )
+
+
+class _Run:
+    """One watch, from the first record to the summary."""
+
+    def __init__(
+        self,
+        arguments: argparse.Namespace,
+        frames_mm: list[Foci],
+        frames: TextIO | None,
+        text: TextIO,
+        records: Records,
+    ) -> None:
+        from haptogram.evidence.watched_board import WatchedBoard
+        from haptogram.records.frame import Evidence
+        from haptogram.verification.watch import Watch
+
+        is_raw = arguments.source is not None and arguments.dialect is not None
+        evidence = Evidence.WIRE if is_raw else Evidence.EXTERNAL
+        self._records, self._frames = records, frames
+        self._board = WatchedBoard(next(records), evidence=evidence, timed=not is_raw)
+        expectation = make_expectation(arguments, frames_mm, self._board)
+        self._watch: Watch = Watch(
+            self._board.model, channels=self._board.channels, expectation=expectation
+        )
+        self._lines = LatchLines(text, self._board, quiet=arguments.quiet)
+        self._arguments = arguments
+        self._verdicts: list[FrameVerdict] = []
+        self._missing: str | None = None
+
+    def follow(self) -> None:
+        """Take record after record, until the last one, the count that was asked for, or Ctrl-C."""
+        count = 0
+        with contextlib.suppress(KeyboardInterrupt):
+            for record in self._records:
+                if record["kind"] == "end":
+                    self._missing = _why_missing(record)
+                    return
+                latch = self._board.latch(record)
+                if latch is None:
+                    continue
+                self._take(self._watch.take(latch))
+                count += latch.is_of_client
+                if count == self._arguments.latches:
+                    return
+
+    def _take(self, seen: WatchedLatch) -> None:
+        self._lines.print(seen)
+        if seen.verdict is not None and self._arguments.junit is not None:
+            self._verdicts.append(seen.verdict)
+        if self._frames is not None:
+            self._frames.write(json.dumps(seen.as_dict(), allow_nan=False) + "\n")
+            self._frames.flush()
+
+    def finish(self, outputs: Outputs) -> int:
+        """Print the summary, write the files, and return the exit status."""
+        from haptogram.machine.terminal import paint_terminal_verdicts
+        from haptogram.report.watch import write_watch_junit
+
+        missing = self._missing
+        if missing is None and self._board.missing:
+            missing = f"{self._board.missing} latches were not shown by the back door"
+        result = self._watch.result(missing)
+        print(paint_terminal_verdicts(str(result), outputs.text), file=outputs.text)
+        if self._arguments.json is not None:
+            write_json_file(self._arguments.json, result.as_dict())
+        if self._arguments.junit is not None:
+            write_watch_junit(self._arguments.junit, result, self._verdicts)
+        outputs.announce()
+        return result.verdict.exit_status
+
+
+def _why_missing(end: dict[str, Any]) -> str | None:
+    if not end["clean"]:
+        return "the board was killed before its last latches were told"
+    return f"{end['dropped']} latches found the queue full" if end["dropped"] else None
+
+
+@contextlib.contextmanager
+def _frames_file(path: Path | None) -> Iterator[TextIO | None]:
+    if path is None:
+        yield None
+    elif str(path) == "-":
+        yield sys.stdout
+    else:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", encoding="ascii") as file:
+            yield file
+
+
+# --- where records come from ---------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def _records(arguments: argparse.Namespace, replay: Replay) -> Iterator[Records]:
+    from haptogram.evidence.backdoor_stream import BackdoorStream
+
+    if arguments.source is None:
+        with _started_board(arguments) as records:
+            yield records
+    elif arguments.dialect is not None:
+        yield iter(replay(_board_config(arguments), _read_bytes(arguments.source)))
+    else:
+        with BackdoorStream(arguments.source) as stream:
+            yield _from_stream(arguments.source, stream)
+
+
+def _board_config(arguments: argparse.Namespace) -> BoardConfig:
+    values = {name: getattr(arguments, name) for name in WATCHED_BOARD_OPTIONS}
+    return watched_board_config(**values)
+
+
+def _read_bytes(source: str) -> bytes:
+    try:
+        return Path(source).read_bytes()
+    except OSError as error:
+        raise ConfigurationError(f"cannot read {source}: {error.strerror}") from error
+
+
+@contextlib.contextmanager
+def _started_board(arguments: argparse.Namespace) -> Iterator[Records]:
+    """Start a board at --link, and end it with the watch."""
+    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.evidence.board_process import BoardProcess
+    from haptogram.machine.working_folder import WorkingFolder
+    from haptogram.settings.board import BOARD_OPTIONS
+    from haptogram.settings.command_line import written_options
+
+    values = _board_config(arguments).non_default()
+    folder = WorkingFolder("haptogram-watch-")
+    try:
+        backdoor = folder.path / "backdoor.jsonl"
+        words = [f"--link={arguments.link}", f"--backdoor={backdoor}", "--no-reconstruct"]
+        process = BoardProcess(
+            [*words, *written_options(values, BOARD_OPTIONS)], folder.path / "log"
+        )
+        try:
+            process.wait_until_ready()
+            print(f"{arguments.dialect} board at {arguments.link}", file=sys.stderr, flush=True)
+            with BackdoorStream(str(backdoor)) as stream:
+                yield _from_stream(arguments.link, stream, process.is_running)
+        finally:
+            process.stop()
+            process.close_pipe()
+    finally:
+        folder.remove()
+
+
+def _from_stream(
+    source: str, stream: BackdoorStream, is_running: Callable[[], bool] = lambda: True
+) -> Records:
+    """Yield the records of a back door as they come, until it is closed."""
+    end_s = time.monotonic() + _PATIENCE_S
+    come = False
+    while True:
+        records = stream.read()
+        yield from records
+        come = come or bool(records)
+        if not records:
+            if not stream.is_open or not is_running():
+                break
+            if not come and time.monotonic() > end_s:
+                break
+            time.sleep(_PERIOD_S)
+    if not come:
+        raise ConfigurationError(f"{source}: no record of a back door came")

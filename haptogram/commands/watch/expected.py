@@ -1,0 +1,89 @@
+"""The foci that a user expects, in the axes of the board's own programs."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from haptogram.errors import ConfigurationError
+from haptogram.settings.option import options_of
+from haptogram.settings.tolerance import ToleranceConfig
+from haptogram.settings.verify_config import config_from_options
+
+if TYPE_CHECKING:
+    from haptogram.evidence.watched_board import WatchedBoard
+    from haptogram.verification.watch import Expectation
+
+_HEADERS: Final = (["x", "y", "z"], ["frame", "x", "y", "z"])
+_MOST_MM: Final = 10_000.0
+_MM: Final = 1e3
+
+Foci = list[tuple[float, float, float]]
+
+
+def expected_frames_mm(arguments: argparse.Namespace) -> list[Foci]:
+    """Return the foci of every frame that is expected, in mm; empty: nothing is.
+
+    Raises
+    ------
+    ConfigurationError
+        A file that holds no foci, or both it and single foci.
+    """
+    if arguments.expect and arguments.expect_file:
+        raise ConfigurationError(
+            "--expect and --expect-file both say what is expected; leave one out"
+        )
+    if arguments.expect_file:
+        return _read_frames(arguments.expect_file)
+    return [[focus] for focus in arguments.expect or ()]
+
+
+def make_expectation(
+    arguments: argparse.Namespace, frames_mm: list[Foci], board: WatchedBoard
+) -> Expectation | None:
+    """Return the expectation of *board*; None if the user gave none."""
+    import numpy as np
+
+    from haptogram.verification import tolerance_of
+    from haptogram.verification.watch import Expectation
+
+    if not frames_mm:
+        return None
+    given = {name: getattr(arguments, name) for name in options_of(ToleranceConfig)}
+    tolerance = tolerance_of(config_from_options(ToleranceConfig, given))
+    frames_m = [board.ours_m(np.array(foci) / _MM) for foci in frames_mm]
+    return Expectation(board.model, frames_m, tolerance=tolerance)
+
+
+def _read_frames(path: Path) -> list[Foci]:
+    from haptogram.acoustics.model.csv_rows import read_element_rows
+
+    rows = read_element_rows(path, "--expect-file")
+    header = [cell.lower() for cell in rows[0][1]] if rows else []
+    if header not in _HEADERS or len(rows) < 2:
+        raise ConfigurationError(
+            f"--expect-file {path}: must begin with the line x,y,z or frame,x,y,z, and foci in mm"
+        )
+    frames: dict[str, Foci] = {}
+    for number, cells in rows[1:]:
+        if len(cells) != len(header):
+            raise ConfigurationError(
+                f"{path}:{number}: {len(cells)} cells, must be {len(header)}: {','.join(header)}"
+            )
+        frame = cells[0] if len(header) == 4 else str(number)
+        frames.setdefault(frame, []).append(_focus(f"{path}:{number}", cells[-3:]))
+    return list(frames.values())
+
+
+def _focus(where: str, cells: list[str]) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(cell) for cell in cells)
+    except ValueError as error:
+        raise ConfigurationError(f"{where}: {','.join(cells)} is not x,y,z in mm") from error
+    if not all(math.isfinite(value) and abs(value) <= _MOST_MM for value in (x, y, z)):
+        raise ConfigurationError(
+            f"{where}: {','.join(cells)} mm, each must be -{_MOST_MM:g} to {_MOST_MM:g}"
+        )
+    return x, y, z

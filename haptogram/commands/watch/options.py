@@ -1,0 +1,47 @@
+"""Settings of a board that is watched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from haptogram.settings.board import BoardConfig
+from haptogram.settings.option import Settings, option
+
+#: Options of a virtual board that can be watched from its power-up on.
+WATCHED_BOARD_OPTIONS: Final = (
+    "dialect",
+    "dialect_option",
+    "array",
+    "temperature_c",
+    "calibration",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchConfig(Settings):
+    """The foci that are expected, the end of the watch, and what it writes."""
+
+    expect_file: Path | None = option(
+        None,
+        unit="FILE",
+        help="CSV file of expected foci in mm, with the header x,y,z, a frame a line; or with "
+        "frame,x,y,z, where lines of one frame are the foci that it has together",
+    )
+    latches: int | None = option(
+        None,
+        unit="N",
+        low=1,
+        high=1_000_000_000,
+        help="end after so many latches of the client",
+        absent="until the board ends, or Ctrl-C",
+    )
+    frames: Path | None = option(None, unit="FILE", help="a line of JSON for each latch")
+    json: Path | None = option(None, unit="FILE", help="the summary as JSON")
+    junit: Path | None = option(None, unit="FILE", help="the verdicts as JUnit XML")
+
+
+def watched_board_config(**values: object) -> BoardConfig:
+    """Return the virtual board with *values*: options of :data:`WATCHED_BOARD_OPTIONS` by name."""
+    return BoardConfig.of(**{name: value for name, value in values.items() if value is not None})

@@ -1,0 +1,125 @@
+"""A board by the records of its back door, as somebody sees it who does not know what was meant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.model.boards.layout import Z_UP
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Evidence
+from haptogram.verification.watch import SeenLatch
+
+from .backdoor import board_model, observation_of
+from .pulse_records import pulse_observation_of
+
+_OWN_DIALECT: Final = "haptogram"
+
+
+class WatchedBoard:
+    """A board of any dialect.
+
+    Parameters
+    ----------
+    record : mapping
+        The first record of its back door.
+    evidence : Evidence
+        Who saw its latches.
+    timed : bool
+        Whether the times of its records mean anything.
+
+    Attributes
+    ----------
+    model : AcousticModel
+        Array and air.
+    dialect : str
+        Name of the dialect.
+    channels : int
+        Channels of all boards on the line.
+    missing : int
+        Latches between those that were seen, which were not.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no such record.
+    """
+
+    def __init__(
+        self,
+        record: Mapping[str, Any],
+        *,
+        evidence: Evidence = Evidence.EXTERNAL,
+        timed: bool = True,
+    ) -> None:
+        if record.get("kind") != "board":
+            raise ConfigurationError("the first record of a back door must be of the kind board")
+        self.model = board_model(record)
+        self.dialect = str(record.get("dialect", _OWN_DIALECT))
+        self._channels = [int(channel) for channel in record.get("channels", ())]
+        self.channels = int(record.get("channel_count", self.model.array.count))
+        self._axes = np.array(record.get("client_axes", Z_UP), dtype=np.float64)
+        self._evidence, self._timed = evidence, timed
+        self._next: int | None = None
+        self.missing = 0
+
+    def ours_m(self, client_m: FloatArray) -> FloatArray:
+        """Return (..., 3) points in the client's axes in those of the model."""
+        points: FloatArray = client_m @ self._axes.T
+        return points
+
+    def clients_m(self, ours_m: FloatArray) -> FloatArray:
+        """Return (..., 3) points of the model in the client's axes."""
+        points: FloatArray = ours_m @ self._axes
+        return points + 0.0
+
+    def latch(self, record: Mapping[str, Any]) -> SeenLatch | None:
+        """Return the latch in a record; None: the record is of something else.
+
+        Raises
+        ------
+        ConfigurationError
+            A record that cannot be read.
+        """
+        if record["kind"] == "pulses":
+            found = self._of_pulses(record)
+        elif record["kind"] == "latch":
+            found = self._of_codes(record)
+        else:
+            return None
+        if self._next is not None:
+            self.missing += max(0, found.number - self._next)
+        self._next = found.number + 1
+        return found
+
+    def _of_pulses(self, record: Mapping[str, Any]) -> SeenLatch:
+        seen = pulse_observation_of(record, self._channels)
+        driven = np.flatnonzero((seen.pulses.widths > 0) & (seen.pulses.widths < seen.pulses.steps))
+        stray = np.setdiff1d(driven, self._channels)
+        return SeenLatch(
+            number=seen.number,
+            weights=seen.weights,
+            steps=seen.pulses.steps,
+            t_us=seen.t_latch_us if self._timed else None,
+            cause=seen.cause,
+            counted=seen.counted,
+            stray=tuple(int(channel) for channel in stray),
+            evidence=self._evidence,
+        )
+
+    def _of_codes(self, record: Mapping[str, Any]) -> SeenLatch:
+        seen = observation_of(record)
+        drive = seen.radiated or seen.drive
+        if drive is None:
+            raise ConfigurationError("not a latch record of a back door: it has no drive")
+        return SeenLatch(
+            number=record["number"],
+            weights=drive.weights(),
+            steps=1 << record["commanded_bits"],
+            t_us=seen.t_latch_us if self._timed else None,
+            cause="frame",
+            evidence=self._evidence,
+        )

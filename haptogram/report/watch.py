@@ -1,0 +1,60 @@
+"""A watched board as a JUnit suite: a case for each verdict, and one for each kind of defect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from haptogram.verification import FrameStatus, FrameVerdict
+from haptogram.verification.verdict import WRONG
+from haptogram.verification.watch import Defect, WatchResult
+
+from .junit import JUnit, JUnitCase, JUnitSuite, write_junit
+
+_SUITE: Final = "haptogram.watch"
+
+
+def write_watch_junit(path: Path, result: WatchResult, verdicts: Sequence[FrameVerdict]) -> None:
+    """Write the result as JUnit XML.
+
+    Parameters
+    ----------
+    verdicts : sequence of FrameVerdict
+        Of the latches of which a frame was expected.
+
+    Raises
+    ------
+    ConfigurationError
+        If *path* cannot be written.
+    """
+    cases = [_frame_case(verdict) for verdict in verdicts]
+    cases += [_defect_case(result, defect) for defect in Defect]
+    cases.append(_seen_case(result))
+    properties = {"verdict": str(result.verdict), "latches": str(result.latches)}
+    write_junit(path, JUnitSuite(_SUITE, tuple(cases), properties, str(result)))
+
+
+def _frame_case(verdict: FrameVerdict) -> JUnitCase:
+    outcome = JUnit.PASSED
+    if verdict.status in WRONG:
+        outcome = JUnit.FAILURE
+    elif verdict.status is not FrameStatus.ON_TARGET:
+        outcome = JUnit.ERROR
+    name = f"latch {verdict.number} is where it was expected"
+    return JUnitCase("expected", name, outcome, str(verdict.status), "expected", str(verdict))
+
+
+def _defect_case(result: WatchResult, defect: Defect) -> JUnitCase:
+    found = [str(diagnosis) for diagnosis in result.diagnoses if diagnosis.defect is defect]
+    outcome = JUnit.FAILURE if found else JUnit.PASSED
+    message = found[0] if found else "not found"
+    return JUnitCase("defects", f"no {defect}", outcome, message, "defect", "\n".join(found))
+
+
+def _seen_case(result: WatchResult) -> JUnitCase:
+    count = sum(result.kinds.values())
+    missing = result.missing or ("" if count else "no latch of a client was seen")
+    outcome = JUnit.ERROR if missing else JUnit.PASSED
+    message = missing or f"{count} latches"
+    return JUnitCase("seen", "every latch was seen", outcome, message, "seen", message)

@@ -1,0 +1,242 @@
+"""``haptogram watch``: captures of unmodified clients, expected foci, live boards."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from haptogram.cli import main
+from haptogram.evidence.board_process import BoardProcess
+
+DATA = Path(__file__).parents[2] / "data" / "dialects"
+AIR = ("--temperature-c", "24.78")  # 346.0 m/s, which these clients assume
+DEADLINE_S = 60.0
+
+
+def capture(name):
+    return str(DATA / f"{name}.bin")
+
+
+def watch(capsys, *words):
+    """Run the command; return status, standard output and standard error."""
+    status = main(["watch", *words])
+    said = capsys.readouterr()
+    assert "Traceback" not in said.err
+    return status, said.out, said.err
+
+
+# --- captures -------------------------------------------------------------------------------------
+
+CAPTURES = [
+    ("sonicsurface/focus_0_120_0", "sonicsurface", "one focus at (0.0, 119.9, 0.0)", 0.9985),
+    ("sonicsurface/focus_20_150_m15", "sonicsurface", "one focus at (20.0, 150.0, -15.0)", 0.9983),
+    ("sonicsurface/twin_0_150_0_rot45", "sonicsurface", "twin trap at (0.0, 150.1, 0.0)", 0.9984),
+    ("sonicsurface/off", "sonicsurface", "off", None),
+    ("sonicsurface/on", "sonicsurface", "uniform", None),
+    ("sonicsurface/ramp_phases", "sonicsurface", "none of these", None),
+    (
+        "ultraino/simplefpga_ss_focus_0_120_0",
+        "ultraino-fpga",
+        "one focus at (0.0, 120.0, 0.0)",
+        0.9988,
+    ),
+    ("ultraino/mega_flat8x8_focus", "ultraino-mega64", "one focus at (0.0, 50.8, 0.0)", 0.9876),
+]
+
+
+@pytest.mark.parametrize(("name", "dialect", "said", "coherence"), CAPTURES)
+def test_a_capture_is_told_in_the_client_s_axes(name, dialect, said, coherence, capsys):
+    status, out, _ = watch(capsys, capture(name), "--dialect", dialect, *AIR)
+    line = out.splitlines()[1]
+    assert line.split("  ", 3)[-1].strip().startswith(said)
+    if coherence is not None:
+        assert float(line.rsplit(" ", 1)[1]) == pytest.approx(coherence, abs=2e-4)
+    assert status == 0
+
+
+def test_the_amplitude_commit_of_a_client_is_named(capsys):
+    name = "ultraino/simplefpga_ss_amp50_0_120_0"
+    status, out, _ = watch(capsys, capture(name), "--dialect", "ultraino-fpga")
+    assert status == 1
+    assert "defect    amplitude frame taken for phases: FB and 256 amplitudes" in out
+
+
+def test_lost_bytes_tear_a_frame_and_a_lost_commit_hides_one(tmp_path, capsys):
+    frame = Path(capture("sonicsurface/focus_0_120_0")).read_bytes()
+    lost = tmp_path / "lost.bin"
+    lost.write_bytes(frame + frame[:100] + frame[101:] + frame[:-1] + frame)
+    status, out, _ = watch(capsys, str(lost), "--dialect", "sonicsurface", *AIR)
+    assert status == 1
+    assert "torn      latch 2: 1 frames short" in out
+    assert "frame without its commit: 1 whole and never shown (latch 3)" in out
+
+
+# --- expectation ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("expected", "status", "told"),
+    [
+        (("20,150,-15",), 0, "on target"),
+        (("20,150,15",), 1, "off target"),
+        (("20,150,-15", "0,100,0"), 0, "on target"),  # one latch, one frame
+    ],
+)
+def test_foci_are_expected_in_the_client_s_axes(expected, status, told, capsys):
+    words = [word for place in expected for word in ("--expect", place)]
+    found, out, _ = watch(
+        capsys,
+        *(capture("sonicsurface/focus_20_150_m15"), "--dialect", "sonicsurface", *AIR),
+        *("--tolerance-c", "0.3", *words),
+    )
+    assert found == status
+    assert f"expected  1 {told}" in out
+
+
+def test_results_are_written_in_every_form(tmp_path, capsys):
+    expected = tmp_path / "foci.csv"
+    expected.write_text("frame,x,y,z\n1,-40,180,0\n2,40,180,0\n")
+    files = {name: tmp_path / f"out.{name}" for name in ("frames", "json", "junit")}
+    status, out, err = watch(
+        capsys,
+        *(capture("sonicsurface/two_foci_then_4_commits"), "--dialect", "sonicsurface", *AIR),
+        *("--expect-file", str(expected), "--tolerance-c", "0.3", "--quiet"),
+        *(word for name, path in files.items() for word in (f"--{name}", str(path))),
+    )
+    assert status == 0
+    assert out.startswith("pass: 6 latches of the client\n  patterns  6 one focus\n")
+    assert err.count("wrote ") == 3
+    latches = [json.loads(line) for line in files["frames"].read_text().splitlines()]
+    assert [latch["verdict"] for latch in latches] == [None, *["on target"] * 6]
+    assert latches[1]["t_us"] is None  # a file of bytes has no timing
+    assert json.loads(files["json"].read_text())["statuses"] == {"on target": 6}
+    suite = ElementTree.parse(files["junit"]).getroot()
+    assert suite.attrib["failures"] == "0"
+    assert int(suite.attrib["tests"]) == 6 + 9 + 1
+
+
+def test_a_failed_run_fails_in_junit_as_well(tmp_path, capsys):
+    junit = tmp_path / "out.xml"
+    status, _, _ = watch(
+        capsys,
+        *(capture("sonicsurface/focus_0_120_0"), "--dialect", "sonicsurface", *AIR),
+        *("--expect", "0,90,0", "--junit", str(junit)),
+    )
+    assert status == 1
+    suite = ElementTree.parse(junit).getroot()
+    assert suite.attrib["failures"] == "1"
+    assert "is where it was expected" in suite.find(".//testcase[failure]").attrib["name"]
+
+
+def test_nothing_latched_is_status_3(tmp_path, capsys):
+    (tmp_path / "nothing.bin").write_bytes(b"")
+    status, out, _ = watch(capsys, str(tmp_path / "nothing.bin"), "--dialect", "sonicsurface")
+    assert status == 3
+    assert "inconclusive: 0 latches of the client\n" in out
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ((), "nothing to watch; give a back door (unix:PATH), a file of bytes"),
+        (("absent.bin", "--dialect", "sonicsurface"), "cannot read absent.bin: No such file"),
+        (("absent.jsonl",), "cannot read absent.jsonl: No such file"),
+        (("unix:absent",), "no board listens at unix:absent"),
+        (("x.bin", "--dialect", "sonicsurface", "--link", "y"), "--link starts a board"),
+        ((capture("sonicsurface/on"), "--dialect", "sonic"), "--dialect is 'sonic'; known are"),
+        (
+            (capture("sonicsurface/on"), "--dialect", "sonicsurface", "--expect-file", "foci.csv"),
+            "--expect-file foci.csv: must begin with the line x,y,z",
+        ),
+    ],
+)
+def test_a_refusal_is_one_line_and_status_2(words, told, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("foci.csv").write_text("a,b,c\n1,2,3\n")
+    status, out, err = watch(capsys, *words)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"haptogram watch: {told}")
+
+
+@pytest.mark.parametrize(("row", "told"), [("1,2", "2 cells"), ("1,2,x", "is not x,y,z in mm")])
+def test_a_file_of_foci_is_refused_by_its_line(row, told, tmp_path, capsys):
+    foci = tmp_path / "foci.csv"
+    foci.write_text(f"x,y,z\n0,0,100\n{row}\n")
+    words = (capture("sonicsurface/on"), "--dialect", "sonicsurface", "--expect-file", str(foci))
+    status, _, err = watch(capsys, *words)
+    assert status == 2
+    assert f"foci.csv:3: {told}" in err or told in err
+
+
+# --- live -----------------------------------------------------------------------------------------
+
+
+def wait_for(condition):
+    end_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def test_a_board_that_the_command_starts_is_followed_until_ctrl_c(tmp_path):
+    link, log = tmp_path / "board", tmp_path / "out.txt"
+    words = ["watch", "--dialect", "sonicsurface", "--link", str(link), *AIR]
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "haptogram", *words], stdout=output, stderr=subprocess.STDOUT
+        )
+    try:
+        wait_for(lambda: "power-up" in log.read_text())
+        port = os.open(link, os.O_RDWR | os.O_NOCTTY)
+        os.write(port, Path(capture("sonicsurface/focus_0_120_0")).read_bytes())
+        wait_for(lambda: "one focus at (0.0, 119.9, 0.0)" in log.read_text())
+        os.close(port)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(DEADLINE_S) == 0
+    finally:
+        process.kill()
+        process.wait()
+    assert "pass: 1 latches of the client" in log.read_text()
+    assert not link.exists()
+
+
+def test_the_back_door_of_a_running_board_is_watched(tmp_path, capsys):
+    door, link = f"unix:{tmp_path}/door", tmp_path / "board"
+    board = BoardProcess(
+        ["--dialect=sonicsurface", f"--link={link}", f"--backdoor={door}", "--no-reconstruct"],
+        tmp_path / "log",
+    )
+    try:
+        board.wait_until_ready()
+        frame = Path(capture("sonicsurface/focus_0_120_0")).read_bytes()
+        watched = threading.Event()
+
+        def send() -> None:
+            """Write the frame again and again: the socket shows what comes once it is open."""
+            port = os.open(link, os.O_RDWR | os.O_NOCTTY)
+            while not watched.wait(0.05):
+                os.write(port, frame)
+            os.close(port)
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        try:
+            status, out, _ = watch(capsys, door, "--latches", "2")
+        finally:
+            watched.set()
+            sender.join()
+    finally:
+        board.stop()
+        board.close_pipe()
+    assert status == 0
+    assert "pass: 2 latches of the client" in out

@@ -1,0 +1,13 @@
+"""The labelled trial of a verdict without intent, in short; ci/watch-trial is the long form."""
+
+from trials.watch_trial import trial
+
+CASES = 24
+
+
+def test_no_name_is_wrong() -> None:
+    tally = trial(CASES, seed=2)
+    assert tally.wrong == []
+    outcomes = [sum(found[n] for found in tally.counts.values()) for n in ("right", "not named")]
+    assert sum(outcomes) == CASES
+    assert outcomes[0] > 0.7 * CASES
