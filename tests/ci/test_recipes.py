@@ -1,13 +1,15 @@
 """The CI recipes for firmware: their steps are run as they stand, in a clean environment.
 
 The variable HAPTOGRAM, by which a user names a tag, names a wheel of this tree. The firmware is the
-virtual board in a process of its own, which stand-ins for make, qemu and openocd start.
+virtual board in a process of its own, which stand-ins for make, qemu and openocd start. Where QEMU
+and the ARM compiler are there, the recipe for the emulator runs with them and real firmware, too.
 """
 
 import contextlib
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import sysconfig
@@ -17,6 +19,8 @@ from pathlib import Path
 
 import pytest
 import yaml
+
+from firmware_check.ports import PORTS, build, missing_tool
 
 ROOT = Path(__file__).resolve().parents[2]
 RECIPES = {
@@ -29,6 +33,7 @@ NOT_SOURCE = ("*.egg-info", ".git", ".venv", ".*_cache", "__pycache__", "build",
 #: Two cases that a loaded machine judges too; the whole suite has tests of its own.
 FEW = " --clause HG-2.3 --clause HG-6.1 --timeout 5 --boot-timeout 60"
 DEVICE = "/dev/ttyACM0"
+TCP_PORT = "7000"
 
 START_BOARD = """\
 python=.venv/bin/python; [ -x $python ] || python=python3
@@ -41,16 +46,17 @@ PROGRAMS = {
     "make": f"""\
 case $1 in
 native) mkdir -p build; cp "$STAND_INS/firmware" build/firmware_native ;;
-firmware.elf) touch firmware.elf ;;
+firmware.elf) cp "${{FIRMWARE:-/dev/null}}" firmware.elf ;;
 flash) {START_BOARD} ;;
 *) exit 2 ;;
 esac
 """,
     "firmware": f'{START_BOARD}echo "PTY is $(readlink board)"\nwait\n',
-    "qemu-system-arm": f"""\
-case "$*" in *"-serial pty -kernel firmware.elf"*) [ -e firmware.elf ] ;; *) false ;; esac || exit 2
-{START_BOARD}echo "char device redirected to $(readlink board) (label serial0)"
-wait
+    "qemu-system-arm": """\
+case "$*" in *"-M musca-b1 "*" -kernel firmware.elf"*) [ -e firmware.elf ] || exit 2 ;;
+*) exit 2 ;; esac
+port=$(echo "$*" | sed 's/.*-serial tcp:127.0.0.1:\\([0-9]*\\),.*/\\1/')
+exec python3 -m sim_device --array 4x4 --tcp "$port" > board.log 2>&1 < /dev/null
 """,
     "openocd": f"""\
 kill $(cat board.pid)
@@ -118,24 +124,49 @@ def machine(wheel, tmp_path_factory):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", RECIPES)
 def test_the_steps_of_a_recipe_run(name, kind, machine, tmp_path):
+    run_steps(name, kind, machine, tmp_path)
+    if kind == "qemu":
+        assert "qemu-system-arm" in (tmp_path / "installed").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(missing_tool()), reason=f"not run: {missing_tool()}")
+@pytest.mark.parametrize("name", RECIPES)
+def test_the_steps_for_the_emulator_run_with_real_firmware(name, machine, tmp_path):
+    firmware = build(PORTS["musca_b1"], tmp_path / "build", CFLAGS="-O1")
+    real = tmp_path / "programs"
+    shutil.copytree(machine["STAND_INS"], real)
+    (real / "qemu-system-arm").unlink()
+    path = machine["PATH"].replace(machine["STAND_INS"], str(real))
+    (tmp_path / "work").mkdir()
+    variables = machine | {"PATH": path, "FIRMWARE": str(firmware)}
+    run_steps(name, "qemu", variables, tmp_path / "work")
+    assert "256 transducers" in (tmp_path / "work" / "said").read_text()
+
+
+def run_steps(name, kind, machine, tmp_path):
+    """Run the steps of a recipe in a folder; the board has to pass."""
     (tmp_path / "conformance").mkdir()
     (tmp_path / "conformance" / "expected.toml").write_text("[expected]\n")
     variables, scripts = jobs(name)
-    said = ""
+    said, tcp_port = "", str(free_tcp_port())
     try:
         for script in scripts[kind]:
             text = script.rstrip() + FEW if "haptogram conform" in script else script
-            said += shell(
-                text.replace(DEVICE, str(tmp_path / "board")), variables | machine, tmp_path
-            )
+            text = text.replace(DEVICE, str(tmp_path / "board")).replace(TCP_PORT, tcp_port)
+            said += shell(text, variables | machine, tmp_path)
     finally:
         with contextlib.suppress(FileNotFoundError, ProcessLookupError):
             os.kill(int((tmp_path / "board.pid").read_text()), signal.SIGTERM)
     assert "2 OK" in said
     assert "PASS (exit status 0)" in said
     assert (tmp_path / "conform.xml").exists()
-    if kind == "qemu":
-        assert "qemu-system-arm" in (tmp_path / "installed").read_text()
+    (tmp_path / "said").write_text(said)
+
+
+def free_tcp_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
 
 
 def shell(script, variables, folder):

@@ -17,7 +17,7 @@ from haptogram.settings.text_file import plain_reason
 
 from .access import open_when_there
 
-DEFAULT_PORT_REGEX: Final = r"(?:listening on|redirected to|PTY is|pty:?) +(/\S+)"
+DEFAULT_PORT_REGEX: Final = r"(?:listening on|redirected to|PTY is|pty:?) +((?:socket:/)?/\S+)"
 _POLL_S: Final = 0.02
 _STOP_S: Final = 5.0
 _LAST_WORDS_S: Final = 1.0
@@ -135,7 +135,8 @@ class SpawnAccess:
                 last = output.end(0) or "nothing"
                 raise ConfigurationError(
                     f"{self._arguments[0]} {how} before it named a port that matches "
-                    f"{self._regex.pattern!r}; it printed: {last}"
+                    f"{self._regex.pattern!r}; it printed: {last}; --port-regex tells how a port is "
+                    "named, --boot-timeout how long to wait"
                 )
             time.sleep(_POLL_S)
 

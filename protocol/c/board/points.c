@@ -142,19 +142,29 @@ static uint8_t phase_code(float turns)
     return (uint8_t)((uint32_t)(whole - (steps < (float)whole)) & 0xFFu); /* rounded down */
 }
 
+static uint8_t amplitude_code(float amplitude)
+{
+    return (uint8_t)(255 * (amplitude < 1 ? amplitude : 1) + 0.5f);
+}
+
+/* The sum of the points; a single one needs neither sine nor angle. */
 static void superpose(const struct focus *focus, size_t count, const float *turns, uint8_t *phase,
                       uint8_t *amplitude)
 {
-    float real = 0, imaginary = 0, magnitude;
+    float real = 0, imaginary = 0;
     size_t i;
 
+    if (count == 1) {
+        *phase = focus->amplitude > 0 ? phase_code(*turns) : 0;
+        *amplitude = amplitude_code(focus->amplitude);
+        return;
+    }
     for (i = 0; i < count; i++) {
         real += focus[i].amplitude * sine(turns[i] + 0.25f);
         imaginary += focus[i].amplitude * sine(turns[i]);
     }
-    magnitude = sqrtf(real * real + imaginary * imaginary);
     *phase = phase_code(angle(real, imaginary));
-    *amplitude = (uint8_t)(255 * (magnitude < 1 ? magnitude : 1) + 0.5f);
+    *amplitude = amplitude_code(sqrtf(real * real + imaginary * imaginary));
 }
 
 void points_drive(const struct board *board, const uint8_t *points, size_t count,

@@ -4,8 +4,8 @@
    CHIP_CORE_MHZ         clock of the core and of SysTick
    CHIP_TICKS_PER_US     rate of chip_ticks
    CHIP_LINE_BYTES_PER_S a tenth of the baud rate; 0 where the line has none, as in an emulator
-   CHIP_MEASURES_LATCH   1: the time of a latch is read from the clock when it took effect; 0: the
-                         time that was due, as in an emulator, whose host wakes it up at any time
+   CHIP_MEASURES_LATCH   1: the time of a latch is read from the clock when the drive was loaded; 0:
+                         the time that was due, as in an emulator, whose host wakes it up at any time
    CHIP_WATCHDOG_MS      how long the main loop may hang before the chip is reset */
 
 #ifndef PORT_CHIP_H

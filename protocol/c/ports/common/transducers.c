@@ -22,11 +22,16 @@ static void load(const struct drive *drive)
     }
 }
 
+/* Drivers take their registers at the beginning of a carrier period (HG-5.8/2): a drive that is due
+   now takes effect one period later at the soonest. */
 static int64_t effect_us(int64_t due_us)
 {
-    int64_t now_us = CHIP_MEASURES_LATCH ? clock_now_us() : due_us;
+    int64_t loaded_us;
 
-    return now_us > due_us ? now_us : due_us;
+    if (!CHIP_MEASURES_LATCH)
+        return due_us;
+    loaded_us = clock_now_us();
+    return (loaded_us + BOARD_CARRIER_US - 1) / BOARD_CARRIER_US * BOARD_CARRIER_US;
 }
 
 void transducers_unmute(void) { chip_enable_output(wanted); }
