@@ -106,14 +106,23 @@ def test_values_without_a_bit_are_refused():
         list(c_enumerated(Odd))
 
 
-def test_the_example_of_the_readme_compiles(tmp_path):
+# What the examples of the README call of their surroundings.
+SURROUNDINGS = (
+    '#include "haptogram_codec.h"\nvoid count(int);\nvoid handle(const struct hg_frame *);\n',
+    '#include "board/board.h"\nsize_t send(const uint8_t *, size_t);\n'
+    "int64_t radiate(void *, const struct drive *, int64_t);\n"
+    "void begin(void);\nvoid turn(const uint8_t *, size_t, int64_t);\n",
+)
+
+
+def test_the_examples_of_the_readme_compile(tmp_path):
     text = (FOLDER / "README.md").read_text("utf-8")
-    (example,) = re.findall(r"```c\n(.*?)```", text, re.DOTALL)
-    declared = "void count(int);\nvoid handle(const struct hg_frame *);\n"
-    source = tmp_path / "example.c"
-    source.write_text(f'#include "haptogram_codec.h"\n{declared}{example}')
-    command = (compiler(), *STRICT, f"-I{FOLDER}", "-c", source, "-o", tmp_path / "example.o")
-    assert run(*command) == (0, "")
+    examples = re.findall(r"```c\n(.*?)```", text, re.DOTALL)
+    for declared, example in zip(SURROUNDINGS, examples, strict=True):
+        source = tmp_path / "example.c"
+        source.write_text(declared + example)
+        command = (compiler(), *STRICT, f"-I{FOLDER}", "-c", source, "-o", tmp_path / "example.o")
+        assert run(*command) == (0, "")
 
 
 def parts_included(folder):

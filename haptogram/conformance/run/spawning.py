@@ -135,8 +135,8 @@ class SpawnAccess:
                 last = output.end(0) or "nothing"
                 raise ConfigurationError(
                     f"{self._arguments[0]} {how} before it named a port that matches "
-                    f"{self._regex.pattern!r}; it printed: {last}; --port-regex tells how a port is "
-                    "named, --boot-timeout how long to wait"
+                    f"{self._regex.pattern!r}; it printed: {last}; --port-regex says how a port "
+                    "is named, --boot-timeout how long it may take"
                 )
             time.sleep(_POLL_S)
 
