@@ -20,6 +20,16 @@ from .unit import HoldsBack, Unit
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
+# What a user should read of the first time that a client makes these counters move.
+_CLUES: Final = {
+    "frames_short": "a frame ends before the last channel: the client has a smaller array",
+    "codes_beyond_array": "a frame has more codes than the board has channels: the client has a "
+    "larger array, or adds what this board takes for codes",
+    "codes_out_of_range": "codes beyond those of this board: the client has more steps in a period",
+    "bytes_beyond_chain": "bytes for a board that is not there: the client has a longer chain",
+    "frames_without_commit": "a frame was overwritten before it was shown: its commit is missing",
+}
+
 
 class ForeignDialect:
     """All boards on one line that speaks another dialect than Haptogram's.
@@ -65,6 +75,7 @@ class ForeignDialect:
         self._quiet_us: int | None = None  # when the client has been silent for long enough
         self._latches: list[PulseLatch] = []
         self._notices: list[Notice] = []
+        self._clues, self._clue_counts = set(_CLUES), Counter[str]()  # not said; at its beginning
         self._first_bytes: bytearray | None = bytearray()  # None: the wire has been guessed
         self._collect()
 
@@ -118,6 +129,7 @@ class ForeignDialect:
                 self._reply(self._unit.take(operation, t_us))
                 self._collect()
             at = end
+        self._say_clues()
         self._keep_first_bytes(data)
         waits = self._end.pending or self._first_bytes
         self._quiet_us = t_us + PATIENCE_US if waits else None
@@ -140,6 +152,7 @@ class ForeignDialect:
         if not self._dialect.bauds:
             self._own.update(self._end.counters)
             self._end = self._new_end()
+        self._clues, self._clue_counts = set(_CLUES), self._end.counters.copy()
 
     def power_down(self) -> None:
         """Do nothing: these boards say nothing as they go."""
@@ -182,6 +195,13 @@ class ForeignDialect:
                 )
             )
             self._latched += 1
+
+    def _say_clues(self) -> None:
+        """Say once for each client what its frames have in common with no frame of this board."""
+        for kind, clue in _CLUES.items():
+            if kind in self._clues and self._end.counters[kind] > self._clue_counts[kind]:
+                self._clues.discard(kind)
+                self._remark(clue)
 
     def _keep_first_bytes(self, data: bytes) -> None:
         if self._first_bytes is None:

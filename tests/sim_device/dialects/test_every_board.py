@@ -1,5 +1,6 @@
 """What holds for the boards of every dialect: any bytes, in any pieces, at any steps of time."""
 
+import dataclasses
 import json
 import pickle
 import random
@@ -12,10 +13,13 @@ from hypothesis import strategies as st
 from dialect_boards import DialectBoard, blueprint_of_options
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import BoardConfig
+from haptogram_protocol.dialects import sonicsurface
 from haptogram_protocol.dialects.codec import OneWayHost
+from haptogram_protocol.dialects.fpga_bytes import Swap
 from haptogram_protocol.dialects.table import DIALECTS
 from sim_device.backdoor.recorder import InlineReconstruction
 from sim_device.blueprint import blueprint_of
+from sim_device.dialects.double_buffer import DoubleBuffer, Registers
 from sim_device.dialects.foreign import OUTPUT_LIMIT
 from sim_device.dialects.table import EMULATIONS
 from strategies_dialects import WIRES, Wire
@@ -222,3 +226,48 @@ def test_faults_of_transducers_and_line_act(name):
     assert np.array_equal(latch.radiated[2:], healthy.latches[0].radiated[2:])
     assert latch.is_faulty == bool(healthy.latches[0].radiated[:2].any())
     assert board.simulation.fault_counts["line.drop"] > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "says"),
+    [
+        ("sonicsurface", b"\xfe" + bytes(72) + b"\xfd", "smaller array"),
+        ("sonicsurface", b"\xfe" + bytes(300) + b"\xfd", "larger array"),
+        ("sonicsurface", b"\xfe" + bytes([100] * 256) + b"\xfd", "more steps"),
+        ("sonicsurface", b"\xfe" + bytes(256) + b"\xfe", "its commit is missing"),
+        ("ultraino-fpga-128", b"\xfe" + bytes(256) + b"\xfd", "larger array"),
+        ("ultraino-fpga-chained", b"\xc0" + bytes(9) + b"\xfd", "smaller array"),
+        ("ultraino-mega64", bytes([0x51] * 64) + b"\x00", "smaller array"),
+        ("ultraino-mega64", bytes([0x52] * 200) + b"\x00", "longer chain"),
+    ],
+)
+def test_frames_of_another_array_are_told_once(name, line, says):
+    board = DialectBoard(name)
+    for _ in range(3):
+        board.send(line)
+    (told,) = [text for text in board.remarks if says in text]
+    assert "\n" not in told
+    board.simulation.unplug()  # another client may make the same mistake
+    board.send(line)
+    assert len([text for text in board.remarks if says in text]) == 2
+
+
+class LateUnit(DoubleBuffer):
+    """A wrong board: a mutant of another dialect, which swaps its buffers twice."""
+
+    def take(self, operation, t_us):
+        replies = super().take(operation, t_us)
+        return replies + (super().take(operation, t_us) if isinstance(operation, Swap) else [])
+
+
+def test_a_wrong_board_takes_the_place_of_the_right_one():
+    blueprint = blueprint_of(BoardConfig.of(dialect="sonicsurface"))
+    registers = Registers(sonicsurface.RULES, steps=32, width=16)
+    wrong = dataclasses.replace(
+        blueprint.parts.emulation, unit=lambda _, now_us: LateUnit(registers, 1, now_us)
+    )
+    parts = dataclasses.replace(blueprint.parts, emulation=wrong)
+    dialect = parts.assemble(blueprint.settings, 0)
+    dialect.receive(b"\xfe" + bytes([5] * 256) + b"\xfd", dialect.now_us)
+    shown = [int(latch.pulses.rises[0]) for latch in dialect.take_latches()]
+    assert shown == [0, 5, 0]
