@@ -102,7 +102,7 @@ def _recognised(source: Source) -> tuple[str, str]:
     from haptogram_protocol.dialects.table import DIALECTS
 
     names = looks_like_dialect(source.first)
-    if HAPTOGRAM in names or source.is_recording or not source.first:
+    if HAPTOGRAM in names or not source.first:
         return HAPTOGRAM, ""
     known = [name for name in names if name in DIALECTS]
     if not known:

@@ -158,9 +158,21 @@ def _recording(path: Path) -> Source:
     if path == _STDIN:
         raise ConfigurationError("-: a recording is read from a file; name the file")
     recording = Recording(path)
-    source = Source(iter(()), is_recording=True)
+    source = Source(iter(()), _first_bytes(recording), is_recording=True)
     source.chunks = _recorded(recording, source)
     return source
+
+
+def _first_bytes(recording: Recording) -> bytes:
+    """Return the first bytes that the host sent."""
+    from haptogram.evidence.recordings.channels import TO_BOARD
+
+    first = b""
+    for entry in recording.entries((TO_BOARD,)):
+        first += entry.data
+        if len(first) >= _LOOKED_AT:
+            break
+    return first[:_LOOKED_AT]
 
 
 def _recorded(recording: Recording, source: Source) -> Iterator[RecordedChunk]:
@@ -171,5 +183,4 @@ def _recorded(recording: Recording, source: Source) -> Iterator[RecordedChunk]:
     for entry in recording.entries(tuple(senders)):
         start_ns = entry.t_ns if start_ns is None else start_ns
         yield RecordedChunk(entry.data, senders[entry.topic], entry.t_ns - start_ns)
-    if not recording.is_whole:
-        source.note = f"{recording.path}: the recording was cut off here"
+    source.note = recording.note

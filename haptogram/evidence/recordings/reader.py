@@ -75,6 +75,8 @@ class Recording:
         Command, configuration and versions.
     is_whole : bool
         Whether the last pass came to the end that the writer wrote.
+    damaged : int
+        Chunks of some 50 frames that the last pass had to leave out.
 
     Raises
     ------
@@ -86,6 +88,7 @@ class Recording:
         check_recordings()
         self.path = path
         self.is_whole = False
+        self.damaged = 0
         self.run: dict[str, Any] = {}
         self._check()
 
@@ -139,6 +142,13 @@ class Recording:
             yield waiting.as_record()
 
     @property
+    def note(self) -> str:
+        """Defect of the file as far as the last pass came, in a line; empty: none."""
+        parts = [f"{self.damaged} damaged parts of some 50 frames were left out"]
+        parts = parts[: self.damaged > 0] + ["the recording was cut off"][: not self.is_whole]
+        return f"{self.path}: {', and '.join(parts)}" if parts else ""
+
+    @property
     def board(self) -> dict[str, Any] | None:
         """The first record of the back door; None: the recording has none."""
         return next((entry.fields for entry in self.entries((BOARD,))), None)
@@ -187,13 +197,18 @@ class Recording:
         ConfigurationError
             If something in the file cannot be read.
         """
+        from mcap.records import Chunk
         from mcap.stream_reader import StreamReader
 
-        self.is_whole = False
+        self.is_whole, self.damaged = False, 0
         with _opened(self.path) as file:
-            reader = StreamReader(file, record_size_limit=_LARGEST_RECORD, validate_crcs=True)
+            reader = StreamReader(file, emit_chunks=True, record_size_limit=_LARGEST_RECORD)
             try:
-                yield from reader.records
+                for record in reader.records:
+                    if isinstance(record, Chunk):
+                        yield from self._in_chunk(record)
+                    else:
+                        yield record
                 self.is_whole = True
             except OSError as error:
                 raise ConfigurationError(f"{self.path}: {error.strerror}") from error
@@ -204,6 +219,16 @@ class Recording:
                     f"{self.path}: damaged near byte {file.tell()}; haptogram repair saves what "
                     "lies before"
                 ) from error
+
+    def _in_chunk(self, chunk: Any) -> list[Any]:
+        """Return the records in a chunk; of a damaged one none, since its bytes lie anywhere."""
+        from mcap.stream_reader import breakup_chunk
+
+        try:
+            return list(breakup_chunk(chunk, validate_crc=True))
+        except Exception:  # what the parsers of the library happen to raise
+            self.damaged += 1
+            return []
 
 
 def _opened(path: Path) -> BinaryIO:

@@ -97,8 +97,8 @@ def replay_to_port(recording: Recording, url: str, *, baudrate: int) -> ReplayRe
             with contextlib.suppress(LinkError):
                 player.mute()
     result = ReplayResult([player.comparison], [], player.to_board, player.to_host)
-    if not recording.is_whole:
-        result.notes.append(f"{recording.path}: the recording was cut off")
+    if recording.note:
+        result.notes.append(recording.note)
     return result
 
 

@@ -49,7 +49,7 @@ def repair(source: Path, target: Path) -> int:
                             schemas[record.schema_id],
                             record.metadata,
                         )
-                    elif isinstance(record, Message):
+                    elif isinstance(record, Message) and record.channel_id in channels:
                         writer.add_message(
                             channels[record.channel_id],
                             record.log_time,

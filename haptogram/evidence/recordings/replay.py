@@ -155,8 +155,8 @@ def replay(recording: Recording, make_board: MakeReplayBoard) -> ReplayResult:
             result.notes.append(f"an excerpt of a soak is not replayed: {opening.excerpt}")
             continue
         _replay_line(opening, facts, entries, make_board, result)
-    if not recording.is_whole:
-        result.notes.append(f"{recording.path}: the recording was cut off")
+    if recording.note:
+        result.notes.append(recording.note)
     return result
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 import contextlib
 import json
 import platform
+import signal
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Final, Self
@@ -38,6 +40,13 @@ from .channels import (
 
 _FLUSH_NS: Final = 50_000_000  # 50 frames at 1 kHz: what a killed run can lose
 _CHUNK: Final = 256 * 1024
+_BATCH: Final = 8  # entries that are encoded at a time
+#: The signals that end a run in order; none, where the system cannot hold them back.
+_INTERRUPTS: Final = frozenset(
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+    if hasattr(signal, "pthread_sigmask")
+)
 _RECORDS: Final = {"board": BOARD, "output": OUTPUT, "pulses": PULSES, "end": FAULTS}
 _TIMES: Final = ("t_us", "t_latch_us", "boot_us")
 _KEY: Final = ("session", "sequence", "loop", "index")
@@ -95,10 +104,13 @@ class RecordingWriter:
         self.failure = ""
         self.path = path
         self._file = _Output(_opened(path))
+        # A pipe may hold the writer up for good: there Ctrl-C must be heard.
+        self._whole_entries = _delayed_interrupts() if path.is_file() else contextlib.nullcontext()
         self._writer: Any = Writer(
             self._file, chunk_size=_CHUNK, compression=CompressionType.NONE, enable_crcs=True
         )
         self._ids: dict[str, int] = {}
+        self._waiting: list[tuple[str, int, bytes, int]] = []
         self._flushed_ns = self.last_ns = 0
         with self._attempt():
             self._begin(command, configuration or {})
@@ -119,30 +131,30 @@ class RecordingWriter:
             )
         versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
         run = {"command": command, "configuration": configuration, "versions": versions}
-        self._add(RUN, 0, _encoded(run))
+        self._waiting.append((RUN, 0, _encoded(run), 0))
+        self._encode()
         self._writer.flush()
 
     # --- while the run goes on -----------------------------------------------------------------
 
     def to_board(self, t_ns: int, data: bytes, waited_ns: int = 0) -> None:
         """Write bytes that the port took from the host, which may have waited for *waited_ns*."""
-        self._write(TO_BOARD, t_ns, data, max(0, t_ns - waited_ns))
+        self._take(TO_BOARD, t_ns, data, max(0, t_ns - waited_ns))
+        self._flush_when_due(t_ns)
 
     def to_host(self, t_ns: int, data: bytes) -> None:
         """Write bytes that the host read."""
-        self._write(TO_HOST, t_ns, data)
+        self._take(TO_HOST, t_ns, data, t_ns)
+        self._flush_when_due(t_ns)
 
     def latch(self, latch: LatchRecord) -> None:
         """Write a latch."""
-        if not self.failure:
-            with self._attempt():
-                self._add(LATCH, latch.t_latch_us * 1000, latch.pack())
+        t_ns = latch.t_latch_us * 1000
+        self._take(LATCH, t_ns, latch.pack(), t_ns)
 
     def document(self, topic: str, t_ns: int, fields: Mapping[str, Any]) -> None:
         """Write *fields* on a channel of JSON."""
-        if not self.failure:
-            with self._attempt():
-                self._add(topic, t_ns, _encoded(fields))
+        self._take(topic, t_ns, _encoded(fields), t_ns)
 
     def opened(
         self, t_ns: int, board: Mapping[str, Any] | None, boot_ns: int | None, *, paced: bool
@@ -160,7 +172,7 @@ class RecordingWriter:
         if record["kind"] != "latch":
             times = (record[name] for name in _TIMES if name in record)
             t_us = next(times, self.last_ns // 1000)
-            self.document(_RECORDS[record["kind"]], t_us * 1000, record)
+            self.document(_RECORDS.get(record["kind"], OUTPUT), t_us * 1000, record)
             return
         self.latch(LatchRecord.from_record(record))
         if (field := record["reconstruction"]) is not None:
@@ -171,6 +183,7 @@ class RecordingWriter:
         """Hand everything to the operating system."""
         if not self.failure:
             with self._attempt():
+                self._encode()
                 self._writer.flush()
 
     def close(self) -> None:
@@ -178,6 +191,7 @@ class RecordingWriter:
         if self._file.is_open:
             if not self.failure:
                 with self._attempt():
+                    self._encode()
                     self._writer.finish()
             with self._attempt():
                 self._file.close()
@@ -195,35 +209,53 @@ class RecordingWriter:
 
     # --- the file ------------------------------------------------------------------------------
 
-    def _write(self, topic: str, t_ns: int, data: bytes, published_ns: int | None = None) -> None:
+    def _take(self, topic: str, t_ns: int, data: bytes, published_ns: int) -> None:
+        """Keep an entry, and encode those that wait a few at a time."""
         if self.failure:
             return
-        try:
-            self._add(topic, t_ns, data, published_ns)
-            if t_ns - self._flushed_ns >= _FLUSH_NS or t_ns < self._flushed_ns:
-                self._flushed_ns = t_ns
-                self._writer.flush()
-        except OSError as error:
-            self._fail(error)
-
-    def _add(self, topic: str, t_ns: int, data: bytes, published_ns: int | None = None) -> None:
         self.last_ns = max(self.last_ns, t_ns)
-        self._writer.add_message(
-            self._ids[topic], t_ns, data, t_ns if published_ns is None else published_ns
-        )
+        self._waiting.append((topic, t_ns, data, published_ns))
+        if len(self._waiting) >= _BATCH:
+            with self._attempt():
+                self._encode()
+
+    def _flush_when_due(self, t_ns: int) -> None:
+        if not 0 <= t_ns - self._flushed_ns < _FLUSH_NS:
+            self._flushed_ns = t_ns
+            self.flush()
+
+    def _encode(self) -> None:
+        entries, self._waiting = self._waiting, []
+        for topic, t_ns, data, published_ns in entries:
+            self._writer.add_message(self._ids[topic], t_ns, data, published_ns)
 
     @contextlib.contextmanager
     def _attempt(self) -> Any:
-        try:
-            yield
-        except OSError as error:
-            self._fail(error)
+        with self._whole_entries:
+            try:
+                yield
+            except OSError as error:
+                self._fail(error)
 
     def _fail(self, error: OSError) -> None:
         if not self.failure:
             why = error.strerror or "it cannot be written"
             self.failure = f"{self.path}: the recording ended early: {why}"
             self._file.give_up()
+
+
+class _DelayedInterrupts:
+    """Lets an interrupt wait for the end of an entry, half of which would cost all behind it."""
+
+    def __enter__(self) -> None:
+        self._before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
+
+    def __exit__(self, *_: object) -> None:
+        signal.pthread_sigmask(signal.SIG_SETMASK, self._before)
+
+
+def _delayed_interrupts() -> AbstractContextManager[None]:
+    return _DelayedInterrupts() if _INTERRUPTS else contextlib.nullcontext()
 
 
 class _Output:

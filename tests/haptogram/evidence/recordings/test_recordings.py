@@ -1,6 +1,8 @@
 """A recording is read back as it was written, whole or cut off, by this program and by others."""
 
 import json
+import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip("mcap")
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -196,16 +199,55 @@ def test_a_cut_anywhere_is_no_error_but_before_the_beginning(tmp_path):
     assert refused < 300
 
 
-def test_damage_is_one_line_and_what_lies_before_is_saved(tmp_path):
+def test_damage_of_some_bytes_costs_the_part_that_they_are_in(tmp_path):
     path = write(tmp_path / "run.mcap")
     content = bytearray(path.read_bytes())
     middle = len(content) // 2
     content[middle : middle + 40] = b"\xa5" * 40
     path.write_bytes(content)
     recording = Recording(path)
+    found = list(recording.entries())
+    assert recording.damaged == 1
+    assert "1 damaged parts" in recording.note
+    assert FRAMES * 3 - 200 < len(found) < FRAMES * 3
+    assert repair(path, tmp_path / "copy.mcap") == len(found)
+    assert list(Recording(tmp_path / "copy.mcap").entries()) == found
+
+
+def test_damage_between_chunks_is_one_line_and_what_lies_before_is_saved(tmp_path):
+    path = write(tmp_path / "run.mcap")
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 20_000] = b"\xa5" * 20_000
+    path.write_bytes(content)
     with pytest.raises(ConfigurationError, match=r"damaged near byte .* haptogram repair saves"):
-        list(recording.entries())
-    assert repair(path, tmp_path / "copy.mcap") > FRAMES / 2
+        list(Recording(path).entries())
+    assert repair(path, tmp_path / "copy.mcap") > FRAMES
+
+
+@pytest.mark.parametrize("step", ["start_record", "write2", "write8", "finish_record"])
+def test_an_interrupt_waits_until_an_entry_is_whole(step, tmp_path, monkeypatch):
+    path = tmp_path / "run.mcap"
+    usual = getattr(RecordBuilder, step)
+
+    def interrupt(*arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+        return usual(*arguments)
+
+    with RecordingWriter(path) as writer:
+        for number in range(FRAMES):
+            with monkeypatch.context() as patch:
+                if number != FRAMES // 2 + 1:  # just behind a flush
+                    writer.to_board(number * 1_000_000, b"frame %d" % number)
+                    continue
+                patch.setattr(RecordBuilder, step, interrupt)
+                writer.to_board(number * 1_000_000, b"frame %d" % number)
+                with pytest.raises(KeyboardInterrupt):
+                    writer.flush()
+    recording = Recording(path)
+    frames = [entry.data for entry in recording.entries((TO_BOARD,))]
+    assert frames == [b"frame %d" % number for number in range(FRAMES)]
+    assert (recording.is_whole, recording.note) == (True, "")
 
 
 @settings(max_examples=40)
