@@ -58,6 +58,9 @@ COMMANDS: Final = {
     ),
     "paper": (".published.paper", "reproduce the Haptogram paper's simulation"),
 }
+# Boards that take time to start, such as InteractLab's, have done so before a client comes.
+_STARTED_NS: Final = 1_500_000_000
+_LAST_FRAMES_NS: Final = 50_000_000
 _EXAMPLES: Final = """\
 examples:
   haptogram verify                          a hemisphere at 1 kHz on the virtual board
@@ -323,6 +326,9 @@ def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:
     with contextlib.closing(
         open_port(PortConfig(board=config, clock="virtual", reconstruct=False))
     ) as port:
+        port.wait_until_ns(port.now_ns() + _STARTED_NS)
         port.write(data)
         port.flush()
+        # What waits in the board, such as a FIFO of frames, is shown as well.
+        port.wait_until_ns(port.now_ns() + _LAST_FRAMES_NS)
     return list(port.records)

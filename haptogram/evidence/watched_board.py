@@ -61,6 +61,7 @@ class WatchedBoard:
         self.dialect = str(record.get("dialect", _OWN_DIALECT))
         self._channels = [int(channel) for channel in record.get("channels", ())]
         self.channels = int(record.get("channel_count", self.model.array.count))
+        self._steps = record.get("steps")
         self._axes = np.array(record.get("client_axes", Z_UP), dtype=np.float64)
         self._evidence, self._timed = evidence, timed
         self._next: int | None = None
@@ -102,7 +103,7 @@ class WatchedBoard:
         return SeenLatch(
             number=seen.number,
             weights=seen.weights,
-            steps=seen.pulses.steps,
+            steps=min(seen.pulses.steps, self._steps or seen.pulses.steps),
             t_us=seen.t_latch_us if self._timed else None,
             cause=seen.cause,
             counted=seen.counted,

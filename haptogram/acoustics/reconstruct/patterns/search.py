@@ -9,6 +9,7 @@ azimuth.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ _LOOKED_AT: Final = 48  # best cells of each charge
 _APART: Final = 0.25  # of their distance: a grating lobe lies further away
 _LEAST_SCORE: Final = 0.3  # chance reaches 0.35 with 100 elements, a corner of the right cell 0.5
 _TWIN_SCORE: Final = 1.1  # a twin trap reaches 0.9 where others reach 1
+_AT_A_TIME: Final = 256  # points: temporaries stay in the cache
 _CLEARANCE_M: Final = 0.010  # of a point from the elements of the other board
 
 
@@ -129,13 +131,25 @@ class PatternSearch:
 
     def _sums_below(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
         sums = np.empty((len(self._cells), len(CHARGES)), dtype=np.complex64)
-        for first in range(0, len(self._cells), 1024):
-            part = slice(first, first + 1024)
-            turns = _phasor(self._local[None, :, :2] - self._feet[part, None, :])
+        for first in range(0, len(self._cells), _AT_A_TIME):
+            part = slice(first, first + _AT_A_TIME)
             waves = self._phasors[part] * heard
-            for column, charge in enumerate(CHARGES):
-                sums[part, column] = (waves * turns.conj() ** charge).sum(axis=1)
+            sums[part, MAX_CHARGE] = waves.sum(axis=1)
+            for way, turns in ((-1, self._turns_below[part]), (1, self._turns_below[part].conj())):
+                turned = waves.copy()
+                for charge in range(1, MAX_CHARGE + 1):
+                    turned *= turns
+                    sums[part, MAX_CHARGE + way * charge] = turned.sum(axis=1)
         return sums
+
+    @cached_property
+    def _turns_below(self) -> NDArray[np.complex64]:
+        """(M, S) e^{j theta} of the elements around an axis through each point."""
+        turns = np.empty(self._phasors.shape, dtype=np.complex64)
+        for first in range(0, len(turns), _AT_A_TIME):
+            part = slice(first, first + _AT_A_TIME)
+            turns[part] = _phasor(self._local[None, :, :2] - self._feet[part, None, :])
+        return turns
 
     def _leaders(self, score: FloatArray, count: int = _STARTS) -> Iterator[int]:
         """Yield the best cell of each region."""
