@@ -9,6 +9,8 @@ from typing import Final
 
 from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
 from haptogram.acoustics.arrays import ComplexArray
+from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
+from haptogram.acoustics.reconstruct.patterns.found import Pattern
 
 from ..board.events import (
     AnyLatch,
@@ -43,6 +45,9 @@ class DriveEstimator:
         self._reconstructor = Reconstructor(model)
         self._phase_steps = phase_steps
         self._seen: OrderedDict[Hashable, Reconstruction] = OrderedDict()
+        self._model = model
+        self._classifiers: dict[int, PatternClassifier] = {}
+        self._patterns: OrderedDict[Hashable, Pattern] = OrderedDict()
 
     def estimate(self, latch: AnyLatch) -> Reconstruction:
         """Return the reconstruction of the radiated drive, which knows no target."""
@@ -59,15 +64,34 @@ class DriveEstimator:
         """Do now what the first drive would wait for."""
         self._reconstructor.warm_up()
 
+    def pattern(self, latch: PulseLatch) -> Pattern:
+        """Return the pattern of the radiated drive: nobody says what was meant."""
+        key = _radiated(latch)
+        if key in self._patterns:
+            self._patterns.move_to_end(key)
+        else:
+            self._patterns[key] = self._classified(latch)
+            if len(self._patterns) > MEMORY_DRIVES:
+                self._patterns.popitem(last=False)
+        return self._patterns[key]
+
+    def _classified(self, latch: PulseLatch) -> Pattern:
+        steps = self._coarsest(latch)
+        if steps not in self._classifiers:
+            self._classifiers[steps] = PatternClassifier(self._model, steps)
+        return self._classifiers[steps].classify(_weights(latch))
+
+    def _coarsest(self, latch: PulseLatch) -> int:
+        steps = latch.pulses.steps
+        return steps if self._phase_steps is None else min(steps, self._phase_steps)
+
     def _reconstruct(self, latch: AnyLatch) -> Reconstruction:
         if isinstance(latch, Latch):
             return self._reconstructor.reconstruct(
                 latch.radiated, ramping=latch.ramping, phase_bits=latch.commanded_bits
             )
-        steps = latch.pulses.steps
-        coarsest = steps if self._phase_steps is None else min(steps, self._phase_steps)
         return self._reconstructor.reconstruct_weights(
-            _weights(latch), step_rad=math.tau / coarsest
+            _weights(latch), step_rad=math.tau / self._coarsest(latch)
         )
 
 
@@ -127,7 +151,8 @@ class InlineReconstruction:
         self._reconstructed += estimate is not None
         if isinstance(latch, PulseLatch):
             changed, self._modulation = latch.modulation != self._modulation, latch.modulation
-            self._write(pulse_record(latch, estimate, modulation_changed=changed))
+            pattern = estimator.pattern(latch) if estimator else None
+            self._write(pulse_record(latch, estimate, pattern, modulation_changed=changed))
         else:
             self._write(latch_record(latch, estimate))
 

@@ -8,6 +8,7 @@ import json
 from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics import Calibration, Drive, Reconstruction
+from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
 
 from ..board.events import (
     FaultsCounted,
@@ -95,7 +96,11 @@ def latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
 
 
 def pulse_record(
-    latch: PulseLatch, reconstruction: Reconstruction | None, *, modulation_changed: bool
+    latch: PulseLatch,
+    reconstruction: Reconstruction | None,
+    pattern: Pattern | None = None,
+    *,
+    modulation_changed: bool,
 ) -> Record:
     """Return the record of one latch of a board of another dialect: kind ``pulses``.
 
@@ -130,6 +135,7 @@ def pulse_record(
         "modulation": samples,
         "radiated": None if faulty is None else _base64(faulty.astype("<c8").tobytes()),
         "reconstruction": None if reconstruction is None else reconstruction.as_dict(),
+        "pattern": None if pattern is None else pattern_dict(pattern),
     }
 
 
