@@ -12,6 +12,7 @@ counted once; and nothing is kept that was not bounded.
 
 from __future__ import annotations
 
+import struct
 import sys
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,8 @@ def main(arguments: list[str]) -> int:
     except ImportError:
         sys.stderr.write(f"{_MISSING}\n")
         return 2
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "protocol"))
+    root = Path(__file__).resolve().parent.parent
+    sys.path[:0] = [str(root / "protocol"), str(root)]
     with atheris.instrument_imports(include=["haptogram_protocol"]):
         import haptogram_protocol.connection
         import haptogram_protocol.dialects.table
@@ -137,6 +139,8 @@ def _check_dialect(number: int, wire: bytes) -> None:
 
     dialect = list(DIALECTS.values())[number % len(DIALECTS)]
     whole, pieces = dialect.board(), dialect.board()
+    if dialect.name == "autd3":
+        wire = _as_session(wire)
     found, again, place = whole.receive_data(wire), list[Any](), 0
     while place < len(wire):
         end = pieces.next_end(wire, place)
@@ -147,6 +151,35 @@ def _check_dialect(number: int, wire: bytes) -> None:
     assert found == again
     assert whole.counters == pieces.counters
     assert whole.pending == pieces.pending
+    _check_boards(dialect.name, found)
+
+
+def _as_session(data: bytes) -> bytes:
+    """Return *data* as what a client of AUTD3 sends to one device: a fuzzer guesses no handshake.
+
+    Each piece between bytes FFh is the payload of a frame; an empty one asks for the answer.
+    """
+    line = bytes.fromhex("10 0100") + b"AUTD3REMOTE" + b"\x01" + struct.pack("<I7f", 1, *[0.0] * 7)
+    for number, piece in enumerate(data.split(b"\xff")):
+        head = struct.pack("<BxH", number % 16, piece[0] if number % 3 == 2 and piece else 0)
+        line += b"\x03" + (head + piece).ljust(626, b"\0")[:626] if piece else b"\x04"
+    return line
+
+
+def _check_boards(name: str, operations: list[Any]) -> None:
+    """Check the boards of a dialect: whatever they are asked, they latch all channels."""
+    from sim_device.dialects.table import EMULATIONS
+
+    emulation = EMULATIONS[name]
+    options = emulation.options.of()
+    unit, end, t_us = emulation.unit(options, 0), emulation.end(options), 0
+    for operation in operations:
+        for reply in unit.take(operation, t_us):
+            end.send(reply)
+        t_us += 20_000
+        while (next_us := unit.next_event_us()) is not None and next_us <= t_us:
+            unit.advance_to(next_us)
+    assert len({latch.pulses.count for latch in unit.take_latches()}) == 1
 
 
 if __name__ == "__main__":

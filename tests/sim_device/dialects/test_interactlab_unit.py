@@ -1,10 +1,13 @@
 """The FIFO of InteractLab: times typed from the HDL, and bounds whatever comes."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dialect_boards import DialectBoard
 from haptogram_protocol.dialects.interactlab import (
     FRAME_BYTES,
     FifoCleared,
@@ -159,3 +162,42 @@ def test_the_end_forgets_the_beginning_of_a_frame_that_is_cleared() -> None:
     assert board.pending == 0
     assert board.receive_data(line[300:] + line) == [frame(5)]
     assert board.counters == {"bytes_cleared": 300, "bytes_outside_frame": 212}
+
+
+def sent_as_fast_as_taken(board: DialectBoard, line: bytes) -> list[int]:
+    """Write *line* as far as the board takes it, over and over; return the room before each."""
+    rooms, simulation = [], board.simulation
+    while line:
+        rooms.append(simulation.host_room)
+        line = line[simulation.host_write(line, simulation.now_ns) :]
+        simulation.advance_to(simulation.next_event_ns())
+    return rooms
+
+
+def test_a_client_on_a_quick_line_waits_while_28_frames_are_there() -> None:
+    board, host = DialectBoard("interactlab", baud=50_000_000), InteractlabHost()
+    board.pass_us(UP_US + 1000)
+    frames = [frame(number % 128, divider=8 if not number else None) for number in range(300)]
+    rooms = sent_as_fast_as_taken(board, b"".join(map(host.send, frames)))
+    assert max(rooms) <= READY_FRAMES * FRAME_BYTES
+    assert min(rooms) < FRAME_BYTES
+    board.pass_us(UP_US)
+    shown = [latch for latch in board.latches if latch.cause == "frame"]
+    assert [int(latch.pulses.rises[0]) for latch in shown] == [n % 128 for n in range(300)]
+    times = [latch.t_latch_us for latch in shown]
+    assert {b - a for a, b in itertools.pairwise(times)} == {200}  # it never ran dry
+    assert not board.simulation.dialect.counters
+
+
+def test_a_frame_under_way_when_the_fifo_is_cleared_loses_its_beginning() -> None:
+    """A second after the board last had a frame, and every second after that."""
+    board, line = DialectBoard("interactlab"), InteractlabHost().send(frame(7))
+    board.pass_us(UP_US - 10_000)  # the first clear comes in the middle of this frame: 20.5 ms
+    board.send(line)
+    board.pass_us(1000)
+    assert [latch.cause for latch in board.latches] == ["power-up", "off-frame"]
+    counters = dict(board.simulation.dialect.counters)
+    assert 240 <= counters["bytes_cleared"] <= 255  # 40 us a byte, 10 ms
+    board.send(line)
+    board.pass_us(1000)
+    assert board.latches[-1].pulses.rises[0] == 7
