@@ -78,7 +78,8 @@ def _judge(port: Port, out: Path, *, quick: bool) -> int:
     with Emulator(port.machine, firmware) as emulator:
         board = emulator.wait_for_board(_BOOT_S)
         print(f"{port.name}: {board.transducers} transducers, QEMU {port.machine}", flush=True)
-        found = [conform(port, emulator.url, emulator.reset_command, folder, quick=quick)]
+        depth = ["--quick"] if quick else []
+        found = [conform(port, emulator.url, emulator.reset_command, folder, depth)]
         _show(found[0])
         found.append(verify(port, emulator.url, folder, quick=quick))
         _show(found[1])

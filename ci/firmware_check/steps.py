@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -14,11 +15,6 @@ from typing import Final
 from .ports import Port
 
 _HAPTOGRAM: Final = str(Path(sys.executable).with_name("haptogram"))
-#: A clause of every chapter that the chip itself can spoil: line, clock, latch, memory, reset.
-_QUICK_CLAUSES: Final = (
-    *("HG-2.1", "HG-2.7/2", "HG-3.6/3", "HG-4.3", "HG-5.4", "HG-5.8/1", "HG-6.4", "HG-6.6"),
-    *("HG-6.9/1", "HG-7.3", "HG-8.5"),
-)
 # The board latches by its own clock; the longest lead that the lease of 500 ms allows.
 _STREAM: Final = ("--rate-hz", "50", "--lead-ms", "450", "--resolution-mm", "10")
 #: Uploaded once, then played by the board: for a slow line, and whatever else the machine does.
@@ -53,11 +49,24 @@ class Step:
     log: Path
 
 
-def conform(port: Port, url: str, reset_command: str, folder: Path, *, quick: bool) -> Step:
-    """Run the conformance suite, the clauses about a reset included."""
-    clauses = [f"--clause={clause}" for clause in _QUICK_CLAUSES] if quick else []
+def conform(
+    port: Port, url: str, reset_command: str, folder: Path, selection: Iterable[str] = ()
+) -> Step:
+    """Run the conformance suite, the clauses about a reset included.
+
+    Parameters
+    ----------
+    port : Port
+        Chip of the board.
+    url, reset_command : str
+        Where it listens, and how it is restarted.
+    folder : Path
+        Where results are written.
+    selection : iterable of str
+        Options of ``haptogram conform`` that select cases.
+    """
     line = ["--baud", str(port.baud), "--timeout", str(_ANSWER_S)]
-    words = [*line, "--reset-cmd", reset_command, *clauses]
+    words = [*line, "--reset-cmd", reset_command, *selection]
     return _run("conform", [*words, *_files(folder, "conform")], url, folder)
 
 

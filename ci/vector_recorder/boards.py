@@ -79,6 +79,8 @@ class CBoard:
         Give it transducers, whose drives take effect so much later than they are due.
     bytes_per_s : int, keyword-only
         Rate of its line, with *late_us*; 0: as fast as any.
+    store_bytes : int, keyword-only
+        Memory for its sequences, with *late_us*.
 
     Attributes
     ----------
@@ -95,11 +97,12 @@ class CBoard:
         grid_ny: int = 2,
         late_us: int | None = None,
         bytes_per_s: int = 0,
+        store_bytes: int = 96 << 20,
     ) -> None:
-        machine = [] if late_us is None else [str(late_us), str(bytes_per_s)]
+        machine = () if late_us is None else (late_us, bytes_per_s, store_bytes)
         self.radiated: list[str] = []
         self._process = subprocess.Popen(
-            [folder / "board_steps", f"{grid_nx}x{grid_ny}", *machine],
+            [folder / "board_steps", f"{grid_nx}x{grid_ny}", *map(str, machine)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -67,15 +67,14 @@ def running(name, elf, **options):
 
 
 #: A few clauses of either port: line, reset, points, chunks; the whole suite takes minutes.
-CLAUSES = ("HG-2.1", "HG-4.3/5", "HG-5.4/1-rounding", "HG-7.3/1")
+CLAUSES = [f"--clause=HG-{clause}" for clause in ("2.1", "4.3/5", "5.4/1-rounding", "7.3/1")]
 
 
 @pytest.mark.parametrize("name", PORTS)
-def test_the_firmware_passes_conform_in_the_emulated_chip(name, firmware, tmp_path, monkeypatch):
-    monkeypatch.setattr(steps, "_QUICK_CLAUSES", CLAUSES)
+def test_the_firmware_passes_conform_in_the_emulated_chip(name, firmware, tmp_path):
     port, elf = PORTS[name], firmware(name)
     with running(name, elf) as emulator:
-        step = steps.conform(port, emulator.url, emulator.reset_command, tmp_path, quick=True)
+        step = steps.conform(port, emulator.url, emulator.reset_command, tmp_path, CLAUSES)
         used = memory.footprint(elf, emulator)
     # A machine that holds QEMU up leaves doubt (3), and never finds a fault (1).
     assert step.status in (0, 3), step.log.read_text("utf-8")
@@ -204,6 +203,16 @@ def test_the_watchdog_switches_off_and_restarts_a_board_whose_main_loop_hangs(fi
         assert after is not None
         assert after.boot_id != before.boot_id
         assert after.nonce == SESSION + 1
+
+
+def test_a_board_that_is_deaf_while_it_starts_passes_what_is_asked_after_a_reset(
+    firmware, tmp_path
+):
+    port, elf = PORTS["musca_b1"], firmware("musca_b1", "-DPORT_DEAF_MS=300")
+    clauses = [f"--clause=HG-{clause}" for clause in ("4.7/1", "6.1/1", "9.2/1")]
+    with running("musca_b1", elf) as emulator:
+        step = steps.conform(port, emulator.url, emulator.reset_command, tmp_path, clauses)
+    assert step.status == 0, step.log.read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", PORTS)

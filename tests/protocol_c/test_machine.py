@@ -5,6 +5,8 @@ import itertools
 import zlib
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
@@ -19,6 +21,7 @@ from haptogram_protocol.messages import (
     Mute,
     PhaseFormat,
     Phases,
+    Play,
     ReadDrive,
     ReadTrace,
     SetConfig,
@@ -26,7 +29,9 @@ from haptogram_protocol.messages import (
     StateChanged,
     Trace,
     TraceMode,
+    TracePlayback,
     UploadBegin,
+    UploadBeginReply,
     UploadChunk,
     UploadCommit,
     UploadKind,
@@ -188,3 +193,45 @@ def test_a_gap_of_one_byte_is_the_first_missing_one(host):
         assert reply.received == gap
         ((_, error),) = host.ask(T_US, UploadCommit(3))
         assert (error.code, error.detail) == (ErrorCode.INCOMPLETE, gap)
+
+
+uploads = st.lists(st.tuples(st.integers(1, 4), st.integers(1, 12)), min_size=1, max_size=12)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@given(uploads=uploads, store_bytes=st.integers(40, 200))
+def test_sequences_stay_whole_while_others_come_and_go(programs, uploads, store_bytes):
+    """A store takes what its size allows, and no more; every sequence plays as it came."""
+    with contextlib.closing(CBoard(programs, late_us=0, store_bytes=store_bytes)) as board:
+        host, stored = Host(board), {}
+        for number, (target, frames) in enumerate(uploads):
+            data = bytes((number * 37 + n) % 256 for n in range(frames * COUNT))
+            begin = UploadBegin(UploadKind.PHASES, 0, target, len(data), zlib.crc32(data))
+            ((_, reply),) = host.ask(T_US, begin)
+            taken = sum(map(len, stored.values()))
+            # A map of the bytes that came, one bit each, stands behind them until the commit.
+            if isinstance(reply, UploadBeginReply):
+                assert taken + len(data) + -(-len(data) // 8) <= store_bytes
+                host.ask(T_US, UploadChunk(0, data))
+                ((_, done),) = host.ask(T_US, UploadCommit(target))
+                assert done.frames == frames
+                stored[target] = data
+            else:
+                assert reply.code == ErrorCode.TOO_LARGE
+                assert reply.detail < len(data)
+                assert taken + len(data) + -(-len(data) // 8) > store_bytes
+        check_stored(host, stored)
+
+
+def check_stored(host, stored):
+    """Play every sequence; its trace tells what was latched."""
+    host.ask(T_US, SetConfig(Config(trace_mode=TraceMode.CRC, status_period_ms=0)))
+    host.ask(T_US, Arm())
+    at_us = T_US
+    for target, data in stored.items():
+        said = host.ask(at_us, Play(target, 1000, 1, 1000), flags=0x10)
+        at_us += 1000 * (len(data) // COUNT) + 25
+        said += host.until(at_us)
+        frames = [data[n : n + COUNT] for n in range(0, len(data), COUNT)]
+        due = [zlib.crc32(frame + b"\xff" * COUNT) for frame in frames]
+        assert [m.crc for _, m in said if isinstance(m, TracePlayback)] == due

@@ -9,9 +9,10 @@
    After each step the bytes that the board sent, in hex, on a line of their own ("-": none); after
    `until` the time precedes them.
 
-   board_steps [NXxNY [LATE_US [RATE]]]: the grid, 16x16 unless told.  With LATE_US a machine whose
+   board_steps [NXxNY [LATE_US [RATE [STORE]]]]: the grid, 16x16 unless told.  With LATE_US a machine whose
    drives take effect so much later, and each line goes on with what it radiated: time due, phase and
-   amplitude of transducer 0 ("off": none).  RATE: bytes a second of its line. */
+   amplitude of transducer 0 ("off": none).  RATE: bytes a second of its line; STORE: bytes for
+   sequences. */
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -103,6 +104,8 @@ int main(int count, char **values)
     }
     if (count > 3)
         machine.line_bytes_per_s = (uint32_t)strtoul(values[3], NULL, 10);
+    if (count > 4)
+        machine.store_bytes = (uint32_t)strtoul(values[4], NULL, 10) % (STORE_BYTES + 1);
     board_start(board, &array, &machine);
     while (fgets(text, sizeof text, stdin) != NULL) {
         char word[8] = "";

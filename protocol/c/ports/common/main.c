@@ -17,8 +17,12 @@
 #ifndef PORT_STORE_BYTES
 #define PORT_STORE_BYTES 32768
 #endif
-#ifndef PORT_HANGS_AFTER_LATCH /* 1: to try the interrupt and the watchdog without the main loop */
+/* Faults on purpose: to try interrupt and watchdog without a main loop, and a slow start. */
+#ifndef PORT_HANGS_AFTER_LATCH
 #define PORT_HANGS_AFTER_LATCH 0
+#endif
+#ifndef PORT_DEAF_MS
+#define PORT_DEAF_MS 0
 #endif
 
 HG_STATIC_ASSERT(PORT_GRID_NX * PORT_GRID_NY <= BOARD_ELEMENTS, grid_fits);
@@ -133,8 +137,22 @@ static void sleep(void)
     SYST_CSR = 0;
 }
 
+static void stay_deaf(void)
+{
+    const uint32_t counted = 1u << 16;
+    int ms;
+
+    SYST_RVR = CHIP_CORE_MHZ * 1000u - 1;
+    SYST_CSR = 5;
+    for (ms = 0; ms < PORT_DEAF_MS; ms++)
+        while ((SYST_CSR & counted) == 0)
+            ;
+    SYST_CSR = 0;
+}
+
 int main(void)
 {
+    stay_deaf();
     chip_start();
     start_board();
     interrupts_on();
