@@ -16,7 +16,7 @@ from haptogram_protocol.framing import MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
 from .board.clock import NS_PER_US, earliest_time, whole_us
-from .board.events import AnyLatch, LineCounted, Notice, PowerDown
+from .board.events import AnyLatch, LineCounted, Notice, PowerDown, Remark
 from .board.settings import BoardSettings
 from .dialects.endpoint import Endpoint
 from .faults.clock import faulty_clock
@@ -181,6 +181,11 @@ class Simulation:
     def is_connected(self) -> bool:
         """True if the host has a port: not while ``line.disconnect`` keeps it away."""
         return self._injector is None or not self._injector.is_away
+
+    def remark(self, text: str) -> None:
+        """Tell the recorders something about the client, in one line."""
+        for recorder in self._recorders:
+            recorder.notice(Remark(self.dialect.now_us, text))
 
     def report_counts(self) -> None:
         """Tell the recorders of faults and losses, for their last record."""

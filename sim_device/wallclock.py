@@ -15,6 +15,7 @@ from .backdoor.line_tap import LineTap
 from .backdoor.worker import ReconstructionWorker
 from .board.clock import earliest_time, whole_us
 from .line.port import BoardPort
+from .line.sampling import is_baud_understood
 from .log import CountLog
 from .simulation import Simulation
 
@@ -53,6 +54,7 @@ class Heartbeat:
         self._worker, self._counts, self._tap = worker, counts, tap
         self._stopping = False
         self._is_plugged = True
+        self._client_baud: int | None = None
         self._parents: list[int] = []  # whose end is that of the board
         self._clients: list[int] = []  # the same, but what they have sent still counts
         self._has_no_client = self._is_quiet = False
@@ -120,6 +122,7 @@ class Heartbeat:
         data = port.read(simulation.host_room)
         self._is_quiet = not data and not simulation.host_unsent
         if data:
+            self._check_rate()
             simulation.host_write(data, now_ns, waited_ns=stalled_ns)
             if self._tap is not None:
                 self._tap.to_board(now_ns, data, stalled_ns)
@@ -137,6 +140,19 @@ class Heartbeat:
         self._hand_over(now_ns)
         if self._counts is not None and self._counts.is_due(now_ns):
             self._counts.update(simulation.dialect.counters, now_ns)
+
+    def _check_rate(self) -> None:
+        """Say once of each rate that a client has set that real boards do not have it."""
+        settings, baud = self._simulation.settings, self._port.client_baud
+        if settings.wiring is None or baud is None or baud == self._client_baud:
+            return
+        self._client_baud = baud
+        known = [*settings.wiring.bauds, settings.line.baud or baud]
+        if not any(is_baud_understood(baud / board_baud) for board_baud in known):
+            self._simulation.remark(
+                f"the client sends at {baud} baud: a real board of {settings.wiring.dialect} has "
+                f"{', '.join(map(str, settings.wiring.bauds))}, and would understand nothing"
+            )
 
     def _answer(self, now_ns: int) -> None:
         """Give the port what has come from the board."""

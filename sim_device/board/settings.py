@@ -43,6 +43,8 @@ class Wiring:
         For each emitter of the array the channel that drives it, counted over all boards.
     channel_count : int
         Channels of all boards; one that drives no emitter may be driven all the same.
+    bauds : tuple of int
+        Rates at which such boards are built, the usual one first; empty: no serial line.
     client_axes : tuple of 3 tuples of 3 float
         Rows of the rotation R of the axes in which the clients of this dialect think: a point x of
         theirs lies at R x in the axes of the array.
@@ -57,6 +59,7 @@ class Wiring:
     steps: int
     channels: tuple[int, ...]
     channel_count: int
+    bauds: tuple[int, ...] = ()
     client_axes: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
     def __post_init__(self) -> None:

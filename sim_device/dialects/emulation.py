@@ -86,6 +86,7 @@ class Emulation:
             steps=self.dialect.steps,
             channels=tuple(channels),
             channel_count=self.dialect.channels * self.boards(options),
+            bauds=self.dialect.bauds,
             client_axes=self.layout(options).client_axes,
         )
 

@@ -37,6 +37,11 @@ class BoardPort:
         return None
 
     @property
+    def client_baud(self) -> int | None:
+        """Rate that the client has set, where the port knows it and a client has set one."""
+        return None
+
+    @property
     def pending(self) -> int:
         """Bytes that the other side has not taken yet."""
         return len(self._unsent)

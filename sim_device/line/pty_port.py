@@ -12,6 +12,7 @@ from haptogram.machine.posix import posix_module
 
 from .port import BoardPort
 from .pty_link import INSTEAD_OF_PTY, PtyLink
+from .terminal_rate import UNTOUCHED_BAUD, terminal_baud
 
 _CLOSED: Final = -1
 
@@ -50,6 +51,12 @@ class PtyPort(BoardPort):
             tty.setraw(fd)  # cooked, a terminal would echo, and turn 0A into 0D 0A
         os.set_blocking(self._fd, False)
         self._link.point_to(os.ttyname(self._slave))
+
+    @property
+    def client_baud(self) -> int | None:
+        """Rate that the client has set; None: none, or the system does not tell."""
+        baud = None if self._slave == _CLOSED else terminal_baud(self._slave)
+        return None if baud == UNTOUCHED_BAUD else baud
 
     def reading(self) -> list[int]:
         """Return the file descriptors to wait on for input: none while it is gone."""

@@ -2,6 +2,7 @@
 
 import base64
 import os
+import sys
 
 import numpy as np
 import pytest
@@ -63,3 +64,17 @@ def test_what_is_no_dialect_is_one_line():
     with pytest.raises(ConfigurationError, match="'sonic'; known are sonicsurface") as refused:
         VirtualBoard(dialect="sonic")
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells the rate")
+def test_a_client_with_a_rate_that_no_board_has_is_told_once_for_each():
+    with VirtualBoard(dialect="sonicsurface", reconstruct=False) as board:
+        for baud in (230_400, 9_600, 9_600, 1_462_857, 115_200):
+            with serial.Serial(board.url, baud) as port:
+                port.write(b"\xfd")
+                latches = sum(r["kind"] == "pulses" for r in board.records())
+                assert board.wait_for(latches + 1)
+        board.stop()
+        told = [r["text"] for r in board.records() if r.get("event") == "remark"]
+    assert [text for text in told if "9600 baud" in text or "115200 baud" in text] == told
+    assert len(told) == 2
