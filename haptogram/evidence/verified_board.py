@@ -10,18 +10,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Final, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics import AcousticModel
-from haptogram.acoustics.arrays import ComplexArray
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError, VerificationError
-from haptogram.evidence.backdoor import observation_of, why_backdoor_incomplete
-from haptogram.evidence.pulse_records import pulse_observation_of
+from haptogram.evidence.backdoor import why_backdoor_incomplete
 from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.evidence.watched_board import WatchedBoard
 from haptogram.settings.arguments import check_whole
 from haptogram.verification import Tolerance, Verdict
-from haptogram.verification.watch import Expectation, SeenLatch, Watch
+from haptogram.verification.watch import Expectation, Watch
 from haptogram.verification.watch.result import WatchResult
 
 _QUIET_S: Final = 0.3  # without a new record: the driver is done
@@ -59,7 +58,8 @@ class VerifiedBoard:
 
     def __init__(self, **options: Any) -> None:
         self._board = VirtualBoard(**({"reconstruct": False} | options))
-        self._expectation: Expectation | None = None
+        self._frames_m: list[FloatArray] = []
+        self._tolerance = Tolerance()
         self._rounds: int | None = None
         self._most_late = 0
         self._may_stay_armed = False
@@ -89,7 +89,8 @@ class VerifiedBoard:
         Parameters
         ----------
         frames_m : sequence of (3,) or (F, 3) array_like
-            Focus or foci of each frame, in metres from the array's centre.
+            Focus or foci of each frame, in metres from the array's centre, in the axes of the
+            board's own clients.
         rounds : int, optional
             How often all of them are shown; by default any whole number of times, at least once.
         tolerance_mm : float
@@ -107,8 +108,9 @@ class VerifiedBoard:
         if rounds is not None:
             check_whole("rounds", rounds, 1, _MOST_ROUNDS)
         check_whole("most_late", most_late, 0, _MOST_ROUNDS)
-        tolerance = Tolerance(miss_mm=tolerance_mm)
-        self._expectation = Expectation(self.model, frames_m, tolerance=tolerance)
+        self._tolerance = Tolerance(miss_mm=tolerance_mm)
+        checked = Expectation(self.model, frames_m, tolerance=self._tolerance)
+        self._frames_m = [checked.frame(number) for number in range(checked.count)]
         self._rounds, self._most_late = rounds, most_late
         self._may_stay_armed = may_stay_armed
 
@@ -146,7 +148,7 @@ class VerifiedBoard:
 
     def _judge(self) -> Iterator[str]:
         """Yield what was wrong, in lines: the verdict first."""
-        if self._expectation is None:
+        if not self._frames_m:
             raise ConfigurationError(
                 "verified_board: the test did not say which foci it expects: call "
                 "verified_board.expect([(x, y, z), ...]), in metres"
@@ -154,7 +156,7 @@ class VerifiedBoard:
         records = self._records()
         result, frames = self._watched(records)
         problems = [
-            *_focus_problems(result, self._expectation.count, frames, self._rounds),
+            *_focus_problems(result, len(self._frames_m), frames, self._rounds),
             *_late_problems(records, self._most_late),
             *_lost_problems(records),
         ]
@@ -179,39 +181,16 @@ class VerifiedBoard:
 
     def _watched(self, records: Sequence[Mapping[str, Any]]) -> tuple[WatchResult, int]:
         """Return the verdict on all latches, and how many radiated something."""
-        board = records[0]
-        channels = [int(channel) for channel in board.get("channels", ())]
-        watch = Watch(
-            self.model,
-            channels=board.get("channel_count"),
-            expectation=self._expectation,
-        )
+        board = WatchedBoard(records[0])
+        frames_m = [board.ours_m(frame) for frame in self._frames_m]
+        expected = Expectation(board.model, frames_m, tolerance=self._tolerance)
+        watch = Watch(board.model, channels=board.channels, expectation=expected)
         frames = 0
         for record in records:
-            latch = _seen(record, channels)
+            latch = board.latch(record)
             if latch is not None:
                 frames += watch.take(latch).verdict is not None
         return watch.result(why_backdoor_incomplete(records)), frames
-
-
-def _seen(record: Mapping[str, Any], channels: Sequence[int]) -> SeenLatch | None:
-    if record["kind"] == "pulses":
-        pulses = pulse_observation_of(record, channels)
-        return SeenLatch(
-            pulses.number,
-            pulses.weights,
-            pulses.pulses.steps,
-            pulses.t_latch_us,
-            pulses.cause,
-            pulses.counted,
-        )
-    if record["kind"] != "latch":
-        return None
-    seen = observation_of(record)
-    drive = seen.radiated or seen.drive
-    weights: ComplexArray = np.zeros(0, complex) if drive is None else drive.weights()
-    steps = 1 << int(record["commanded_bits"])
-    return SeenLatch(record["number"], weights, steps, seen.t_latch_us)
 
 
 def _focus_problems(

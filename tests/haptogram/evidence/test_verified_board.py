@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
+CLIENT = ROOT / "tests" / "data" / "dialects" / "sonicsurface" / "focus_0_120_0.bin"
 DRIVER = Path(__file__).with_name("own_driver.py")
 _POINTS = {point.value for point in entry_points(group="pytest11")}
 # An installed package registers its plugin itself; a checkout that is only on the path does not.
@@ -58,6 +59,15 @@ def test_left_on_as_expected(verified_board):
         driver.show(FOCI)
     verified_board.expect(FOCI, may_stay_armed=True)
 
+@pytest.mark.haptogram_board(dialect="sonicsurface", temperature_c=24.7)  # the client's 346 m/s
+def test_a_client_of_another_board(verified_board):
+    import serial
+
+    port = serial.serial_for_url(verified_board.port)
+    with open("client.bin", "rb") as file:
+        port.write(file.read())
+    verified_board.expect([(0.0, 0.12, 0.0)], rounds=1, tolerance_mm=1.0)
+
 def test_says_nothing(verified_board):
     assert verified_board.port
 
@@ -73,6 +83,7 @@ def run(folder, tests, *options):
     (folder / "protocol" / "__init__.py").write_text("raise RuntimeError('not ours')\n")
     (folder / "test_own.py").write_text(HEAD + tests)
     shutil.copy(ROOT / "docs" / "examples" / "test_my_driver.py", folder)
+    shutil.copy(CLIENT, folder / "client.bin")
     (folder / "pytest.ini").write_text("[pytest]\naddopts = --strict-markers\n")
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-v", "-rA", *PLUGIN, "-p", "no:cacheprovider", *options],
@@ -98,10 +109,11 @@ def test_a_driver_is_judged_by_what_the_board_radiated(tmp_path):
         "test_wrong_with_a_driver_that_closes_later": "ERROR",  # after the test had passed
         "test_wrong": "FAILED",
         "test_left_on_as_expected": "PASSED",
+        "test_a_client_of_another_board": "PASSED",
         "test_says_nothing": "FAILED",
         "test_fails_by_itself": "FAILED",
     }, said
-    assert "3 failed, 5 passed, 1 error" in said
+    assert "3 failed, 6 passed, 1 error" in said
     for text in (
         "verified_board: FAIL: 3 latches of the client",
         "verified_board: FAIL: 5 latches of the client",
