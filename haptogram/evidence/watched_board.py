@@ -12,6 +12,7 @@ from haptogram.acoustics.model.boards.layout import Z_UP
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
 from haptogram.verification.watch import SeenLatch
+from haptogram_protocol.dialects.table import DIALECTS
 
 from .backdoor import board_model, observation_of
 from .pulse_records import pulse_observation_of
@@ -38,7 +39,7 @@ class WatchedBoard:
     dialect : str
         Name of the dialect.
     channels : int
-        Channels of all boards on the line.
+        Channels of one board.
     missing : int
         Latches between those that were seen, which were not.
 
@@ -60,12 +61,17 @@ class WatchedBoard:
         self.model = board_model(record)
         self.dialect = str(record.get("dialect", _OWN_DIALECT))
         self._channels = [int(channel) for channel in record.get("channels", ())]
-        self.channels = int(record.get("channel_count", self.model.array.count))
+        self.channels = self._channels_of_a_board(record)
         self._steps = record.get("steps")
         self._axes = np.array(record.get("client_axes", Z_UP), dtype=np.float64)
         self._evidence, self._timed = evidence, timed
         self._next: int | None = None
         self.missing = 0
+
+    def _channels_of_a_board(self, record: Mapping[str, Any]) -> int:
+        if self.dialect in DIALECTS:
+            return DIALECTS[self.dialect].channels
+        return int(record.get("channel_count", self.model.array.count))
 
     def ours_m(self, client_m: FloatArray) -> FloatArray:
         """Return (..., 3) points in the client's axes in those of the model."""
