@@ -12,10 +12,13 @@ from xml.etree import ElementTree
 
 import pytest
 
+import sim_device
+from haptogram import Driver
 from haptogram.cli import main
 from haptogram.evidence.board_process import BoardProcess
 
-DATA = Path(__file__).parents[2] / "data" / "dialects"
+ROOT = Path(__file__).parents[3]
+DATA = ROOT / "tests" / "data" / "dialects"
 AIR = ("--temperature-c", "24.78")  # 346.0 m/s, which these clients assume
 DEADLINE_S = 60.0
 
@@ -178,6 +181,13 @@ def test_a_file_of_foci_is_refused_by_its_line(row, told, tmp_path, capsys):
     assert f"foci.csv:3: {told}" in err or told in err
 
 
+def test_the_program_in_the_documentation_runs(capsys):
+    page = (ROOT / "docs" / "watch.md").read_text()
+    program = page.split("```python\n")[1].split("```")[0]
+    exec(program, {})
+    assert capsys.readouterr().out.split() == ["one", "focus", "on", "target", "pass"]
+
+
 # --- live -----------------------------------------------------------------------------------------
 
 
@@ -186,6 +196,19 @@ def wait_for(condition):
     while not condition():
         assert time.monotonic() < end_s
         time.sleep(0.02)
+
+
+def test_haptogram_s_own_board_is_watched_from_a_file(tmp_path, capsys):
+    door = tmp_path / "door.jsonl"
+    sim_device.register_url_handler()
+    with Driver(f"haptogram://?clock=virtual&reconstruct=0&seed=1&backdoor={door}") as driver:
+        driver.arm()
+        driver.focus((0.02, 0.01, 0.15))
+        driver.hold(0.01)
+    status, out, _ = watch(capsys, str(door), "--expect", "20,10,150", "--latches", "1")
+    assert status == 0
+    assert "one focus at (20.0, 10.0, 150.0) mm" in out
+    assert "expected  1 on target" in out
 
 
 def test_a_board_that_the_command_starts_is_followed_until_ctrl_c(tmp_path):

@@ -8,6 +8,7 @@ one that does is named. Where none does, nothing is.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -87,7 +88,7 @@ class PatternClassifier:
         self._local = model.array.local_m(model.array.positions_m)
         self._sides = array_sides(model.array)
         self._searches: dict[int, PatternSearch] = {}
-        self._last_m: FloatArray | None = None
+        self._last: Explanation | None = None
 
     def classify(self, weights: ArrayLike) -> Pattern:
         """Return the pattern of (N,) complex *weights*; elements that are not finite are silent.
@@ -118,7 +119,7 @@ class PatternClassifier:
 
     def reset(self) -> None:
         """Forget the last pattern: the next drive is searched for."""
-        self._last_m = None
+        self._last = None
 
     @property
     def _limit_rad(self) -> float:
@@ -153,9 +154,22 @@ class PatternClassifier:
         return find_foci(self._model, drive, active, search.loudest, self._step_rad)
 
     def _near_the_last(self, phases: PatternPhases) -> Explanation | None:
-        if self._last_m is None:
+        """Return a pattern like the last one near its place, if it explains all elements."""
+        last = self._last
+        if last is None:
             return None
-        found = explain_turning(phases, self._last_m, self._limit_rad, near=True)
+        place, limit_rad = last.fit.position_m, self._limit_rad
+        if last.normal is None:
+            axis = last.fit.axis_m if last.charge else None
+            found = explain_turning(
+                phases, place, limit_rad, charge=last.charge, axis_m=axis, near=True
+            )
+        elif len(last.added_rad) == len(phases.phases_rad):
+            found = explain_turning(phases.turned(last.added_rad), place, limit_rad, near=True)
+            if found is not None:
+                found = replace(found, added_rad=last.added_rad, normal=last.normal)
+        else:
+            return None
         return found if found is not None and found.used.all() else None
 
     def _search_for(self, active: BoolArray) -> PatternSearch:
@@ -205,7 +219,7 @@ class PatternClassifier:
         focused = phases.turned(-found.added_rad).part(found.used)
         fit = fit_pattern_point(focused, found.fit.position_m)
         local = fit.position_m
-        self._last_m = local if found.charge == 0 and found.normal is None else None
+        self._last = found
         std, bound = pattern_place_uncertainty(focused, local, self._step_rad)
         turn = np.zeros(len(drive))
         turn[active] = found.added_rad

@@ -186,6 +186,23 @@ def test_the_same_place_again_is_found_from_the_last_one():
         assert found.position_m[0] == pytest.approx(x, abs=found.bound_m[0])
 
 
+@pytest.mark.parametrize("kind", PLACED)
+def test_a_pattern_that_comes_again_is_found_next_to_the_last_one(kind):
+    """The warm way names what the search names, and never what the last one was."""
+    finder = classifier_of("interactlab")
+    positions = LAYOUTS["interactlab"].array().positions_m
+    for number in range(3):
+        phases, _ = drives.random_pattern(np.random.default_rng(number), positions, kind)
+        weights = drives.radiated(drives.coded(phases, 128), 128)
+        finder.reset()
+        cold, warm = finder.classify(weights), finder.classify(weights)
+        assert warm.kind == cold.kind == kind
+        assert np.array(warm.position_m) == pytest.approx(np.array(cold.position_m), abs=1e-6)
+        other = drives.focus(positions, np.array([0.0, 0.0, 0.1]), drives.k_of())
+        found = finder.classify(drives.radiated(drives.coded(other, 128), 128))
+        assert found.kind == "one focus"
+
+
 def test_patterns_are_plain_values_for_json():
     found = classifier_of("sonicsurface").classify(np.ones(256))
     assert json.loads(json.dumps(pattern_dict(found))) == {"kind": "uniform", "active": 256}
