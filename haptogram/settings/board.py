@@ -81,7 +81,12 @@ class BoardConfig(Settings):
         If a value is outside its limits.
     """
 
-    array: str = option(DEFAULT_ARRAY, unit="NXxNY|FILE", help="grid, or CSV file of positions")
+    array: str = option(
+        DEFAULT_ARRAY,
+        unit="NXxNY|FILE",
+        help="grid, or CSV file of positions; a dialect has its own, and also takes the name of a "
+        "layout or an array file of Ultraino",
+    )
     pitch_mm: float = option(10.0, unit="MM", low=1.0, high=100.0, help="pitch of a grid")
     temperature_c: float = option(
         20.0, unit="C", low=-20.0, high=50.0, help="temperature of the air over the board"

@@ -20,7 +20,7 @@ from .unit import HoldsBack, Unit
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
-# What a user should read of the first time that a client makes these counters move.
+# Lines for the user, the first time that a client makes these counters move.
 _CLUES: Final = {
     "frames_short": "a frame ends before the last channel: the client has a smaller array",
     "codes_beyond_array": "a frame has more codes than the board has channels: the client has a "

@@ -16,14 +16,14 @@ _COUNTER: Final = 256  # currentPeriods is a byte
 
 
 class Playlist:
-    """Which pattern is shown in which period of the carrier, counted from power-up.
+    """The pattern that is shown in each period of the carrier, counted from power-up.
 
     Parameters
     ----------
     patterns : int
         Patterns that there is room for.
     counts : bool
-        Whether the firmware counts periods; one that does not shows one pattern until it is told.
+        True if the firmware counts periods; one that does not shows a pattern until it is told.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Playlist:
 
     @property
     def _is_constant(self) -> bool:
-        """Whether nothing is shown but the first pattern."""
+        """True if only the first pattern is ever shown."""
         return not (self.pointer or self._pattern) and self._is_last(0)
 
     def _is_last(self, pattern: int) -> bool:

@@ -41,7 +41,7 @@ class Outputs:
     connected : bytes
         For each port the outputs that are set up as such; empty: all.
     shows_one : bool
-        Whether a commit of durations chooses the pattern to show (the animation firmware), and
+        True if a commit of durations chooses the pattern to show (the animation firmware), and
         not for how long patterns last.
     """
 
