@@ -247,3 +247,27 @@ def test_a_recording_that_cannot_be_written_is_refused_before_the_run(words, mes
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (*STILL, "--record", "run.mcap"),
+        ("bench", "--record", "run.mcap"),
+        ("board", "--tcp", "0", "--record", "run.mcap"),
+        ("replay", "run.mcap"),
+        ("decode", "run.mcap", "--input", "recording"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_without_the_package_the_extra_is_named_before_the_run(
+    words, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    if "--record" not in words:
+        Path("run.mcap").write_bytes(b"")
+    monkeypatch.setitem(sys.modules, "mcap", None)
+    assert main([*words]) == 2
+    error = capsys.readouterr().err
+    assert "recordings need the package mcap: pip install 'haptogram[record]'" in error
+    assert error.count("\n") == 1
