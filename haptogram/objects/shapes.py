@@ -181,10 +181,10 @@ class MeshSurface:
 
     Examples
     --------
-    >>> MeshSurface.from_file("no-such-part.stl")
+    >>> MeshSurface.from_file("no.stl")
     Traceback (most recent call last):
         ...
-    haptogram.errors.ConfigurationError: no-such-part.stl: no such file
+    haptogram.errors.ConfigurationError: object 'no.stl' cannot be read: there is no such file
     """
 
     mesh: trimesh.Trimesh

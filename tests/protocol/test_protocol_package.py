@@ -23,6 +23,7 @@ PURE = {
     "collections",
     "dataclasses",
     "enum",
+    "functools",
     "operator",
     "re",
     "struct",

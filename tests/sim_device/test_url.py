@@ -63,7 +63,7 @@ def let_pass(host, seconds):
         ("haptogram://?array=0x4", "array is '0x4', must be a grid of 1 to 1024"),
         ("haptogram://?array=none.csv", "none.csv"),
         ("haptogram://board?seed=1", r"must be haptogram://\?name=value"),
-        ("haptogram://?backdoor=/no/such/folder/x", "cannot write to /no/such/folder/x"),
+        ("haptogram://?backdoor=/dev/null/x", "cannot write to /dev/null/x"),
     ],
 )
 def test_a_url_that_makes_no_sense_is_refused_in_one_line(open_host, url, text):

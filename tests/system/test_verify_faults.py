@@ -87,7 +87,7 @@ def test_the_report_shows_the_plan_and_how_often_it_fired(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--fault", "line.magic"], "no fault 'line.magic'; known: line.flip"),
+        (["--fault", "line.magic"], "'line.magic' is no fault; did you mean"),
         (["--fault", "line.flip speed=3"], "'speed'"),
         (["--virtual-time", "--fault", "device.dead column=99"], "column"),
         (["--port", "/dev/absent", "--fault", "line.flip"], "--fault is for the virtual board"),
@@ -190,7 +190,7 @@ def test_a_plan_that_cannot_be_read_is_told_before_anything_starts(
 ) -> None:
     absent = tmp_path / "absent.toml"
     assert main(["verify", "--fault-plan", str(absent)]) == 2
-    told = f"cannot read the fault plan {absent}: No such file or directory"
+    told = f"--fault-plan '{absent}' cannot be read: there is no such file"
     assert capsys.readouterr().err == f"haptogram verify: {told}\n"
 
 

@@ -20,6 +20,8 @@ from haptogram.errors import ConfigurationError
 
 _COARSE_CELL_M: Final = 0.040
 _CELL_SPREAD_RAD: Final = 1.2  # RMS phase change to a corner: coherence exp(-0.72) there
+#: Of axes that spread alike the first one is halved, whatever the rounding says.
+_ORDER: Final = 1.0 - 1e-9 * np.arange(3)
 _CELLS_PER_CHUNK: Final = 32  # temporaries stay in the cache
 
 
@@ -50,7 +52,9 @@ def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
         spread = model.wavenumber * _ray_spread(centres, places) * halves
         split = np.linalg.norm(spread, axis=1) > _CELL_SPREAD_RAD
         finished.append(centres[~split])
-        centres, halves = _halve(centres[split], halves[split], spread[split].argmax(axis=1))
+        centres, halves = _halve(
+            centres[split], halves[split], (spread[split] * _ORDER).argmax(axis=1)
+        )
     cells: FloatArray = np.concatenate(finished) @ axes
     usable = _clearance_m(cells, positions) >= 0.75 * MIN_TARGET_DISTANCE_M
     usable &= points_in_front(model, cells)
@@ -95,7 +99,8 @@ def _coarse_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
 
 
 def _intervals(low: float, high: float) -> tuple[FloatArray, float]:
-    count = max(1, math.ceil((high - low) / _COARSE_CELL_M))
+    # A span of whole cells stays so, whatever the rounding of a turned array says.
+    count = max(1, math.ceil((high - low) / _COARSE_CELL_M - 1e-6))
     half = (high - low) / count / 2.0
     centres = low + half * np.arange(1.0, 2.0 * count, 2.0, dtype=np.float64)
     return centres, half

@@ -26,6 +26,9 @@ Method: TypeAlias = Literal["naive", "ibp", "gs", "wgs", "gspat", "gradient"]
 METHODS: Final[tuple[Method, ...]] = get_args(Method)
 _MAX_FOCI: Final = 256
 _MAX_ROUNDS: Final = 10_000
+#: Exponent of the step of the weights. With 1 the drive swings between two states for ever, for
+#: one pair in six of foci on a raster of 7 x 7 places, 20 mm apart.
+_DAMPING: Final = 0.7
 _LARGEST_WEIGHT: Final = 2.0**40  # a point that cannot be served gains weight in every round
 _LEVELS: Final = (1e-6, 1e6)  # of amplitudes: their squares are single precision's
 
@@ -49,8 +52,8 @@ def solve_foci(
     method : {"naive", "ibp", "gs", "wgs", "gspat", "gradient"}
         Superposition, scaled so that the largest weight is 1; iterative backpropagation (A. Marzo
         and B. W. Drinkwater, PNAS 116(1), 2019); Gerchberg-Saxton, and its weighted form (R. Di
-        Leonardo, F. Ianni and G. Ruocco, Opt. Express 15(4), 2007); GS-PAT (D. Martinez Plasencia
-        et al., ACM Trans. Graph. 39(4), 2020); least squares by L-BFGS.
+        Leonardo, F. Ianni and G. Ruocco, Opt. Express 15(4), 2007) with damped weights; GS-PAT
+        (D. Martinez Plasencia et al., ACM Trans. Graph. 39(4), 2020); least squares by L-BFGS.
     rounds : int
         Iterations, 1 to 10 000; the naive method has none.
 
@@ -183,7 +186,7 @@ def weighted_gerchberg_saxton(
     for _ in range(rounds):
         pressure = matrix @ drive
         level = np.abs(pressure) + np.finfo(pressure.real.dtype).tiny
-        weight = weight * ((level / wanted).mean() * wanted / level)
+        weight = weight * ((level / wanted).mean() * wanted / level) ** _DAMPING
         if weight.max() > _LARGEST_WEIGHT:
             weight = weight / _LARGEST_WEIGHT
         drive = _phasor(back @ (weight * (pressure / level)))
