@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import json
 import subprocess
 import time
@@ -22,6 +23,7 @@ HERE: Final = Path(__file__).parent
 SECONDS_TO_2000: Final = 946_684_800
 TARGET_MM: Final = np.array([96.6, 76.7, 150.0])  # as in pyautd3_program
 AUTD3_WAVE_NUMBER: Final = 2 * np.pi * 40_000 / 340.0
+OF_TWO_DEVICES: Final = {"focus", "foci", "circle"}
 LATCH_US: Final = 2000  # far from what a loaded machine keeps up with
 LONGER: Final = "12"  # times that the emulator goes on, to see all that a live run may show
 LEAST_COHERENCE: Final = 0.99
@@ -32,23 +34,37 @@ WITHOUT_DRIVES: Final = {"refusals", "turns"}
 
 
 def check_pyautd3(environment: Environment, folder: Path) -> Iterator[Result]:
-    """Run every case of pyautd3 against a device, and compare with autd3's own emulator."""
+    """Run pyautd3 against one device and two, and compare with autd3's own emulator."""
+    yield from _check_devices(environment, folder, 1, None)
+    yield from _check_devices(environment, folder, 2, OF_TWO_DEVICES)
+
+
+def _check_devices(
+    environment: Environment, folder: Path, devices: int, names: set[str] | None
+) -> Iterator[Result]:
     program = HERE / "pyautd3_program.py"
-    emulated = json.loads(environment.run(program, "emulate", LONGER))
+    emulated = json.loads(environment.run(program, "emulate", LONGER, str(devices)))
     now_ns = (int(time.time()) - SECONDS_TO_2000) * 10**9
     options = ["--tcp", "127.0.0.1:0"]
-    for option in (f"system_ns={now_ns}", f"latch_us={LATCH_US}"):
+    for option in (f"devices={devices}", f"system_ns={now_ns}", f"latch_us={LATCH_US}"):
         options += ["--dialect-option", option]
     with powered_up(folder, "autd3", *options) as board:
         for name, case in emulated.items():
+            if names is not None and name not in names:
+                continue
             before = len(board.latches())
             try:
-                told = json.loads(environment.run(program, "live", board.address, name))
+                told = json.loads(
+                    environment.run(program, "live", board.address, name, str(devices))
+                )
             except subprocess.SubprocessError as error:
                 yield Result(environment, "autd3", name, "fail", note=_told(error))
                 continue
             latches = board.latches()[before:]
-            yield _autd3_result(environment, name, case, told, latches, board)
+            result = _autd3_result(environment, name, case, told, latches, board)
+            if devices > 1:
+                result = dataclasses.replace(result, case=f"{name}, {devices} devices")
+            yield result
 
 
 def _autd3_result(
@@ -87,7 +103,7 @@ def _autd3_result(
 
 def _drives(case: dict[str, Any]) -> Iterator[tuple[bytes, int]]:
     """Yield the keys of the drives that the emulator had, but for the one that is off."""
-    phases = np.zeros(249, np.int64)
+    phases = np.zeros(0, np.int64)
     for change in case["changes"]:
         if "phases" in change:
             phases = np.frombuffer(base64.b64decode(change["phases"]), np.uint8).astype(np.int64)

@@ -2,9 +2,11 @@
 
 ::
 
-    python pyautd3_program.py emulate [TIMES]      what autd3's own emulator radiates, as JSON
+    python pyautd3_program.py emulate [TIMES [DEVICES]]
+                                                   what autd3's own emulator radiates, as JSON
     python pyautd3_program.py record               what pyautd3 sends, as JSON
-    python pyautd3_program.py live HOST:PORT CASE  one case, against whatever listens there
+    python pyautd3_program.py live HOST:PORT CASE [DEVICES]
+                                                   one case, against whatever listens there
 
 A case is a function of a session, which sends, waits and knows the time. The silencer is told to
 jump, as the virtual board does: otherwise phases and intensities would take their time.
@@ -251,12 +253,18 @@ def played(case: Callable[[Session], None], times: int) -> Callable[[Any], None]
     return lambda recorder: prepared(case, Emulated(recorder, times))
 
 
-def emulate(times: str = "1") -> dict[str, Any]:
+def geometry(devices: str) -> list[Any]:
+    """Return devices in a row, 192 mm apart."""
+    places = [[192.0 * number, 0, 0] for number in range(int(devices))]
+    return [autd3.AUTD3(pos=place, rot=[1, 0, 0, 0]) for place in places]
+
+
+def emulate(times: str = "1", devices: str = "1") -> dict[str, Any]:
     """Return for each case what changes when, if all takes *times* as long."""
     found = {}
     for name, case in CASES.items():
         REFUSALS.clear()
-        with Emulator([autd3.AUTD3(pos=[0, 0, 0], rot=[1, 0, 0, 0])]) as emulator:
+        with Emulator(geometry(devices)) as emulator:
             record = emulator.record_from(system_time(START), played(case, int(times)))
             phases, widths = record.phase().to_numpy().T, record.pulse_width().to_numpy().T
         found[name] = {"changes": changes(phases, widths), "refusals": list(REFUSALS)}
@@ -386,19 +394,19 @@ class Live:
         return system_time(now_ns // PERIOD_NS + periods)
 
 
-def live(address: str, name: str) -> dict[str, Any]:
+def live(address: str, name: str, devices: str = "1") -> dict[str, Any]:
     """Run one case on what listens at *address*; return what it said."""
-    with opened(address) as controller:
+    with opened(address, devices) as controller:
         firmware = [str(info) for info in controller.firmware_version()]
         prepared(CASES[name], Live(controller))
     return {"firmware": firmware, "refusals": list(REFUSALS)}
 
 
 @contextlib.contextmanager
-def opened(address: str) -> Iterator[Any]:
-    """Open one device at the other end of *address*."""
-    device = autd3.AUTD3(pos=[0, 0, 0], rot=[1, 0, 0, 0])
-    with autd3.Controller.open([device], Remote(address, RemoteOption())) as controller:
+def opened(address: str, devices: str = "1") -> Iterator[Any]:
+    """Open devices at the other end of *address*."""
+    link = Remote(address, RemoteOption())
+    with autd3.Controller.open(geometry(devices), link) as controller:
         yield controller
 
 
