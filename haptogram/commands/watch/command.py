@@ -23,7 +23,7 @@ from ..acting_options import refuse_idle_options
 from ..shell.output_files import FILE_HELP, Outputs
 from ..shell.positions import position_argument_mm
 from .expected import Foci, expected_frames_mm, make_expectation
-from .lines import LatchLines
+from .lines import LatchLines, client_places_mm
 from .options import WATCHED_BOARD_OPTIONS, WatchConfig, watched_board_config
 
 if TYPE_CHECKING:
@@ -169,7 +169,8 @@ class _Run:
         if seen.verdict is not None and self._arguments.junit is not None:
             self._verdicts.append(seen.verdict)
         if self._frames is not None:
-            self._frames.write(json.dumps(seen.as_dict(), allow_nan=False) + "\n")
+            line = seen.as_dict() | {"client_mm": client_places_mm(seen, self._board)}
+            self._frames.write(json.dumps(line, allow_nan=False) + "\n")
             self._frames.flush()
 
     def finish(self, outputs: Outputs) -> int:

@@ -65,6 +65,21 @@ def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
     return "  ".join(parts)
 
 
+def client_places_mm(seen: WatchedLatch, board: WatchedBoard) -> list[list[float]]:
+    """Return the places of a pattern in mm, in the axes of the client; empty for one without."""
+    import numpy as np
+
+    from haptogram.acoustics.reconstruct.patterns.found import Placed, SeveralFoci
+
+    pattern = seen.pattern
+    if isinstance(pattern, SeveralFoci):
+        places: list[list[float]] = (board.clients_m(np.array(pattern.positions_m)) * _MM).tolist()
+        return places
+    if isinstance(pattern, Placed):
+        return [(board.clients_m(np.array(pattern.position_m)) * _MM).tolist()]
+    return []
+
+
 def _pattern_text(seen: WatchedLatch, board: WatchedBoard) -> str:
     import numpy as np
 

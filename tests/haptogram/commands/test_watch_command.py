@@ -119,6 +119,7 @@ def test_results_are_written_in_every_form(tmp_path, capsys):
     latches = [json.loads(line) for line in files["frames"].read_text().splitlines()]
     assert [latch["verdict"] for latch in latches] == [None, *["on target"] * 6]
     assert latches[1]["t_us"] is None  # a file of bytes has no timing
+    assert latches[1]["client_mm"][0] == pytest.approx([-40.0, 180.0, 0.0], abs=0.5)
     assert json.loads(files["json"].read_text())["statuses"] == {"on target": 6}
     suite = ElementTree.parse(files["junit"]).getroot()
     assert suite.attrib["failures"] == "0"
