@@ -158,21 +158,9 @@ def _recording(path: Path) -> Source:
     if path == _STDIN:
         raise ConfigurationError("-: a recording is read from a file; name the file")
     recording = Recording(path)
-    source = Source(iter(()), _first_bytes(recording), is_recording=True)
+    source = Source(iter(()), recording.first_bytes(_LOOKED_AT), is_recording=True)
     source.chunks = _recorded(recording, source)
     return source
-
-
-def _first_bytes(recording: Recording) -> bytes:
-    """Return the first bytes that the host sent."""
-    from haptogram.evidence.recordings.channels import TO_BOARD
-
-    first = b""
-    for entry in recording.entries((TO_BOARD,)):
-        first += entry.data
-        if len(first) >= _LOOKED_AT:
-            break
-    return first[:_LOOKED_AT]
 
 
 def _recorded(recording: Recording, source: Source) -> Iterator[RecordedChunk]:

@@ -6,7 +6,7 @@ so that memory holds only those whose other half has not come yet.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, TypeAlias
@@ -84,10 +84,9 @@ class Comparison:
     same: Counter[str] = field(default_factory=Counter)
     differing: Counter[str] = field(default_factory=Counter)
     differences: list[Difference] = field(default_factory=list)
-    _waiting: dict[str, dict[Hashable, _Entry]] = field(
+    _waiting: dict[str, dict[Hashable, deque[_Entry]]] = field(
         default_factory=lambda: {RECORDED: {}, REPLAYED: {}}
     )
-    _seen: Counter[Hashable] = field(default_factory=Counter)
     _first_bytes: Difference | None = None
 
     def add_frame(self, side: str, piece: Annotated) -> None:
@@ -133,7 +132,7 @@ class Comparison:
 
     @property
     def awaited(self) -> int:
-        """Number of entries of the recording whose other half has not come."""
+        """Number of keys in the recording whose other half has not come."""
         return len(self._waiting[RECORDED])
 
     def note_bytes(self, t_us: int, recorded: bytes, replayed: bytes) -> None:
@@ -155,23 +154,25 @@ class Comparison:
         may be unwritten in the recording, and the output of the recorded one went off by its end.
         """
         for side, why in ((RECORDED, "missing in the replay"), (REPLAYED, "not in the recording")):
-            for key, entry in self._waiting[side].items():
+            for key, entries in self._waiting[side].items():
                 kind = _kind_of(key)
                 is_ours = side == RECORDED and kind != "output"
-                if is_ours or entry.t_us < end_us:
-                    self._differ(kind, entry, why, recorded=side == RECORDED)
+                for entry in entries:
+                    if is_ours or entry.t_us < end_us:
+                        self._differ(kind, entry, why, recorded=side == RECORDED)
             self._waiting[side].clear()
         if self._first_bytes is not None and not self.differing["frames"]:
             self.differing["bytes"] += 1  # the same frames: in another order, or with noise between
             self.differences.append(self._first_bytes)
 
     def _add(self, side: str, kind: str, key: tuple[Hashable, ...], entry: _Entry) -> None:
-        self._seen[side, kind, key] += 1
-        place = (kind, *key, self._seen[side, kind, key])
-        other = self._waiting[_OTHER[side]].pop(place, None)
-        if other is None:
-            self._waiting[side][place] = entry
+        place, others = (kind, *key), self._waiting[_OTHER[side]]
+        if place not in others:
+            self._waiting[side].setdefault(place, deque()).append(entry)
             return
+        other = others[place].popleft()  # of those with one key the first meets the first
+        if not others[place]:
+            del others[place]
         recorded, replayed = (entry, other) if side == RECORDED else (other, entry)
         details = "; ".join(_details(recorded.fields, replayed.fields))
         if details:

@@ -116,6 +116,15 @@ class Recording:
         """Yield the bytes in both directions, and what happened to the line."""
         return self.entries((TO_BOARD, TO_HOST, LINK))
 
+    def first_bytes(self, count: int) -> bytes:
+        """Return the first *count* bytes that the host sent, by which a wire is known."""
+        first = b""
+        for entry in self.entries((TO_BOARD,)):
+            first += entry.data
+            if len(first) >= count:
+                break
+        return first[:count]
+
     def latches(self) -> Iterator[LatchRecord]:
         """Yield the latches."""
         return (LatchRecord.unpack(entry.data) for entry in self.entries((LATCH,)))

@@ -13,6 +13,7 @@ from typing import Final
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.errors import ConfigurationError, LinkError, NoAnswerError
 from haptogram_protocol.annotation.frames import Annotated, FrameAnnotator
+from haptogram_protocol.dialects.looks_like import HAPTOGRAM, LOOKED_AT_BYTES, looks_like_dialect
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, cobs_encode, decode_frame, encode_frame
 from haptogram_protocol.messages import (
@@ -109,10 +110,12 @@ class _Player:
         self._port, self._hello = port, hello
         self._recorded, self._replayed = FrameAnnotator(), FrameAnnotator()
         self._shifter = FrameShifter()
+        self._is_ours = True
         self._first_us: dict[str, int] = {}  # device time of the first reply, by side
 
     def run(self, recording: Recording) -> None:
         """Send what was sent, when it was sent, and take what comes."""
+        self._is_ours = HAPTOGRAM in looks_like_dialect(recording.first_bytes(LOOKED_AT_BYTES))
         start_ns: int | None = None
         now_ns = self._port.now_ns()
         for entry in recording.entries((TO_BOARD, TO_HOST)):
@@ -123,14 +126,16 @@ class _Player:
                 self._wait_for_clock()
             else:
                 self._listen_until(start_ns + entry.t_ns)
-                self._send(self._shifter.feed(entry.data))
+                self._send(self._shifter.feed(entry.data) if self._is_ours else entry.data)
         end_ns = self._port.now_ns() + _PATIENCE_NS
         while self.comparison.awaited and self._port.now_ns() < end_ns:
             self._listen_until(self._port.now_ns() + _RETRY_NS)
         self.comparison.close(_WRAP)
 
     def mute(self) -> None:
-        """Leave the board mute, whatever the recording ends with."""
+        """Leave the board mute, whatever the recording ends with; another wire has no MUTE."""
+        if not self._is_ours:
+            return
         header = Header(MessageType.MUTE, 0, 0xFFFF, 0, 0)
         self._send(encode_frame(header.pack() + Mute().pack()))
 

@@ -26,6 +26,7 @@ from .compare import RECORDED, REPLAYED, Comparison
 from .reader import Entry, Recording
 
 _TOPICS: Final = (TO_BOARD, TO_HOST, LINK, LATCH, PULSES, OUTPUT)
+_COMPARED: Final = ("output", "pulses")  # records of the back door, beside latches
 _STEP_NS: Final = 10_000_000
 _AFTER_LAST_NS: Final = 12_000_000_000  # as far ahead as a frame can lie in a queue
 _WRAP: Final = 1 << 32
@@ -330,5 +331,5 @@ class _Line:
         if isinstance(record, LatchRecord):
             timed = record.sequence > 0 or record.index % (1 << 16) not in self._facts.immediate
             self.comparison.add_latch(side, record, timed=timed)
-        elif record["kind"] in ("output", "pulses"):
+        elif record["kind"] in _COMPARED and record.get("event") != "remark":  # words for a user
             self.comparison.add_record(side, record["kind"], record)
