@@ -15,7 +15,7 @@ myst_enable_extensions = [
 ]  # no mathematics: it would be drawn by a script from elsewhere
 myst_heading_anchors = 4
 # A page links to files of the checkout as they are; on the site those are no pages.
-suppress_warnings = ["myst.xref_missing", "toc.not_included"]
+suppress_warnings = ["myst.xref_missing"]
 autodoc_typehints = "none"  # the docstrings give types, shapes and units
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
