@@ -12,8 +12,8 @@ from haptogram.errors import ConfigurationError, HaptogramError
 
 from .emulator import Emulator
 from .memory import footprint
-from .ports import PORTS, Port, build, missing_tool
-from .steps import Step, conform, verify
+from .ports import PORTS, Port, build, install, missing_tool
+from .steps import QUICK, Step, conform, verify
 
 _BOOT_S: Final = 20.0
 _USAGE: Final = 2
@@ -26,6 +26,8 @@ def main(words: list[str] | None = None) -> int:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
     try:
+        if arguments.install and missing_tool():
+            install()
         if why := missing_tool():
             return _refuse(why)
         chosen = [PORTS[name] for name in arguments.port or PORTS]
@@ -57,6 +59,9 @@ def _parser() -> argparse.ArgumentParser:
         "--quick", action="store_true", help="some clauses and few points: half a minute a port"
     )
     parser.add_argument(
+        "--install", action="store_true", help="install QEMU and the compiler by apt-get first"
+    )
+    parser.add_argument(
         "--out",
         type=Path,
         default=Path("out/firmware"),
@@ -78,7 +83,7 @@ def _judge(port: Port, out: Path, *, quick: bool) -> int:
     with Emulator(port.machine, firmware) as emulator:
         board = emulator.wait_for_board(_BOOT_S)
         print(f"{port.name}: {board.transducers} transducers, QEMU {port.machine}", flush=True)
-        depth = ["--quick"] if quick else []
+        depth = QUICK if quick else ()
         found = [conform(port, emulator.url, emulator.reset_command, folder, depth)]
         _show(found[0])
         found.append(verify(port, emulator.url, folder, quick=quick))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -61,6 +62,31 @@ def _has_newlib() -> bool:
     command = ["arm-none-eabi-gcc", "--print-file-name=nano.specs"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return Path(done.stdout.strip()).is_absolute()
+
+
+def install() -> None:
+    """Install the tools by apt-get, as root or by sudo.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no apt-get, or it fails; its last line says why.
+    """
+    before = [] if os.geteuid() == 0 else ["sudo"]
+    commands = (["update"], ["install", "--yes", "--no-install-recommends", *PACKAGES.split()])
+    for words in commands:
+        command = [*before, "apt-get", *words]
+        try:
+            done = subprocess.run(
+                command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+            )
+        except OSError as error:
+            raise ConfigurationError(
+                f"--install needs {command[0]}, of Debian or Ubuntu: install {PACKAGES} by hand"
+            ) from error
+        if done.returncode:
+            last = " ".join(done.stdout.splitlines()[-1:]) or "nothing was printed"
+            raise ConfigurationError(f"{' '.join(command[:3])} failed: {last}")
 
 
 def build(port: Port, folder: Path, **variables: str) -> Path:

@@ -41,13 +41,19 @@ PATIENCE_S = 60
 QUICK = {"CFLAGS": "-O1"}
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
-if missing_tool():
-    pytestmark.append(pytest.mark.skip(reason=f"not run: {missing_tool()}"))
 
 
 @pytest.fixture(scope="module")
-def firmware(tmp_path_factory):
+def tools():
+    """QEMU and the ARM compiler; the test is skipped where one is missing."""
+    if why := missing_tool():
+        pytest.skip(f"not run: {why}")
+
+
+@pytest.fixture(scope="module")
+def firmware(request, tmp_path_factory):
     """The firmware of every port, built once: a function of the name and of what is defined."""
+    request.getfixturevalue("tools")
     built = {}
 
     def of(name, defines=""):
@@ -224,6 +230,7 @@ def test_a_reset_by_the_monitor_starts_another_life(name, firmware):
         assert emulator.wait_for_board(PATIENCE_S).boot_id != first.boot_id
 
 
+@pytest.mark.usefixtures("tools")
 def test_the_board_compiles_without_a_warning_for_three_cores():
     done = subprocess.run(
         ["make", "-s", "-C", FOLDER, "warnings"], capture_output=True, text=True, check=False
@@ -244,6 +251,7 @@ def test_firmware_has_no_heap(firmware):
 SHORT = {"haptogram conform": " --clause HG-2.3 --clause HG-4.3/5 --timeout 20"}
 
 
+@pytest.mark.usefixtures("tools")
 def test_the_commands_of_the_page_run(tmp_path, monkeypatch):
     shutil.copytree(
         ROOT / "protocol" / "c", tmp_path / "protocol" / "c", ignore=shutil.ignore_patterns("build")
@@ -292,6 +300,7 @@ def shell(script, folder):
 # --- Complaints --------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("tools")
 def test_firmware_that_hangs_at_its_start_is_named(tmp_path):
     source, elf = tmp_path / "endless.S", tmp_path / "endless.elf"
     source.write_text(".thumb\n.word 0x20001000, 0x08000009\nb .\n")
@@ -327,6 +336,7 @@ def emulated(*words):
         (["--reset", "gone"], "gone: no QEMU answers"),
     ],
 )
+@pytest.mark.usefixtures("tools")
 def test_a_wrong_argument_of_emulate_is_named(words, complaint):
     status, said, complained = emulated(*words)
     assert (status, said) == (2, "")
@@ -378,6 +388,32 @@ def test_a_missing_tool_is_named_with_the_packages(monkeypatch, capsys):
     assert complaint.startswith("ci/firmware: qemu-system-arm is not installed; Debian, Ubuntu: ")
     assert "gcc-arm-none-eabi" in complaint
     assert len(complaint.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("apt_get", "complaint"),
+    [
+        (None, "--install needs {first}, of Debian or Ubuntu: install qemu-system-arm gcc-arm"),
+        ("echo $* >> said; echo E: no network; exit 100", "apt-get update failed: E: no network"),
+        ("echo $* >> said", "qemu-system-arm is not installed; Debian, Ubuntu: apt-get install"),
+    ],
+)
+def test_what_cannot_be_installed_is_named(apt_get, complaint, tmp_path, monkeypatch, capsys):
+    first = "apt-get" if os.geteuid() == 0 else "sudo"
+    if apt_get is not None:
+        for name, text in (("apt-get", apt_get), ("sudo", 'exec "$@"')):
+            (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+            (tmp_path / name).chmod(0o755)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert command.main(["--install"]) == 2
+    _, complained = capsys.readouterr()
+    assert complaint.format(first=first) in complained
+    assert len(complained.splitlines()) == 1
+    if apt_get is not None and "exit" not in apt_get:
+        packages = "qemu-system-arm gcc-arm-none-eabi libnewlib-arm-none-eabi make"
+        installed = f"install --yes --no-install-recommends {packages}"
+        assert (tmp_path / "said").read_text() == f"update\n{installed}\n"
 
 
 def test_the_worst_of_several_ends_is_the_status():
