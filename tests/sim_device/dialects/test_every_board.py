@@ -129,7 +129,7 @@ def test_any_bytes_are_latches_or_counted(wire, chunks):
     for chunk in chunks:
         board.send(chunk)
     board.pass_us(2_000_000)
-    assert len(board.remarks) <= 2 * len(chunks)
+    assert len(board.remarks) <= 2 * len(chunks) + 5  # one for each clue
     assert all(count > 0 for count in board.simulation.dialect.counters.values())
     total = {}
     for latch in board.latches:
