@@ -135,6 +135,7 @@ def _run_cases(
         strict=arguments.strict,
         expected=expected,
         depth=_depth(arguments),
+        explore_s=60 * arguments.explore,
     )
     with _progress(quiet=arguments.quiet) as progress:
         return SuiteRunner(_access(arguments, virtual, writer), options, progress).run(cases)

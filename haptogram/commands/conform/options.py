@@ -82,6 +82,13 @@ def _add_choice(group: argparse._ArgumentGroup) -> None:
     depth.add_argument(
         "--full", action="store_true", help="minutes: the longest timers and largest numbers too"
     )
+    group.add_argument(
+        "--explore",
+        type=number_option(0.0, 100_000.0, "minutes"),
+        default=0.0,
+        metavar="MINUTES",
+        help="go on with random dialogues, beside a model [a few dialogues]",
+    )
     group.add_argument("--strict", action="store_true", help="a SHOULD that is not met: FAILED")
     group.add_argument(
         "--timeout",

@@ -83,6 +83,8 @@ class BoardClient:
         Configuration in force, as far as the host knows.
     thorough : bool
         Whether cases cover the whole of a product, or for a quick run the least of it.
+    explore_us : int
+        How long random dialogues go on; 0: a fixed number of them.
     last_boot_id, last_config
         Boot id and configuration before the board was reset.
     """
@@ -90,6 +92,7 @@ class BoardClient:
     identity: HelloReply
     config: Config
     thorough: bool = True
+    explore_us: int = 0
     last_boot_id: int | None = None
     last_config: Config | None = None
 

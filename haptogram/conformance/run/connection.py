@@ -41,6 +41,8 @@ class SuiteConnection:
         Seed of nonces and contents.
     thorough : bool
         Whether cases cover the whole of a product.
+    explore_s : float
+        How long random dialogues go on; 0: a fixed number of them.
 
     Attributes
     ----------
@@ -52,11 +54,14 @@ class SuiteConnection:
         Rate of the line: as stated, or as measured if that is less.
     """
 
-    def __init__(self, access: Access, *, timeout_s: float, seed: int, thorough: bool) -> None:
+    def __init__(
+        self, access: Access, *, timeout_s: float, seed: int, thorough: bool, explore_s: float = 0
+    ) -> None:
         self.lost = ""
         self.device: dict[str, object] = {}
         self.baudrate = access.baudrate
         self._access, self._thorough = access, thorough
+        self._explore_us = round(explore_s * 1e6)
         self._limits = WaitLimits.of(timeout_s, virtual=access.virtual)
         self._random = random.Random(seed)
         self._hash = description_hash()
@@ -148,6 +153,7 @@ class SuiteConnection:
         wire = RawFrameWire(transport, self._limits, baudrate=self.baudrate)
         self._board = BoardClient(wire, self._random, self._hash, booted=booted)
         self._board.thorough = self._thorough
+        self._board.explore_us = self._explore_us
         return self._board
 
     def _drop(self) -> None:

@@ -45,6 +45,8 @@ class SuiteOptions:
         Baseline: the failures that are expected, as verdict by case or clause.
     depth : Depth
         How thoroughly the board is judged: deeper cases are NOT-OBSERVED.
+    explore_s : float
+        How long random dialogues go on; 0: a fixed number of them.
     """
 
     timeout_s: float = 1.0
@@ -53,6 +55,7 @@ class SuiteOptions:
     strict: bool = False
     expected: dict[str, str] = dataclasses.field(default_factory=dict)
     depth: Depth = Depth.DEFAULT
+    explore_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +88,7 @@ class SuiteRunner:
             timeout_s=options.timeout_s,
             seed=options.seed,
             thorough=options.depth > Depth.QUICK,
+            explore_s=options.explore_s,
         )
         self._clauses = load_clauses()
 
@@ -134,6 +138,7 @@ class SuiteRunner:
             "repeat": options.repeat,
             "strict": options.strict,
             "timeout_s": options.timeout_s,
+            "explore_s": options.explore_s,
             "depth": options.depth.name.lower(),
             "baudrate": self._access.baudrate,
             "measured_baudrate": self._connection.baudrate,

@@ -1,0 +1,112 @@
+"""A board in virtual time as a process: each line of its input is a step, each line out its answer.
+
+::
+
+    rx TIME HEX   bytes whose last one is complete TIME microseconds after power-up
+    at TIME       time passes
+    until TIME    time passes until the board sends something, at most up to TIME
+    reset         power down and up again
+
+The answer holds the bytes that the board sent in hex, ``-`` for none; that of ``until`` begins with
+the time.  ``protocol/c/tools/board_steps.c`` is such a process.  Bytes take no time on their way.
+"""
+
+from __future__ import annotations
+
+import select
+import subprocess
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from haptogram.errors import LinkLostError
+
+_PATIENCE_S: Final = 20.0
+_LONGEST_RX: Final = 16_384  # bytes in one line of input
+
+
+class SteppedProcess:
+    """A process that answers steps.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and arguments.
+    failure : callable
+        Makes the exception that a step raises from its text.
+
+    Raises
+    ------
+    LinkLostError
+        Or what *failure* makes: from every step, if the process has ended or does not answer within 20 s.
+    """
+
+    def __init__(
+        self, command: Sequence[str], failure: Callable[[str], Exception] = LinkLostError
+    ) -> None:
+        self._failure = failure
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
+
+    @property
+    def runs(self) -> bool:
+        """True while the process answers."""
+        return self._process.poll() is None
+
+    def receive(self, at_us: int, data: bytes) -> bytes:
+        """Let *data* arrive; return the bytes that the board sent."""
+        parts = range(0, len(data), _LONGEST_RX)
+        steps = (f"rx {at_us} {data[start : start + _LONGEST_RX].hex()}" for start in parts)
+        return b"".join(_bytes_of(self.step(step)) for step in steps)
+
+    def advance(self, at_us: int) -> bytes:
+        """Let time pass; return the bytes that the board sent."""
+        return _bytes_of(self.step(f"at {at_us}"))
+
+    def advance_until_sent(self, limit_us: int) -> tuple[int, bytes]:
+        """Let time pass until the board sends something; return the time and the bytes."""
+        at_us, sent = self.step(f"until {limit_us}").split()
+        return int(at_us), _bytes_of(sent)
+
+    def reset(self) -> None:
+        """Switch the board off and on; its time begins at 0 again."""
+        self.step("reset")
+
+    def step(self, line: str) -> str:
+        """Send one line and return the answer."""
+        process = self._process
+        assert process.stdin is not None  # PIPE
+        assert process.stdout is not None
+        try:
+            process.stdin.write(line + "\n")
+            process.stdin.flush()
+        except OSError as error:
+            raise self._failure(f"the board's process has ended: {self.complaint()}") from error
+        ready, _, _ = select.select([process.stdout], [], [], _PATIENCE_S)
+        if not ready:
+            raise self._failure(f"the board's process did not answer for {_PATIENCE_S:g} s")
+        answer = process.stdout.readline().strip()
+        if not answer:
+            raise self._failure(f"the board's process has ended: {self.complaint()}")
+        return answer
+
+    def complaint(self) -> str:
+        """Return the last line that the process printed on its standard error."""
+        assert self._process.stderr is not None  # PIPE
+        self._process.kill()
+        lines = self._process.stderr.read().strip().splitlines()
+        return lines[-1] if lines else f"status {self._process.wait()}"
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.communicate()
+
+
+def _bytes_of(answer: str) -> bytes:
+    return b"" if answer == "-" else bytes.fromhex(answer)

@@ -1,0 +1,87 @@
+"""Random dialogues beside a model: a healthy board lives like it, a wrong one does not."""
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from boards import run, virtual
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptogram.conformance.explore.actions import SLOT_US, Generator
+from haptogram.conformance.explore.shrinking import shrink
+from haptogram.conformance.run.stepping import SteppedAccess
+from haptogram.conformance.verdict import Behaviour
+from haptogram_protocol.messages import HelloReply
+from protocol_c.building import compiler, make
+
+CASE = "HG-1.2/1-dialogues"
+
+
+def test_the_virtual_board_lives_like_its_model():
+    (result,) = run(virtual(array="3x2"), CASE, seed=3).results
+    assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+
+
+def test_the_c_board_lives_like_the_model(tmp_path):
+    compiler()
+    status, output = make(tmp_path, tmp_path / "board_steps", CFLAGS="-O1 -w")
+    assert status == 0, output
+    access = SteppedAccess([str(tmp_path / "board_steps"), "3x2"])
+    for seed in range(2):
+        (result,) = run(access, CASE, seed=seed).results
+        assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+
+
+def test_a_wrong_board_is_found_by_a_short_dialogue_printed_as_bytes():
+    (result,) = run(virtual(array="3x2", mutant="order-ignored"), CASE, seed=1).results
+    assert result.behaviour is Behaviour.FAILED
+    assert "dropped_order" in result.detail or "queued" in result.detail or "TRACE" in result.detail
+    number = int(re.search(r", (\d+) frames", result.detail)[1])
+    assert 2 <= number <= 6
+    assert len(re.findall(r"\d+ us  [A-Z].*?: 00[0-9a-f]+00", result.detail)) == number
+
+
+def test_the_same_seed_gives_the_same_dialogue():
+    identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 1) | {"firmware": "x"})
+    first, second = (Generator(identity, 7) for _ in range(2))
+    assert first.config() == second.config()
+    texts = [[(a.slot, a.text, a.damage) for a in g.actions(20)] for g in (first, second)]
+    assert texts[0] == texts[1]
+    assert {slot for slot, _, _ in texts[0]} <= set(range(20))
+
+
+@given(st.sets(st.integers(0, 30), min_size=1, max_size=3))
+def test_a_dialogue_shrinks_to_what_it_needs(needed):
+    short = shrink(list(range(31)), lambda part: needed <= set(part), tries=500)
+    assert set(short) == needed
+
+
+def test_shrinking_ends_after_its_tries():
+    calls = []
+    shrink(list(range(64)), lambda part: calls.append(len(part)), tries=9)
+    assert len(calls) == 9
+
+
+@pytest.fixture
+def model():
+    limits = {"grid_nx": 2, "grid_ny": 1, "pitch_um": 10_000, "features": 2047}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sim_device.stepped_board", json.dumps(limits)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    yield process
+    process.communicate(timeout=20)
+
+
+def test_the_model_answers_each_step_with_a_line(model):
+    hello = "0002400101010101010101020108ed5e04030201"  # cut off: counted, not answered
+    steps = ["at 1000", f"rx 2000 {hello}00", f"until {SLOT_US}", "reset 77", "until 5"]
+    model.stdin.write("\n".join(steps) + "\n")
+    model.stdin.flush()
+    answers = [model.stdout.readline().strip() for _ in steps]
+    assert answers == ["-", "-", f"{SLOT_US} -", "-", "5 -"]
