@@ -37,7 +37,8 @@ class SteppedProcess:
     Raises
     ------
     LinkLostError
-        Or what *failure* makes: from every step, if the process has ended or does not answer within 20 s.
+        Or what *failure* makes: from every step, if the process has ended or does not answer
+        within 20 s.
     """
 
     def __init__(
