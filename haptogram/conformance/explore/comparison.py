@@ -1,4 +1,4 @@
-"""What two boards said in one slot, compared within the freedom that SPEC.md leaves."""
+"""Comparison of two boards, frame by frame, within the freedom that SPEC.md leaves."""
 
 from __future__ import annotations
 

@@ -33,16 +33,16 @@ from haptogram_protocol.messages import (
 )
 
 from ..client.board_client import BoardClient
-from ..client.stepped_process import SteppedProcess
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
 from .actions import SLOT_US, STORED_FRAMES, STORED_PHASES, STORED_POINTS, Action, Host
 from .comparison import Said, difference
+from .stepped_process import SteppedProcess
 
 _LEAD_US: Final = 2_000_000  # the model runs so long before slot 0
 _LATE_US: Final = SLOT_US // 4  # a host that sends later than this has changed the dialogue
 _SHARE: Final = 6  # of a slot may pass while its frames are on the line
-_MODEL: Final = "sim_device.stepped_board"
+_MODEL: Final = "sim_device.driven.stepped_board"
 #: Limits that the model takes from HELLO_REPLY.
 _LIMITS: Final = (
     "grid_nx",

@@ -7,7 +7,7 @@ from typing import Final
 
 from haptogram.driver.line.port import Transport
 
-from ..client.stepped_process import SteppedProcess
+from ..explore.stepped_process import SteppedProcess
 
 NO_LINE_BAUD: Final = 50_000_000  # rate that cases reckon with where bytes take no time
 _START_NS: Final = 1_004_000  # a carrier boundary: 2^32 - 10 s is none

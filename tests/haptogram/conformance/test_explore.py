@@ -69,7 +69,7 @@ def test_shrinking_ends_after_its_tries():
 def model():
     limits = {"grid_nx": 2, "grid_ny": 1, "pitch_um": 10_000, "features": 2047}
     process = subprocess.Popen(
-        [sys.executable, "-m", "sim_device.stepped_board", json.dumps(limits)],
+        [sys.executable, "-m", "sim_device.driven.stepped_board", json.dumps(limits)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

@@ -1,4 +1,4 @@
-"""``python -m sim_device.stepped_board LIMITS``: the virtual board in virtual time, step by step.
+"""``python -m sim_device.driven.stepped_board LIMITS``: the virtual board, step by step.
 
 LIMITS is a JSON object of fields of :class:`~sim_device.board.settings.BoardSettings`, with
 ``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array.  Steps and answers are those of
@@ -18,8 +18,8 @@ from haptogram.acoustics import AcousticModel
 from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Feature
 
-from .assembly import HEALTHY
-from .board.settings import BoardSettings
+from ..assembly import HEALTHY
+from ..board.settings import BoardSettings
 
 
 class SteppedBoard:
