@@ -1,1 +1,1 @@
-"""Boards without a port, which a program drives step by step: of a soak, of a replay, of a model."""
+"""Boards without a port, driven step by step: of a soak, of a replay, of a model."""
