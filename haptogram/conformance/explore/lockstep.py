@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
+from haptogram.errors import HaptogramError
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
@@ -62,7 +63,7 @@ _LIMITS: Final = (
 )
 
 
-class HostLateError(Exception):
+class HostLateError(HaptogramError):
     """The host sent too late for a comparison."""
 
 
