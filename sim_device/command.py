@@ -14,9 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError, HaptogramError
-from haptogram.machine.files import check_distinct_files
+from haptogram.machine.files import check_distinct_files, check_file_writable
 from haptogram.machine.terminal import terminal_error_line
-from haptogram.settings.board import BOARD_OPTIONS, BoardConfig, is_grid_of_elements
+from haptogram.settings.board import (
+    BOARD_OPTIONS,
+    BoardConfig,
+    PinCaptureConfig,
+    is_grid_of_elements,
+)
 from haptogram.settings.command_line import add_setting_options, given_options
 from haptogram.settings.dialects import DIALECT_TITLES
 from haptogram.settings.faults.kinds import described_faults
@@ -28,6 +33,7 @@ if TYPE_CHECKING:
     from haptogram.machine.device_client import DeviceClient
 
     from .backdoor.line_tap import LineTap, OpenRecording
+    from .backdoor.pin_capture import PinCapture
     from .backdoor.worker import ReconstructionWorker
     from .board.settings import BoardSettings
     from .line.port import BoardPort
@@ -40,6 +46,7 @@ _SERIAL_BAUD: Final = 3_000_000
 _COUNTS_S: Final = 10
 _SOCKET: Final = "unix:"  # a back door that is no file
 _LOOPBACK: Final = "127.0.0.1"
+_CAPTURE: Final = options_of(PinCaptureConfig)
 _EPILOG: Final = """\
 examples:
   PROGRAM --link /tmp/board            open /tmp/board as a serial port
@@ -109,6 +116,7 @@ def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
             metavar="FILE",
             help="write the bytes in both directions and the latches, as MCAP",
         )
+    add_setting_options(parser.add_argument_group("drive pins"), _CAPTURE.values())
     parser.add_argument(
         "--view",
         action="store_true",
@@ -189,6 +197,7 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
     settings, parts, plan = board.settings, board.parts, board.faults
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
+    pins = _start_pin_capture(options, settings)
     tap = _start_tap(options, config, settings, open_recording)
     port: BoardPort | None = None
     worker: ReconstructionWorker | None = None
@@ -204,6 +213,7 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
                 signals.enter_context(contextlib.closing(ViewProcess(options.backdoor)))
             recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
             recorders += [tap] if tap else []
+            recorders += [pins] if pins else []
             simulation = Simulation(
                 settings, *recorders, paced=options.serial is None, parts=parts, faults=plan
             )
@@ -221,6 +231,8 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
             failed = client is not None and client.close()
             if worker is not None:
                 _end(worker)
+            if pins is not None and port is not None:
+                _LOG.info("%s", pins.close())
             if tap is not None and (failure := tap.close()):
                 raise ConfigurationError(failure)
     if failed:
@@ -241,6 +253,21 @@ def _start_tap(
     given = {name: getattr(options, name) for name in sorted(names) if name in options.given}
     recording = open_recording(Path(options.record), given)
     return LineTap(recording, config, settings, paced=options.serial is None)
+
+
+def _start_pin_capture(options: argparse.Namespace, settings: BoardSettings) -> PinCapture | None:
+    """Return the recorder of the drive pins, if a capture is wanted; its file can be written."""
+    values = given_options(options, _CAPTURE)
+    if options.capture is None:
+        if values:
+            word = _CAPTURE[next(iter(values))].word
+            raise ConfigurationError(f"{word} acts only with --capture; leave it out")
+        return None
+    from .backdoor.pin_capture import PinCapture
+
+    config = PinCaptureConfig.of(**values)
+    check_file_writable(Path(options.capture))
+    return PinCapture(Path(options.capture), config, settings)
 
 
 def _private_path(stack: contextlib.ExitStack, name: str) -> str:
@@ -301,6 +328,7 @@ def _check_files(options: argparse.Namespace) -> None:
             ("--link", options.link),
             ("--backdoor", options.backdoor),
             ("--record", getattr(options, "record", None)),
+            ("--capture", None if options.capture is None else str(options.capture)),
         )
         if path is not None and not path.startswith(_SOCKET)
     }

@@ -65,6 +65,26 @@ class FaultWords(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PinCaptureConfig(Settings):
+    """The capture that a virtual board writes of its own drive pins."""
+
+    capture: Path | None = option(
+        None,
+        unit="FILE",
+        help="write what a logic analyser would see at all drive pins, as VCD, when the board ends",
+    )
+    capture_ms: float = option(
+        100.0, unit="MS", low=0.1, high=10_000.0, help="length of it, from the first latch on"
+    )
+    capture_rate_hz: float = option(
+        24e6, unit="HZ", low=1e5, high=1e9, help="sampling rate of that analyser"
+    )
+    capture_ppm: float = option(
+        0.0, unit="PPM", low=-1000.0, high=1000.0, help="error of the clock of that analyser"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class BoardConfig(Settings):
     """A virtual board before it is built.
 

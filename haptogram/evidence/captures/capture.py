@@ -1,0 +1,159 @@
+"""A capture of a logic analyser: the edges of each channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.errors import ConfigurationError
+
+#: Channels of a capture that is read: the elements of an array, and a few signals beside them.
+MOST_CHANNELS: Final = 2048
+MOST_EDGES: Final = 50_000_000
+_MOST_SHARES: Final = 16  # steps in the least distance of two edges
+_LEAST_STEP: Final = 4.0  # ticks: a finer grid is not told from none
+_ROUNDING: Final = 1.5  # ticks by which two rounded times may miss their distance
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ChannelEdges:
+    """The edges of one channel.
+
+    Attributes
+    ----------
+    times : (E,) numpy.ndarray of int64
+        Ticks at which the level changes, ascending.
+    first_level : bool
+        Level before the first edge.
+    undefined : int
+        How often the file calls the level undefined (x or z); it counts as unchanged.
+    """
+
+    times: NDArray[np.int64]
+    first_level: bool
+    undefined: int = 0
+
+    def pulses(
+        self, *, active_low: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return where each whole pulse begins and ends, in ticks, (P,) both.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> rises, falls = ChannelEdges(np.array([5, 10, 15, 30]), True).pulses()
+        >>> rises.tolist(), falls.tolist()
+        ([10.0], [15.0])
+        """
+        skipped = int(self.first_level != active_low)  # the end of a pulse that began before
+        edges = self.times[skipped:].astype(np.float64)
+        edges = edges[: len(edges) // 2 * 2]
+        return edges[0::2], edges[1::2]
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """The edges of all channels of a capture.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    channels : mapping of str to ChannelEdges
+        By the name of the channel.
+    tick_s : float
+        Seconds in a tick.
+    end : int
+        Tick at which the capture ends; it begins at 0.
+    stated_rate_hz : float or None
+        Sampling rate that the file states; VCD states none.
+    cut : str
+        Why the file ends early; empty: it does not.
+    """
+
+    path: Path
+    channels: Mapping[str, ChannelEdges]
+    tick_s: float
+    end: int
+    stated_rate_hz: float | None = None
+    cut: str = ""
+
+    @property
+    def edges(self) -> int:
+        """Number of edges of all channels."""
+        return sum(len(channel.times) for channel in self.channels.values())
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the capture in seconds."""
+        return self.end * self.tick_s
+
+    @cached_property
+    def sample_rate_hz(self) -> float:
+        """Sampling rate in hertz: as the file states it, else estimated from the grid of edges."""
+        if self.stated_rate_hz is not None:
+            return self.stated_rate_hz
+        return 1.0 / (estimated_step(self._times()) * self.tick_s)
+
+    def _times(self) -> NDArray[np.int64]:
+        some = [channel.times[:100_000] for channel in self.channels.values()]
+        return np.unique(np.concatenate(some)) if some else np.zeros(0, np.int64)
+
+    def channel(self, name: str) -> ChannelEdges:
+        """Return the channel with this name.
+
+        Raises
+        ------
+        ConfigurationError
+            Names the channels that there are.
+        """
+        try:
+            return self.channels[name]
+        except KeyError:
+            known = list(self.channels)
+            shown = ", ".join(known[:16]) + (", ..." if len(known) > 16 else "")
+            raise ConfigurationError(
+                f"{self.path}: no channel {name!r}; the capture has {shown or 'none'}"
+            ) from None
+
+
+def estimated_step(times: NDArray[np.int64]) -> float:
+    """Return the step of the grid that *times* lie on, in their unit; 1 if they lie on none.
+
+    An analyser whose step is no whole number of ticks rounds each time to the next tick.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> samples = np.array([3, 10, 11, 14, 600, 602, 1203])
+    >>> round(1e3 / estimated_step(np.round(samples * 1e3 / 24).astype(np.int64)), 2)
+    24.0
+    """
+    distances = np.unique(np.diff(times)).astype(np.float64)
+    if not len(distances):
+        return 1.0
+    for share in range(1, _MOST_SHARES + 1):
+        step = _refined_step(distances, float(distances[0]) / share)
+        if step < _LEAST_STEP:
+            break
+        rest = distances - np.rint(distances / step) * step
+        if np.abs(rest).max() < _ROUNDING:
+            return step
+    return float(np.gcd.reduce(distances.astype(np.int64)))
+
+
+def _refined_step(distances: NDArray[np.float64], step: float) -> float:
+    """Return the step near *step* that *distances* are multiples of, if there is one."""
+    limit = 4.0
+    while limit < 4.0 * distances[-1] / step:
+        limit *= 4.0  # a longer distance fixes the step better, once it can be counted
+        counts = np.rint(distances / step)
+        near = (counts > 0) & (counts <= limit)
+        step = float(distances[near].sum() / counts[near].sum())
+    return step

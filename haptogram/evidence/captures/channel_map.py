@@ -1,0 +1,162 @@
+"""The map of a capture: which channel is which element, and what the others carry."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Self
+
+from haptogram.errors import ConfigurationError
+from haptogram.settings.option import Settings, option
+from haptogram.settings.text_file import read_toml
+
+from .capture import Capture
+
+_ELEMENTS: Final = "elements"
+_PLACEHOLDER: Final = "{}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelMapSettings(Settings):
+    """The keys of a map beside its table ``[elements]``."""
+
+    reference: str = option(
+        "", unit="CHANNEL", help="channel of a carrier clock, or of an element: phases are its"
+    )
+    latch: str | None = option(None, unit="CHANNEL", help="channel that rises at every latch")
+    carrier_hz: float = option(
+        40_000.0, unit="HZ", low=1_000.0, high=1_000_000.0, help="carrier that is meant"
+    )
+    sample_rate_hz: float | None = option(
+        None,
+        unit="HZ",
+        low=1e4,
+        high=1e11,
+        help="sampling rate",
+        absent="as the file states it, else estimated",
+    )
+    active_low: bool = option(False, help="a pin is low while its transducer is driven")
+    latch_window_us: float = option(
+        200.0,
+        unit="US",
+        low=25.0,
+        high=1e6,
+        help="changes that follow each other within this time belong to one latch",
+    )
+
+
+@dataclass(frozen=True)
+class ChannelMap:
+    """The channels of a capture.
+
+    Attributes
+    ----------
+    path : Path
+        The file, for messages.
+    settings : ChannelMapSettings
+        Everything but the elements.
+    elements : mapping of str to int
+        Element by channel.
+    pattern : str or None
+        Name of the channels of many elements: ``{}`` stands for the number.
+
+    Examples
+    --------
+    >>> from haptogram.evidence.captures.channel_map import ChannelMap
+    >>> mapped = ChannelMap.of("map", {"reference": "D0", "elements": {"D1": 0, "D2": 16}})
+    >>> mapped.elements, mapped.settings.carrier_hz
+    ({'D1': 0, 'D2': 16}, 40000.0)
+    """
+
+    path: Path
+    settings: ChannelMapSettings
+    elements: Mapping[str, int] = field(default_factory=dict)
+    pattern: str | None = None
+
+    @classmethod
+    def from_file(cls, path: Path) -> Self:
+        """Return the map in a TOML file.
+
+        Raises
+        ------
+        ConfigurationError
+            Names the file, the key and what is wrong with it.
+        """
+        return cls.of(path, read_toml(path, "map"))
+
+    @classmethod
+    def of(cls, path: Path | str, document: Mapping[str, Any]) -> Self:
+        """Return the map that *document* describes, as a TOML file does."""
+        values = dict(document)
+        elements = values.pop(_ELEMENTS, None)
+        try:
+            settings = ChannelMapSettings.of(**values)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from error
+        if not settings.reference:
+            raise ConfigurationError(
+                f"{path}: no reference; name the channel that phases are relative to"
+            )
+        if isinstance(elements, str):
+            if elements.count(_PLACEHOLDER) != 1:
+                raise ConfigurationError(
+                    f'{path}: elements is {elements!r}, must have one {{}}: "e{{}}", or a table'
+                )
+            return cls(Path(path), settings, {}, elements)
+        return cls(Path(path), settings, _checked_elements(path, elements))
+
+    def joined(self, capture: Capture) -> dict[str, int]:
+        """Return the element of each channel that *capture* has, in the order of elements.
+
+        Raises
+        ------
+        ConfigurationError
+            A channel that the capture lacks, or no element at all.
+        """
+        settings = self.settings
+        try:
+            for name in (settings.reference, settings.latch, *self.elements):
+                if name is not None:
+                    capture.channel(name)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{self.path}: {error}") from error
+        found = dict(self.elements)
+        if self.pattern is not None:
+            before, after = map(re.escape, self.pattern.split(_PLACEHOLDER))
+            for name in capture.channels:
+                if number := re.fullmatch(f"{before}([0-9]+){after}", name):
+                    found[name] = int(number[1])
+        if not found:
+            raise ConfigurationError(
+                f"{self.path}: no channel of {capture.path} is mapped to an element; "
+                "write them in [elements]: D1 = 0"
+            )
+        return dict(sorted(found.items(), key=lambda item: item[1]))
+
+    def check_elements(self, elements: Mapping[str, int], count: int) -> None:
+        """Raise ConfigurationError if an array of *count* elements lacks one of *elements*."""
+        for name, element in elements.items():
+            if element >= count:
+                raise ConfigurationError(
+                    f"{self.path}: channel {name} is element {element}; "
+                    f"the array has the elements 0 to {count - 1}"
+                )
+
+
+def _checked_elements(path: Path | str, elements: object) -> dict[str, int]:
+    if not isinstance(elements, dict) or not elements:
+        raise ConfigurationError(f"{path}: no [elements]; map channels to elements: D1 = 0")
+    owners: dict[int, str] = {}
+    for name, element in elements.items():
+        if isinstance(element, bool) or not isinstance(element, int) or element < 0:
+            raise ConfigurationError(
+                f"{path}: channel {name} is element {element!r}, must be a whole number from 0"
+            )
+        if element in owners:
+            raise ConfigurationError(
+                f"{path}: channels {owners[element]} and {name} are both element {element}"
+            )
+        owners[element] = name
+    return elements

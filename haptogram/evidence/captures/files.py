@@ -1,0 +1,38 @@
+"""Files of captures, told apart by how they begin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+from haptogram.settings.text_file import plain_reason
+
+from .capture import Capture
+from .sigrok import read_sigrok
+from .vcd import read_vcd
+
+_ZIP: Final = b"PK"
+
+
+def read_capture(path: Path) -> Capture:
+    """Return the capture in a VCD or in a session file of sigrok.
+
+    Raises
+    ------
+    ConfigurationError
+        A file that cannot be read, is neither, or has no edge.
+    """
+    try:
+        with path.open("rb") as file:
+            begin = file.read(len(_ZIP))
+    except OSError as error:
+        raise ConfigurationError(f"cannot read {path}: {plain_reason(error)}") from error
+    capture = read_sigrok(path) if begin == _ZIP else read_vcd(path)
+    if not capture.edges:
+        after = f" (cut off: {capture.cut})" if capture.cut else ""
+        raise ConfigurationError(
+            f"{path}: no edge on any of {len(capture.channels)} channels in "
+            f"{capture.duration_s:g} s{after}; check the probes, and that the board is armed"
+        )
+    return capture

@@ -1,0 +1,206 @@
+"""Session files of sigrok and PulseView (.sr), version 2: a zip of metadata and raw samples."""
+
+from __future__ import annotations
+
+import configparser
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.errors import ConfigurationError
+from haptogram.settings.text_file import plain_reason
+
+from .capture import MOST_EDGES, Capture, ChannelEdges
+
+_BLOCK: Final = 4 << 20  # bytes of samples at a time
+_RATE: Final = re.compile(r"\s*([0-9.]+)\s*([kMG]?)(?:Hz)?\s*")
+_FACTORS: Final = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
+_LOCAL: Final = struct.Struct("<4s5H3I2H")  # header of an entry, APPNOTE 4.3.7
+_LOCAL_MAGIC: Final = b"PK\x03\x04"
+_DEFLATED: Final = 8
+_MOST_METADATA: Final = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class _Metadata:
+    prefix: str
+    rate_hz: float
+    unit_size: int
+    probes: dict[int, str]  # bit -> name
+
+
+def read_sigrok(path: Path) -> Capture:
+    """Return the edges of all logic channels; a tick is a sample.
+
+    A file that was cut off is read as far as its samples come; :attr:`Capture.cut` tells.
+
+    Raises
+    ------
+    ConfigurationError
+        A file that cannot be read or is no such session.
+    """
+    try:
+        try:
+            with zipfile.ZipFile(path) as archive:
+                return _read_whole(path, archive)
+        except (zipfile.BadZipFile, EOFError) as error:
+            with path.open("rb") as file:
+                return _read_cut(path, file, str(error))
+    except OSError as error:
+        raise ConfigurationError(f"cannot read {path}: {plain_reason(error)}") from error
+    except (zlib.error, NotImplementedError, RuntimeError) as error:
+        raise ConfigurationError(f"{path}: the samples are damaged; capture again") from error
+
+
+def _read_whole(path: Path, archive: zipfile.ZipFile) -> Capture:
+    names = archive.namelist()
+    if "metadata" not in names:
+        raise ConfigurationError(f"{path}: a zip without metadata, no session file of sigrok")
+    if archive.getinfo("metadata").file_size > _MOST_METADATA:
+        raise ConfigurationError(f"{path}: its metadata are over {_MOST_METADATA >> 20} MiB")
+    found = _metadata(path, archive.read("metadata"))
+    samples = _Samples(path, found)
+    parts = [(_part(found.prefix, name), name) for name in names]
+    for _, name in sorted((part, name) for part, name in parts if part is not None):
+        with archive.open(name) as entry:
+            while block := entry.read(_BLOCK // found.unit_size * found.unit_size):
+                samples.take(block)
+    return samples.capture("")
+
+
+def _read_cut(path: Path, file: BinaryIO, why: str) -> Capture:
+    """Read the entries one after the other, without the directory at the end of the file."""
+    samples: _Samples | None = None
+    found: _Metadata | None = None
+    for name, blocks in _entries(file):
+        if name == "metadata":
+            found = _metadata(path, b"".join(blocks))
+            samples = _Samples(path, found)
+        elif found is not None and samples is not None and _part(found.prefix, name) is not None:
+            for block in blocks:
+                samples.take(block)
+        else:
+            for _ in blocks:
+                pass
+    if samples is None:
+        raise ConfigurationError(f"{path}: no session file of sigrok ({why})")
+    return samples.capture("the file has no directory: it was cut off")
+
+
+def _entries(file: BinaryIO) -> Iterator[tuple[str, Iterator[bytes]]]:
+    while len(head := file.read(_LOCAL.size)) == _LOCAL.size:
+        magic, _, flags, method, _, _, _, size, _, name_length, extra = _LOCAL.unpack(head)
+        if magic != _LOCAL_MAGIC or flags & 8 or method not in (0, _DEFLATED):
+            return  # the directory, or sizes that only it knows
+        name = file.read(name_length).decode("ascii", "replace")
+        file.read(extra)
+        begin = file.tell()
+        yield name, _blocks(file, size, deflated=method == _DEFLATED)
+        file.seek(begin + size)
+
+
+def _blocks(file: BinaryIO, size: int, *, deflated: bool) -> Iterator[bytes]:
+    inflater = zlib.decompressobj(-15)
+    while size and (data := file.read(min(size, 1 << 16))):
+        size -= len(data)
+        if block := inflater.decompress(data) if deflated else data:
+            yield block
+
+
+def _metadata(path: Path, data: bytes) -> _Metadata:
+    parser = configparser.ConfigParser(interpolation=None, strict=False)
+    try:
+        parser.read_string(data.decode("utf-8", "replace"))
+        device = next(parser[name] for name in parser.sections() if name.startswith("device"))
+        prefix, unit_size = device["capturefile"], int(device.get("unitsize", "1"))
+        rate = _RATE.fullmatch(device["samplerate"])
+        if rate is None or not 1 <= unit_size <= 64:
+            raise ValueError(device["samplerate"])
+        rate_hz = float(rate[1]) * _FACTORS[rate[2]]
+        probes = {
+            int(key.removeprefix("probe")) - 1: name
+            for key, name in device.items()
+            if re.fullmatch(r"probe\d+", key)
+        }
+    except (configparser.Error, StopIteration, KeyError, ValueError) as error:
+        raise ConfigurationError(
+            f"{path}: metadata without a device that has capturefile, samplerate and unitsize"
+        ) from error
+    probes = {bit: name for bit, name in probes.items() if 0 <= bit < 8 * unit_size}
+    if rate_hz <= 0.0 or not probes:
+        raise ConfigurationError(f"{path}: no logic channel, or a sampling rate of 0")
+    return _Metadata(prefix, rate_hz, unit_size, probes)
+
+
+def _part(prefix: str, name: str) -> int | None:
+    """Return the place of an entry among those that hold the samples; None: it holds none."""
+    if name == prefix:
+        return 0
+    found = re.fullmatch(rf"{re.escape(prefix)}-(\d+)", name)
+    return None if found is None else int(found[1])
+
+
+class _Samples:
+    """The edges of the samples that were read so far."""
+
+    def __init__(self, path: Path, metadata: _Metadata) -> None:
+        self._path, self._metadata = path, metadata
+        self._taken = self._edges = 0
+        self._rest = b""
+        self._last: NDArray[np.uint8] | None = None
+        self._firsts = np.zeros(metadata.unit_size, np.uint8)
+        self._times: dict[int, list[NDArray[np.int64]]] = {bit: [] for bit in metadata.probes}
+
+    def take(self, block: bytes) -> None:
+        """Take the next samples; part of one waits for the rest of it."""
+        size = self._metadata.unit_size
+        data = self._rest + block
+        whole = len(data) // size * size
+        self._rest = data[whole:]
+        if not whole:
+            return
+        samples = np.frombuffer(data[:whole], np.uint8).reshape(-1, size)
+        if self._last is None:
+            self._firsts = self._last = samples[0].copy()
+        for byte in range(size):
+            self._take_byte(byte, samples[:, byte])
+        self._last = samples[-1].copy()
+        self._taken += len(samples)
+        if self._edges > MOST_EDGES:
+            raise ConfigurationError(
+                f"{self._path}: more than {MOST_EDGES} edges; capture a shorter time"
+            )
+
+    def _take_byte(self, byte: int, samples: NDArray[np.uint8]) -> None:
+        assert self._last is not None  # take() sets it
+        changed = np.empty(len(samples), np.uint8)
+        changed[0] = samples[0] ^ self._last[byte]
+        np.bitwise_xor(samples[1:], samples[:-1], out=changed[1:])
+        places = np.flatnonzero(changed)
+        bits = changed[places]
+        for bit in range(8 * byte, 8 * byte + 8):
+            if bit in self._times:
+                found = places[(bits >> (bit - 8 * byte)) & 1 == 1]
+                self._times[bit].append(found + self._taken)
+                self._edges += len(found)
+
+    def capture(self, cut: str) -> Capture:
+        """Return everything that was taken."""
+        if not self._taken:
+            raise ConfigurationError(f"{self._path}: no samples{f' ({cut})' if cut else ''}")
+        channels = {}
+        for bit, name in self._metadata.probes.items():
+            first = bool(self._firsts[bit // 8] >> (bit % 8) & 1)
+            channels[name] = ChannelEdges(np.concatenate(self._times.pop(bit)), first)
+        rate_hz = self._metadata.rate_hz
+        if self._rest:
+            cut = cut or "the last sample is not whole"
+        return Capture(self._path, channels, 1.0 / rate_hz, self._taken - 1, rate_hz, cut)

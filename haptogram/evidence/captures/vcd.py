@@ -1,0 +1,330 @@
+"""Value change dumps (IEEE 1364-2005, clause 18), as logic analysers and simulators write them.
+
+The file is read in chunks, each of which becomes arrays of tokens; nothing is kept but edges.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.errors import ConfigurationError
+from haptogram.settings.text_file import plain_reason
+
+from .capture import MOST_CHANNELS, MOST_EDGES, Capture, ChannelEdges
+
+_CHUNK: Final = 4 << 20  # bytes
+_LONGEST_HEADER: Final = 1 << 22
+_END_OF_HEADER: Final = re.compile(rb"\$enddefinitions\s+\$end")
+_TIMESCALE: Final = re.compile(r"(1|10|100)\s*(s|ms|us|ns|ps|fs)")
+_UNITS_S: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ps": 1e-12, "fs": 1e-15}
+_MOST_DIGITS: Final = 18
+_LONGEST_ID: Final = 7  # characters: packed into an int64
+_HASH, _DOLLAR, _ZERO, _ONE = (ord(c) for c in "#$01")
+_SCALARS: Final = np.frombuffer(b"01xXzZ", np.uint8)
+_VECTORS: Final = np.frombuffer(b"bB", np.uint8)
+_WORDS: Final = np.frombuffer(b"bBrRsS", np.uint8)  # vectors, reals and texts (of simulators)
+
+_Bytes: TypeAlias = NDArray[np.uint8]
+_Numbers: TypeAlias = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class _Header:
+    tick_s: float
+    names: Mapping[str, int]  # channel -> identifier code, packed
+
+
+def read_vcd(path: Path) -> Capture:
+    """Return the edges of all channels of one bit; times count from the first one of the file.
+
+    A file that was cut off is read as far as its last whole line; :attr:`Capture.cut` tells.
+
+    Raises
+    ------
+    ConfigurationError
+        A file that cannot be read or is no VCD: names the place.
+    """
+    try:
+        with path.open("rb") as file:
+            header, rest = _read_header(path, file)
+            body = _Body(path, sorted(set(header.names.values())))
+            cut = ""
+            for chunk, is_whole in _chunks(path, file, rest):
+                body.take(chunk)
+                cut = "" if is_whole else "the file ends in the middle of a line"
+    except OSError as error:
+        raise ConfigurationError(f"cannot read {path}: {plain_reason(error)}") from error
+    return body.capture(header, cut)
+
+
+def _read_header(path: Path, file: BinaryIO) -> tuple[_Header, bytes]:
+    """Return the declarations, and the bytes that were read after them."""
+    data = b""
+    while (end := _END_OF_HEADER.search(data)) is None:
+        more = file.read(1 << 16)
+        if not more or len(data) > _LONGEST_HEADER:
+            raise ConfigurationError(
+                f"{path}: no $enddefinitions: it is no VCD, or was cut off in its header"
+            )
+        data += more
+    words = data[: end.start()].decode("ascii", "replace").split()
+    return _declarations(path, words), data[end.end() :]
+
+
+def _declarations(path: Path, words: list[str]) -> _Header:
+    scopes: list[str] = []
+    found: list[tuple[str, str, int]] = []
+    tick_s = None
+    for keyword, body in _sections(words):
+        if keyword == "$timescale":
+            tick_s = _timescale(path, " ".join(body))
+        elif keyword == "$scope":
+            scopes.append(body[-1] if body else "")
+        elif keyword == "$upscope" and scopes:
+            scopes.pop()
+        elif keyword == "$var" and len(body) >= 4 and body[1] == "1":
+            found.append((".".join([*scopes, body[3]]), body[3], _packed(path, body[2])))
+    if tick_s is None:
+        raise ConfigurationError(f"{path}: no $timescale; the times of its edges are unknown")
+    if not 1 <= len(found) <= MOST_CHANNELS:
+        raise ConfigurationError(
+            f"{path}: {len(found)} channels of one bit, must be 1 to {MOST_CHANNELS}"
+        )
+    return _Header(tick_s, _named(found))
+
+
+def _sections(words: list[str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield each keyword with the words up to its $end."""
+    begin = 0
+    for place, word in enumerate(words):
+        if word == "$end":
+            if begin < place:
+                yield words[begin], words[begin + 1 : place]
+            begin = place + 1
+
+
+def _timescale(path: Path, text: str) -> float:
+    if (found := _TIMESCALE.fullmatch(text)) is None:
+        raise ConfigurationError(
+            f"{path}: $timescale is {text!r}, must be 1, 10 or 100 and s, ms, us, ns, ps or fs"
+        )
+    return int(found[1]) * _UNITS_S[found[2]]
+
+
+def _packed(path: Path, code: str) -> int:
+    if len(code) > _LONGEST_ID:
+        raise ConfigurationError(
+            f"{path}: identifier {code!r} has {len(code)} characters, can have {_LONGEST_ID}"
+        )
+    return int.from_bytes(code.encode("latin-1", "replace"), "big")
+
+
+def _named(found: list[tuple[str, str, int]]) -> dict[str, int]:
+    """Return the channels by their own name where only one has it, else with their scopes."""
+    owners: dict[str, set[str]] = {}
+    for full, short, _ in found:
+        owners.setdefault(short, set()).add(full)
+    return {short if len(owners[short]) == 1 else full: code for full, short, code in found}
+
+
+def _chunks(path: Path, file: BinaryIO, rest: bytes) -> Iterator[tuple[_Bytes, bool]]:
+    """Yield whole lines; the last chunk may lack the end of its last line, which is left out."""
+    while True:
+        data = file.read(_CHUNK)
+        whole = rest + data
+        if not data:
+            end = len(whole) if not whole.strip() else whole.rfind(b"\n") + 1
+            yield np.frombuffer(whole[:end], np.uint8), end == len(whole)
+            return
+        end = whole.rfind(b"\n") + 1
+        if not end and len(whole) > 4 * _CHUNK:
+            raise ConfigurationError(f"{path}: a line is longer than {4 * _CHUNK >> 20} MiB")
+        rest = whole[end:]
+        yield np.frombuffer(whole[:end], np.uint8), True
+
+
+@dataclass(slots=True)
+class _Body:
+    """The changes of value that were read so far."""
+
+    path: Path
+    codes: list[int]
+    now: int | None = None  # the last time stamp
+    first: int = 0
+    edges: int = 0
+    in_comment: bool = False
+    levels: list[int] = field(default_factory=list)
+    firsts: list[int] = field(default_factory=list)
+    undefined: list[int] = field(default_factory=list)
+    times: list[list[_Numbers]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        count = len(self.codes)
+        self.levels, self.firsts, self.undefined = [-1] * count, [-1] * count, [0] * count
+        self.times = [[] for _ in range(count)]
+
+    def take(self, data: _Bytes) -> None:
+        """Take whole lines."""
+        solid = np.empty(len(data) + 2, np.bool_)
+        solid[0] = solid[-1] = False
+        np.greater(data, 32, out=solid[1:-1])
+        bounds = np.flatnonzero(solid[1:] != solid[:-1])
+        starts, ends = self._without_comments(data, bounds[0::2], bounds[1::2])
+        if not len(starts):
+            return
+        kinds = data[starts]
+        words = _words_before_identifiers(kinds)
+        is_identifier = np.zeros(len(kinds) + 1, np.bool_)
+        is_identifier[words + 1] = True
+        is_identifier = is_identifier[:-1]
+        times = self._times(data, starts, ends, (kinds == _HASH) & ~is_identifier)
+        scalars = np.flatnonzero(np.isin(kinds, _SCALARS) & ~is_identifier)
+        vectors = words[np.isin(kinds[words], _VECTORS) & (words + 1 < len(kinds))]
+        places = np.concatenate([scalars, vectors])
+        codes = np.concatenate(
+            [
+                _packed_tokens(data, starts[scalars] + 1, ends[scalars]),
+                _packed_tokens(data, starts[vectors + 1], ends[vectors + 1]),
+            ]
+        )
+        values = np.concatenate([kinds[scalars], data[ends[vectors] - 1]])
+        order = np.argsort(places, kind="stable")
+        self._change(times[places[order]], codes[order], values[order])
+
+    def _without_comments(
+        self, data: _Bytes, starts: _Numbers, ends: _Numbers
+    ) -> tuple[_Numbers, _Numbers]:
+        """Leave out the keywords, and what stands in comments."""
+        commands = np.flatnonzero(data[starts] == _DOLLAR) if len(starts) else starts
+        # An identifier may begin with a dollar too, but only after its value.
+        keep = np.ones(len(starts), np.bool_)
+        begin = 0 if self.in_comment else None
+        for place in commands.tolist():
+            word = data[starts[place] : ends[place]].tobytes()
+            if word == b"$comment" and begin is None:
+                begin = place
+            elif word == b"$end":
+                keep[place if begin is None else begin : place + 1] = False
+                begin = None
+            elif word.startswith(b"$dump"):
+                keep[place] = False
+        if begin is not None:
+            keep[begin:] = False
+        self.in_comment = begin is not None
+        return starts[keep], ends[keep]
+
+    def _times(
+        self, data: _Bytes, starts: _Numbers, ends: _Numbers, is_stamp: NDArray[np.bool_]
+    ) -> _Numbers:
+        """Return the time of every token: that of the last time stamp before it."""
+        stamps = np.flatnonzero(is_stamp)
+        values = self._decimals(data, starts[stamps] + 1, ends[stamps])
+        if self.now is None:
+            self.first = int(values[0]) if len(values) else 0
+        before = self.first if self.now is None else self.now
+        known = np.concatenate([[before], values])
+        if (np.diff(known) < 0).any():
+            late = int(values[np.flatnonzero(np.diff(known) < 0)[0]])
+            raise ConfigurationError(f"{self.path}: time goes back at #{late}")
+        if len(values):
+            self.now = int(values[-1])
+        times: _Numbers = known[np.cumsum(is_stamp)] - self.first
+        return times
+
+    def _decimals(self, data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
+        digits = ends - starts
+        if len(digits) and not 1 <= digits.min() <= digits.max() <= _MOST_DIGITS:
+            raise ConfigurationError(f"{self.path}: a time has no digit, or over {_MOST_DIGITS}")
+        values = np.zeros(len(starts), np.int64)
+        for place in range(int(digits.max(initial=0))):
+            has = digits > place
+            digit = data[ends[has] - 1 - place].astype(np.int64) - _ZERO
+            if ((digit < 0) | (digit > 9)).any():
+                raise ConfigurationError(f"{self.path}: a time is no whole number")
+            values[has] += digit * 10**place
+        return values
+
+    def _change(self, times: _Numbers, codes: _Numbers, values: _Bytes) -> None:
+        """Take changes of value in the order of the file."""
+        known = np.array(self.codes)
+        channels = np.minimum(np.searchsorted(known, codes), len(known) - 1)
+        ours = known[channels] == codes
+        channels, times, values = channels[ours], times[ours], values[ours]
+        order = np.argsort(channels, kind="stable")
+        counts = np.bincount(channels, minlength=len(known))
+        times, values = times[order], values[order]
+        for channel, end in enumerate(np.cumsum(counts).tolist()):
+            begin = end - int(counts[channel])
+            if begin < end:
+                self._change_channel(channel, times[begin:end], values[begin:end])
+
+    def _change_channel(self, channel: int, times: _Numbers, values: _Bytes) -> None:
+        defined = (values == _ZERO) | (values == _ONE)
+        self.undefined[channel] += int((~defined).sum())
+        times, levels = times[defined], (values[defined] == _ONE).astype(np.int8)
+        if not len(times):
+            return
+        if self.levels[channel] < 0:
+            self.firsts[channel] = self.levels[channel] = int(levels[0])
+        changed = np.diff(levels, prepend=np.int8(self.levels[channel])) != 0
+        self.levels[channel] = int(levels[-1])
+        if changed.any():
+            self.times[channel].append(times[changed])
+            self.edges += int(changed.sum())
+        if self.edges > MOST_EDGES:
+            raise ConfigurationError(
+                f"{self.path}: more than {MOST_EDGES} edges; capture a shorter time"
+            )
+
+    def capture(self, header: _Header, cut: str) -> Capture:
+        """Return everything that was read."""
+        nothing = np.zeros(0, np.int64)
+        by_code = {}
+        for code, times, first, undefined in zip(
+            self.codes, self.times, self.firsts, self.undefined, strict=True
+        ):
+            joined = np.concatenate(times) if times else nothing
+            times.clear()
+            by_code[code] = ChannelEdges(_without_glitches(joined), first == 1, undefined)
+        channels = {name: by_code[code] for name, code in header.names.items()}
+        end = 0 if self.now is None else self.now - self.first
+        return Capture(self.path, channels, header.tick_s, end, None, cut)
+
+
+def _words_before_identifiers(kinds: _Bytes) -> _Numbers:
+    """Return the places of vectors, reals and texts: each is followed by its identifier.
+
+    An identifier may begin as they do, so of several in a row every second one is one.
+    """
+    places = np.flatnonzero(np.isin(kinds, _WORDS))
+    begins = np.diff(places, prepend=-2) != 1
+    begin_of = places[begins][np.cumsum(begins) - 1] if len(places) else places
+    words: _Numbers = places[(places - begin_of) % 2 == 0]
+    return words
+
+
+def _packed_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
+    """Return the tokens as numbers of base 256; -1 for one that is too long to be known."""
+    lengths = ends - starts
+    packed: _Numbers = np.zeros(len(starts), np.int64)
+    for place in range(min(int(lengths.max(initial=0)), _LONGEST_ID)):
+        has = lengths > place
+        packed[has] = packed[has] * 256 + data[starts[has] + place]
+    packed[lengths > _LONGEST_ID] = -1
+    return packed
+
+
+def _without_glitches(times: _Numbers) -> _Numbers:
+    """Leave out pairs of edges at one time: a pulse of no width."""
+    if not len(times) or (np.diff(times) > 0).all():
+        return times
+    found, counts = np.unique(times, return_counts=True)
+    wide: _Numbers = found[counts % 2 == 1]
+    return wide
