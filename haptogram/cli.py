@@ -52,6 +52,7 @@ COMMANDS: Final = {
     "decode": (".recordings.decode", "print recorded or dumped bytes as annotated frames"),
     "replay": (".recordings.replay", "feed a recording to a board again and compare"),
     "repair": (".recordings.repair", "make a recording that was cut off a whole file again"),
+    "capture": (".recordings.capture", "measure drive pins in a capture of a logic analyser"),
     "presets": (
         ".published.presets",
         "list the known systems, with their published figures next to ours",

@@ -18,8 +18,9 @@ class BoardPort:
 
     url = "virtual://board"
 
-    def __init__(self, *, baud=BAUD, tamper=None, **settings):
-        self.simulation = Simulation(BoardSettings(line=LineSettings(baud=baud), **settings), self)
+    def __init__(self, *, baud=BAUD, tamper=None, faults=None, **settings):
+        board = BoardSettings(line=LineSettings(baud=baud), **settings)
+        self.simulation = Simulation(board, self, faults=faults)
         self.board = self.simulation.dialect.board
         self.latches = []
         self.notices = []

@@ -30,6 +30,7 @@ INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
     **dict.fromkeys(
         ("baseline", "calibration", "compare", "config", "drive", "expect_file", "fault_plan"), bool
     ),
+    **dict.fromkeys(("file", "map"), bool),
 }
 
 

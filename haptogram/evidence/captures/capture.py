@@ -132,7 +132,7 @@ def estimated_step(times: NDArray[np.int64]) -> float:
     --------
     >>> import numpy as np
     >>> samples = np.array([3, 10, 11, 14, 600, 602, 1203])
-    >>> round(1e3 / estimated_step(np.round(samples * 1e3 / 24).astype(np.int64)), 2)
+    >>> round(1e3 / estimated_step(np.round(samples * 1e3 / 24).astype(np.int64)), 1)
     24.0
     """
     distances = np.unique(np.diff(times)).astype(np.float64)
@@ -140,6 +140,7 @@ def estimated_step(times: NDArray[np.int64]) -> float:
         return 1.0
     for share in range(1, _MOST_SHARES + 1):
         step = _refined_step(distances, float(distances[0]) / share)
+        step = float((times[-1] - times[0]) / np.rint(np.diff(times) / step).sum())
         if step < _LEAST_STEP:
             break
         rest = distances - np.rint(distances / step) * step

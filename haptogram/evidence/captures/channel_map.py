@@ -22,8 +22,10 @@ _PLACEHOLDER: Final = "{}"
 class ChannelMapSettings(Settings):
     """The keys of a map beside its table ``[elements]``."""
 
-    reference: str = option(
-        "", unit="CHANNEL", help="channel of a carrier clock, or of an element: phases are its"
+    reference: str | None = option(
+        None,
+        unit="CHANNEL",
+        help="channel that phases are relative to: a carrier clock, or an element",
     )
     latch: str | None = option(None, unit="CHANNEL", help="channel that rises at every latch")
     carrier_hz: float = option(
@@ -55,6 +57,8 @@ class ChannelMap:
     ----------
     path : Path
         The file, for messages.
+    reference : str
+        Channel that phases are relative to.
     settings : ChannelMapSettings
         Everything but the elements.
     elements : mapping of str to int
@@ -71,6 +75,7 @@ class ChannelMap:
     """
 
     path: Path
+    reference: str
     settings: ChannelMapSettings
     elements: Mapping[str, int] = field(default_factory=dict)
     pattern: str | None = None
@@ -95,7 +100,8 @@ class ChannelMap:
             settings = ChannelMapSettings.of(**values)
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: {error}") from error
-        if not settings.reference:
+        reference = settings.reference
+        if reference is None:
             raise ConfigurationError(
                 f"{path}: no reference; name the channel that phases are relative to"
             )
@@ -104,8 +110,8 @@ class ChannelMap:
                 raise ConfigurationError(
                     f'{path}: elements is {elements!r}, must have one {{}}: "e{{}}", or a table'
                 )
-            return cls(Path(path), settings, {}, elements)
-        return cls(Path(path), settings, _checked_elements(path, elements))
+            return cls(Path(path), reference, settings, {}, elements)
+        return cls(Path(path), reference, settings, _checked_elements(path, elements))
 
     def joined(self, capture: Capture) -> dict[str, int]:
         """Return the element of each channel that *capture* has, in the order of elements.
@@ -117,7 +123,7 @@ class ChannelMap:
         """
         settings = self.settings
         try:
-            for name in (settings.reference, settings.latch, *self.elements):
+            for name in (self.reference, settings.latch, *self.elements):
                 if name is not None:
                     capture.channel(name)
         except ConfigurationError as error:

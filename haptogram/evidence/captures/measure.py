@@ -160,8 +160,8 @@ def measure_capture(capture: Capture, mapped: ChannelMap) -> CaptureDrives:
     elements = mapped.joined(capture)
     rate_hz = settings.sample_rate_hz or capture.sample_rate_hz
     sample = 1.0 / (rate_hz * capture.tick_s)
-    reference = capture.channel(settings.reference)
-    is_clock = settings.reference not in elements
+    reference = capture.channel(mapped.reference)
+    is_clock = mapped.reference not in elements
     active_low = settings.active_low and not is_clock
     pulses = {
         name: capture.channel(name).pulses(active_low=settings.active_low) for name in elements
@@ -190,7 +190,7 @@ def measure_capture(capture: Capture, mapped: ChannelMap) -> CaptureDrives:
         latches,
         bounds,
         rows,
-        elements.get(settings.reference),
+        elements.get(mapped.reference),
         restless,
         rate_hz,
     )
@@ -202,7 +202,7 @@ def _checked_period(
     """Return the period of the reference in ticks."""
     settings = mapped.settings
     period = carrier_period(rises, sample)
-    name = f"{capture.path}: reference {settings.reference}"
+    name = f"{capture.path}: reference {mapped.reference}"
     if len(rises) < _LEAST_PULSES:
         raise ConfigurationError(
             f"{name} has {len(rises)} pulses, must have {_LEAST_PULSES} at least; "

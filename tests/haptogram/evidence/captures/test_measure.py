@@ -1,0 +1,142 @@
+"""Drives, latches and findings of captured pins, against the back door of the same board."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from haptogram.evidence.captures.channel_map import ChannelMap
+from haptogram.evidence.captures.files import read_capture
+from haptogram.evidence.captures.findings import findings_of, is_silent_after
+from haptogram.evidence.captures.measure import measure_capture
+from pin_captures import MAP, captured_run
+
+ROUNDING_RAD = math.tau * 1e-9 * 40e3  # of a time to a nanosecond, twice a half
+
+
+def worst_phase(found, weights, elements=None):
+    rows = found.weights()[1 : 1 + len(weights)]
+    error = np.angle(rows * np.conj(weights))
+    error[np.abs(weights) == 0] = 0.0
+    return float(np.abs(error if elements is None else error[:, elements]).max())
+
+
+def without_latch_pin(run):
+    keys = {key: value for key, value in MAP.items() if key != "latch"}
+    return measure_capture(read_capture(run.path), ChannelMap.of("map.toml", keys))
+
+
+@pytest.mark.parametrize("array", ["1x1", "1x7", "5x3", "16x16"])
+@pytest.mark.parametrize("rate_hz", [24e6, 7.3e6])
+def test_the_phases_are_those_of_the_back_door(array, rate_hz, tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", array=array, capture_rate_hz=rate_hz)
+    found = run.measured()
+    assert len(found.latches) == len(run.latches) + 1  # and the silence
+    assert found.sample_rate_hz == pytest.approx(rate_hz, rel=1e-5)
+    assert worst_phase(found, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
+    assert np.abs(np.abs(found.weights()[1:-1]) - 1.0).max() < 2.0 * math.pi / found.samples
+    assert is_silent_after(found, len(run.latches))
+    assert findings_of(found) == []
+
+
+def test_latches_show_without_a_latch_pin_and_relative_to_an_element(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    found = without_latch_pin(run)
+    assert len(found.latches) == len(run.latches) + 1
+    assert worst_phase(found, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
+    weights = run.radiated()
+    relative = run.measured(reference="e5")
+    assert relative.reference_element == 5
+    turned = weights * np.conj(weights[:, 5:6])
+    assert worst_phase(relative, turned) <= found.resolution_rad + ROUNDING_RAD
+
+
+def test_amplitudes_become_duties_and_leave_the_phases_alone(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", mode="drives")
+    found, radiated = run.measured(), run.radiated()
+    assert worst_phase(found, radiated) <= found.resolution_rad + ROUNDING_RAD
+    duties = np.array([row.duties for row in found.elements]).T[1:-1]
+    assert (
+        np.abs(duties - np.arcsin(np.abs(radiated)) / math.pi).max() <= 1.0 / found.samples + 1e-4
+    )
+    assert np.abs(np.abs(found.weights()[1:-1]) - np.abs(radiated)).max() < math.pi / found.samples
+
+
+@pytest.mark.parametrize("ppm", [-400.0, 37.0, 400.0])
+def test_the_clock_of_the_analyser_moves_no_phase(ppm, tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", frames=40, capture_ppm=ppm)
+    found = run.measured()
+    assert found.drift_ppm == pytest.approx(-ppm, abs=5.0)
+    assert worst_phase(found, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
+
+
+FAULTS = {
+    "device.dead transducer=3": "element 3 (e3): dead: low all the time",
+    "device.stuck transducer=3 code=77": None,  # only who knows the frames sees it
+    "device.delayed transducer=3 code=128": None,
+    "device.garbage column=1": None,
+}
+
+
+@pytest.mark.parametrize(("fault", "finding"), FAULTS.items())
+def test_a_fault_of_the_virtual_board_is_at_its_pins(fault, finding, tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", faults=[fault])
+    found = run.measured()
+    assert worst_phase(found, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
+    assert findings_of(found) == ([] if finding is None else [finding])
+    healthy = np.array([frame.drive.weights() for frame in run.intended])
+    assert worst_phase(found, healthy) > math.radians(1.0) or finding is not None
+
+
+@pytest.mark.parametrize("late_us", [75.0, 150.0])
+def test_a_latch_of_which_a_bank_comes_late_is_torn(late_us, tmp_path):
+    late = [late_us if pin >= 8 else 0.0 for pin in range(16)]
+    run = captured_run(tmp_path / "pins.vcd", late_us=late)
+    for found in (run.measured(), without_latch_pin(run)):
+        torn = [latch for latch in found.latches if found.is_torn(latch)]
+        assert len(torn) == len(found.latches) > len(run.latches) - 1
+        assert all(found.seconds(latch.skew) * 1e6 <= late_us + 0.1 for latch in torn)
+        assert "8 of " in findings_of(found)[0]
+        assert worst_phase(found, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
+
+
+def test_pins_that_fall_silent_together_do_so_within_a_period(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    found = run.measured()
+    mute = found.latches[-1]
+    assert is_silent_after(found, len(found.latches) - 1)
+    assert len(mute.changes) == 16
+    assert mute.skew <= found.period
+    assert not found.is_torn(mute)
+
+
+def flipped(found, name, **change):
+    """Return the capture with another channel of this name."""
+    capture = found.capture
+    channel = dataclasses.replace(capture.channels[name], **change)
+    return dataclasses.replace(capture, channels={**capture.channels, name: channel})
+
+
+def test_stuck_and_inverted_pins_are_found(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    found, mapped = run.measured(), ChannelMap.of("map.toml", MAP)
+    inverted = flipped(found, "e4", first_level=True)
+    high = flipped(found, "e4", first_level=True, times=np.zeros(0, np.int64))
+    for capture, word in ((inverted, "inverted polarity"), (high, "stuck high")):
+        (finding,) = findings_of(measure_capture(capture, mapped))
+        assert finding.startswith("element 4 (e4)")
+        assert word in finding
+
+
+def test_pins_that_are_active_low_are_read_as_such(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    found = run.measured()
+    levels = {
+        name: dataclasses.replace(channel, first_level=name.startswith("e"))
+        for name, channel in found.capture.channels.items()
+    }
+    mapped = ChannelMap.of("map.toml", {**MAP, "active_low": True})
+    again = measure_capture(dataclasses.replace(found.capture, channels=levels), mapped)
+    assert worst_phase(again, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
+    assert findings_of(again, active_low=True) == []
