@@ -42,7 +42,7 @@ class ChannelEdges:
     def pulses(
         self, *, active_low: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where each whole pulse begins and ends, in ticks, (P,) both.
+        """Return begin and end of each whole pulse, in ticks, (P,) both.
 
         Examples
         --------

@@ -15,7 +15,7 @@ _PHASE_BITS: Final = 8
 
 
 def element_findings(found: ElementDrives, *, active_low: bool, others_pulse: bool) -> list[str]:
-    """Return what is wrong with the pin of one element, in words; nothing: it may be right."""
+    """Return the defects of the pin of one element, in words; none: it may be right."""
     wrong = []
     if found.edges == 0 and others_pulse:
         level = "high" if found.idle_level else "low"
@@ -30,7 +30,7 @@ def element_findings(found: ElementDrives, *, active_low: bool, others_pulse: bo
 
 
 def findings_of(found: CaptureDrives, *, active_low: bool = False) -> list[str]:
-    """Return what is wrong in a capture, one line each."""
+    """Return the defects in a capture, one line each."""
     others = any(row.edges for row in found.elements)
     lines = []
     for row in found.elements:
@@ -57,7 +57,7 @@ def _torn_text(found: CaptureDrives, latch: LatchFound) -> str:
 
 
 def notes_of(found: CaptureDrives) -> list[str]:
-    """Return what the capture cannot show."""
+    """Return the limits of the capture, one line each."""
     notes = []
     if found.capture.cut:
         at = f"read up to {found.capture.duration_s:g} s"

@@ -274,7 +274,7 @@ class _Intervals:
         pulses: tuple[_Floats, _Floats],
         turn: _Weights,
     ) -> ElementDrives:
-        """Return what *pulses* are in every interval, relative to the phasor *turn*."""
+        """Return the drives that *pulses* make, relative to the phasor *turn*."""
         edges = capture.channel(name)
         weights, duties, periods_s, jitters_s = self._sums(*pulses)
         relative = weights * np.conj(turn)
