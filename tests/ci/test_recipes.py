@@ -198,7 +198,7 @@ def test_a_recipe_installs_from_a_place_that_its_user_fills_in(name):
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_has_the_three_kinds_of_boards(name):
     _, scripts = jobs(name)
-    marks = ("--spawn ./build/firmware_native", "--spawn 'qemu-system-arm", f"--port {DEVICE}")
+    marks = ("--spawn ./build/firmware_native", "exec qemu-system-arm", f"--port {DEVICE}")
     for kind, mark in zip(KINDS, marks, strict=True):
         assert mark in "\n".join(scripts[kind])
 

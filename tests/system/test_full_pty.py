@@ -52,13 +52,12 @@ def linked(name, timeout_s):
     return Link(open_transport(name), connection, baudrate=50_000_000, timeout_s=timeout_s)
 
 
-@pytest.mark.parametrize("spin_ns", [0, 1_000_000])
+@pytest.mark.parametrize("spin_ns", [0, PERIOD_NS // 4])
 def test_a_board_that_stopped_reading_is_a_lost_link_after_what_it_sent_was_read(ends, spin_ns):
     board, name = ends
     link = linked(name, timeout_s=0.3)
     waiting = fill(board)
     loop = PeriodicLoop(link.now_ns, link.run_until, period_ns=PERIOD_NS, spin_ns=spin_ns)
-    assert loop.spin_ns <= PERIOD_NS // 4
     start_ns = link.now_ns()
 
     def write_on():
@@ -72,7 +71,7 @@ def test_a_board_that_stopped_reading_is_a_lost_link_after_what_it_sent_was_read
     link.close()
 
 
-@pytest.mark.parametrize("spin_ns", [0, 1_000_000])
+@pytest.mark.parametrize("spin_ns", [0, PERIOD_NS // 4])
 def test_a_board_that_reads_only_while_it_can_write_does_not_stop_the_loop(ends, spin_ns):
     """The far end of the deadlock: it writes a reply for what it reads, and blocks in that."""
     board, name = ends
