@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import NS_PER_S
-from haptogram.driver.playback import PlaybackTiming, PlayReport, SequencePlayer
+from haptogram.driver.playback import PlaybackTiming, PlayReport, DriverPlayback
 from haptogram.driver.session import DriverSession
 from haptogram.driver.stream import Streamer, StreamPacing, StreamReport, stream_preparation_ns
 from haptogram.driver.timing.realtime import next_deadline_ns
@@ -43,7 +43,7 @@ class HostOutput:
         self._streamer = Streamer(
             link, pinger, identity, intended=intended, status=lambda: session.last_status
         )
-        self._player = SequencePlayer(link, pinger, identity, events=session.events)
+        self._player = DriverPlayback(link, pinger, identity, events=session.events)
         self._held: Frame | None = None
 
     def focus(self, frame: Frame) -> Intended:

@@ -132,7 +132,7 @@ class _Score:
             self.intended.append(self.frames[index].intended(number, key, due_us))
 
 
-class SequencePlayer:
+class DriverPlayback:
     """Uploads and plays over a link.
 
     Parameters

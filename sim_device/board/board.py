@@ -25,7 +25,7 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason, OutputState
 
 from .configuration import board_config_crc, check_board_config
-from .counters import ArrivalMargins, BoardCounters, Drop
+from .counters import BoardArrivalMargins, BoardCounters, Drop
 from .events import Latch, Notice, PlaybackEnd, SessionOpened
 from .output import Due, OutputStage
 from .playback import Playback
@@ -73,7 +73,7 @@ class Board:
     def __init__(self, settings: BoardSettings, parts: BoardParts = _HEALTHY) -> None:
         self.settings = settings
         self.output = parts.output(settings, self._stop_sources, timers=parts.timers)
-        self.margins = ArrivalMargins()
+        self.margins = BoardArrivalMargins()
         self.last_stream_index = 0
         self._queue = parts.queue(settings.queue_depth)
         self._focuser = PointFocuser(settings, self.output.config.sound_speed_mm_s)

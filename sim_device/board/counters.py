@@ -36,7 +36,7 @@ class BoardCounters:
 
 
 @dataclass(slots=True)
-class ArrivalMargins:
+class BoardArrivalMargins:
     """Arrival margin, t_apply - arrival, since it was last read."""
 
     count: int = 0

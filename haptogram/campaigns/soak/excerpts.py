@@ -23,7 +23,7 @@ Entry: TypeAlias = tuple[int, bool, bytes] | tuple[int, None, LatchRecord]
 
 
 @dataclass(slots=True)
-class Excerpt:
+class SoakExcerpt:
     """The seconds around a violation; times are nanoseconds since the power-up of the board."""
 
     text: str
@@ -55,11 +55,11 @@ class Excerpts:
     """
 
     def __init__(self, tally: SoakTally) -> None:
-        self.found: list[Excerpt] = []
+        self.found: list[SoakExcerpt] = []
         self._tally = tally
         self._last: deque[Entry] = deque()
         self._violations = 0
-        self._open: Excerpt | None = None
+        self._open: SoakExcerpt | None = None
 
     def to_board(self, t_ns: int, data: bytes) -> None:
         """Keep bytes that the board took."""
@@ -84,7 +84,7 @@ class Excerpts:
             self._open.until_ns = t_ns + AFTER_NS
         elif len(self.found) < MOST_KEPT:
             text = self._tally.examples[-1] if self._tally.examples else "violation"
-            self._open = Excerpt(text, t_ns + AFTER_NS, list(self._last))
+            self._open = SoakExcerpt(text, t_ns + AFTER_NS, list(self._last))
             self.found.append(self._open)
 
     def _add(self, entry: Entry) -> None:

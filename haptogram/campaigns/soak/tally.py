@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
 
 if TYPE_CHECKING:
-    from .excerpts import Excerpt
+    from .excerpts import SoakExcerpt
 
 MOST_KEPT: Final = 20  # violations that are kept word for word; all are counted
 
@@ -44,7 +44,7 @@ class SoakTally:
         What must not happen, by name.
     examples : list of str
         The first of them, in words.
-    excerpts : list of Excerpt
+    excerpts : list of SoakExcerpt
         Of one segment: what happened around them, if that is recorded.
     """
 
@@ -55,7 +55,7 @@ class SoakTally:
     totals: Counter[str] = field(default_factory=Counter)
     violations: Counter[str] = field(default_factory=Counter)
     examples: list[str] = field(default_factory=list)
-    excerpts: list[Excerpt] = field(default_factory=list)
+    excerpts: list[SoakExcerpt] = field(default_factory=list)
 
     def plus(self, other: SoakTally) -> SoakTally:
         """Return the account of both."""

@@ -128,7 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.evidence.run_record import frames_of_run
     from haptogram.machine.files import write_file_atomically
 
-    from .result import Felt, describe_felt, draw_felt, felt_csv, felt_dict
+    from .result import ModulationResult, describe_felt, draw_felt, felt_csv, felt_dict
 
     refuse_idle_options("modulation", arguments)
     outputs = Outputs(arguments, "picture", "csv", "json")
@@ -136,7 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
     frames = frames_of_run(config.shape, config.pace, config.modulation)
     place = None if arguments.at_mm is None else metres_of_argument(arguments.at_mm)
-    felt = Felt.of(
+    felt = ModulationResult.of(
         NumpyEngine(array_model(arguments)),
         config.shape.object,
         config.modulation,

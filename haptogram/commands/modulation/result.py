@@ -37,7 +37,7 @@ _PERIODS_SHOWN: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Felt:
+class ModulationResult:
     """Frames, and what they make at a place.
 
     Attributes
@@ -112,7 +112,7 @@ def _frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None
     return round(frames.duration_s * config.modulation_hz) / frames.duration_s
 
 
-def describe_felt(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
+def describe_felt(felt: ModulationResult, bandwidth_hz: float) -> Iterator[str]:
     """Yield the result line by line, at most 100 columns wide."""
     yield from _describe_frames(felt)
     signal = felt.signal
@@ -134,7 +134,7 @@ def describe_felt(felt: Felt, bandwidth_hz: float) -> Iterator[str]:
         yield from textwrap.wrap(warning, 98, initial_indent="warning: ", subsequent_indent="  ")
 
 
-def _describe_frames(felt: Felt) -> Iterator[str]:
+def _describe_frames(felt: ModulationResult) -> Iterator[str]:
     frames, config = felt.frames, felt.modulation
     held = "" if config.dwell_ms is None else f", each point held {config.dwell_ms:g} ms"
     if felt.frequency_hz is None:
@@ -164,7 +164,7 @@ def _periods(frequency_hz: float, frames: FocusFrames) -> str:
     return f", {count} period{'s' * (count != 1)}, {frames.rate_hz / frequency_hz:.4g} in each"
 
 
-def _describe_spectrum(felt: Felt) -> Iterator[str]:
+def _describe_spectrum(felt: ModulationResult) -> Iterator[str]:
     highest_hz = max(FELT_UP_TO_HZ, felt.frames.rate_hz + (felt.frequency_hz or 0.0))
     lines = felt.signal.lines(_LEAST_SHARE, highest_hz)
     if not lines:
@@ -181,7 +181,7 @@ def _describe_spectrum(felt: Felt) -> Iterator[str]:
         yield f"            and {len(lines) - len(shown)} weaker lines up to {highest_hz:g} Hz"
 
 
-def _name_of(frequency_hz: float, felt: Felt) -> str:
+def _name_of(frequency_hz: float, felt: ModulationResult) -> str:
     """Return where a line comes from: the modulation, its overtones, or the frame rate."""
     if felt.frequency_hz is None:
         return ""
@@ -198,7 +198,7 @@ def _name_of(frequency_hz: float, felt: Felt) -> str:
     return ""
 
 
-def felt_warnings(felt: Felt) -> Iterator[str]:
+def felt_warnings(felt: ModulationResult) -> Iterator[str]:
     """Yield warnings for the designer of the sensation."""
     frames, config = felt.frames, felt.modulation
     if felt.frequency_hz is not None and felt.frequency_hz != config.modulation_hz:
@@ -223,7 +223,7 @@ def felt_warnings(felt: Felt) -> Iterator[str]:
         )
 
 
-def draw_felt(felt: Felt) -> Figure:
+def draw_felt(felt: ModulationResult) -> Figure:
     """Return the picture: the first periods, and the spectrum."""
     from haptogram.report.figures import draw_spectrum
 
@@ -244,7 +244,7 @@ def draw_felt(felt: Felt) -> Figure:
     )
 
 
-def _first_periods(felt: Felt) -> tuple[FloatArray, FloatArray]:
+def _first_periods(felt: ModulationResult) -> tuple[FloatArray, FloatArray]:
     """Return time and pressure of some periods, or of a pass without any; a pass repeats."""
     signal, duration_s = felt.signal, felt.frames.duration_s
     shown_s = duration_s if felt.frequency_hz is None else _PERIODS_SHOWN / felt.frequency_hz
@@ -266,7 +266,7 @@ def felt_csv(frames: FocusFrames) -> str:
     return "time_s,x_mm,y_mm,z_mm,amplitude\n" + "".join(rows)
 
 
-def felt_dict(felt: Felt, bandwidth_hz: float) -> dict[str, Any]:
+def felt_dict(felt: ModulationResult, bandwidth_hz: float) -> dict[str, Any]:
     """Return plain values, for JSON."""
     signal, frames = felt.signal, felt.frames
     return {
