@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import NS_PER_S
-from haptogram.driver.playback import PlaybackTiming, PlayReport, DriverPlayback
+from haptogram.driver.playback import DriverPlayback, PlaybackTiming, PlayReport
 from haptogram.driver.session import DriverSession
 from haptogram.driver.stream import Streamer, StreamPacing, StreamReport, stream_preparation_ns
 from haptogram.driver.timing.realtime import next_deadline_ns
