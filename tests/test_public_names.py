@@ -16,6 +16,12 @@ PACKAGES = ("haptogram", "haptogram.acoustics")
 PLACES = {  # by name; of a name in both packages the second one, whose example it shows
     name: package for package in PACKAGES for name in importlib.import_module(package).__all__
 }
+MODULES = [
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for package in ("haptogram", "sim_device")
+    for path in sorted((ROOT / package).rglob("*.py"))
+    if ">>> from haptogram" in (text := path.read_text()) or ">>> from sim_device" in text
+]
 
 
 def examples(text, name, namespace):
@@ -59,6 +65,18 @@ def test_every_public_name_has_an_example_that_runs(name):
     assert test.examples, "its docstring has no section Examples"
     report, _ = run(test)
     assert report == ""
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_an_example_of_other_names_imports_what_it_shows(name):
+    found = doctest.DocTestFinder().find(importlib.import_module(name))
+    alone = [
+        test
+        for test in found
+        if test.name.rpartition(".")[2] not in PLACES
+        and any(one.source.startswith("from ") for one in test.examples)
+    ]
+    assert "".join(run(test)[0] for test in alone) == ""
 
 
 def test_a_name_in_both_packages_is_one_thing():

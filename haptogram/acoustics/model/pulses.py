@@ -45,8 +45,8 @@ class PulseDrive:
 
     Examples
     --------
-    >>> from haptogram.acoustics.model.pulses import Pulses
-    >>> Pulses([0, 8, 0], [16, 16, 0], 32).weights().round(3).tolist()
+    >>> from haptogram.acoustics.model.pulses import PulseDrive
+    >>> PulseDrive([0, 8, 0], [16, 16, 0], 32).weights().round(3).tolist()
     [1j, (-1+0j), 0j]
     """
 
@@ -80,8 +80,8 @@ class PulseDrive:
         Examples
         --------
         >>> import numpy as np
-        >>> from haptogram.acoustics.model.pulses import Pulses
-        >>> found = Pulses.of_levels(np.array([[1, 0], [0, 0], [0, 0], [1, 0]], dtype=bool))
+        >>> from haptogram.acoustics.model.pulses import PulseDrive
+        >>> found = PulseDrive.of_levels(np.array([[1, 0], [0, 0], [0, 0], [1, 0]], dtype=bool))
         >>> found.rises.tolist(), found.widths.tolist()
         ([3, 0], [2, 0])
         """

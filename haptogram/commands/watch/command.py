@@ -223,7 +223,7 @@ def _records(arguments: argparse.Namespace, replay: Replay) -> Iterator[Records]
         yield iter(replay(_board_config(arguments), _read_bytes(arguments.source)))
     else:
         with BackdoorStream(arguments.source) as stream:
-            yield _from_stream(arguments.source, stream)
+            yield stream_records(arguments.source, stream)
 
 
 def _board_config(arguments: argparse.Namespace) -> BoardConfig:
@@ -259,7 +259,7 @@ def _started_board(arguments: argparse.Namespace) -> Iterator[Records]:
             process.wait_until_ready()
             print(f"{arguments.dialect} board at {arguments.link}", file=sys.stderr, flush=True)
             with BackdoorStream(str(backdoor)) as stream:
-                yield _from_stream(arguments.link, stream, process.is_running)
+                yield stream_records(arguments.link, stream, process.is_running)
         finally:
             process.stop()
             process.close_pipe()
@@ -267,18 +267,19 @@ def _started_board(arguments: argparse.Namespace) -> Iterator[Records]:
         folder.remove()
 
 
-def _from_stream(
+def stream_records(
     source: str, stream: BackdoorStream, is_running: Callable[[], bool] = lambda: True
 ) -> Records:
     """Yield the records of a back door as they come, until it is closed."""
     end_s = time.monotonic() + _PATIENCE_S
     come = False
     while True:
+        running = is_running()  # before the read: a board that ends writes its last records first
         records = stream.read()
         yield from records
         come = come or bool(records)
         if not records:
-            if not stream.is_open or not is_running():
+            if not stream.is_open or not running:
                 break
             if not come and time.monotonic() > end_s:
                 break

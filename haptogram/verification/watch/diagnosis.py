@@ -25,6 +25,7 @@ _SOUNDING: Final = 1e-6
 _FEW: Final = 0.2  # share of the elements that can be off by mistake; more are a part of the array
 _NEIGHBOURS: Final = 4
 _SCATTERED: Final = 0.65  # share of the neighbours of silent elements that sound
+_MOST_SETS: Final = 1000  # of silent elements that are told apart
 _SAME_M: Final = 1e-6
 _CHANCE: Final = 1e-4  # that so many wrong elements are all half a turn off
 _LEAST_LATCHES: Final = 2  # of different drives that show an element reversed
@@ -154,7 +155,8 @@ class DefectFinder:
             self._without_commit += count
             yield Defect.NO_COMMIT
         if silent := self._silent_beside(latch, pattern):
-            self._silent[silent] += 1
+            if silent in self._silent or len(self._silent) < _MOST_SETS:
+                self._silent[silent] += 1
             yield Defect.SILENT
 
     def _is_amplitude_frame(self, latch: SeenLatch) -> bool:

@@ -15,6 +15,7 @@ import pytest
 import sim_device
 from haptogram import Driver
 from haptogram.cli import main
+from haptogram.commands.watch import command
 from haptogram.evidence.board_process import BoardProcess
 
 ROOT = Path(__file__).parents[3]
@@ -264,3 +265,18 @@ def test_the_back_door_of_a_running_board_is_watched(tmp_path, capsys):
         board.close_pipe()
     assert status == 0
     assert "pass: 2 latches of the client" in out
+
+
+def test_the_last_records_of_a_board_that_ends_are_read():
+    """It writes them and ends, between a read that finds nothing and the question if it runs."""
+
+    class Stream:
+        is_open, reads = True, 0
+
+        def read(self):
+            self.reads += 1
+            return {1: [{"kind": "hello"}], 3: [{"kind": "end"}]}.get(self.reads, [])
+
+    stream = Stream()
+    records = command.stream_records("x", stream, lambda: stream.reads < 2)
+    assert [record["kind"] for record in records] == ["hello", "end"]

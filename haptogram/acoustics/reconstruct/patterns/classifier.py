@@ -170,7 +170,9 @@ class PatternClassifier:
                 found = replace(found, added_rad=last.added_rad, normal=last.normal)
         else:
             return None
-        return found if found is not None and found.used.all() else None
+        if found is None or not found.used.all() or not self._is_usable(found):
+            return None
+        return found
 
     def _search_for(self, active: BoolArray) -> PatternSearch:
         """Return the search volume of the side of which most elements radiate."""
@@ -209,7 +211,10 @@ class PatternClassifier:
         return found if found is None or self._is_usable(found) else None
 
     def _is_usable(self, found: Explanation) -> bool:
-        place = self._model.array.world_m(found.fit.position_m)
+        return self._has_field(found.fit.position_m)
+
+    def _has_field(self, local_m: FloatArray) -> bool:
+        place = self._model.array.world_m(local_m)
         return bool(points_with_field(self._model, place[None])[0])
 
     def _as_pattern(
@@ -217,8 +222,9 @@ class PatternClassifier:
     ) -> Pattern:
         """Return an explanation as a pattern, its place fitted for the model's speed of sound."""
         focused = phases.turned(-found.added_rad).part(found.used)
-        fit = fit_pattern_point(focused, found.fit.position_m)
-        local = fit.position_m
+        local = fit_pattern_point(focused, found.fit.position_m).position_m
+        if not self._has_field(local):
+            local = found.fit.position_m
         self._last = found
         std, bound = pattern_place_uncertainty(focused, local, self._step_rad)
         turn = np.zeros(len(drive))

@@ -27,6 +27,7 @@ _TWIN_ROUNDS: Final = 4
 _STANDING: Final = 0.25  # of a wavelength, between the heights that are tried
 _HEIGHTS: Final = range(-4, 5)
 _LEAST_SIDE: Final = 0.3  # of the elements, on each side of a twin trap
+_LEAST_STEEPNESS: Final = 1e-9  # per metre, of the plane that tells one half from the other
 _SPLIT: Final = 0.97  # of the elements are on their side of the plane
 _TURNS_RAD: Final = np.radians(np.arange(-24, 25))[np.argsort(np.abs(np.arange(-24, 25)))]
 
@@ -155,7 +156,7 @@ def explain_twin(
         if np.array_equal(again, flipped) or np.array_equal(~again, flipped):
             break
         flipped, position = again, point.position_m
-    normal = _split_normal(phases.positions_m, again)
+    normal = split_normal(phases.positions_m, again)
     if normal is None:
         return None
     added = np.where(again, np.pi, 0.0)
@@ -234,13 +235,16 @@ def _halves(phases: PatternPhases, position_m: FloatArray) -> BoolArray:
     return flipped
 
 
-def _split_normal(positions_m: FloatArray, flipped: BoolArray) -> FloatArray | None:
+def split_normal(positions_m: FloatArray, flipped: BoolArray) -> FloatArray | None:
     """Return the normal of a plane with the flipped elements on one side; None: there is none."""
     if not _LEAST_SIDE <= flipped.mean() <= 1.0 - _LEAST_SIDE:
         return None
     offset = positions_m - positions_m.mean(axis=0)
     guess = np.linalg.lstsq(offset, np.where(flipped, -1.0, 1.0), rcond=1e-9)[0]
-    normals = [_turned(guess / np.linalg.norm(guess), turn) for turn in _TURNS_RAD]
+    steepness = float(np.linalg.norm(guess))
+    if steepness < _LEAST_STEEPNESS:  # the halves are the same on all sides of the middle
+        return None
+    normals = [_turned(guess / steepness, turn) for turn in _TURNS_RAD]
     shares = [_separated(offset @ normal, flipped) for normal in normals]
     best = int(np.argmax(shares))
     return normals[best] if shares[best] >= _SPLIT else None

@@ -193,6 +193,21 @@ def test_scattered_silent_elements_are_named():
     assert result.verdict is Verdict.FAIL
 
 
+def test_sets_of_silent_elements_are_kept_up_to_a_count(monkeypatch):
+    monkeypatch.setattr(diagnosis, "_MOST_SETS", 3)
+    array = LAYOUTS["sonicsurface"].array()
+    finder = diagnosis.DefectFinder(array.positions_m, 256)
+    run = watched(array, [])
+    (whole,) = latches(array, 32, targets_of(array)[:1])
+    pattern = run.take(whole).pattern
+    for number in (*range(100, 110), *[109] * 5, *[100] * 2):
+        weights = whole.weights.copy()
+        weights[[3, number]] = 0.0
+        assert Defect.SILENT in finder.take(SeenLatch(number, weights, 32), pattern)
+    (found,) = finder.diagnoses()
+    assert found.detail == "2 elements, 3, 100 beside a pattern of all the others"
+
+
 def test_a_part_of_the_array_that_is_left_out_is_no_defect():
     array = LAYOUTS["interactlab"].array()
     x = array.positions_m[:, 0]
