@@ -69,8 +69,8 @@ def set_up(parser: Parser) -> None:
         type=checked_type(_address, "HOST:PORT"),
         default=("127.0.0.1", 0),
         metavar="HOST:PORT",
-        help="where browsers find the page; port 0 takes any. Others than this machine need the "
-        "token in the address that is printed [127.0.0.1:0]",
+        help="where browsers find the page; port 0 takes any. With an address that others can "
+        "reach, a browser needs the token that is printed [127.0.0.1:0]",
     )
     parser.add_argument(
         "--open",
@@ -97,6 +97,11 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_idle_options("view", arguments)
     outputs = Outputs(arguments, "html")
     check_html_page(pictures=False)
+    if arguments.html is not None and arguments.source.startswith("unix:"):
+        raise ConfigurationError(
+            "--html writes what a file holds; a socket tells only what comes: name the file of "
+            "--backdoor or a recording, or leave --html out"
+        )
     if arguments.source.endswith(".mcap"):
         return _view_recording(arguments, outputs)
     return _view_board(arguments, outputs)
@@ -179,8 +184,10 @@ def _follow(server: ViewServer, scene: LiveScene, stream: BackdoorStream, *, sta
         print("the board has ended; Ctrl-C ends the view", file=sys.stderr)
 
 
-def _has_ended(stream: TextIO) -> bool:
+def _has_ended(stream: TextIO | None) -> bool:
     """Return True if nothing more will come, without waiting for it."""
+    if stream is None:  # it was closed before we began
+        return True
     readable, _, _ = select.select([stream], [], [], 0.0)
     return bool(readable) and not os.read(stream.fileno(), 1)
 
@@ -196,9 +203,9 @@ def _address(text: str) -> tuple[str, int]:
     """Return host and port of HOST:PORT."""
     host, _, port = text.rpartition(":")
     try:
-        ipaddress.ip_address(host)
+        ipaddress.IPv4Address(host)
     except ValueError:
-        raise ConfigurationError(f"is {text!r}, must be an IP address and a port") from None
+        raise ConfigurationError(f"is {text!r}, must be an IPv4 address and a port") from None
     if not (port.isdecimal() and int(port) < 1 << 16):
         raise ConfigurationError(f"is {text!r}, the port must be 0 to 65535")
     return host, int(port)

@@ -57,14 +57,14 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         ConfigurationError
             A line that is no record; it is named by its number.
         """
-        data = self._input.receive()
-        if data is None:
-            self.is_open = False
-            return []
-        *lines, self._unread = (self._unread + data).split(b"\n")
-        if len(self._unread) > _LONGEST_LINE:
-            raise ConfigurationError(f"{self._source}: line {self._lines + 1} has no end")
-        return [self._record(line) for line in lines]
+        while data := self._input.receive():
+            *lines, self._unread = (self._unread + data).split(b"\n")
+            if len(self._unread) > _LONGEST_LINE:
+                raise ConfigurationError(f"{self._source}: line {self._lines + 1} has no end")
+            if lines:
+                return [self._record(line) for line in lines]
+        self.is_open = data is not None
+        return []
 
     def close(self) -> None:
         """Close the file or the connection."""
@@ -87,7 +87,7 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         try:
             record: dict[str, Any] = json.loads(line)
             record["kind"]
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise ConfigurationError(
                 f"{self._source}: line {self._lines} is no record of a back door"
             ) from error

@@ -45,7 +45,7 @@ class LiveScene:
     """
 
     def __init__(self, board: Mapping[str, Any], kept: int = KEPT) -> None:
-        if board["kind"] != "board":
+        if board["kind"] != "board" or "firmware" not in board:
             raise ConfigurationError("the first record of a back door must be of the board")
         self.model = board_model(board)
         self.firmware = str(board.get("dialect") or board["firmware"])
@@ -59,15 +59,21 @@ class LiveScene:
     def take(self, records: Iterable[Mapping[str, Any]]) -> None:
         """Take records as they come."""
         for record in records:
-            if record["kind"] == "latch":
-                self._latch(observation_of(record))
-            elif record["kind"] == "pulses":
-                self._pulses(pulse_observation_of(record, self._channels))
-            elif record["kind"] == "output":
-                self._output(record)
-            elif record["kind"] == "end":
-                self.ended = True
-                self._counters["dropped by the back door"] += record["dropped"]
+            try:
+                self._take(record)
+            except (KeyError, TypeError, ValueError) as error:
+                raise ConfigurationError(f"not a record of a back door: {error!r}") from error
+
+    def _take(self, record: Mapping[str, Any]) -> None:
+        if record["kind"] == "latch":
+            self._latch(observation_of(record))
+        elif record["kind"] == "pulses":
+            self._pulses(pulse_observation_of(record, self._channels))
+        elif record["kind"] == "output":
+            self._output(record)
+        elif record["kind"] == "end":
+            self.ended = True
+            self._counters["dropped by the back door"] += record["dropped"]
 
     def since(self, frames: int) -> bytes:
         """Return the scene of the frames after the first *frames*, the newest if they are many."""
@@ -105,6 +111,8 @@ class LiveScene:
     def _show(
         self, drive: Drive | None, t_latch_us: int, field: Reconstruction | None, timing: int
     ) -> None:
+        if drive is not None and drive.count != self.model.array.count:
+            raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")
         self._frames.append(
             ShownFrame(
                 number=self.shown,
@@ -127,7 +135,7 @@ class LiveScene:
 
     def _told(self) -> dict[str, Any]:
         counted = {name: count for name, count in self._counters.items() if count}
-        return {"board": self.firmware, "state": self._state or "as at power-up"} | counted
+        return counted | {"board": self.firmware, "state": self._state or "as at power-up"}
 
 
 def _found(field: Reconstruction | None) -> dict[str, Any]:

@@ -12,15 +12,17 @@ import http.server
 import ipaddress
 import re
 import secrets
+import sys
 import threading
 from http import HTTPStatus
 from typing import Any, Final
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from haptogram.errors import ConfigurationError
 
 from .live import LiveScene
 
+_DEFAULT_PORT: Final = 80  # which a browser leaves out of the Host header
 _PATIENCE_S: Final = 1.0  # of a page that waits for frames, before it is told that there are none
 _INLINE: Final = re.compile(r"<(script type=\"module\"|style)>(.*?)</(?:script|style)>", re.DOTALL)
 
@@ -68,7 +70,9 @@ class ViewServer:
         self._server.view = self
         self.is_local = ipaddress.ip_address(str(self._server.server_address[0])).is_loopback
         self.path = "/" if self.is_local else f"/{secrets.token_urlsafe(16)}/"
-        self.hosts = {f"{name}:{self.port}" for name in (host, "localhost")}
+        names = {host, "localhost"}
+        self.hosts = {f"{name}:{self.port}" for name in names}
+        self.hosts |= names if self.port == _DEFAULT_PORT else set()
         self.address = f"http://{host}:{self.port}{self.path}"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
@@ -106,6 +110,11 @@ class _Server(http.server.ThreadingHTTPServer):
     daemon_threads = True
     view: ViewServer
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a page that is gone: the terminal belongs to the board."""
+        if not isinstance(sys.exc_info()[1], ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)
+
 
 class _Handler(http.server.BaseHTTPRequestHandler):
     server: _Server
@@ -115,14 +124,14 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer a request for the page or for frames; refuse every other."""
         view = self.server.view
-        target = urlsplit(self.path)
+        path, _, query = self.path.partition("?")
         # A page of another name that leads here (DNS rebinding) must not read what is shown.
         if view.is_local and self.headers.get("Host") not in view.hosts:
             self.send_error(HTTPStatus.FORBIDDEN)
-        elif secrets.compare_digest(target.path.encode(), view.path.encode()):
+        elif secrets.compare_digest(path.encode(), view.path.encode()):
             self._answer(view.page.encode(), "text/html; charset=utf-8")
-        elif secrets.compare_digest(target.path.encode(), f"{view.path}frames".encode()):
-            self._answer(view.frames_after(_whole(target.query)), "application/octet-stream")
+        elif secrets.compare_digest(path.encode(), f"{view.path}frames".encode()):
+            self._answer(view.frames_after(_whole(query)), "application/octet-stream")
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 

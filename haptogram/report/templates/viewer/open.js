@@ -7,7 +7,7 @@ async function openViewer() {
   const root = document.getElementById("viewer");
   const embedded = document.getElementById("scene");
   try {
-    if (embedded) show(root, await unpackEmbedded(embedded.textContent.trim()));
+    if (embedded) show(root, await unpackEmbedded(embedded.textContent.trim()), false);
     else await follow(root);
   } catch (error) {
     root.dataset.ready = "false";
@@ -15,8 +15,8 @@ async function openViewer() {
   }
 }
 
-function show(root, scene) {
-  window.haptogramViewer = new Viewer(root, scene); // for tests and for the curious
+function show(root, scene, isLive) {
+  window.haptogramViewer = new Viewer(root, scene, isLive); // for tests and for the curious
 }
 
 function tell(root, text) {
@@ -42,7 +42,7 @@ async function follow(root) {
 
 function take(root, scene) {
   if (window.haptogramViewer) window.haptogramViewer.append(scene);
-  else show(root, scene);
+  else show(root, scene, true);
 }
 
 async function framesAfter(shown) {

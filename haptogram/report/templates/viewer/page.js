@@ -3,8 +3,8 @@
 const SPEEDS = [1, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001]; // of the device's time
 
 class Viewer {
-  constructor(root, scene) {
-    Object.assign(this, { root, scene, frame: 0, playing: false });
+  constructor(root, scene, isLive) {
+    Object.assign(this, { root, scene, isLive, frame: 0, playing: false });
     this.picture = new Picture(this.part("picture"), scene);
     this.timeline = new Timeline(this.part("timeline"), scene);
     this.#fillControls();
@@ -23,13 +23,13 @@ class Viewer {
   // Take more frames of a board that runs; show the newest one, unless somebody looks at another.
   append(batch) {
     const { scene } = this;
-    const before = scene.frames;
     this.frame -= scene.append(batch);
     scene.header.counters = batch.header.counters;
     this.picture.grow();
     this.timeline.grow();
-    this.#fillTroubles(before);
+    this.#fillTroubles(scene.frames - batch.frames);
     this.#fillLegends();
+    this.#limitPlane();
     this.part("timeline").setAttribute("aria-valuemax", scene.frames - 1);
     this.show(this.part("newest").checked ? scene.frames - 1 : this.frame);
   }
@@ -56,23 +56,24 @@ class Viewer {
   }
 
   movePlane(at, moving = false) {
-    const { axis } = this.picture.plane;
+    const { axis, at: before, side: fine } = this.picture.plane;
     const { low, high } = this.picture.bounds;
     const kept = Math.max(low[axis], Math.min(high[axis], at));
-    this.picture.setPlane(axis, kept, moving ? 36 : 72);
+    const side = moving ? 36 : 72;
+    if (kept !== before || side !== fine) this.picture.setPlane(axis, kept, side);
     this.part("at").value = kept;
     this.part("at-text").textContent = `${kept.toFixed(1)} mm`;
   }
 
   #followFocus() {
     const place = this.scene.row("found_mm", this.frame) ?? this.scene.row("target_mm", this.frame);
-    if (place) this.movePlane(place[this.picture.plane.axis], this.playing);
+    const moving = this.playing || (this.isLive && this.part("newest").checked);
+    if (place) this.movePlane(place[this.picture.plane.axis], moving);
   }
 
   #choosePlane(axis) {
     this.picture.setPlane(axis, null);
-    const { low, high } = this.picture.bounds;
-    Object.assign(this.part("at"), { min: low[axis], max: high[axis], step: 0.1 });
+    this.#limitPlane();
     this.movePlane(this.picture.plane.at);
     this.show(this.frame);
   }
@@ -165,9 +166,14 @@ class Viewer {
   }
 
   #choosePlaneControls() {
-    const { low, high } = this.picture.bounds;
-    Object.assign(this.part("at"), { min: low[2], max: high[2], step: 0.1 });
+    this.#limitPlane();
     this.movePlane(this.picture.plane.at);
+  }
+
+  #limitPlane() {
+    const { axis } = this.picture.plane;
+    const { low, high } = this.picture.bounds;
+    Object.assign(this.part("at"), { min: low[axis], max: high[axis], step: 0.1 });
   }
 
   play(playing) {

@@ -5,9 +5,14 @@ const DECIBELS = 40; // below the highest pressure that the scale shows
 const TRAIL = 300; // foci before the shown one that are drawn
 
 class Camera {
-  constructor(centre, radius) {
-    Object.assign(this, { centre, radius });
+  constructor() {
     this.reset();
+  }
+
+  // Turn to the middle of a box, as far away as its corners need.
+  lookAt({ low, high }) {
+    this.centre = low.map((value, axis) => (value + high[axis]) / 2);
+    this.radius = Math.hypot(...low.map((value, axis) => (high[axis] - value) / 2));
   }
 
   reset() {
@@ -54,11 +59,10 @@ class Picture {
     this.field = new Field(scene);
     this.context = canvas.getContext("2d");
     this.bounds = boundsOf(scene);
-    const { low, high } = this.bounds;
-    const centre = [0, 1, 2].map((axis) => (low[axis] + high[axis]) / 2);
-    this.camera = new Camera(centre, Math.hypot(...[0, 1, 2].map((axis) => (high[axis] - low[axis]) / 2)));
+    this.camera = new Camera();
+    this.camera.lookAt(this.bounds);
     this.radiusMm = 0.45 * elementSpacing(scene);
-    this.scalePa = pressureScale(scene);
+    this.#scale();
     this.image = document.createElement("canvas");
     this.setPlane(2, null);
   }
@@ -72,9 +76,10 @@ class Picture {
         low: low.map((value, axis) => Math.min(value, this.bounds.low[axis])),
         high: high.map((value, axis) => Math.max(value, this.bounds.high[axis])),
       };
-      this.setPlane(this.plane.axis, this.plane.at);
+      this.camera.lookAt(this.bounds);
+      this.setPlane(this.plane.axis, this.plane.at, this.plane.side);
     }
-    this.scalePa = Math.max(this.scalePa, pressureScale(this.scene));
+    this.#scale();
     this.painted = null; // the frames have moved
   }
 
@@ -171,6 +176,7 @@ class Picture {
     const pixels = new ImageData(side, side);
     if (frame >= 0) {
       this.values = this.field.pressure(this.propagators, frame);
+      if (!this.isScaled) this.#scaleTo(this.values);
       this.values.forEach((value, at) => {
         const share = Math.min(1, this.#share(value, decibels));
         const step = 3 * Math.round(255 * (share || 0));
@@ -179,6 +185,19 @@ class Picture {
       });
     }
     this.image.getContext("2d").putImageData(pixels, 0, 0);
+  }
+
+  // The scale ends at the highest focus; where none is known, at the highest pressure that was drawn.
+  #scale() {
+    const highest = this.scene.column("pressure_pa").reduce((most, value) => (value > most ? value : most), 0);
+    this.isScaled = highest > 0;
+    if (this.isScaled) this.scalePa = Math.max(this.scalePa ?? 0, twoDigits(highest));
+    else this.scalePa ??= 1;
+  }
+
+  #scaleTo(values) {
+    const highest = values.reduce((most, value) => (value > most ? value : most), 1);
+    this.scalePa = Math.max(this.scalePa, twoDigits(highest));
   }
 
   #share(value, decibels) {
@@ -280,12 +299,10 @@ function elementSpacing(scene) {
   return Number.isFinite(least) ? Math.sqrt(least) : 10;
 }
 
-// The end of the scale of pressure: the highest focus, with two digits.
-function pressureScale(scene) {
-  const highest = scene.column("pressure_pa").reduce((most, value) => (value > most ? value : most), 0);
-  if (!highest) return 1000;
-  const unit = 10 ** (Math.floor(Math.log10(highest)) - 1);
-  return Math.ceil(highest / unit) * unit;
+// A length of scale with two digits, no shorter than a value.
+function twoDigits(value) {
+  const unit = 10 ** (Math.floor(Math.log10(value)) - 1);
+  return Math.ceil(value / unit - 1e-9) * unit;
 }
 
 function roundLength(length) {

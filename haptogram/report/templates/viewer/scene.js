@@ -85,11 +85,14 @@ class Scene {
     return row && row[0];
   }
 
-  // Device time of a frame: when it latched, else when it was due, else its number.
+  // Device time of a frame: when it latched, else when it was due, else that of the frame before.
   timeOf(frame) {
-    const due = this.column("due_us")[frame];
-    const latched = this.column("latched_us")[frame];
-    return !Number.isNaN(latched) ? latched : !Number.isNaN(due) ? due : frame;
+    const [due, latched] = [this.column("due_us"), this.column("latched_us")];
+    for (let at = frame; at >= 0; at -= 1) {
+      const time = Number.isNaN(latched[at]) ? due[at] : latched[at];
+      if (!Number.isNaN(time)) return time;
+    }
+    return 0;
   }
 
   status(frame) {

@@ -10,7 +10,11 @@ class Timeline {
   // Take in all frames that the scene holds now.
   grow() {
     const { scene } = this;
-    this.times = Array.from({ length: scene.frames }, (_, frame) => scene.timeOf(frame));
+    let last = -Infinity; // a late frame may latch after the next one: the line never runs back
+    this.times = Array.from({ length: scene.frames }, (_, frame) => {
+      last = Math.max(last, scene.timeOf(frame));
+      return last;
+    });
     this.start = this.times.reduce((least, t) => Math.min(least, t), Infinity);
     this.end = this.times.reduce((most, t) => Math.max(most, t), this.start + 1);
     this.limit = scene.column("across_mm").reduce((most, v) => (v > most ? v : most), 0) || 1;

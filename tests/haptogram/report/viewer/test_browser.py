@@ -243,6 +243,23 @@ def test_page_fits_the_screen(
     assert all(box["x"] >= 0 and box["x"] + box["width"] <= width for box in boxes)
 
 
+def test_troubles_are_counted_when_old_frames_are_dropped(page: Any) -> None:
+    """Half of the frames are late or lost; 10 000 are kept."""
+    told = page.evaluate(
+        """() => {
+          const { scene } = haptogramViewer;
+          const copy = () => new scene.constructor(scene.header, structuredClone(scene.columns));
+          const told = [];
+          for (let doubled = 0; doubled < 13; doubled += 1) {
+            haptogramViewer.append(copy());
+            told.push(Number(document.querySelector("[data-part=trouble-count]").textContent));
+          }
+          return [scene.frames, ...told.slice(-3)];
+        }"""
+    )
+    assert told == [10000, 4096, 4096 + 4096, 4096 + 4096 + 5000]
+
+
 def test_scene_that_cannot_be_read_is_told(tmp_path: Path, open_page: Callable[..., Any]) -> None:
     path = tmp_path / "view.html"
     write_view(path, _run_of_four(), title="A view", lead=[])

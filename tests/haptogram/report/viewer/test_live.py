@@ -118,8 +118,11 @@ def test_model_is_that_of_the_board(records: list[dict[str, Any]]) -> None:
 
 @pytest.mark.parametrize(
     "lines",
-    [b"no json\n", b"[1]\n", b"{}\n", b'{"kind": "latch"}\n', b'{"kind": "board"}\n'],
-    ids=["text", "list", "no kind", "a latch first", "an empty board"],
+    [
+        *(b"no json\n", b"[1]\n", b"{}\n", b'{"kind": "latch"}\n', b'{"kind": "board"}\n'),
+        100_000 * b"[" + b"\n",
+    ],
+    ids=["text", "list", "no kind", "a latch first", "an empty board", "deep"],
 )
 def test_other_files_are_refused_in_one_line(lines: bytes, tmp_path: Path) -> None:
     path = tmp_path / "records"
@@ -127,6 +130,22 @@ def test_other_files_are_refused_in_one_line(lines: bytes, tmp_path: Path) -> No
     with BackdoorStream(str(path)) as stream, pytest.raises(ConfigurationError) as refused:
         LiveScene(stream.read()[0])
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "strange",
+    [{"kind": "output"}, {"kind": "end"}, {"kind": "latch"}, {"kind": "latch", "cut": True}],
+    ids=str,
+)
+def test_strange_records_are_refused_in_one_line(
+    strange: dict[str, Any], records: list[dict[str, Any]]
+) -> None:
+    live = LiveScene(records[0])
+    if "cut" in strange:
+        strange = next(record for record in records if record["kind"] == "latch")
+        strange = strange | dict.fromkeys(("phase_codes", "amplitude_codes"), "AAAA")
+    with pytest.raises(ConfigurationError, match="back door"):
+        live.take([strange])
 
 
 def test_file_is_followed_line_by_line(records: list[dict[str, Any]], tmp_path: Path) -> None:
@@ -186,16 +205,29 @@ def test_readers_that_are_slow_or_gone_hold_nobody_up(
 ) -> None:
     deaf = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(20)]
     for one in deaf:
-        one.sendall(b"GET /frames?after=0 HTTP/1.1\r\nHost: localhost\r\n\r\n")  # and never reads
-    take(server, records[1:])
+        host = f"Host: localhost:{server.port}".encode()
+        one.sendall(b"GET /frames?after=0 HTTP/1.1\r\n" + host + b"\r\n\r\n")  # and never reads
+    latches = [record for record in records if record["kind"] == "latch"]
+    take(server, latches * 700)  # more than the buffers of a socket hold
     assert unpack(ask(server, "/frames?after=0").body)[0]["shown"] > 0
     for one in deaf:
         one.close()
+    assert ask(server, "/").status == 200
 
 
 def test_port_that_is_taken_is_named(server: ViewServer) -> None:
     with pytest.raises(ConfigurationError, match=f"127.0.0.1:{server.port} .*choose another"):
         ViewServer("<p>page</p>", port=server.port)
+
+
+def test_strange_requests_are_refused_in_silence(
+    server: ViewServer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for target in (b"http://[", b"//[", b"/frames?after=" + 9000 * b"9", b"\xff"):
+        with socket.create_connection(("127.0.0.1", server.port)) as one:
+            one.sendall(b"GET " + target + b" HTTP/1.1\r\nHost: x\r\n\r\n")
+            assert one.recv(100).startswith(b"HTTP/1.1 4")
+    assert capfd.readouterr().err == ""
 
 
 # --- browser ------------------------------------------------------------------------------------
@@ -212,6 +244,12 @@ def test_page_follows_the_board(
         take(server, latches[count - 1 : count])
         page.wait_for_function(f"() => haptogramViewer.scene.frames === {count}")
         assert page.evaluate("() => haptogramViewer.frame") == count - 1
+    inside = """() => {
+      const { picture, scene, frame } = haptogramViewer;
+      const [x, y] = haptogramViewer.pixelOf(scene.row("found_mm", frame));
+      return x > 0 && y > 0 && x < picture.view.width && y < picture.view.height;
+    }"""
+    assert page.evaluate(inside)  # the picture grows with what it shows
     page.click("[data-part=back]")  # who looks at a frame keeps it
     take(server, latches[:1] * 5)
     page.wait_for_function("() => haptogramViewer.scene.frames === 8")
@@ -254,9 +292,10 @@ def test_command_writes_a_page(file: Path, tmp_path: Path) -> None:
     [
         (["unix:/nowhere/socket"], "no board listens at unix:/nowhere/socket"),
         (["/nowhere/file"], "cannot read /nowhere/file"),
-        (["FILE", "--http", "localhost:1"], "--http is 'localhost:1', must be an IP address"),
+        (["FILE", "--http", "localhost:1"], "--http is 'localhost:1', must be an IPv4 address"),
         (["FILE", "--http", "127.0.0.1:70000"], "the port must be 0 to 65535"),
         (["FILE", "--html", "FILE"], "--html"),
+        (["unix:/nowhere/socket", "--html", "page.html"], "a socket tells only what comes"),
     ],
 )
 def test_command_refuses_in_one_line(arguments: list[str], told: str, file: Path) -> None:
