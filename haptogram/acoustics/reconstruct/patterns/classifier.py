@@ -172,7 +172,7 @@ class PatternClassifier:
             return None
         if found is None or not found.used.all() or not self._is_usable(found):
             return None
-        return found
+        return self._simplest(phases, found)
 
     def _search_for(self, active: BoolArray) -> PatternSearch:
         """Return the search volume of the side of which most elements radiate."""
@@ -208,7 +208,18 @@ class PatternClassifier:
             found = explain_turning(
                 phases, place, limit_rad, charge=start.charge, axis_m=axis, side=side
             )
-        return found if found is None or self._is_usable(found) else None
+        if found is None or not self._is_usable(found):
+            return None
+        return self._simplest(phases, found)
+
+    def _simplest(self, phases: PatternPhases, found: Explanation) -> Explanation:
+        """Return a focus for a vortex whose axis went so far away that nothing turns."""
+        if not found.charge:
+            return found
+        focus = explain_turning(phases, found.fit.position_m, self._limit_rad, near=True)
+        if focus is None or focus.used.sum() < found.used.sum() or not self._is_usable(focus):
+            return found
+        return focus
 
     def _is_usable(self, found: Explanation) -> bool:
         return self._has_field(found.fit.position_m)

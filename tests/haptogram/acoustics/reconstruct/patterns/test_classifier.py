@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import pattern_drives as drives
 from haptogram.acoustics import AcousticModel, Calibration, CircularPiston, Medium, Transducer
 from haptogram.acoustics.model.boards.table import LAYOUTS
-from haptogram.acoustics.reconstruct.patterns import classifier
+from haptogram.acoustics.reconstruct.patterns import classifier, explain
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import KINDS, pattern_dict
 from haptogram.errors import ConfigurationError
@@ -28,6 +28,7 @@ BOARDS = {
     "tinylev": 10,
 }
 PLACED = ("one focus", "twin trap", "vortex")
+K = AcousticModel.default(2, 2).wavenumber
 _KEPT = {}
 
 
@@ -201,6 +202,29 @@ def test_a_pattern_that_comes_again_is_found_next_to_the_last_one(kind):
         other = drives.focus(positions, np.array([0.0, 0.0, 0.1]), drives.k_of())
         found = finder.classify(drives.radiated(drives.coded(other, 128), 128))
         assert found.kind == "one focus"
+
+
+def test_a_focus_that_moves_near_the_array_is_named_at_every_step():
+    """The way from the last focus may lead behind the array, where no field is."""
+    model = AcousticModel.default(8, 8)
+    finder = PatternClassifier(model, 256)
+    rng = np.random.default_rng(8)
+    walk = [np.array([-0.039, -0.0274, 0.0124]), np.array([-0.034, -0.0268, 0.0264])]
+    while len(walk) < 120:
+        step = walk[-1] + rng.uniform(-0.015, 0.015, 3)
+        walk.append(np.clip(step, [-0.04, -0.04, 0.012], [0.04, 0.04, 0.05]))
+    for place in walk:
+        found = finder.classify(np.exp(1j * drives.focus(model.array.positions_m, place, K)))
+        assert found.kind == "one focus"
+        assert np.array(found.position_m) == pytest.approx(place, abs=1e-3)
+
+
+def test_halves_that_alternate_split_no_twin_trap():
+    """Their best plane has no slope at all: nothing is divided by it."""
+    x, y = np.meshgrid(np.arange(8.0) - 3.5, np.arange(8.0) - 3.5)
+    positions = np.stack([x.ravel(), y.ravel(), np.zeros(64)], axis=1)
+    with np.errstate(all="raise"):
+        assert explain.split_normal(positions, (x * y > 0.0).ravel()) is None
 
 
 def test_patterns_are_plain_values_for_json():
