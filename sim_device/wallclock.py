@@ -21,6 +21,7 @@ from .simulation import Simulation
 
 _SHORT_NS: Final = 60_000  # what a sleep takes at least; the next carrier boundary is nearer
 _HAND_OVER_NS: Final = 20_000_000  # from one batch of records for the worker to the next
+_LONGEST_NS: Final = 3_600_000_000_000  # of one sleep: select(2) takes no more than some centuries
 _CHUNK: Final = 4_096
 _ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -208,7 +209,8 @@ class Heartbeat:
 
 
 def _timeout_s(wait_ns: int | None) -> float | None:
-    """Return how long to sleep; not at all if waking up would take longer than the wait."""
+    """Return how long to sleep at most; 0 if waking up would take longer than the wait."""
     if wait_ns is None:
         return None
+    wait_ns = min(wait_ns, _LONGEST_NS)
     return wait_ns / 1e9 if wait_ns > _SHORT_NS else 0.0

@@ -27,6 +27,8 @@ def plain_reason(error: BaseException) -> str:
     """Return the cause of an error of the system, or of a text, without codes and jargon."""
     if isinstance(error, UnicodeDecodeError):
         return f"it is no text in UTF-8, from byte {error.start} on"
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
     code = next((found for found in map(_code, _chain(error)) if found is not None), None)
     if code is None:
         return " ".join(str(error).split())
@@ -79,7 +81,7 @@ def read_toml(path: Path, option: str) -> dict[str, Any]:
     text = read_text(path, option)
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # ValueError: also a number of 5000 digits
         raise ConfigurationError(f"{option} '{path}' is no TOML: {plain_reason(error)}") from error
 
 

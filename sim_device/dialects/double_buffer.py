@@ -33,7 +33,7 @@ class Registers:
 
     Attributes
     ----------
-    rules : ByteRules
+    rules : FpgaByteRules
         The bytes of its wire: channels, and the code that is off.
     steps : int
         Steps of the carrier that the outputs really have.
@@ -42,7 +42,7 @@ class Registers:
     at_power_up : int
         Code in the buffer that radiates at power-up; the other one holds 0.
     correction : bytes
-        Added to the code of each channel, modulo :attr:`ByteRules.off`, if it is not off.
+        Added to the code of each channel, modulo :attr:`FpgaByteRules.off`, if it is not off.
     modulation : callable or None
         From a :class:`ModulationStep` to the modulation that all channels have.
     """

@@ -144,7 +144,8 @@ class ForeignDialect:
         """Say so if a frame has not ended, and look at the first bytes of the next client anew.
 
         A serial board does not see that its client leaves: what the board holds stays. A link that
-        has no line ends with its connection.
+        has no line ends with its connection, and with it the answers that wait; the next latch
+        counts what the next client does.
         """
         if self._quiet_us is not None:
             self._look_at_silence()
@@ -152,6 +153,8 @@ class ForeignDialect:
         if not self._dialect.bauds:
             self._own.update(self._end.counters)
             self._end = self._new_end()
+            self._counted = self._unit.counters.copy()
+            self._output.clear()
         self._clues, self._clue_counts = set(_CLUES), self._end.counters.copy()
 
     def power_down(self) -> None:

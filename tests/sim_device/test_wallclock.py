@@ -6,10 +6,25 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 
 import pytest
 
+from dialect_boards import DialectBoard
+from haptogram_protocol.dialects.autd3.frame import DeviceFrame
+from haptogram_protocol.dialects.autd3.link import Autd3Host
+from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
+from haptogram_protocol.dialects.autd3.operations import (
+    FociStart,
+    FociSTM,
+    Modulation,
+    ModulationStart,
+    Silencer,
+    SwapSegment,
+    Tag,
+    TransitionMode,
+)
 from sim_device.board.settings import board_settings
 from sim_device.line.port import BoardPort, PortLostError
 from sim_device.line.pty_port import PtyPort
@@ -167,6 +182,60 @@ def test_a_board_runs_on_descriptors_above_1024(tmp_path):
         port.close()
         os.close(host)
     assert b"".join(seen) == b"\x00\x01\x00"
+
+
+# --- what is due in some centuries ----------------------------------------------------------------
+
+AT_TIME, NEVER = TransitionMode.SYSTEM_TIME, 2**64 - 1
+ONCE = ModulationStart(AT_TIME, 10, 3, NEVER)
+LATER = ModulationStart(TransitionMode.LATER, 10, 3, 0)
+FOCI = FociStart(AT_TIME, 1, 340 * 64, 40, 3, NEVER)
+
+
+class Awake(End):
+    """A port that can always be read, and ends the board on its second turn."""
+
+    due_ns = None
+
+    def __init__(self, act):
+        super().__init__(act)
+        self.pipe, write_end = os.pipe()
+        os.close(write_end)
+
+    def reading(self):
+        return [self.pipe]
+
+
+@pytest.mark.parametrize(
+    "operations",
+    [
+        (Modulation(1, b"\xff\xff", ONCE, True, True),),
+        (FociSTM(1, 1, bytes(16), FOCI, True, True),),
+        (
+            Modulation(1, b"\xff\xff", LATER, True, False),
+            SwapSegment(Tag.MODULATION_SWAP, 1, AT_TIME, NEVER),
+        ),
+    ],
+    ids=lambda operations: type(operations[-1]).__name__,
+)
+def test_a_board_waits_for_a_time_that_never_comes(operations, monkeypatch):
+    board, client = DialectBoard("autd3"), Autd3Host()
+    data = b"".join(map(client.send, (Hello(), Open((Pose((0, 0, 0), (1, 0, 0, 0)),)))))
+    loose = Silencer(True, False, 0xFFFF, 0xFFFF)
+    for number, operation in enumerate((loose, *operations)):
+        data += client.send(Write((DeviceFrame(number, (operation,)),)))
+    board.send(data)
+    board.pass_us(2_000_000)
+    assert not board.simulation.dialect.counters
+    assert board.simulation.next_event_ns() > 10**18
+    port = Awake(lambda: heartbeat.stop())
+    heartbeat = Heartbeat(board.simulation, port)
+    monkeypatch.setattr(heartbeat, "_start_ns", time.monotonic_ns() - board.simulation.now_ns)
+    try:
+        heartbeat.run()
+    finally:
+        os.close(port.pipe)
+    assert port.turns == 2
 
 
 # --- descriptors that have run out ----------------------------------------------------------------

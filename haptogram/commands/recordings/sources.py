@@ -51,7 +51,7 @@ class Source:
 
     Attributes
     ----------
-    chunks : iterator of Chunk
+    chunks : iterator of RecordedChunk
         Its bytes; read once.
     first : bytes
         Its first bytes, by which a wire is recognised.

@@ -5,7 +5,7 @@
    frames that the parser takes for MUTE; a byte costs it some ten instructions, a byte of MUTE forty.
 
    Shared state: the watch itself belongs to the interrupt alone.  Its finding is all that the main
-   loop sees, and ports/common/receiver.h says how. */
+   loop sees, and ports/common/line.h says how. */
 
 #ifndef BOARD_MUTE_WATCH_H
 #define BOARD_MUTE_WATCH_H

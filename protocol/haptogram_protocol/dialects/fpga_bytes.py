@@ -1,8 +1,8 @@
 """The byte rules that the FPGAs of SonicSurface and Ultraino share: codes, and bytes that command.
 
-A byte of :attr:`ByteRules.commands` is a command wherever it stands; every other byte is the code
-of the next channel. There is no length and no checksum, so a lost byte shifts the channels behind
-it until the next start or swap, here as on the boards.
+A byte of :attr:`FpgaByteRules.commands` is a command wherever it stands; every other byte is the
+code of the next channel. There is no length and no checksum, so a lost byte shifts the channels
+behind it until the next start or swap, here as on the boards.
 
 Source: upnalab/SonicSurface, ``Firmware/FPGA primary/src/Distribute.vhd`` and ``PhaseLine.vhd``,
 0c7b689.
@@ -194,7 +194,7 @@ class FpgaBoard:
 
     Parameters
     ----------
-    rules : ByteRules
+    rules : FpgaByteRules
         What bytes mean.
     boards : int
         Boards on the line; all listen until the first :class:`Select`.
@@ -206,7 +206,7 @@ class FpgaBoard:
         start), ``codes_beyond_array``, ``codes_unheard`` (no board listened), ``frames_short``
         (swapped before the last channel), ``frames_cut_short`` (by another start) and
         ``frames_without_commit`` (whole, but another start came and no swap). Without
-        :attr:`ByteRules.starts`, selecting a board starts its frame.
+        :attr:`FpgaByteRules.starts`, selecting a board starts its frame.
     """
 
     def __init__(self, rules: FpgaByteRules, boards: int = 1) -> None:
@@ -312,7 +312,7 @@ class FpgaHost(OneWayHost):
 
     Parameters
     ----------
-    rules : ByteRules
+    rules : FpgaByteRules
         What bytes mean.
     boards : int
         Boards on the line.

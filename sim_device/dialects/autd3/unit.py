@@ -4,7 +4,7 @@ A latch is made when an operation shows other patterns, and whenever the pulses 
 themselves: by the index of a sequence, by a step of the modulation, by a segment that starts or
 ends. What changes by itself makes a latch every 250 us at the most: 4 000 a second, the rate at
 which autd3 samples a modulation unless it is told otherwise. Of faster changes the latch shows the
-last.
+last. Samples that change nothing are looked at twice in 250 us at the most.
 
 The devices are synchronised from power-up on, so Sync changes nothing. What the client says of
 poses is kept for whoever asks; foci come in the coordinates of each device.
@@ -90,6 +90,7 @@ class Autd3Unit:
         self._asked: int | None = None  # period in which what operations ask for takes effect
         self._changes: int | None = None  # period in which something changes by itself
         self._free = 0  # first period with a latch that no operation asked for
+        self._idle = -self._gap  # period in which a change by itself last made no latch
         self._look(self._boot_period, "power-up")
 
     def take(self, operation: Operation, t_us: int) -> list[Reply]:
@@ -150,12 +151,14 @@ class Autd3Unit:
 
     def _look(self, period: int, cause: str | None = None) -> None:
         """Take down what the devices radiate in *period*."""
+        was_due = self._changes is not None and self._changes <= period
         if self._asked is not None and self._asked <= period:
             self._asked = None
         outputs = [device.output(period) for device in self._devices]
         cause = cause or self._cause(outputs)
-        if cause is not None:
-            self._latch(outputs, period, cause)
+        is_new = cause is not None and self._latch(outputs, period, cause)
+        if was_due and not is_new:
+            self._free, self._idle = max(self._free, self._idle + self._gap), period
         changes = [device.next_change(period) for device in self._devices]
         self._changes = min((change for change in changes if change is not None), default=None)
 
@@ -171,15 +174,17 @@ class Autd3Unit:
             return "modulation"
         return None
 
-    def _latch(self, outputs: list[Output], period: int, cause: str) -> None:
+    def _latch(self, outputs: list[Output], period: int, cause: str) -> bool:
+        """Take down *outputs*; return False if the pulses stay as they are."""
         self._outputs = outputs
         pulses = self._pulses_of(tuple(outputs))
         if pulses == self._pulses and cause in ("index", "modulation"):
-            return
+            return False
         self._pulses = pulses
         self._free = period + self._gap
         t_us = self._start_us(period)
         self._latches.append(PulseLatch(t_us, pulses, cause, outputs[0].index))
+        return True
 
     def _pulses_of(self, outputs: tuple[Output, ...]) -> PulseDrive:
         """Return the pulses of all devices; a sequence comes round to those that it had."""

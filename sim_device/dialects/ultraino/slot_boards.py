@@ -34,7 +34,7 @@ class Outputs:
 
     Attributes
     ----------
-    firmware : Firmware
+    firmware : ArduinoFirmware
         What it has room for.
     layout : SlotLayout
         Where the bit of a channel stands in the bytes of a slot.

@@ -100,6 +100,8 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
         ("[other]\n", r"\[other\] is not read; all settings are in one table \[verify\]"),
         ("rate_hz = 5\n", r"\[rate_hz\] is not read"),
         ("", r"must have one table \[verify\]"),
+        ("a=" + "[" * 5000, r"^config '.*run\.toml' is no TOML: it is nested too deeply$"),
+        ("a=" + "1" * 5000, r"^config '.*run\.toml' is no TOML: "),
         ("not toml", r"^config '.*run\.toml' is no TOML: .*line 1"),
     ],
 )

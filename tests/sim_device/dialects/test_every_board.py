@@ -14,6 +14,10 @@ from dialect_boards import DialectBoard, blueprint_of_options
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import BoardConfig
 from haptogram_protocol.dialects import sonicsurface
+from haptogram_protocol.dialects.autd3.frame import DeviceFrame
+from haptogram_protocol.dialects.autd3.link import Autd3Host
+from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
+from haptogram_protocol.dialects.autd3.operations import Gain
 from haptogram_protocol.dialects.codec import OneWayHost
 from haptogram_protocol.dialects.fpga_bytes import Swap
 from haptogram_protocol.dialects.table import DIALECTS
@@ -250,6 +254,40 @@ def test_frames_of_another_array_are_told_once(name, line, says):
     board.simulation.unplug()  # another client may make the same mistake
     board.send(line)
     assert len([text for text in board.remarks if says in text]) == 2
+
+
+def board_of_a_link():
+    """Return a board at the end of a link, without time, whose power-up was taken."""
+    blueprint = blueprint_of(BoardConfig.of(dialect="autd3"))
+    dialect = blueprint.parts.assemble(blueprint.settings, 0)
+    dialect.take_latches()
+    return dialect
+
+
+def counts_of_a_client(dialect, wrong):
+    """Return what the latch of a client's gain counts; *wrong* bytes follow the gain."""
+    frame = DeviceFrame(1, (Gain(0, True, bytes([wrong, 255] * 249)),))
+    asked = Hello(), Open((Pose((0, 0, 0), (1, 0, 0, 0)),)), Write((frame,))
+    dialect.receive(b"".join(map(Autd3Host().send, asked)) + b"\x77" * wrong, dialect.now_us)
+    dialect.advance_to(dialect.now_us + 1000)
+    return dialect.take_latches()[-1].counted
+
+
+@pytest.mark.parametrize("wrong", [(4, 4), (4, 1), (4, 0), (0, 4)])
+def test_a_latch_counts_nothing_of_a_client_that_has_left(wrong):
+    dialect = board_of_a_link()
+    for count in wrong:
+        told = {"links_undecodable": 1, "bytes_after_end": count}
+        assert counts_of_a_client(dialect, count) == (told if count else {})
+        dialect.client_left()
+
+
+def test_a_client_gets_no_answers_of_the_one_before_it():
+    dialect = board_of_a_link()
+    dialect.receive(Autd3Host().send(Hello()), dialect.now_us)
+    assert dialect.output_bytes == 1
+    dialect.client_left()
+    assert dialect.take_output() == b""
 
 
 class LateUnit(DoubleBuffer):

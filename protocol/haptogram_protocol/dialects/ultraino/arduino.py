@@ -160,7 +160,7 @@ class ArduinoBoard:
 
     Parameters
     ----------
-    firmware : Firmware
+    firmware : ArduinoFirmware
         What the boards run.
     boards : int
         Boards in the chain, 1 to 14.
@@ -276,7 +276,7 @@ class ArduinoHost(OneWayHost):
 
     Parameters
     ----------
-    firmware : Firmware
+    firmware : ArduinoFirmware
         What the boards run.
     boards : int
         Boards in the chain.

@@ -176,6 +176,35 @@ def test_a_modulation_of_4_khz_is_shown_step_by_step() -> None:
     assert len({int(latch.pulses.widths[0]) for latch in steady}) == 4
 
 
+def looked_at(unit: Autd3Unit, until_us: int) -> int:
+    """Return how often *unit* looks at its devices by itself."""
+    looks = 0
+    while (next_us := unit.next_event_us()) is not None and next_us <= until_us:
+        unit.advance_to(next_us)
+        looks += 1
+    return looks
+
+
+def test_samples_that_change_nothing_cost_two_looks_in_250_us_at_the_most() -> None:
+    unit = Autd3Unit(0)
+    answered(unit, JUMP, GAIN, message_id=1, t_us=10)
+    start = ModulationStart(IMMEDIATE, 1, 0xFFFF, 0)
+    answered(unit, Modulation(0, b"\xff\xff", start, True, True), message_id=2, t_us=20)
+    assert 4_000 <= looked_at(unit, 1_000_000) <= 8_010
+
+
+def test_samples_that_change_nothing_make_no_sequence_late() -> None:
+    unit = Autd3Unit(0)
+    steady = Modulation(0, b"\xff\xff", ModulationStart(IMMEDIATE, 10, 0xFFFF, 0), True, True)
+    answered(unit, JUMP, steady, message_id=1, t_us=10)
+    foci = bytes([0, 0, 0, 0, 4, 0, 0, 255]) + bytes([200, 1, 0, 0, 4, 0, 0, 255])
+    start = FociStart(IMMEDIATE, 1, 340 * 64, 15, 0xFFFF, 0)
+    answered(unit, FociSTM(0, 1, foci, start, True, True), message_id=2, t_us=20)
+    unit.advance_to(100_000)
+    times = [latch.t_latch_us for latch in unit.take_latches() if latch.cause == "index"]
+    assert times == list(range(375, 100_001, 375))
+
+
 @given(data=st.data())
 def test_any_operations_are_answered_in_bounded_memory(data: st.DataObject) -> None:
     unit = Autd3Unit(0, periods_between_latches=1)
