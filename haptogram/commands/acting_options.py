@@ -253,6 +253,7 @@ ACTING: Final[Mapping[str, Rows]] = {
         "html": None,
     },
     "watch": _WATCH,
+    "capture": _always("map json quiet"),
     "decode": _always("dialect input from_board verbose json"),
     "replay": {
         **_always("json show"),

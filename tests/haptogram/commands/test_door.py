@@ -83,7 +83,7 @@ def said(command: str, words: list[str], folder: Path, capsys: pytest.CaptureFix
 
 
 def test_the_lists_are_those_of_the_commands() -> None:
-    without = {"presets", "paper", "decode", "repair", "view"}
+    without = {"presets", "paper", "decode", "repair", "view", "capture"}
     assert {command for command, _ in NUMERIC} >= {*COMMANDS} - without
     assert len(NUMERIC) > 60
     assert ("verify", "--center-mm") in POSITIONS

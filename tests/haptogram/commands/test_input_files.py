@@ -23,7 +23,12 @@ FILES = {
     "fault_plan": (".toml", "seed = 1\n"),
     "drive": (".svg", ""),
 }
-NEEDED = {"replay": ["run.mcap"], "modulation": ["am"], "soak": ["--hours", "0.0001"]}
+NEEDED = {
+    "capture": ["pins.vcd"],
+    "replay": ["run.mcap"],
+    "modulation": ["am"],
+    "soak": ["--hours", "0.0001"],
+}
 SUFFIX = {"picture": ".svg"}
 
 
