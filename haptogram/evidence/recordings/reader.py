@@ -30,7 +30,17 @@ from .writer import check_recordings
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _LARGEST_RECORD: Final = 1 << 28
+_VERSION_DIGITS: Final = 9
 _BACK_DOOR: Final = (BOARD, LATCH, PULSES, OUTPUT, RECONSTRUCTION, FAULTS)
+
+
+class _Fields(dict[str, Any]):
+    """Fields of an entry; one that the recording lacks makes it unreadable."""
+
+    def __missing__(self, name: str) -> Any:
+        raise ConfigurationError(
+            f"the recording is damaged, or of another program: an entry lacks the field '{name}'"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +66,22 @@ class Entry:
 
     @property
     def fields(self) -> dict[str, Any]:
-        """Content of a channel of JSON."""
-        found: dict[str, Any] = json.loads(self.data)
+        """Content of a channel of JSON.
+
+        Raises
+        ------
+        ConfigurationError
+            If it is no object of JSON; and where a field is looked up that it lacks.
+        """
+        try:
+            found = json.loads(self.data, object_pairs_hook=_Fields)
+        except (ValueError, RecursionError):
+            found = None
+        if not isinstance(found, _Fields):
+            raise ConfigurationError(
+                f"the recording is damaged, or of another program: an entry of {self.topic} at "
+                f"{self.t_ns} ns is no object of JSON"
+            )
         return found
 
 
@@ -185,9 +209,10 @@ class Recording:
         self.run = next((entry.fields for entry in self.entries((RUN,))), {})
 
     def _check_version(self, text: str, library: str) -> None:
-        if not text.isdecimal() or int(text) > VERSION:
+        shown, library = text[:_VERSION_DIGITS], library or "an unknown one"
+        if not text.isdecimal() or shown != text or int(text) > VERSION:
             raise ConfigurationError(
-                f"{self.path}: recording of version {text or '?'}, by {library or 'an unknown one'}"
+                f"{self.path}: recording of version {shown or '?'}, by {library}"
                 f"; this version of haptogram reads {VERSION}: update haptogram"
             )
 

@@ -15,7 +15,13 @@ from haptogram.errors import ConfigurationError, LinkError, NoAnswerError
 from haptogram_protocol.annotation.frames import Annotated, FrameAnnotator
 from haptogram_protocol.dialects.looks_like import HAPTOGRAM, LOOKED_AT_BYTES, looks_like_dialect
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, cobs_encode, decode_frame, encode_frame
+from haptogram_protocol.framing import (
+    DELIMITER,
+    MAX_ENCODED_BYTES,
+    cobs_encode,
+    decode_frame,
+    encode_frame,
+)
 from haptogram_protocol.messages import (
     STREAM_RANGE,
     Flag,
@@ -47,9 +53,12 @@ class FrameShifter:
     def __init__(self) -> None:
         self.shift_us: int | None = None
         self._partial = b""
+        self._is_too_long = False  # the rest of what no frame is as long as, up to a delimiter
 
     def feed(self, data: bytes) -> bytes:
         """Return the bytes for the board; a frame that has not ended waits.
+
+        What is longer than any frame goes on as it is.
 
         Raises
         ------
@@ -57,7 +66,14 @@ class FrameShifter:
             If a time is to be moved before the difference of the clocks is known.
         """
         *ended, self._partial = (self._partial + data).split(DELIMITER)
-        return b"".join(self._moved(piece) + DELIMITER for piece in ended)
+        moved = bytearray()
+        for piece in ended:
+            moved += (piece if self._is_too_long else self._moved(piece)) + DELIMITER
+            self._is_too_long = False
+        if self._is_too_long or len(self._partial) > MAX_ENCODED_BYTES:
+            moved += self._partial
+            self._partial, self._is_too_long = b"", True
+        return bytes(moved)
 
     def _moved(self, piece: bytes) -> bytes:
         """Return the bytes between two delimiters; damaged ones stay as they are."""

@@ -6,6 +6,7 @@ again byte for byte.  One by the host's clock is set against the device times of
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
@@ -26,6 +27,7 @@ from .compare import RECORDED, REPLAYED, Comparison
 from .reader import Entry, Recording
 
 _TOPICS: Final = (TO_BOARD, TO_HOST, LINK, LATCH, PULSES, OUTPUT)
+_FRAMES: Final = (TO_BOARD, TO_HOST, LINK)
 _COMPARED: Final = ("output", "pulses")  # records of the back door, beside latches
 _STEP_NS: Final = 10_000_000
 _AFTER_LAST_NS: Final = 12_000_000_000  # as far ahead as a frame can lie in a queue
@@ -65,7 +67,7 @@ class MakeReplayBoard(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)  # eq: a board may be opened twice in the same way
 class _Opening:
     """One line to one board: its options, its clock, and what must be known of it beforehand."""
 
@@ -163,37 +165,44 @@ def replay(recording: Recording, make_board: MakeReplayBoard) -> ReplayResult:
 
 def recorded_facts(recording: Recording) -> LineFacts:
     """Return the facts that the frames of the first board tell."""
-    return _facts(_part(recording, 0, (TO_BOARD, TO_HOST)))
+    return next((_facts(part) for _, part in _parts(recording, _FRAMES)), LineFacts())
 
 
 def _lines(recording: Recording) -> Iterator[tuple[_Opening, LineFacts, Iterator[Entry]]]:
     """Yield for every board its opening, its facts, and its entries in the order of the file."""
-    openings = list(_openings(recording))
-    for number, opening in enumerate(openings):
-        part = _part(recording, number, (TO_BOARD, TO_HOST))
-        facts = _facts(part) if opening.boot_ns is None else LineFacts()
-        yield opening, facts, _part(recording, number, _TOPICS)
+    facts = [
+        _facts(part) if opening.boot_ns is None and not opening.excerpt else LineFacts()
+        for opening, part in _parts(recording, _FRAMES)
+    ]
+    for known, (opening, part) in zip(facts, _parts(recording, _TOPICS), strict=True):
+        yield opening, known, part
 
 
-def _openings(recording: Recording) -> Iterator[_Opening]:
-    for entry in recording.entries((LINK,)):
-        fields = entry.fields
-        if fields["event"] == "opened":
-            yield _Opening(fields["board"], fields["boot_ns"], bool(fields["paced"]))
-        elif fields["event"] == "excerpt":
-            yield _Opening(None, None, False, fields["text"])
+def _parts(
+    recording: Recording, topics: tuple[str, ...]
+) -> Iterator[tuple[_Opening, Iterator[Entry]]]:
+    """Yield every opening with the entries behind it, in one pass; what is not taken is skipped."""
+    last: _Opening | None = None
+
+    def opening_of(entry: Entry) -> _Opening | None:
+        nonlocal last
+        last = _opening(entry) or last
+        return last
+
+    for opening, entries in itertools.groupby(recording.entries(topics), opening_of):
+        if opening is not None:
+            yield opening, itertools.islice(entries, 1, None)
 
 
-def _part(recording: Recording, number: int, topics: tuple[str, ...]) -> Iterator[Entry]:
-    """Yield the entries behind opening *number* and before the next one."""
-    place = -1
-    for entry in recording.entries({*topics, LINK}):
-        if entry.topic == LINK and entry.fields["event"] in ("opened", "excerpt"):
-            place += 1
-        elif place == number:
-            yield entry
-        elif place > number:
-            return
+def _opening(entry: Entry) -> _Opening | None:
+    if entry.topic != LINK:
+        return None
+    fields = entry.fields
+    if fields["event"] == "opened":
+        return _Opening(fields["board"], fields["boot_ns"], bool(fields["paced"]))
+    if fields["event"] == "excerpt":
+        return _Opening(None, None, False, fields["text"])
+    return None
 
 
 def _facts(entries: Iterator[Entry]) -> LineFacts:

@@ -11,7 +11,7 @@ pytest.importorskip("mcap")
 from haptogram.errors import NoAnswerError
 from haptogram.evidence.recordings.real_time import FrameShifter
 from haptogram_protocol.annotation.frames import FrameAnnotator
-from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.framing import MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header, MessageType
 from strategies_protocol import chunkings, headers, messages, noise
 
@@ -44,6 +44,19 @@ def test_what_is_no_frame_stays_as_it_is(line, data):
     shifter.shift_us = 5
     line += b"\0"
     assert moved(shifter, data.draw(chunkings(line))) == line
+
+
+def test_a_line_without_an_end_is_not_kept_and_the_frame_behind_it_is_moved():
+    shifter = FrameShifter()
+    shifter.shift_us = 5
+    frame = encode_frame(Header(MessageType.PLAY, 0, 1, 77, 2).pack() + b"\0" * 12).strip(b"\0")
+    line = b"\x01" * 5 * MAX_ENCODED_BYTES
+    passed = b"".join(shifter.feed(line[at : at + 100]) for at in range(0, len(line), 100))
+    assert len(line) - len(passed) <= MAX_ENCODED_BYTES
+    passed += shifter.feed(frame + b"\0")
+    assert passed == line + frame + b"\0"  # boards take no frame from behind such a line
+    (moved_on,) = FrameAnnotator().feed(shifter.feed(frame + b"\0"))
+    assert moved_on.header.time_us == 77 + 5
 
 
 def test_a_time_cannot_be_moved_before_the_board_has_answered():

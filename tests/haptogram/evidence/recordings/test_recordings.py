@@ -18,16 +18,20 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.recordings.channels import (
     CHANNELS,
     LATCH,
+    LINK,
     OUTPUT,
     RUN,
     TO_BOARD,
     TO_HOST,
     VERSION,
 )
-from haptogram.evidence.recordings.reader import Recording
+from haptogram.evidence.recordings.reader import Entry, Recording
 from haptogram.evidence.recordings.repair import repair
+from haptogram.evidence.recordings.replay import replay
 from haptogram.evidence.recordings.writer import RecordingWriter
 from haptogram.records.latch import Codes, LatchRecord
+from haptogram.settings.board import BoardConfig
+from sim_device.driven.replay_board import VirtualReplayBoard
 
 FRAMES = 200
 
@@ -269,12 +273,20 @@ def other_program(path):
         writer.finish()
 
 
-def newer_version(path):
+def of_version(path, version):
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="haptogram")
-        writer.add_metadata("haptogram", {"version": str(VERSION + 1), "library": "haptogram 9.0"})
+        writer.add_metadata("haptogram", {"version": version, "library": "haptogram 9.0"})
         writer.finish()
+
+
+def newer_version(path):
+    of_version(path, str(VERSION + 1))
+
+
+def endless_version(path):
+    of_version(path, "0" * 5000)
 
 
 @pytest.mark.parametrize(
@@ -286,6 +298,7 @@ def newer_version(path):
         (lambda path: path.write_bytes(b"\x89MC"), "is no recording"),
         (lambda path: path.write_text("hello"), "is no recording"),
         (other_program, "of another program .profile ros2."),
+        (endless_version, "version 000000000, by haptogram 9.0; .* reads 1: update haptogram"),
         (newer_version, "version 2, by haptogram 9.0; .* reads 1: update haptogram"),
     ],
 )
@@ -296,6 +309,74 @@ def test_what_is_no_recording_of_ours_is_one_line(make, message, tmp_path):
         Recording(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"{", b"[]", b"7", b"null", b"\xff", b"[" * 100_000, b"7" * 5000]
+)
+def test_an_entry_that_is_no_object_of_json_is_one_line(data):
+    entry = Entry(RUN, 5, 5, data)
+    with pytest.raises(ConfigurationError, match=r"of /run at 5 ns is no object of JSON") as caught:
+        assert entry.fields
+    assert "\n" not in str(caught.value)
+
+
+def test_a_field_that_an_entry_lacks_is_one_line():
+    fields = Entry(RUN, 5, 5, b'{"a": {"b": 1}}').fields
+    assert fields == {"a": {"b": 1}}
+    for lacking in (fields, fields["a"]):
+        assert lacking.get("c") is None
+        with pytest.raises(ConfigurationError, match="an entry lacks the field 'c'"):
+            lacking["c"]
+
+
+def replay_board(options, *, paced):
+    return VirtualReplayBoard(BoardConfig.of(**options), paced=paced)
+
+
+class CountedRecording(Recording):
+    """A recording that counts its passes."""
+
+    passes = 0
+
+    def raw_records(self):
+        self.passes += 1
+        return super().raw_records()
+
+
+def test_a_replay_reads_a_recording_of_many_openings_twice(tmp_path):
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path) as writer:
+        for number in range(20):
+            is_excerpt = number % 2
+            if is_excerpt:
+                writer.document(LINK, number, {"event": "excerpt", "text": f"number {number}"})
+            else:
+                writer.opened(number, {"array": "2x2"}, number, paced=False)
+            for _ in range(number):
+                writer.to_board(number, b"\0")
+    recording = CountedRecording(path)
+    passes, boards = recording.passes, []
+
+    def make_board(options, *, paced):
+        boards.append(replay_board(options, paced=paced))
+        return boards[-1]
+
+    result = replay(recording, make_board)
+    assert recording.passes - passes == 2
+    assert result.notes == [
+        f"an excerpt of a soak is not replayed: number {number}" for number in range(1, 20, 2)
+    ]
+    assert result.to_board == sum(range(0, 20, 2))
+    assert len(boards) == len(result.comparisons) == 10
+
+
+def test_a_replay_of_an_opening_without_its_fields_is_one_line(tmp_path):
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path) as writer:
+        writer.document(LINK, 0, {"event": "opened"})
+    with pytest.raises(ConfigurationError, match="an entry lacks the field 'board'"):
+        replay(Recording(path), replay_board)
 
 
 def test_a_repair_never_replaces_what_it_reads(tmp_path):
