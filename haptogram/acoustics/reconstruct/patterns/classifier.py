@@ -2,7 +2,7 @@
 
 A pattern is named if it explains the phases of all elements but a few to within half a step, in the
 root mean square, for a speed of sound that may differ a little from that of the model. The simplest
-one that does is named. Where none does, nothing is.
+one that does is named, if random phases would hardly be explained as well. Otherwise nothing is.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import points_with_field, propagators
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.patterns.chance import is_beyond_chance
 from haptogram.acoustics.reconstruct.patterns.explain import (
     Explanation,
     explain_turning,
@@ -45,7 +46,7 @@ from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
 
-MIN_ACTIVE: Final = 12  # three for each unknown; fewer would agree on some point by chance
+MIN_ACTIVE: Final = 8  # twice the unknowns of a focus; chance decides about more
 _SILENT: Final = 1e-6
 _MOST_FITS: Final = 14
 _SUFFICES: Final = 0.95  # of the elements: no other start explains more than these
@@ -170,9 +171,7 @@ class PatternClassifier:
                 found = replace(found, added_rad=last.added_rad, normal=last.normal)
         else:
             return None
-        if found is None or not found.used.all() or not self._is_usable(found):
-            return None
-        return self._simplest(phases, found)
+        return self._proven(phases, found) if found is not None and found.used.all() else None
 
     def _search_for(self, active: BoolArray) -> PatternSearch:
         """Return the search volume of the side of which most elements radiate."""
@@ -208,9 +207,14 @@ class PatternClassifier:
             found = explain_turning(
                 phases, place, limit_rad, charge=start.charge, axis_m=axis, side=side
             )
-        if found is None or not self._is_usable(found):
+        return None if found is None else self._proven(phases, found)
+
+    def _proven(self, phases: PatternPhases, found: Explanation) -> Explanation | None:
+        """Return the simplest name of what was found; None if chance may look the same."""
+        if not self._is_usable(found):
             return None
-        return self._simplest(phases, found)
+        simplest = self._simplest(phases, found)
+        return simplest if is_beyond_chance(simplest, self._step_rad) else None
 
     def _simplest(self, phases: PatternPhases, found: Explanation) -> Explanation:
         """Return a focus for a vortex whose axis went so far away that nothing turns."""

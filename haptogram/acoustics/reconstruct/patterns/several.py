@@ -9,6 +9,7 @@ import numpy as np
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import points_with_field, propagators
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.patterns.chance import are_beyond_chance
 from haptogram.acoustics.reconstruct.patterns.foci_fit import (
     FociFit,
     Waves,
@@ -122,7 +123,9 @@ def _fitted(
     for superposed in (True, False):
         waves = waves_of_foci(model, superposed=superposed)
         fit = _fit_or_none(model, waves, places, drive, active, step_rad / 2.0)
-        if fit is not None and fit.residual_rad <= limit_rad:
+        if fit is None or fit.residual_rad > limit_rad:
+            continue
+        if are_beyond_chance(len(places), int(active.sum()), fit.residual_rad, step_rad):
             return _as_pattern(model, drive, places + fit.offsets_m, fit)
     return None
 

@@ -16,6 +16,7 @@ from haptogram.acoustics.reconstruct.patterns import classifier, explain
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import KINDS, pattern_dict
 from haptogram.errors import ConfigurationError
+from haptogram_protocol.dialects.table import DIALECTS
 
 DATA = Path(__file__).parents[4] / "data" / "dialects"
 EXPECTED = json.loads((DATA / "expected.json").read_text())
@@ -217,6 +218,32 @@ def test_a_focus_that_moves_near_the_array_is_named_at_every_step():
         found = finder.classify(np.exp(1j * drives.focus(model.array.positions_m, place, K)))
         assert found.kind == "one focus"
         assert np.array(found.position_m) == pytest.approx(place, abs=1e-3)
+
+
+SIZES = sorted(
+    {(dialect.channels, dialect.steps) for dialect in DIALECTS.values()}
+    | {(12, 16), (12, 10), (16, 10), (24, 10), (64, 4), (64, 2)}  # parts of boards, coarse steps
+)
+
+
+@pytest.mark.parametrize(("count", "steps"), SIZES)
+def test_few_elements_and_few_steps_name_a_focus_and_never_chance(count, steps):
+    rows = max(n for n in range(1, 17) if count % n == 0)
+    model = AcousticModel.default(rows, count // rows)
+    finder, positions = PatternClassifier(model, steps), model.array.positions_m
+    rng = np.random.default_rng(count * steps)
+    for _ in range(6):
+        codes = rng.integers(0, steps, count)
+        finder.reset()
+        assert finder.classify(drives.radiated(codes, steps)).kind == KINDS[-1]
+    told = 0
+    for _ in range(4):
+        phases, _ = drives.random_pattern(rng, positions, "one focus")
+        finder.reset()
+        found = finder.classify(drives.radiated(drives.coded(phases, steps), steps))
+        assert found.kind in ("one focus", KINDS[-1])
+        told += found.kind == "one focus"
+    assert told >= (0 if count < 12 else 2 if steps < 5 or count < 16 else 4)
 
 
 def test_halves_that_alternate_split_no_twin_trap():
