@@ -1,7 +1,6 @@
 """A recording is read back as it was written, whole or cut off, by this program and by others."""
 
 import json
-import os
 import signal
 from pathlib import Path
 
@@ -229,13 +228,22 @@ def test_damage_between_chunks_is_one_line_and_what_lies_before_is_saved(tmp_pat
     assert repair(path, tmp_path / "copy.mcap") > FRAMES
 
 
+@pytest.fixture
+def heard_interrupts():
+    """Ctrl-C as a command hears it; a worker of the tests is deaf to it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heard_interrupts")
 @pytest.mark.parametrize("step", ["start_record", "write2", "write8", "finish_record"])
 def test_an_interrupt_waits_until_an_entry_is_whole(step, tmp_path, monkeypatch):
     path = tmp_path / "run.mcap"
     usual = getattr(RecordBuilder, step)
 
     def interrupt(*arguments):
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)  # to this thread: a worker of the tests has others
         return usual(*arguments)
 
     with RecordingWriter(path) as writer:
