@@ -74,6 +74,8 @@ def test_says_nothing(verified_board):
 def test_fails_by_itself(verified_board):
     assert 1 == 2
 """
+#: Without the worker of these tests: pytest-benchmark does not measure in one.
+_ENVIRONMENT = {name: text for name, text in os.environ.items() if "XDIST" not in name}
 
 
 def run(folder, tests, *options):
@@ -88,7 +90,7 @@ def run(folder, tests, *options):
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-v", "-rA", *PLUGIN, "-p", "no:cacheprovider", *options],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}", "COLUMNS": "200"},
+        env=_ENVIRONMENT | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}", "COLUMNS": "200"},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -135,7 +137,7 @@ def test_the_plugin_imports_nothing_heavy():
             *(sys.executable, "-c"),
             "import sys, haptogram.evidence.pytest_plugin; print(" + heavy + " & set(sys.modules))",
         ],
-        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
+        env=_ENVIRONMENT | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
         stdout=subprocess.PIPE,
         text=True,
         check=True,
