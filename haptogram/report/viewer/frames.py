@@ -61,6 +61,33 @@ class ShownFrame:
     drive: Drive | None = None
 
 
+def judged_frame(field: Callable[[str], Any], drive: Drive | None) -> ShownFrame:
+    """Return a frame with a verdict, of a run or of a recording of one.
+
+    Parameters
+    ----------
+    field : callable
+        Returns what the verdict holds under a name, as ``FrameVerdict`` has it.
+    drive : Drive or None
+        Radiated drive, if it was seen.
+    """
+    return ShownFrame(
+        number=field("number"),
+        status=str(field("status")),
+        timing=LATE if field("late") else EARLY if field("early") else TIMELY,
+        due_us=field("t_apply_us"),
+        latched_us=field("t_latch_us"),
+        target_m=field("target_m"),
+        found_m=field("measured_m"),
+        bound_mm=field("bound_mm"),
+        across_mm=field("lateral_error_mm"),
+        along_mm=field("axial_error_mm"),
+        pressure_pa=field("pressure_rms_pa"),
+        force_n=field("force_n"),
+        drive=drive,
+    )
+
+
 def frame_columns(frames: Sequence[ShownFrame], count: int) -> dict[str, NDArray[Any]]:
     """Return the columns of *frames* of an array of *count* elements."""
     return {

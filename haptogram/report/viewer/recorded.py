@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from haptogram.acoustics import AcousticModel, Drive
 from haptogram.errors import ConfigurationError
@@ -15,7 +15,7 @@ from haptogram.evidence.recordings.reader import Recording
 from haptogram.records.frame import FrameKey
 from haptogram.verification import FrameStatus
 
-from .frames import EARLY, LATE, TIMELY, ShownFrame
+from .frames import ShownFrame, judged_frame
 from .live import LiveScene
 from .scene import Scene
 
@@ -73,22 +73,4 @@ def _judged_frames(recording: Recording) -> Iterator[tuple[ShownFrame, str]]:
     for entry in recording.entries((VERDICT,)):
         fields = entry.fields
         key = FrameKey(*(fields[name] for name in ("session", "sequence", "loop", "index")))
-        yield _shown(fields, drives.get(key)), fields["text"]
-
-
-def _shown(fields: Mapping[str, Any], drive: Drive | None) -> ShownFrame:
-    return ShownFrame(
-        number=fields["number"],
-        status=fields["status"],
-        timing=LATE if fields["late"] else EARLY if fields["early"] else TIMELY,
-        due_us=fields["t_apply_us"],
-        latched_us=fields["t_latch_us"],
-        target_m=fields["target_m"],
-        found_m=fields["measured_m"],
-        bound_mm=fields["bound_mm"],
-        across_mm=fields["lateral_error_mm"],
-        along_mm=fields["axial_error_mm"],
-        pressure_pa=fields["pressure_rms_pa"],
-        force_n=fields["force_n"],
-        drive=drive,
-    )
+        yield judged_frame(fields.__getitem__, drives.get(key)), fields["text"]
