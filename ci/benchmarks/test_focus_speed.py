@@ -150,7 +150,7 @@ def test_weighted_gerchberg_saxton_against_numpy(foci, compare, board):
     wanted, start = np.ones(foci, dtype=np.float32), np.ones(256, dtype=np.complex64)
     re, im = np.ascontiguousarray(matrix.real), np.ascontiguousarray(matrix.imag)
     drive_re, drive_im = np.ones(256, np.float32), np.zeros(256, np.float32)
-    kernel = load_kernels().weighted_gerchberg_saxton
+    kernel = load_kernels().gerchberg_saxton_kernel
     compare(
         6.0 if foci == 16 else None,
         lambda: kernel(re, im, wanted, rounds, drive_re, drive_im),
