@@ -28,7 +28,7 @@ def weighted_gerchberg_saxton(gains, wanted, drive, rounds):
         heard = _heard(gains, drive)
         shares = [abs(p) / a for p, a in zip(heard, wanted, strict=True)]
         mean = sum(shares) / len(shares)
-        weights = [w * (mean / share) ** 0.7 for w, share in zip(weights, shares, strict=True)]
+        weights = [w * (mean / share) ** 0.75 for w, share in zip(weights, shares, strict=True)]
         goals = [w * _phasor(p) for w, p in zip(weights, heard, strict=True)]
         drive = [_phasor(w) for w in _returned(gains, goals)]
     return drive

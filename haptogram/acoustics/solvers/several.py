@@ -28,7 +28,7 @@ _MAX_FOCI: Final = 256
 _MAX_ROUNDS: Final = 10_000
 #: Exponent of the step of the weights. With 1 the drive swings between two states for ever, for
 #: one pair in six of foci on a raster of 7 x 7 places, 20 mm apart.
-_DAMPING: Final = 0.7
+_DAMPING: Final = 0.75
 _LARGEST_WEIGHT: Final = 2.0**40  # a point that cannot be served gains weight in every round
 _LEVELS: Final = (1e-6, 1e6)  # of amplitudes: their squares are single precision's
 
