@@ -25,6 +25,9 @@ def pytest_addoption(parser):
         action="store_true",
         help="time each benchmark for a moment and without its reference: ci/bench --baseline",
     )
+    parser.addoption(
+        "--once", action="store_true", help="run each benchmark once: times say nothing then"
+    )
 
 
 def pytest_configure(config):
@@ -107,14 +110,15 @@ def compare(benchmark, measure, request):
         ours()
         reference()
         ratios, times = [], ([], [])
+        least, most = (1, 1) if request.config.getoption("--once") else (7, 400)
         deadline = time.perf_counter() + seconds
-        while len(ratios) < 7 or (time.perf_counter() < deadline and len(ratios) < 400):
+        while len(ratios) < least or (time.perf_counter() < deadline and len(ratios) < most):
             theirs = timed(reference, reference_repeats) / share
             mine = timed(ours, repeats)
             ratios.append(theirs / mine)
             times[0].append(mine)
             times[1].append(theirs)
-        benchmark.pedantic(ours, rounds=5, iterations=repeats)
+        benchmark.pedantic(ours, rounds=min(5, most), iterations=min(repeats, most))
         ratio = statistics.median(ratios)
         low, high = np.quantile(ratios, [0.25, 0.75])
         benchmark.extra_info.update(
@@ -142,10 +146,11 @@ def measure(benchmark, request):
     def run(ours, *, repeats=None, **notes):
         ours()
         repeats = repeats or max(1, int(ROUND_S / max(timed(ours, 1), 1e-7)))
+        least, most = (1, 1) if request.config.getoption("--once") else (3, 400)
         brief = request.config.getoption("--brief")
         deadline = time.perf_counter() + (BRIEF_S if brief else ALONE_S)
         times, yards = [], []
-        while len(times) < 3 or (time.perf_counter() < deadline and len(times) < 400):
+        while len(times) < least or (time.perf_counter() < deadline and len(times) < most):
             yard = timed(yardstick, 1)
             times.append(timed(ours, repeats))
             yards.append(times[-1] / yard)

@@ -173,7 +173,7 @@ def missed(benchmarks):
         f"bench: {entry['name']}: ratio {entry['extra_info']['ratio']:.3g}, "
         f"goal {entry['extra_info']['goal']:g}\n"
         for entry in benchmarks
-        if "missed" in (notes(entry["extra_info"]) if "goal" in entry["extra_info"] else "")
+        if "goal" in entry["extra_info"] and "missed" in notes(entry["extra_info"])
     ]
     return "".join(lines)
 

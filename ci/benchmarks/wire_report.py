@@ -48,6 +48,14 @@ From message to line and back: header, payload, CRC-32 and COBS in C. Arrays hol
 256.
 """
 
+WIRES = """\
+## Wires of other boards
+
+From bytes to operations, and for frames to the latches of the emulated boards with the weights of
+their emitters; noise is random bytes of the same length. Goal: ten times the rate of the quickest
+line that the board takes; for autd3, whose line is TCP, 5000 frames of 626 bytes a second.
+"""
+
 WHOLE = """\
 ## Connections and board
 
@@ -95,6 +103,8 @@ def page(data, results):
             decoder_table(results),
             MESSAGES,
             message_table(results),
+            WIRES,
+            dialect_table(results),
             WHOLE,
             other_table(results),
         ]
@@ -108,6 +118,11 @@ def verdict(results):
         for name, info in results.items()
         if "_against_crc32[" in name or "byte_by_byte[" in name
         if info["goal"] is not None and (info["ratio"] < info["goal"] or info.get("lost"))
+    ]
+    missed += [
+        name.removeprefix("test_")
+        for name, info in results.items()
+        if "least" in info and info["reached"] < info["least"]
     ]
     text = "; ".join(f"`{name}`" for name in missed)
     return f"Goals that this run missed: {text or 'none'}.\n"
@@ -163,6 +178,25 @@ def message_table(results):
         lines.append(
             row([name, encode["bytes"], duration(encode["ours_s"]), duration(decode["ours_s"])])
         )
+    return "\n".join([*lines, ""])
+
+
+def dialect_table(results):
+    lines = [
+        "| wire | content | bytes to operations | reached | goal | latches |",
+        "|---" * 6 + "|",
+    ]
+    head = "test_dialect_decoding["
+    for key in (key for key in results if key.startswith(head)):
+        info = results[key]
+        wire, _, content = key.removeprefix(head)[:-1].rpartition("-")
+        boards = results[f"test_dialect_boards[{wire}]"] if content == "frames" else {}
+        cells = [wire, content, f"{info['bytes'] / info['ours_s'] / 1e6:.0f} MB/s"]
+        for number in (info["reached"], info["least"]):
+            times = info["of"] == "its line"
+            cells.append(f"{number:,.0f} {'times ' if times else ''}{info['of']}".replace(",", " "))
+        cells.append(f"{boards['latches_per_s']:.0f} /s" if boards else "")
+        lines.append(row(cells))
     return "\n".join([*lines, ""])
 
 
