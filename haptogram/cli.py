@@ -332,4 +332,5 @@ def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:
         port.flush()
         # What waits in the board, such as a FIFO of frames, is shown as well.
         port.wait_until_ns(port.now_ns() + _LAST_FRAMES_NS)
+        port.simulation.unplug()  # it is looked at once more when its client leaves
     return list(port.records)

@@ -10,6 +10,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from .board.events import (
     AnyLatch,
+    ClientLeft,
     FaultsCounted,
     LineCounted,
     Notice,
@@ -79,6 +80,8 @@ def describe_notice(notice: Notice) -> str:
         return "powered down"
     if isinstance(notice, Remark):
         return notice.text
+    if isinstance(notice, ClientLeft):
+        return "the client left"
     if isinstance(notice, FaultsCounted):
         return f"faults: {_counts(notice)}"
     if isinstance(notice, LineCounted):

@@ -1,7 +1,9 @@
 """Boards of other dialects in virtual time, and what unmodified clients sent to them."""
 
+import base64
 import functools
 import json
+import zlib
 from pathlib import Path
 
 from haptogram.settings.board import BoardConfig
@@ -28,6 +30,34 @@ def dialect_of(name):
     """Return the dialect in which a capture was sent, and options."""
     device = EXPECTED[name].get("device")
     return DEVICES[device] if device else (name.split("/")[0], ())
+
+
+def pyautd3(name):
+    """Return what pyautd3 38.0.1 sent, without its end."""
+    cases = json.loads((DATA / "autd3" / "pyautd3_38.0.1.json").read_text())
+    return b"".join(
+        zlib.decompress(base64.b64decode(packed)) for _, packed in cases[name]["sent"][:-1]
+    )
+
+
+def nibbles(count):
+    """Return data for the first Arduino: a high nibble of payload, 1 as the low one."""
+    return bytes(number % 16 << 4 | 1 for number in range(count))
+
+
+# Captures of clients; where there are none, bytes by the tables of the wire
+SENT = {
+    "sonicsurface": capture("sonicsurface/focus_20_150_m15"),
+    "sonicsurface-tactile": b"\xa7\xfe" + bytes(number % 33 for number in range(256)) + b"\xfd",
+    "ultraino-fpga": capture("ultraino/simplefpga_ss_focus_0_120_0"),
+    "ultraino-fpga-128": capture("ultraino/simplefpga128_ss_focus_0_120_0"),
+    "ultraino-fpga-chained": capture("ultraino/chainedfpga_512_ramp"),
+    "ultraino-mega64": capture("ultraino/mega_flat8x8_focus"),
+    "ultraino-nano8": nibbles(48) + b"\x00",
+    "ultraino-nano16": nibbles(64) + b"\x00",
+    "interactlab": capture("interactlab/levitate_focus_0_0_100"),
+    "autd3": pyautd3("focus"),
+}
 
 
 @functools.cache

@@ -11,6 +11,7 @@ from haptogram.acoustics import Calibration, Drive, Reconstruction
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
 
 from ..board.events import (
+    ClientLeft,
     FaultsCounted,
     Latch,
     LineCounted,
@@ -198,7 +199,9 @@ def _what(notice: Notice) -> Record:
     if isinstance(notice, PowerDown):
         return {"event": "power_down"}
     if isinstance(notice, Remark):
-        return {"event": "remark", "text": notice.text}
+        return {"event": "remark", "about": str(notice.about), "text": notice.text}
+    if isinstance(notice, ClientLeft):
+        return {"event": "client_left"}
     if isinstance(notice, FaultsCounted | LineCounted):
         raise TypeError(f"{type(notice).__name__} belongs to the last record")
     return _playback(notice)

@@ -9,6 +9,7 @@ from typing import TypeAlias
 from haptogram.acoustics import Drive
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.pulses import PulseDrive
+from haptogram.records.remark import About
 from haptogram_protocol.messages import LatchKey
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -182,6 +183,14 @@ class Remark:
 
     t_us: int
     text: str
+    about: About = About.CLIENT
+
+
+@dataclass(frozen=True, slots=True)
+class ClientLeft:
+    """A client that had sent something has closed the port of a board of another dialect."""
+
+    t_us: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,5 +210,6 @@ Notice: TypeAlias = (
     | RampEnded
     | PlaybackEnd
     | Remark
+    | ClientLeft
     | PowerDown
 )

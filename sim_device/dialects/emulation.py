@@ -100,4 +100,5 @@ class Emulation:
             self.unit(options, settings.boot_us),
             np.array(settings.wiring.channels, dtype=np.intp),
             settings.boot_us,
+            self.boards(options),
         )

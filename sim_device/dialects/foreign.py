@@ -10,25 +10,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram_protocol.dialects.codec import BoardEnd, Dialect, Reply
-from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_dialect
+from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 
 from ..board.clock import earliest_time
-from ..board.events import Notice, PulseLatch, Remark
+from ..board.events import Notice, PulseLatch
+from .client_remarks import ClientRemarks
 from .unit import HoldsBack, Unit
 
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
-
-# Lines for the user, the first time that a client makes these counters move.
-_CLUES: Final = {
-    "frames_short": "a frame ends before the last channel: the client has a smaller array",
-    "codes_beyond_array": "a frame has more codes than the board has channels: the client has a "
-    "larger array, or adds what this board takes for codes",
-    "codes_out_of_range": "codes beyond those of this board: the client has more steps in a period",
-    "bytes_beyond_chain": "bytes for a board that is not there: the client has a longer chain",
-    "frames_without_commit": "a frame was overwritten before it was shown: its commit is missing",
-}
 
 
 class ForeignDialect:
@@ -49,6 +39,8 @@ class ForeignDialect:
         For each emitter of the array the channel that drives it.
     now_us : int
         Device time at power-up.
+    boards : int
+        Boards on the line.
 
     Attributes
     ----------
@@ -63,6 +55,7 @@ class ForeignDialect:
         unit: Unit,
         channels: NDArray[np.intp],
         now_us: int,
+        boards: int = 1,
     ) -> None:
         self.line_free_us = now_us
         self._dialect, self._unit, self._channels = dialect, unit, channels
@@ -74,9 +67,8 @@ class ForeignDialect:
         self._latched = 0
         self._quiet_us: int | None = None  # when the client has been silent for long enough
         self._latches: list[PulseLatch] = []
-        self._notices: list[Notice] = []
-        self._clues, self._clue_counts = set(_CLUES), Counter[str]()  # not said; at its beginning
-        self._first_bytes: bytearray | None = bytearray()  # None: the wire has been guessed
+        self._frame_bytes = 0  # since the last latch
+        self._remarks = ClientRemarks(dialect, [*map(dialect.frame_bytes, range(1, boards + 1))])
         self._collect()
 
     # --- time and bytes ------------------------------------------------------------------------
@@ -89,7 +81,12 @@ class ForeignDialect:
     @property
     def counters(self) -> dict[str, int]:
         """Counts of bytes and operations that codec and boards refused, by kind."""
-        return dict(self._end.counters + self._unit.counters + self._own)
+        remarks = self._remarks
+        said = {
+            "frames_unfinished": remarks.frames_unfinished,
+            "other_wires": remarks.other_wires,
+        }
+        return dict(self._end.counters + self._unit.counters + self._own + Counter(said))
 
     @property
     def output_bytes(self) -> int:
@@ -114,7 +111,8 @@ class ForeignDialect:
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
             self._now_us = next_us
             if next_us == self._quiet_us:
-                self._look_at_silence()
+                self._quiet_us = None
+                self._remarks.silent(self._end.pending, next_us)
             self._reply(self._unit.advance_to(next_us))
             self._collect()
         self._now_us = max(self._now_us, t_us)
@@ -125,13 +123,13 @@ class ForeignDialect:
         at = 0
         while at < len(data):
             end = self._end.next_end(data, at)
+            self._frame_bytes += end - at
             for operation in self._end.receive_data(data[at:end]):
                 self._reply(self._unit.take(operation, t_us))
                 self._collect()
             at = end
-        self._say_clues()
-        self._keep_first_bytes(data)
-        waits = self._end.pending or self._first_bytes
+        self._remarks.take(data, t_us)
+        waits = self._end.pending or self._remarks.waits
         self._quiet_us = t_us + PATIENCE_US if waits else None
 
     def take_output(self, limit: int | None = None) -> bytes:
@@ -147,15 +145,16 @@ class ForeignDialect:
         has no line ends with its connection, and with it the answers that wait; the next latch
         counts what the next client does.
         """
-        if self._quiet_us is not None:
-            self._look_at_silence()
-        self._first_bytes = bytearray()
+        unfinished = self._end.pending
+        if isinstance(self._end, Commits):
+            unfinished = self._frame_bytes if self._end.is_uncommitted else 0
+        self._remarks.left(unfinished, self._now_us)
+        self._quiet_us, self._frame_bytes = None, 0
         if not self._dialect.bauds:
             self._own.update(self._end.counters)
             self._end = self._new_end()
             self._counted = self._unit.counters.copy()
             self._output.clear()
-        self._clues, self._clue_counts = set(_CLUES), self._end.counters.copy()
 
     def power_down(self) -> None:
         """Do nothing: these boards say nothing as they go."""
@@ -169,8 +168,7 @@ class ForeignDialect:
 
     def take_notices(self) -> list[Notice]:
         """Return the remarks since the last call, in order."""
-        taken, self._notices = self._notices, []
-        return taken
+        return self._remarks.take_notices()
 
     def _reply(self, replies: list[Reply]) -> None:
         for reply in replies:
@@ -189,6 +187,9 @@ class ForeignDialect:
                 if count != self._counted[kind]
             }
             self._counted = counters
+            if self._frame_bytes and isinstance(self._end, Commits):
+                self._remarks.frame(self._frame_bytes, counted)
+                self._frame_bytes = 0
             self._latches.append(
                 dataclasses.replace(
                     latch,
@@ -198,40 +199,3 @@ class ForeignDialect:
                 )
             )
             self._latched += 1
-
-    def _say_clues(self) -> None:
-        """Say once for each client what its frames have in common with no frame of this board."""
-        for kind, clue in _CLUES.items():
-            if kind in self._clues and self._end.counters[kind] > self._clue_counts[kind]:
-                self._clues.discard(kind)
-                self._remark(clue)
-
-    def _keep_first_bytes(self, data: bytes) -> None:
-        if self._first_bytes is None:
-            return
-        self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
-        if len(self._first_bytes) == LOOKED_AT_BYTES:
-            self._recognise(bytes(self._first_bytes))
-
-    def _look_at_silence(self) -> None:
-        """Say if what came before the silence is a part of a frame, or looks like another wire."""
-        self._quiet_us = None
-        if self._end.pending:
-            self._own["frames_unfinished"] += 1
-            self._remark(f"a frame stops in its middle: {self._end.pending} bytes have no end")
-        if self._first_bytes:
-            self._recognise(bytes(self._first_bytes))
-
-    def _recognise(self, first_bytes: bytes) -> None:
-        """Say once for each client that its bytes look like another wire."""
-        self._first_bytes = None
-        names = looks_like_dialect(first_bytes)
-        if names and self._dialect.name not in names:
-            self._own["other_wires"] += 1
-            self._remark(
-                f"these bytes look like {' or '.join(names)}, not {self._dialect.name}: "
-                "choose the dialect that the client speaks"
-            )
-
-    def _remark(self, text: str) -> None:
-        self._notices.append(Remark(self._now_us, text))

@@ -1,19 +1,16 @@
 """Every dialect over a real pseudo-terminal or socket: the bytes of clients, and bad clients."""
 
-import base64
-import json
 import os
 import re
 import socket
 import struct
 import threading
 import time
-import zlib
 from contextlib import contextmanager
 
 import pytest
 
-from dialect_boards import DATA, DialectBoard, capture
+from dialect_boards import SENT, DialectBoard
 from haptogram_protocol.dialects.table import DIALECTS
 from sim_device.dialects.table import EMULATIONS
 from sim_device.line.pty_port import PtyPort
@@ -24,34 +21,6 @@ pytestmark = pytest.mark.pty
 PATIENCE_S = 60
 HELLO = bytes.fromhex("10 0100") + b"AUTD3REMOTE"
 OPEN = b"\x01" + struct.pack("<I7f", 1, 0, 0, 0, 1, 0, 0, 0)
-
-
-def pyautd3(name: str) -> bytes:
-    """Return what pyautd3 38.0.1 sent, without its end."""
-    cases = json.loads((DATA / "autd3" / "pyautd3_38.0.1.json").read_text())
-    return b"".join(
-        zlib.decompress(base64.b64decode(packed)) for _, packed in cases[name]["sent"][:-1]
-    )
-
-
-def nibbles(count: int) -> bytes:
-    """Return data for the first Arduino: a high nibble of payload, 1 as the low one."""
-    return bytes(number % 16 << 4 | 1 for number in range(count))
-
-
-# Captures of clients; where there are none, bytes by the tables of the wire
-SENT = {
-    "sonicsurface": capture("sonicsurface/focus_20_150_m15"),
-    "sonicsurface-tactile": b"\xa7\xfe" + bytes(number % 33 for number in range(256)) + b"\xfd",
-    "ultraino-fpga": capture("ultraino/simplefpga_ss_focus_0_120_0"),
-    "ultraino-fpga-128": capture("ultraino/simplefpga128_ss_focus_0_120_0"),
-    "ultraino-fpga-chained": capture("ultraino/chainedfpga_512_ramp"),
-    "ultraino-mega64": capture("ultraino/mega_flat8x8_focus"),
-    "ultraino-nano8": nibbles(48) + b"\x00",
-    "ultraino-nano16": nibbles(64) + b"\x00",
-    "interactlab": capture("interactlab/levitate_focus_0_0_100"),
-    "autd3": pyautd3("focus"),
-}
 
 
 @contextmanager

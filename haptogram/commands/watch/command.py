@@ -156,6 +156,8 @@ class _Run:
                 if record["kind"] == "end":
                     self._missing = _why_missing(record)
                     return
+                if (event := record.get("event")) is not None:
+                    self._take_event(event, record)
                 latch = self._board.latch(record)
                 if latch is None:
                     continue
@@ -163,6 +165,16 @@ class _Run:
                 count += latch.is_of_client
                 if count == self._arguments.latches:
                     return
+
+    def _take_event(self, event: str, record: dict[str, Any]) -> None:
+        """Take down what the board says of its client."""
+        from haptogram.records.remark import About
+
+        if event == "client_left":
+            self._watch.client_left()
+        elif event == "remark":
+            self._watch.remark(About(record["about"]), record["text"])
+            self._lines.print_remark(record["text"])
 
     def _take(self, seen: WatchedLatch) -> None:
         self._lines.print(seen)

@@ -36,17 +36,26 @@ class LatchLines:
         self._left_out = 0
 
     def print(self, seen: WatchedLatch) -> None:
-        """Print a latch, unless one was printed a moment ago."""
+        """Print a latch, unless one was printed a moment ago and nothing is strange about it."""
         if self._quiet:
             return
         now_s = time.monotonic()
-        if self._is_terminal and now_s - self._printed_s < _PERIOD_S and not seen.defects:
+        if self._is_terminal and now_s - self._printed_s < _PERIOD_S and not _is_strange(seen):
             self._left_out += 1
             return
         more = f"  (+{self._left_out} more)" if self._left_out else ""
         line = latch_line(seen, self._board) + more
         print(paint_terminal_verdicts(line, self._stream), file=self._stream, flush=True)
         self._printed_s, self._left_out = now_s, 0
+
+    def print_remark(self, text: str) -> None:
+        """Print what the board says of its client."""
+        if not self._quiet:
+            print(f"{'':>6}  {text}", file=self._stream, flush=True)
+
+
+def _is_strange(seen: WatchedLatch) -> bool:
+    return bool(seen.defects or seen.latch.torn)
 
 
 def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
@@ -62,6 +71,8 @@ def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
         failed = [name for name, ok in seen.verdict.criteria.items() if not ok]
         parts.append(str(seen.verdict.status) + (f" ({', '.join(failed)})" if failed else ""))
     parts += [str(defect) for defect in seen.defects]
+    if latch.torn:
+        parts.append(f"torn: {latch.torn_text}")
     return "  ".join(parts)
 
 

@@ -4,7 +4,7 @@ Every latch has its pattern; a user may add the foci that were expected. A diagn
 if it explains the data better than every other one by a margin.
 """
 
-from .diagnosis import Defect, Diagnosis
+from .defect import Defect, Diagnosis
 from .expectation import Expectation
 from .latch import SeenLatch
 from .result import WatchedLatch, WatchResult

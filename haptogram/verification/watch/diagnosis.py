@@ -5,11 +5,9 @@ A defect is named only if the data prove it: chance, or another defect, would ha
 
 from __future__ import annotations
 
-import enum
 import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
@@ -19,6 +17,8 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, Placed
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
+from .defect import Defect, Diagnosis
+from .frames import FrameDefects
 from .latch import SeenLatch
 
 _SOUNDING: Final = 1e-6
@@ -31,57 +31,6 @@ _CHANCE: Final = 1e-4  # that so many wrong elements are all half a turn off
 _LEAST_LATCHES: Final = 2  # of different drives that show an element reversed
 _FB_BYTES: Final = 1  # that fall through before the amplitudes
 _FB_LARGEST: Final = 16 / 32  # of a turn: an amplitude of SimpleFPGA, taken for a phase
-
-
-class Defect(enum.StrEnum):
-    """The defects that have a name."""
-
-    STRAY_CHANNELS = "channels without an element driven"
-    SILENT = "elements silently off"
-    REVERSED = "polarity of elements reversed"
-    AMPLITUDES_AS_PHASES = "amplitude frame taken for phases"
-    NO_COMMIT = "frame without its commit"
-    BYTES_LOST = "bytes lost in the middle of a frame"
-    ORDER = "another order of the elements"
-    AXES = "another coordinate frame"
-    SPEED = "another speed of sound"
-
-
-@dataclass(frozen=True, slots=True)
-class Diagnosis:
-    """A defect, and what shows it.
-
-    Attributes
-    ----------
-    defect : Defect
-        Its name.
-    detail : str
-        The figures.
-    latches : tuple of int
-        Numbers of the latches that show it.
-
-    Examples
-    --------
-    >>> str(Diagnosis(Defect.NO_COMMIT, "1 frame", (3,)))
-    'frame without its commit: 1 frame (latch 3)'
-    """
-
-    defect: Defect
-    detail: str
-    latches: tuple[int, ...]
-
-    def __str__(self) -> str:
-        """Return name, figures and latches in a line."""
-        shown = f" ({latches_text(self.latches)})" if self.latches else ""
-        return f"{self.defect}: {self.detail}{shown}"
-
-
-def latches_text(numbers: Sequence[int], most: int = 6) -> str:
-    """Return "latch 3", or "latches 3, 4, ... (12)"."""
-    if len(numbers) == 1:
-        return f"latch {numbers[0]}"
-    shown = ", ".join(map(str, numbers[:most]))
-    return f"latches {shown}" + (f", ... ({len(numbers)})" if len(numbers) > most else "")
 
 
 class DefectFinder:
@@ -97,6 +46,11 @@ class DefectFinder:
         Channels of one board.
     most : int
         Numbers of latches that are kept of each defect.
+
+    Attributes
+    ----------
+    frames : FrameDefects
+        What codecs counted of frames.
     """
 
     def __init__(self, positions_m: FloatArray, channels: int, most: int = 10_000) -> None:
@@ -107,15 +61,15 @@ class DefectFinder:
         self._latches: dict[Defect, list[int]] = defaultdict(list)
         self._stray: set[int] = set()
         self._silent: Counter[frozenset[int]] = Counter()
-        self._without_commit = 0
         self._reversed: dict[int, _Polarity] = defaultdict(_Polarity)
-        self.torn: list[tuple[int, str]] = []
+        self.frames = FrameDefects(most)
 
     def take(self, latch: SeenLatch, pattern: Pattern) -> tuple[Defect, ...]:
-        """Take down a latch, and return the defects that it shows by itself."""
+        """Take down a latch, and return the defects that its drive shows by itself."""
         if not latch.is_of_client:
             return ()
         shown = tuple(self._shown(latch, pattern))
+        self.frames.take(latch, is_named=Defect.AMPLITUDES_AS_PHASES in shown)
         for defect in shown:
             if len(self._latches[defect]) < self._most:
                 self._latches[defect].append(latch.number)
@@ -129,15 +83,13 @@ class DefectFinder:
             Defect.STRAY_CHANNELS: self._stray_text,
             Defect.SILENT: self._silent_text,
             Defect.AMPLITUDES_AS_PHASES: self._amplitude_text,
-            Defect.NO_COMMIT: lambda: f"{self._without_commit} whole and never shown",
-            Defect.BYTES_LOST: lambda: f"{len(self._latches[Defect.BYTES_LOST])} torn",
         }
         found = [
             Diagnosis(defect, detail(), tuple(self._latches[defect]))
             for defect, detail in details.items()
             if self._latches[defect]
         ]
-        return found + self._reversals()
+        return found + self.frames.diagnoses() + self._reversals()
 
     # --- one latch -------------------------------------------------------------------------------
 
@@ -147,13 +99,6 @@ class DefectFinder:
             yield Defect.STRAY_CHANNELS
         if self._is_amplitude_frame(latch):
             yield Defect.AMPLITUDES_AS_PHASES
-        elif latch.torn:
-            if len(self.torn) < self._most:
-                self.torn.append((latch.number, _counted_text(latch.torn)))
-            yield Defect.BYTES_LOST
-        if count := latch.counted.get("frames_without_commit", 0):
-            self._without_commit += count
-            yield Defect.NO_COMMIT
         if silent := self._silent_beside(latch, pattern):
             if silent in self._silent or len(self._silent) < _MOST_SETS:
                 self._silent[silent] += 1
@@ -252,10 +197,6 @@ def _half_turns(pattern: Placed, limit_rad: float) -> list[bool]:
     """Return which outliers are half a turn off, within twice the limit."""
     off: FloatArray = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
     return [bool(value <= 2.0 * limit_rad) for value in off]
-
-
-def _counted_text(counted: dict[str, int]) -> str:
-    return ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in sorted(counted.items()))
 
 
 def _elements(count: int) -> str:

@@ -76,3 +76,9 @@ class SeenLatch:
     def torn(self) -> dict[str, int]:
         """Counts of a frame that is not whole; empty if there are none."""
         return {kind: count for kind, count in self.counted.items() if kind in TORN_KINDS}
+
+    @property
+    def torn_text(self) -> str:
+        """What was counted of a frame that is not whole: "1 frames short"."""
+        counts = sorted(self.torn.items())
+        return ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in counts)

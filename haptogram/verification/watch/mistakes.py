@@ -17,7 +17,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.fit import PatternPhases, fit_pattern_point
 
-from .diagnosis import Defect, Diagnosis
+from .defect import Defect, Diagnosis
 
 LEAST_TARGETS: Final = 3
 _EXPLAINS: Final = 2.5  # standard deviations of rounding, in the root mean square

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
 
 from ..verdict import WRONG, FrameStatus, FrameVerdict, Verdict
-from .diagnosis import Defect, Diagnosis
+from .defect import Defect, Diagnosis
 from .latch import SeenLatch
 
 
@@ -26,7 +26,7 @@ class WatchedLatch:
     verdict : FrameVerdict or None
         If a frame was expected.
     defects : tuple of Defect
-        The defects that it shows by itself.
+        The defects that its drive shows by itself.
     took_ms : float
         Time that the search for the pattern took; 0 if the drive was seen lately.
     """
@@ -69,7 +69,9 @@ class WatchResult:
     torn : tuple of (int, str)
         Latches that may be torn, and what was counted of each.
     missing : str or None
-        Why latches may be missing; None: none is.
+        Why latches may be missing, or frames are not judged; None: all are there, and judged.
+    remarks : tuple of str
+        What the board said of its clients.
     search_ms : tuple of float
         Median and largest time of a search, in ms.
     expected : bool
@@ -82,6 +84,7 @@ class WatchResult:
     diagnoses: tuple[Diagnosis, ...] = ()
     torn: tuple[tuple[int, str], ...] = ()
     missing: str | None = None
+    remarks: tuple[str, ...] = ()
     search_ms: tuple[float, float] = (0.0, 0.0)
     expected: bool = False
 
@@ -111,6 +114,7 @@ class WatchResult:
             ],
             "torn": [{"latch": number, "counted": text} for number, text in self.torn],
             "missing": self.missing,
+            "remarks": list(self.remarks),
         }
 
     def __str__(self) -> str:
@@ -128,6 +132,7 @@ class WatchResult:
         lines += [f"  torn      latch {number}: {text}" for number, text in self.torn[:8]]
         if len(self.torn) > 8:
             lines.append(f"  torn      {len(self.torn) - 8} more")
+        lines += [f"  remark    {text}" for text in dict.fromkeys(self.remarks[:8])]
         lines += [f"  missing   {self.missing}"] if self.missing else []
         median, most = self.search_ms
         if most:

@@ -12,10 +12,12 @@ import numpy as np
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern
+from haptogram.records.remark import About
 from haptogram.settings.arguments import check_whole
 
 from ..verdict import WRONG, FrameStatus, FrameVerdict
-from .diagnosis import DefectFinder, Diagnosis
+from .defect import Diagnosis
+from .diagnosis import DefectFinder
 from .expectation import Expectation
 from .latch import SeenLatch
 from .mistakes import Aim, name_mistake
@@ -82,6 +84,14 @@ class Watch:
             verdict = self._judged(latch, pattern)
         return WatchedLatch(latch, pattern, verdict, defects, took_ms)
 
+    def remark(self, about: About, text: str) -> None:
+        """Take down what the board says of its client."""
+        self._finder.frames.remark(about, text)
+
+    def client_left(self) -> None:
+        """Learn that the client has left: the next one is judged by itself."""
+        self._finder.frames.client_left()
+
     def result(self, missing: str | None = None) -> WatchResult:
         """Return the numbers so far; *missing* says why latches may be missing."""
         times = self._times_ms
@@ -90,8 +100,9 @@ class Watch:
             kinds=dict(self._kinds),
             statuses=dict(self._statuses),
             diagnoses=(*self._finder.diagnoses(), *self._mistakes()),
-            torn=tuple(self._finder.torn),
-            missing=missing,
+            torn=tuple(self._finder.frames.torn),
+            missing=missing or self._finder.frames.undecided,
+            remarks=tuple(self._finder.frames.remarks),
             search_ms=(statistics.median(times), max(times)) if times else (0.0, 0.0),
             expected=self._expectation is not None,
         )

@@ -12,12 +12,13 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from ..errors import LocalProtocolError
 
 __all__ = [
     "BoardEnd",
+    "Commits",
     "Dialect",
     "DialectEnd",
     "HostEnd",
@@ -84,6 +85,16 @@ class BoardEnd(DialectEnd[Reply, Operation], Protocol):
         It is greater than *at*, and the length of *data* if no byte may; an end that cannot tell
         returns ``at + 1``.
         """
+        ...
+
+
+@runtime_checkable
+class Commits(Protocol):
+    """A board's end whose frames end with a command that shows them, which may come later."""
+
+    @property
+    def is_uncommitted(self) -> bool:
+        """True if there are bytes of a frame that no command has shown yet."""
         ...
 
 

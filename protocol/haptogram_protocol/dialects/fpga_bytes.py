@@ -220,6 +220,11 @@ class FpgaBoard:
         """Codes that wait for the end of their run: fewer than the channels of a board."""
         return len(self._run)
 
+    @property
+    def is_uncommitted(self) -> bool:
+        """True if a start or codes came that no swap has shown."""
+        return self._cursor.started or any(self._cursor.written)
+
     def receive_data(self, data: bytes) -> list[Operation]:
         """Return the operations that *data* completes."""
         found: list[Operation] = []

@@ -36,7 +36,9 @@ def looks_like_dialect(
         in any case.
     """
     start = data[:LOOKED_AT_BYTES]
-    names = [dialect.name for dialect in dialects if dialect.signature.search(start)]
+    alike = [dialect for dialect in dialects if dialect.signature.search(start)]
+    links = [dialect for dialect in alike if not dialect.bauds]  # a handshake is no chance
+    names = [dialect.name for dialect in links or alike]
     if any(isinstance(body, bytes) for body in FrameDecoder().feed(start)):
         names.append(HAPTOGRAM)
     names += [name for name, preface in _OTHERS.items() if start.startswith(preface)]

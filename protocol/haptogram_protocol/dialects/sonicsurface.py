@@ -106,7 +106,7 @@ SONICSURFACE: Final = Dialect(
     frame_bytes=lambda boards: CHANNELS + 2 if boards == 1 else (CHANNELS + 1) * boards + 2,
     board=functools.partial(FpgaBoard, RULES),
     host=functools.partial(FpgaHost, RULES),
-    signature=re.compile(rb"\xfe(?:[\xc0\xc1]?[\x00-\x20]{256}){1,2}\xfd"),
+    signature=re.compile(rb"(?<![\xa0-\xbf])\xfe(?:[\xc0\xc1]?[\x00-\x20]{256}){1,2}\xfd"),
 )
 TACTILE: Final = Dialect(
     name="sonicsurface-tactile",

@@ -124,13 +124,13 @@ class _Memory:
     def __init__(self, board: int, firmware: ArduinoFirmware) -> None:
         self._board = board
         self._firmware = firmware
-        self._patterns = 0
+        self.patterns = 0
         self.halves = bytearray()
 
     @property
     def room(self) -> int:
         """Halves that still fit."""
-        whole = (self._firmware.patterns - self._patterns) * self._firmware.half_bytes
+        whole = (self._firmware.patterns - self.patterns) * self._firmware.half_bytes
         return whole - len(self.halves)
 
     def take(self, halves: bytes, found: list[Operation]) -> None:
@@ -144,13 +144,13 @@ class _Memory:
         if self.halves:
             self._give(self.halves, found)
             self.halves.clear()
-        self._patterns = 0
+        self.patterns = 0
 
     def _give(self, halves: bytearray, found: list[Operation]) -> None:
         digits = halves.translate(_HIGH_NIBBLE).decode("ascii")
         slots = bytes.fromhex(digits + "0" * (len(digits) % 2))
-        found.append(SetPattern(self._board, self._patterns, slots))
-        self._patterns += 1
+        found.append(SetPattern(self._board, self.patterns, slots))
+        self.patterns += 1
 
 
 class ArduinoBoard:
@@ -188,6 +188,11 @@ class ArduinoBoard:
     def pending(self) -> int:
         """Bytes of patterns and durations that have not ended."""
         return sum(len(memory.halves) for memory in self._memories) + len(self._durations)
+
+    @property
+    def is_uncommitted(self) -> bool:
+        """True if patterns or durations came that no swap has shown."""
+        return bool(self.pending) or any(memory.patterns for memory in self._memories)
 
     def receive_data(self, data: bytes) -> list[Operation]:
         """Return the operations that *data* completes, :class:`Forward` among them."""

@@ -148,7 +148,7 @@ SIMPLE: Final = Dialect(
     frame_bytes=lambda boards: (CHANNELS + 2) * boards,
     board=_fpga_board,
     host=_fpga_host,
-    signature=re.compile(rb"\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
+    signature=re.compile(rb"(?<![\xa0-\xbf])\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
 )
 SIMPLE_128: Final = Dialect(
     name="ultraino-fpga-128",

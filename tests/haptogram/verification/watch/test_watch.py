@@ -1,5 +1,6 @@
 """A board watched: patterns, verdicts by what is expected, and defects by name."""
 
+import dataclasses
 import doctest
 import json
 
@@ -10,6 +11,7 @@ import pattern_drives as drives
 from haptogram.acoustics import focus_phases
 from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
+from haptogram.records.remark import About
 from haptogram.verification import FrameStatus, Tolerance, Verdict
 from haptogram.verification.watch import (
     Defect,
@@ -17,6 +19,7 @@ from haptogram.verification.watch import (
     Expectation,
     SeenLatch,
     Watch,
+    defect,
     diagnosis,
     expectation,
     latch,
@@ -274,6 +277,65 @@ def test_the_power_up_shows_no_defect_of_the_client():
     assert named(watched(array, [seen]).result()) == []
 
 
+# --- what the board says of its client ------------------------------------------------------------
+
+
+def heard(*events):
+    """Return the result of latches, remarks about a client, and departures (None), in order."""
+    array = LAYOUTS["sonicsurface"].array()
+    (whole,) = latches(array, 32, targets_of(array)[:1])
+    run = watched(array, [])
+    for number, event in enumerate(events):
+        if event is None:
+            run.client_left()
+        elif isinstance(event, About):
+            run.remark(event, f"said {number}")
+        else:
+            run.take(dataclasses.replace(whole, number=number, counted=event))
+    return run.result()
+
+
+SHORT, LOST = {"frames_short": 1}, [(Defect.BYTES_LOST, "1 torn")]
+
+
+@pytest.mark.parametrize(
+    ("events", "found", "verdict"),
+    [
+        (({}, SHORT), LOST, "fail"),
+        # Bytes of another wire are no frames; those of the client before it are.
+        ((SHORT, About.OTHER_WIRE, SHORT, {"frames_without_commit": 1}), [], "inconclusive"),
+        ((SHORT, None, SHORT, About.OTHER_WIRE), LOST, "fail"),
+        ((SHORT, About.OTHER_WIRE, None, {}, SHORT), LOST, "fail"),
+        ((About.OTHER_WIRE, None, SHORT, {}), [(Defect.STOPPED, "1 torn by it")], "fail"),
+        # A client that was killed tears the frames up to the next whole one.
+        (
+            ({}, About.STOPPED, None, {"frames_cut_short": 1}, {}),
+            [(Defect.STOPPED, "1 torn by it")],
+            "fail",
+        ),
+        (
+            ({}, About.STOPPED, SHORT, {}, SHORT),
+            [*LOST, (Defect.STOPPED, "1 torn by it")],
+            "fail",
+        ),
+        (({}, About.STOPPED, None), [], "pass"),
+        # Frames of another size prove another array, or nothing, or had lost a lot.
+        ((SHORT, About.OTHER_SIZE), [], "inconclusive"),
+        (({}, SHORT, About.OTHER_SIZE), LOST, "fail"),
+        (
+            (SHORT, About.OTHER_SIZE, SHORT, SHORT, About.OTHER_ARRAY, SHORT),
+            [(Defect.OTHER_ARRAY, "4 latches of them")],
+            "fail",
+        ),
+    ],
+)
+def test_the_frames_of_a_client_are_judged_by_what_the_board_says_of_it(events, found, verdict):
+    result = heard(*events)
+    assert [(one.defect, one.detail) for one in result.diagnoses] == found
+    assert str(result.verdict) == verdict
+    assert len(result.remarks) == sum(isinstance(event, About) for event in events)
+
+
 # --- results --------------------------------------------------------------------------------------
 
 
@@ -285,7 +347,7 @@ def test_results_are_plain_values_and_lines():
     document = json.loads(json.dumps([run.result().as_dict(), *(one.as_dict() for one in taken)]))
     assert document[0]["verdict"] == "fail"
     assert document[1]["pattern"]["kind"] == "one focus"
-    assert document[1]["defects"] == ["bytes lost in the middle of a frame"]
+    assert (document[1]["torn"], document[1]["defects"]) == ({"frames_short": 1}, [])
     assert "defect    bytes lost in the middle of a frame: 5 torn" in str(run.result())
     assert str(Diagnosis(Defect.NO_COMMIT, "9", tuple(range(9)))).endswith("4, 5, ... (9))")
 
@@ -302,5 +364,5 @@ def test_the_examples_run():
     model = model_of(LAYOUTS["sonicsurface"].array())
     weights = np.exp(1j * focus_phases(model, (0.0, 0.0, 0.15)))
     names = {"model": model, "weights": weights, "np": np, "SeenLatch": SeenLatch}
-    for module in (diagnosis, expectation, latch, watch):
+    for module in (defect, expectation, latch, watch):
         assert doctest.testmod(module, extraglobs=names).failed == 0

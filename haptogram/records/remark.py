@@ -1,0 +1,15 @@
+"""Subjects of what a board of another dialect says about its client."""
+
+from __future__ import annotations
+
+import enum
+
+
+class About(enum.StrEnum):
+    """What a remark is about."""
+
+    CLIENT = "client"
+    OTHER_WIRE = "other wire"  # its bytes are those of another dialect
+    OTHER_ARRAY = "other array"  # frame after frame is one of another array
+    OTHER_SIZE = "other size"  # a frame has another size than those of the board
+    STOPPED = "stopped"  # the client fell silent, or left, in the middle of a frame

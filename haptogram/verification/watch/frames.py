@@ -1,0 +1,138 @@
+"""Defects of frames on the wire: torn, stopped, never shown, of another array.
+
+Such a defect belongs to a client. It is named when the board has told what is to be told of that
+client: bytes of another wire are no frames that lost something.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Collection
+from typing import Final
+
+from haptogram.records.remark import About
+
+from .defect import Defect, Diagnosis
+from .latch import SeenLatch
+
+_DETAILS: Final = {
+    Defect.NO_COMMIT: "{} whole and never shown",
+    Defect.BYTES_LOST: "{} torn",
+    Defect.STOPPED: "{} torn by it",
+    Defect.OTHER_ARRAY: "{} latches of them",
+}
+
+
+class _Found:
+    """Numbers of latches, and what was counted of those that may be torn."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self.counts: Counter[Defect] = Counter()
+        self.latches: dict[Defect, list[int]] = defaultdict(list)
+        self.torn: list[tuple[int, str]] = []
+
+    def add(self, defect: Defect, number: int, count: int = 1) -> None:
+        """Take down a latch that shows *defect*."""
+        self.counts[defect] += count
+        self.latches[defect] = (self.latches[defect] + [number])[: self._most]
+
+    def extend(self, other: _Found, *, without: Collection[Defect] = ()) -> None:
+        """Take over what *other* has found."""
+        for defect in other.latches.keys() - set(without):
+            self.counts[defect] += other.counts[defect]
+            self.latches[defect] = (self.latches[defect] + other.latches[defect])[: self._most]
+        self.torn = (self.torn + other.torn)[: self._most]
+
+    def add_torn(self, latch: SeenLatch) -> None:
+        """Keep what was counted of a latch."""
+        if len(self.torn) < self._most:
+            self.torn.append((latch.number, latch.torn_text))
+
+
+class FrameDefects:
+    """Collects what codecs counted, client by client.
+
+    Parameters
+    ----------
+    most : int
+        Latches that are kept of each defect, and remarks.
+
+    Attributes
+    ----------
+    remarks : list of str
+        What the board said of its clients.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._judged, self._of_client = _Found(most), _Found(most)
+        self._about: dict[About, str] = {}
+        self._undecided: str | None = None
+        self._has_whole = self._is_stopped = False
+        self.remarks: list[str] = []
+
+    def take(self, latch: SeenLatch, *, is_named: bool = False) -> None:
+        """Take down a latch; *is_named*: what was counted of it has another name."""
+        if not latch.torn:
+            self._has_whole, self._is_stopped = True, False
+        elif not is_named:
+            defect = Defect.STOPPED if self._is_stopped else Defect.BYTES_LOST
+            self._of_client.add(defect, latch.number)
+            self._of_client.add_torn(latch)
+        if count := latch.counted.get("frames_without_commit", 0):
+            self._of_client.add(Defect.NO_COMMIT, latch.number, count)
+
+    def remark(self, about: About, text: str) -> None:
+        """Take down what the board says of its client."""
+        if len(self.remarks) < self._most:
+            self.remarks.append(text)
+        self._about.setdefault(about, text)
+        self._is_stopped |= about in (About.STOPPED, About.OTHER_WIRE)
+
+    def client_left(self) -> None:
+        """Judge what came of the client, and begin anew with the next one."""
+        self._judged = self._so_far()
+        self._undecided = self.undecided
+        self._of_client, self._about, self._has_whole = _Found(self._most), {}, False
+
+    @property
+    def undecided(self) -> str | None:
+        """Why the frames of a client are not judged; None: all are."""
+        of_client = self._about.get(About.OTHER_WIRE)
+        if of_client is None and self._may_be_of_another_array:
+            of_client = self._about[About.OTHER_SIZE]
+        return self._undecided or of_client
+
+    @property
+    def torn(self) -> list[tuple[int, str]]:
+        """Latches that may be torn, and what was counted of each."""
+        return self._so_far().torn
+
+    def diagnoses(self) -> list[Diagnosis]:
+        """Return the defects so far."""
+        found = self._so_far()
+        return [
+            Diagnosis(defect, text.format(found.counts[defect]), tuple(found.latches[defect]))
+            for defect, text in _DETAILS.items()
+            if found.counts[defect]
+        ]
+
+    @property
+    def _may_be_of_another_array(self) -> bool:
+        sizes = About.OTHER_SIZE in self._about and not self._has_whole
+        return sizes and About.OTHER_ARRAY not in self._about
+
+    def _so_far(self) -> _Found:
+        """Return what is named of all clients, the one that is there included."""
+        found, of_client = _Found(self._most), self._of_client
+        found.extend(self._judged)
+        if About.OTHER_WIRE in self._about:
+            return found
+        of_another = About.OTHER_ARRAY in self._about
+        hidden = [Defect.BYTES_LOST] if of_another or self._may_be_of_another_array else []
+        found.extend(of_client, without=hidden)
+        if of_another:
+            for number in of_client.latches[Defect.BYTES_LOST]:
+                found.add(Defect.OTHER_ARRAY, number)
+        return found

@@ -1,0 +1,167 @@
+"""Remarks about a client: the wire that it speaks, the size of its frames, a frame that stops.
+
+A remark is a line for a user. What a frame lacks is told as it was counted, and only after the
+bytes were compared with the other wires; a cause is named only if chance would hardly look alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from haptogram.records.remark import About
+from haptogram_protocol.dialects.codec import Dialect
+from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_dialect
+
+from ..board.events import ClientLeft, Notice, Remark
+
+_ALIKE: Final = 3  # frames of one size that prove another array
+_FEW: Final = 16  # a frame that lost or gained one in so many bytes is one of this board's
+
+# For what a codec counts: what it is, and what it shows if frame after frame is alike.
+_CLUES: Final = {
+    "frames_short": ("a frame ends before the last channel", "a smaller array"),
+    "codes_beyond_array": ("a frame has more codes than the board has channels", "a larger array"),
+    "codes_out_of_range": ("codes beyond those of this board", "more steps in a period"),
+    "bytes_beyond_chain": ("bytes for a board that is not there", "a longer chain"),
+    "frames_without_commit": (
+        "a frame was overwritten before it was shown: its commit is missing",
+        None,
+    ),
+}
+_OF_WHOLE_FRAMES: Final = "codes_out_of_range"
+
+
+class ClientRemarks:
+    """Looks at what one client after the other sends.
+
+    Parameters
+    ----------
+    dialect : Dialect
+        The wire of the board.
+    frame_bytes : sequence of int
+        Bytes of a frame for each number of boards that may be on the line.
+    """
+
+    def __init__(self, dialect: Dialect, frame_bytes: Sequence[int]) -> None:
+        self._dialect = dialect
+        self._sizes = tuple(frame_bytes)
+        self._notices: list[Notice] = []
+        self._is_stopped = False  # the frames up to the next whole one follow from a part of one
+        self.other_wires = self.frames_unfinished = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        self._first_bytes = bytearray()
+        self._is_own = self._is_other = self._came = False
+        self._said: set[tuple[str, bool]] = set()
+        self._strange: dict[str, int] = {}  # kinds that are not told yet, and the size of a frame
+        self._frames: list[tuple[int, frozenset[str]]] = []
+
+    @property
+    def waits(self) -> bool:
+        """True if the next silence may tell more."""
+        return bool(self._first_bytes) and not self._is_own and not self._is_other
+
+    def take_notices(self) -> list[Notice]:
+        """Return the remarks since the last call, in order."""
+        taken, self._notices = self._notices, []
+        return taken
+
+    def frame(self, size: int, counted: Mapping[str, int]) -> None:
+        """Take down a frame of *size* bytes that the boards have latched."""
+        kinds = frozenset(counted)
+        if kinds:
+            if self._is_stopped:
+                return
+        elif self._is_of_another_size(size):
+            return  # a command of its own
+        else:
+            self._is_own, self._is_stopped = True, False
+        if len(self._frames) < _ALIKE:
+            self._frames.append((size, kinds))
+        for kind in _CLUES.keys() & kinds:
+            self._strange.setdefault(kind, size)
+
+    def take(self, data: bytes, t_us: int) -> None:
+        """Look at bytes whose frames have been taken down."""
+        if not data:
+            return
+        self._came = True
+        self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
+        if len(self._first_bytes) == LOOKED_AT_BYTES:
+            self._compare(t_us)
+            self._say_clues(t_us)
+
+    def silent(self, unfinished: int, t_us: int) -> None:
+        """Look at what came before a silence; *unfinished* bytes are the beginning of a frame."""
+        self._compare(t_us)
+        self._is_stopped |= unfinished > 0
+        if unfinished and not self._is_other:
+            self.frames_unfinished += 1
+            of_them = "1 byte has" if unfinished == 1 else f"{unfinished} bytes have"
+            self._remark(About.STOPPED, f"a frame stops in its middle: {of_them} no end", t_us)
+        self._say_clues(t_us)
+
+    def left(self, unfinished: int, t_us: int) -> None:
+        """Look at all that came before the client left; the next one is judged anew."""
+        self.silent(unfinished, t_us)
+        if self._came:
+            self._notices.append(ClientLeft(t_us))
+        self._forget()
+
+    def _compare(self, t_us: int) -> None:
+        """Say once of each client that its bytes look like another wire."""
+        if self._is_own or self._is_other or not self._first_bytes:
+            return
+        names = looks_like_dialect(bytes(self._first_bytes))
+        self._is_own = self._dialect.name in names
+        self._is_other = bool(names) and not self._is_own
+        if self._is_other:
+            self.other_wires += 1
+            self._remark(
+                About.OTHER_WIRE,
+                f"these bytes look like {' or '.join(names)}, not {self._dialect.name}: "
+                "choose the dialect that the client speaks",
+                t_us,
+            )
+
+    def _say_clues(self, t_us: int) -> None:
+        """Say once of each client what its frames have in common with no frame of this board."""
+        strange, self._strange = self._strange, {}
+        if self._is_other:
+            return
+        proven = self._proven()
+        for kind in [*strange, *([] if proven is None else [proven])]:
+            fact, cause = _CLUES[kind]
+            size, is_proven = strange.get(kind, self._frames[0][0]), kind == proven
+            if (kind, True) in self._said or (kind, is_proven) in self._said:
+                continue
+            self._said.add((kind, is_proven))
+            is_of_another_size = cause is not None and self._is_of_another_size(size)
+            if is_of_another_size:
+                fact += f" ({size} bytes; a frame has {' or '.join(map(str, self._sizes))})"
+            about = About.CLIENT
+            if is_proven and cause:
+                fact, about = f"{fact}: the client has {cause}", About.OTHER_ARRAY
+            elif is_of_another_size:
+                about = About.OTHER_SIZE
+            self._remark(about, fact, t_us)
+
+    def _proven(self) -> str | None:
+        """Return the kind that frame after frame has alike, and nothing else; None: no kind."""
+        if len(self._frames) < _ALIKE or len(set(self._frames)) > 1:
+            return None
+        size, kinds = self._frames[0]
+        if len(kinds) != 1 or not kinds <= _CLUES.keys():
+            return None
+        (kind,) = kinds
+        is_whole = size in self._sizes
+        fits = is_whole if kind == _OF_WHOLE_FRAMES else self._is_of_another_size(size)
+        return kind if fits else None
+
+    def _is_of_another_size(self, size: int) -> bool:
+        return all(_FEW * abs(size - whole) > whole for whole in self._sizes)
+
+    def _remark(self, about: About, text: str, t_us: int) -> None:
+        self._notices.append(Remark(t_us, text, about))

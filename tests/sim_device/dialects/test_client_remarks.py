@@ -1,0 +1,152 @@
+"""What a board says of its client: another wire, another array, a frame that stops."""
+
+import pytest
+
+from dialect_boards import SENT, DialectBoard
+from haptogram_protocol.dialects.looks_like import looks_like_dialect
+from haptogram_protocol.dialects.table import DIALECTS
+from sim_device.board.events import ClientLeft
+
+every_dialect = pytest.mark.parametrize("name", DIALECTS)
+SILENCE_US = 600_000
+STARTED_US = 1_100_000  # an InteractLab board takes no frame in its first second
+#: Wires whose frames a board of another dialect takes as they are.
+SAME_FRAMES = {
+    "sonicsurface-tactile": {"sonicsurface", "ultraino-fpga"},
+    "ultraino-fpga-chained": {"sonicsurface", "ultraino-fpga"},
+}
+
+
+def started(name):
+    board = DialectBoard(name)
+    board.pass_us(STARTED_US)
+    return board
+
+
+def said_of(board, *lines, gap_us=0):
+    """Return what is said of a client that sends *lines* and leaves."""
+    before = len(board.remarks)
+    for line in lines:
+        board.send(line)
+        board.pass_us(gap_us)
+    board.simulation.unplug()
+    return board.remarks[before:]
+
+
+@every_dialect
+@pytest.mark.parametrize("gap_us", [0, SILENCE_US])
+def test_every_other_wire_is_told_once_and_nothing_is_said_of_its_frames(name, gap_us):
+    board = started(name)
+    for wire, line in SENT.items():
+        repeated = [line] if wire == "autd3" else [line] * 3  # one handshake a client
+        said = said_of(board, *repeated, gap_us=gap_us)
+        names = looks_like_dialect(line)
+        if name in names or wire in SAME_FRAMES.get(name, ()):
+            assert said == [], wire
+        else:
+            start = f"these bytes look like {' or '.join(names)}, not {name}"
+            assert [text[: len(start)] for text in said] == [start], wire
+        assert wire in names
+
+
+def cuts(name):
+    """Return where the frames of a client are cut: behind few bytes, in the middle, at the end."""
+    size = 512 if name == "interactlab" else len(SENT[name])
+    if name == "autd3":  # handshake, geometry, frame
+        return [1, 3, 20, 100]
+    # The first byte of some selects a board, or a modulation, and no more.
+    least = 2 if name in ("ultraino-fpga-chained", "sonicsurface-tactile") else 1
+    places = {least, 2, 3, 50, 199, 205, 257, size // 2, size - 2, size - 1}
+    return sorted(cut for cut in places if least <= cut < size)
+
+
+@every_dialect
+def test_a_client_that_is_killed_in_mid_frame_is_told_and_no_cause_is_guessed(name):
+    board = started(name)
+    frame = SENT[name]
+    for number, cut in enumerate(cuts(name), start=1):
+        assert said_of(board, frame) == [], cut
+        (told,) = said_of(board, frame[:cut])
+        assert told.startswith("a frame stops in its middle: "), cut
+        assert board.simulation.dialect.counters["frames_unfinished"] == number
+        # The next client's first frame may be torn by it; that shows no other array.
+        said = said_of(board, *[frame] * (1 if name == "autd3" else 3), gap_us=50_000)
+        assert said == [], cut
+        board.pass_us(STARTED_US)
+
+
+@every_dialect
+def test_a_client_that_falls_silent_in_mid_frame_is_told(name):
+    board = DialectBoard(name)
+    start = {"interactlab": b"\x80", "autd3": b"\x10\x01"}.get(name, b"\xfe\x11\x11\x11")
+    board.send(start)
+    board.pass_us(3_000_000)
+    assert [text for text in board.remarks if "stops in its middle" in text]
+    assert board.simulation.dialect.counters["frames_unfinished"] == 1
+    board.simulation.unplug()
+    board.send(start)
+
+
+SHORT = "a frame ends before the last channel"
+BEYOND = "a frame has more codes than the board has channels"
+CHAIN_OF_2 = bytes([0x51] * 200 + [0x52] * 200) + b"\x00"
+ARRAYS = [
+    ("sonicsurface", b"\xfe" + bytes(64) + b"\xfd", SHORT, "a smaller array"),
+    ("sonicsurface", b"\xfe" + bytes(300) + b"\xfd", BEYOND, "a larger array"),
+    ("sonicsurface", b"\xfe" + bytes([100] * 256) + b"\xfd", "codes beyond", "more steps"),
+    ("ultraino-fpga-128", b"\xfe" + bytes(100) + b"\xfd", BEYOND, "a larger array"),
+    ("ultraino-fpga-chained", b"\xc0" + bytes(9) + b"\xfd", SHORT, "a smaller array"),
+    ("ultraino-mega64", bytes([0x51] * 90) + b"\x00", SHORT, "a smaller array"),
+    (
+        "ultraino-mega64",
+        bytes([0x51] * 200 + [0x52] * 200) + b"\x00",
+        "bytes for a board",
+        "a longer chain",
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "line", "fact", "cause"), ARRAYS)
+def test_another_array_is_told_when_frame_after_frame_is_alike(name, line, fact, cause):
+    board = started(name)
+    (told,) = said_of(board, line)
+    assert told.startswith(fact)
+    assert "the client has" not in told  # of one frame
+    (told,) = said_of(board, *[line] * 20)
+    assert told.startswith(fact)
+    assert f": the client has {cause}" in told
+    assert "\n" not in told
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        # frames that lost bytes: not alike, or hardly smaller
+        [b"\xfe" + bytes(64 + n) + b"\xfd" for n in range(9)],
+        [b"\xfe" + bytes(250) + b"\xfd"] * 9,
+        # one whole frame among them
+        [b"\xfe" + bytes(64) + b"\xfd"] * 2 + [b"\xfe" + bytes(256) + b"\xfd"] * 2,
+        # whatever else is strange as well
+        [b"\xfe" + bytes([77] * 64) + b"\xfd"] * 9,
+        [b"\xfe" + bytes(256) + b"\xfb" + bytes(256) + b"\xfd"] * 9,  # amplitudes fall through
+    ],
+)
+def test_a_cause_that_is_not_proven_is_not_named(lines):
+    said = said_of(started("ultraino-fpga"), *lines)
+    assert said
+    assert not [text for text in said if "the client has" in text]
+
+
+def test_a_missing_commit_is_told_once():
+    frame = b"\xfe" + bytes(256)
+    said = said_of(started("sonicsurface"), frame, frame, frame, b"\xfd")
+    assert said == ["a frame was overwritten before it was shown: its commit is missing"]
+
+
+def test_a_client_that_sends_nothing_leaves_without_a_word():
+    board = started("sonicsurface")
+    for _ in range(2):
+        board.simulation.unplug()
+    assert board.notices == []
+    said_of(board, SENT["sonicsurface"])
+    assert [type(notice) for notice in board.notices] == [ClientLeft]
