@@ -17,6 +17,7 @@ from haptogram import Driver
 from haptogram.cli import main
 from haptogram.commands.watch import command
 from haptogram.evidence.board_process import BoardProcess
+from haptogram.verification.watch import Defect
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "tests" / "data" / "dialects"
@@ -82,6 +83,26 @@ def test_lost_bytes_tear_a_frame_and_a_lost_commit_hides_one(tmp_path, capsys):
     assert "frame without its commit: 1 whole and never shown (latch 3)" in out
 
 
+def test_bytes_of_another_wire_are_named_and_their_frames_are_not_judged(capsys):
+    name = "ultraino/simplefpga128_ss_focus_0_120_0"
+    status, out, _ = watch(capsys, capture(name), "--dialect", "sonicsurface")
+    assert status == 3
+    assert "missing   these bytes look like ultraino-fpga-128, not sonicsurface" in out
+    assert "defect" not in out
+
+
+def test_a_file_that_ends_in_mid_frame_is_told_and_what_was_shown_is_judged(tmp_path, capsys):
+    frame = Path(capture("sonicsurface/focus_0_120_0")).read_bytes()
+    (tmp_path / "cut.bin").write_bytes(frame + frame[:100])
+    status, out, _ = watch(
+        capsys, str(tmp_path / "cut.bin"), "--dialect", "sonicsurface", *AIR, "--expect", "0,120,0"
+    )
+    assert "remark    a frame stops in its middle: 100 bytes have no end" in out
+    assert "expected  1 " in out
+    assert "defect" not in out
+    assert "lost" not in out
+
+
 # --- expectation ----------------------------------------------------------------------------------
 
 
@@ -124,7 +145,7 @@ def test_results_are_written_in_every_form(tmp_path, capsys):
     assert json.loads(files["json"].read_text())["statuses"] == {"on target": 6}
     suite = ElementTree.parse(files["junit"]).getroot()
     assert suite.attrib["failures"] == "0"
-    assert int(suite.attrib["tests"]) == 6 + 9 + 1
+    assert int(suite.attrib["tests"]) == 6 + len(Defect) + 1
 
 
 def test_a_failed_run_fails_in_junit_as_well(tmp_path, capsys):
