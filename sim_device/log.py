@@ -21,6 +21,7 @@ from .board.events import (
     Remark,
     SessionOpened,
     StateChange,
+    WireCompared,
 )
 
 _LOG: Final = logging.getLogger(__name__)
@@ -82,6 +83,8 @@ def describe_notice(notice: Notice) -> str:
         return notice.text
     if isinstance(notice, ClientLeft):
         return "the client left"
+    if isinstance(notice, WireCompared):
+        return "the client speaks " + ("the board's wire" if notice.is_own else "an unknown wire")
     if isinstance(notice, FaultsCounted):
         return f"faults: {_counts(notice)}"
     if isinstance(notice, LineCounted):

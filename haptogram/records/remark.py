@@ -6,7 +6,7 @@ import enum
 
 
 class About(enum.StrEnum):
-    """What a remark is about."""
+    """Subject of a remark."""
 
     CLIENT = "client"
     OTHER_WIRE = "other wire"  # its bytes are those of another dialect

@@ -24,6 +24,7 @@ from ..board.events import (
     Remark,
     SessionOpened,
     StateChange,
+    WireCompared,
 )
 from ..board.settings import BoardSettings
 
@@ -202,6 +203,8 @@ def _what(notice: Notice) -> Record:
         return {"event": "remark", "about": str(notice.about), "text": notice.text}
     if isinstance(notice, ClientLeft):
         return {"event": "client_left"}
+    if isinstance(notice, WireCompared):
+        return {"event": "wire_compared", "is_own": notice.is_own}
     if isinstance(notice, FaultsCounted | LineCounted):
         raise TypeError(f"{type(notice).__name__} belongs to the last record")
     return _playback(notice)

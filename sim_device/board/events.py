@@ -187,6 +187,20 @@ class Remark:
 
 
 @dataclass(frozen=True, slots=True)
+class WireCompared:
+    """The bytes of a client were compared with all wires, and look like no other one.
+
+    Attributes
+    ----------
+    is_own : bool
+        Whether they look like that of the board.
+    """
+
+    t_us: int
+    is_own: bool
+
+
+@dataclass(frozen=True, slots=True)
 class ClientLeft:
     """A client that had sent something has closed the port of a board of another dialect."""
 
@@ -211,5 +225,6 @@ Notice: TypeAlias = (
     | PlaybackEnd
     | Remark
     | ClientLeft
+    | WireCompared
     | PowerDown
 )

@@ -13,7 +13,7 @@ from haptogram.records.remark import About
 from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_dialect
 
-from ..board.events import ClientLeft, Notice, Remark
+from ..board.events import ClientLeft, Notice, Remark, WireCompared
 
 _ALIKE: Final = 3  # frames of one size that prove another array
 _FEW: Final = 16  # a frame that lost or gained one in so many bytes is one of this board's
@@ -53,7 +53,8 @@ class ClientRemarks:
 
     def _forget(self) -> None:
         self._first_bytes = bytearray()
-        self._is_own = self._is_other = self._came = False
+        self._paused = 0  # bytes of a frame before a pause in its middle
+        self._is_own = self._is_other = self._is_compared = self._came = False
         self._said: set[tuple[str, bool]] = set()
         self._strange: dict[str, int] = {}  # kinds that are not told yet, and the size of a frame
         self._frames: list[tuple[int, frozenset[str]]] = []
@@ -68,6 +69,16 @@ class ClientRemarks:
         taken, self._notices = self._notices, []
         return taken
 
+    def pause(self, unfinished: int) -> None:
+        """Remember a pause behind *unfinished* bytes of a frame: it may never go on."""
+        if not self._is_stopped:
+            self._paused = unfinished
+
+    def counted(self, t_us: int) -> None:
+        """Learn that something was counted of a latch: a frame that paused has not gone on."""
+        if self._paused:
+            self._stop(self._paused, t_us)
+
     def frame(self, size: int, counted: Mapping[str, int]) -> None:
         """Take down a frame of *size* bytes that the boards have latched."""
         kinds = frozenset(counted)
@@ -77,7 +88,7 @@ class ClientRemarks:
         elif self._is_of_another_size(size):
             return  # a command of its own
         else:
-            self._is_own, self._is_stopped = True, False
+            self._is_own, self._is_stopped, self._paused = True, False, 0
         if len(self._frames) < _ALIKE:
             self._frames.append((size, kinds))
         for kind in _CLUES.keys() & kinds:
@@ -88,6 +99,8 @@ class ClientRemarks:
         if not data:
             return
         self._came = True
+        if self._is_own:
+            self._tell_compared(t_us)
         self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
         if len(self._first_bytes) == LOOKED_AT_BYTES:
             self._compare(t_us)
@@ -96,11 +109,8 @@ class ClientRemarks:
     def silent(self, unfinished: int, t_us: int) -> None:
         """Look at what came before a silence; *unfinished* bytes are the beginning of a frame."""
         self._compare(t_us)
-        self._is_stopped |= unfinished > 0
-        if unfinished and not self._is_other:
-            self.frames_unfinished += 1
-            of_them = "1 byte has" if unfinished == 1 else f"{unfinished} bytes have"
-            self._remark(About.STOPPED, f"a frame stops in its middle: {of_them} no end", t_us)
+        if unfinished:
+            self._stop(unfinished, t_us)
         self._say_clues(t_us)
 
     def left(self, unfinished: int, t_us: int) -> None:
@@ -109,6 +119,20 @@ class ClientRemarks:
         if self._came:
             self._notices.append(ClientLeft(t_us))
         self._forget()
+
+    def _stop(self, unfinished: int, t_us: int) -> None:
+        """Say that a frame stops behind *unfinished* bytes."""
+        self._is_stopped, self._paused = True, 0
+        if not self._is_other:
+            self.frames_unfinished += 1
+            of_them = "1 byte has" if unfinished == 1 else f"{unfinished} bytes have"
+            self._remark(About.STOPPED, f"a frame stops in its middle: {of_them} no end", t_us)
+
+    def _tell_compared(self, t_us: int) -> None:
+        """Say once of each client that its bytes look like no other wire."""
+        if not self._is_compared:
+            self._is_compared = True
+            self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
     def _compare(self, t_us: int) -> None:
         """Say once of each client that its bytes look like another wire."""
@@ -125,6 +149,8 @@ class ClientRemarks:
                 "choose the dialect that the client speaks",
                 t_us,
             )
+        else:
+            self._tell_compared(t_us)
 
     def _say_clues(self, t_us: int) -> None:
         """Say once of each client what its frames have in common with no frame of this board."""

@@ -101,4 +101,5 @@ class Emulation:
             np.array(settings.wiring.channels, dtype=np.intp),
             settings.boot_us,
             self.boards(options),
+            10e6 / settings.line.baud if settings.line.baud else 0.0,
         )

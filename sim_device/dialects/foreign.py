@@ -17,6 +17,7 @@ from ..board.events import Notice, PulseLatch
 from .client_remarks import ClientRemarks
 from .unit import HoldsBack, Unit
 
+PAUSE_US: Final = 30_000  # between bytes: what comes then may be another frame
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
@@ -41,6 +42,8 @@ class ForeignDialect:
         Device time at power-up.
     boards : int
         Boards on the line.
+    byte_us : float
+        Time that the line needs for a byte, microseconds; 0 for a line without a speed.
 
     Attributes
     ----------
@@ -56,6 +59,7 @@ class ForeignDialect:
         channels: NDArray[np.intp],
         now_us: int,
         boards: int = 1,
+        byte_us: float = 0.0,
     ) -> None:
         self.line_free_us = now_us
         self._dialect, self._unit, self._channels = dialect, unit, channels
@@ -65,6 +69,7 @@ class ForeignDialect:
         self._own: Counter[str] = Counter()
         self._counted: Counter[str] = Counter()  # at the last latch
         self._latched = 0
+        self._byte_us, self._last_us = byte_us, now_us  # when the last byte came
         self._quiet_us: int | None = None  # when the client has been silent for long enough
         self._latches: list[PulseLatch] = []
         self._frame_bytes = 0  # since the last latch
@@ -120,6 +125,10 @@ class ForeignDialect:
     def receive(self, data: bytes, t_us: int) -> None:
         """Take bytes whose last one is complete at *t_us*."""
         self.advance_to(t_us)
+        if self._end.pending and t_us - self._byte_us * len(data) - self._last_us > PAUSE_US:
+            self._remarks.pause(self._end.pending)
+        if data:
+            self._last_us = t_us
         at = 0
         while at < len(data):
             end = self._end.next_end(data, at)
@@ -187,6 +196,8 @@ class ForeignDialect:
                 if count != self._counted[kind]
             }
             self._counted = counters
+            if counted:
+                self._remarks.counted(self._now_us)
             if self._frame_bytes and isinstance(self._end, Commits):
                 self._remarks.frame(self._frame_bytes, counted)
                 self._frame_bytes = 0

@@ -156,21 +156,22 @@ class _Run:
                 if record["kind"] == "end":
                     self._missing = _why_missing(record)
                     return
-                if (event := record.get("event")) is not None:
-                    self._take_event(event, record)
-                latch = self._board.latch(record)
-                if latch is None:
-                    continue
-                self._take(self._watch.take(latch))
-                count += latch.is_of_client
-                if count == self._arguments.latches:
+                if "event" in record:
+                    self._take_event(record)
+                elif count != self._arguments.latches and (latch := self._board.latch(record)):
+                    self._take(self._watch.take(latch))
+                    count += latch.is_of_client
+                if count == self._arguments.latches and not self._watch.waits_for_wire:
                     return
 
-    def _take_event(self, event: str, record: dict[str, Any]) -> None:
+    def _take_event(self, record: dict[str, Any]) -> None:
         """Take down what the board says of its client."""
         from haptogram.records.remark import About
 
-        if event == "client_left":
+        event = record["event"]
+        if event == "wire_compared":
+            self._watch.wire_compared()
+        elif event == "client_left":
             self._watch.client_left()
         elif event == "remark":
             self._watch.remark(About(record["about"]), record["text"])

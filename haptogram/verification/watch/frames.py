@@ -60,6 +60,8 @@ class FrameDefects:
 
     Attributes
     ----------
+    is_compared : bool
+        Whether the board has told that the bytes of the client look like no other wire.
     remarks : list of str
         What the board said of its clients.
     """
@@ -69,7 +71,7 @@ class FrameDefects:
         self._judged, self._of_client = _Found(most), _Found(most)
         self._about: dict[About, str] = {}
         self._undecided: str | None = None
-        self._has_whole = self._is_stopped = False
+        self._has_whole = self._is_stopped = self.is_compared = False
         self.remarks: list[str] = []
 
     def take(self, latch: SeenLatch, *, is_named: bool = False) -> None:
@@ -94,7 +96,14 @@ class FrameDefects:
         """Judge what came of the client, and begin anew with the next one."""
         self._judged = self._so_far()
         self._undecided = self.undecided
-        self._of_client, self._about, self._has_whole = _Found(self._most), {}, False
+        self._of_client, self._about = _Found(self._most), {}
+        self._has_whole = self.is_compared = False
+
+    @property
+    def waits_for_wire(self) -> bool:
+        """True if frames of the client are torn, and the board has not told their wire yet."""
+        is_told = self.is_compared or About.OTHER_WIRE in self._about
+        return bool(self._of_client.latches) and not is_told
 
     @property
     def undecided(self) -> str | None:

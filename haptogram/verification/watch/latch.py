@@ -79,6 +79,6 @@ class SeenLatch:
 
     @property
     def torn_text(self) -> str:
-        """What was counted of a frame that is not whole: "1 frames short"."""
+        """Counts of a frame that is not whole, in words: "1 frames short"."""
         counts = sorted(self.torn.items())
         return ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in counts)

@@ -132,7 +132,8 @@ class WatchResult:
         lines += [f"  torn      latch {number}: {text}" for number, text in self.torn[:8]]
         if len(self.torn) > 8:
             lines.append(f"  torn      {len(self.torn) - 8} more")
-        lines += [f"  remark    {text}" for text in dict.fromkeys(self.remarks[:8])]
+        remarks = dict.fromkeys(text for text in self.remarks if text != self.missing)
+        lines += [f"  remark    {text}" for text in [*remarks][:8]]
         lines += [f"  missing   {self.missing}"] if self.missing else []
         median, most = self.search_ms
         if most:

@@ -88,6 +88,15 @@ class Watch:
         """Take down what the board says of its client."""
         self._finder.frames.remark(about, text)
 
+    def wire_compared(self) -> None:
+        """Learn that the bytes of the client look like no other wire."""
+        self._finder.frames.is_compared = True
+
+    @property
+    def waits_for_wire(self) -> bool:
+        """True if frames of the client are torn, and the board has not told their wire yet."""
+        return self._finder.frames.waits_for_wire
+
     def client_left(self) -> None:
         """Learn that the client has left: the next one is judged by itself."""
         self._finder.frames.client_left()

@@ -94,7 +94,7 @@ def test_bytes_of_another_wire_are_named_and_their_frames_are_not_judged(capsys)
 def test_a_file_that_ends_in_mid_frame_is_told_and_what_was_shown_is_judged(tmp_path, capsys):
     frame = Path(capture("sonicsurface/focus_0_120_0")).read_bytes()
     (tmp_path / "cut.bin").write_bytes(frame + frame[:100])
-    status, out, _ = watch(
+    _, out, _ = watch(
         capsys, str(tmp_path / "cut.bin"), "--dialect", "sonicsurface", *AIR, "--expect", "0,120,0"
     )
     assert "remark    a frame stops in its middle: 100 bytes have no end" in out

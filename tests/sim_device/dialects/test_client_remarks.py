@@ -5,7 +5,7 @@ import pytest
 from dialect_boards import SENT, DialectBoard
 from haptogram_protocol.dialects.looks_like import looks_like_dialect
 from haptogram_protocol.dialects.table import DIALECTS
-from sim_device.board.events import ClientLeft
+from sim_device.board.events import ClientLeft, WireCompared
 
 every_dialect = pytest.mark.parametrize("name", DIALECTS)
 SILENCE_US = 600_000
@@ -149,4 +149,23 @@ def test_a_client_that_sends_nothing_leaves_without_a_word():
         board.simulation.unplug()
     assert board.notices == []
     said_of(board, SENT["sonicsurface"])
-    assert [type(notice) for notice in board.notices] == [ClientLeft]
+    assert board.notices[0].is_own
+    assert [type(notice) for notice in board.notices] == [WireCompared, ClientLeft]
+
+
+@pytest.mark.parametrize("name", [name for name in DIALECTS if DIALECTS[name].bauds])
+def test_a_client_that_starts_again_on_the_same_line_is_told_from_lost_bytes(name):
+    """A serial line does not say that its client left: a pause in mid-frame does."""
+    board, frame = started(name), SENT[name]
+    board.send(frame)
+    board.pass_us(40_000)
+    board.send(frame[: len(frame) // 2 - 3])
+    board.pass_us(40_000)
+    board.send(frame * 2)
+    board.pass_us(40_000)
+    said_of(board, frame)
+    (told,) = board.remarks
+    assert told.startswith("a frame stops in its middle: ")
+    again = started(name)
+    again.send(frame + frame[:40] + frame[43:] + frame)
+    assert not [text for text in again.remarks if "stops" in text]
