@@ -25,7 +25,7 @@ from .machine.terminal import terminal_error_line
 from .settings.parser import Parser, UsageError
 
 if TYPE_CHECKING:
-    from .campaigns.soak import MakeBoard
+    from .campaigns.soak.segment import MakeBoard
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import Transport
     from .evidence.boards import BoardUnderTest

@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.campaigns.bench.measure import BenchConfig, BenchRun, run_bench
+from haptogram.campaigns.bench.config import BenchConfig
+from haptogram.campaigns.bench.measure import BenchRun, run_bench
 from haptogram.campaigns.bench.percentiles import percentiles_with_missed_ticks
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.machine.fingerprint import cpu_share, cpu_times, machine_fingerprint
@@ -50,7 +51,7 @@ def measure_goals(*, seconds: float = 30.0, trips: int = 5000, step_s: float = 0
 def _loop_goals(programs: CPrograms | None, seconds: float) -> list[Goal]:
     found = []
     for spin_us in (_SPIN_US, 0):
-        config = BenchConfig(rate_hz=_RATE_HZ, seconds=seconds, baudrate=_BAUD, spin_us=spin_us)
+        config = BenchConfig(rate_hz=_RATE_HZ, seconds=seconds, baud=_BAUD, spin_us=spin_us)
         run, beside = _beside_c(programs, config)
         found += _lateness_goals(run, beside)
     return [*found, *_two_processes(run)]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from haptogram.settings.command_line import add_setting_options
-from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name_option, number_option, whole_number_option
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.campaigns.bench.config import BenchConfig
+from haptogram.settings.command_line import add_command_options, given_options
+from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.verify_config import OutputConfig, config_from_options
 
 from .shell.exit_status import USAGE
 from .shell.output_files import FILE_HELP, Outputs, write_picture
@@ -33,6 +34,19 @@ exit status:
 """
 
 
+@dataclass(frozen=True, kw_only=True)
+class BenchFiles(Settings):
+    """The files that a benchmark writes, and the one that it is compared with."""
+
+    json: Path | None = option_of(OutputConfig, "json")
+    html: Path | None = option_of(OutputConfig, "html", help="write it with histograms")
+    picture: Path | None = option(
+        None, unit="FILE", help="write the histogram alone: .png, .svg or .pdf"
+    )
+    record: Path | None = option_of(OutputConfig, "record", help=RECORD_HELP)
+    compare: Path | None = option(None, unit="OLD.json", help="say what changed beyond the noise")
+
+
 def set_up(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
@@ -44,79 +58,22 @@ def set_up(parser: Parser) -> None:
     parser.rename(link_baud="baud")
     parser.refused["--goals"] = "is ci/timing-goals of a checkout now"
     parser.set_defaults(run=run)
-    parser.add_argument("--port", metavar="URL", help="a board on any pyserial URL [virtual board]")
-    parser.add_argument(
-        "--rate-hz",
-        type=number_option(100.0, 10_000.0, "Hz"),
-        default=1000.0,
-        metavar="HZ",
-        help="[1000]",
-    )
-    parser.add_argument(
-        "--seconds", type=number_option(1e-3, 86_400.0, "s"), default=10.0, metavar="S", help="[10]"
-    )
-    rows = options_of(VerifyConfig)
-    add_setting_options(parser, [rows[name] for name in ("baud", "phase_bits", "lead_ms")])
-    parser.set_defaults(baud=rows["baud"].default, phase_bits=rows["phase_bits"].default)
-    parser.add_argument(
-        "--trim", action="store_true", help="shorten the lead to what the arrival margins allow"
-    )
-    parser.add_argument(
-        "--spin-us",
-        type=whole_number_option(0, 10_000, "us"),
-        default=0,
-        metavar="US",
-        help="watch the clock so long before a deadline; a quarter of the period at most [0]",
-    )
+    add_command_options(parser, options_of(BenchConfig).values())
     parser.add_argument("--quiet", action="store_true", help="print changes and errors only")
-    parser.add_argument(
-        "--realtime",
-        action="store_true",
-        help="ask for fixed priority, locked memory and a frozen garbage collector",
-    )
     result = parser.add_argument_group("result", FILE_HELP)
-    result.add_argument(
-        "--json", type=file_name_option, metavar="FILE", help="write the result as JSON"
-    )
-    result.add_argument(
-        "--html", type=file_name_option, metavar="FILE", help="write it with histograms"
-    )
-    result.add_argument(
-        "--picture",
-        type=file_name_option,
-        metavar="FILE",
-        help="write the histogram alone: .png, .svg or .pdf",
-    )
-    result.add_argument("--record", type=file_name_option, metavar="FILE", help=RECORD_HELP)
-    result.add_argument(
-        "--compare",
-        type=file_name_option,
-        metavar="OLD.json",
-        help="say what changed beyond the noise",
-    )
+    add_command_options(result, options_of(BenchFiles).values())
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
-    from haptogram.campaigns.bench.measure import BenchConfig, run_bench
+    from haptogram.campaigns.bench.measure import run_bench
     from haptogram.campaigns.bench.result import bench_dict, read_bench_result
     from haptogram.report.bench.text import bench_text
 
     outputs = Outputs(arguments, "json", "html", "picture", "record")
     old = None if arguments.compare is None else read_bench_result(arguments.compare)
-    lead_us = None if arguments.lead_ms is None else round(arguments.lead_ms * 1e3)
-    config = BenchConfig(
-        port=arguments.port,
-        rate_hz=arguments.rate_hz,
-        seconds=arguments.seconds,
-        baudrate=arguments.baud,
-        phase_bits=arguments.phase_bits,
-        lead_us=lead_us,
-        spin_us=arguments.spin_us,
-        realtime=arguments.realtime,
-        trim=arguments.trim,
-    )
-    with recording(arguments.record, "bench", dataclasses.asdict(config)) as writer:
+    config = config_from_options(BenchConfig, given_options(arguments, options_of(BenchConfig)))
+    with recording(arguments.record, "bench", config.as_dict()) as writer:
         # Without a progress bar: it would draw between the ticks.
         found = run_bench(config, writer)
         result = bench_dict(found)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_choice
-from haptogram.settings.command_line import add_setting_options
-from haptogram.settings.option import options_of
-from haptogram.settings.parser import number_option, whole_number_option
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.board import MOST_TRANSDUCERS
+from haptogram.settings.command_line import add_setting_options, given_options
+from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.verify_config import DriveConfig, LinkConfig, PaceConfig
 
 from .acting_options import refuse_idle_options
 
@@ -23,8 +24,6 @@ _TIMERS_MS: Final = {
     "latency timer of 1 ms": 1,
     "latency timer of 16 ms, as it comes": 16,
 }
-_OF_VERIFY: Final = ("baud", "phase_bits")
-_TRANSDUCERS: Final = 256
 _EXAMPLES: Final = """\
 examples:
   haptogram budget --baud 3000000 --rate-hz 1000 --phase-bits 8
@@ -41,6 +40,25 @@ exit status:
 """
 
 
+@dataclass(frozen=True, kw_only=True)
+class BudgetConfig(Settings):
+    """The frames whose time is looked at, and their line."""
+
+    baud: int = option_of(LinkConfig, "baud")
+    phase_bits: int = option_of(DriveConfig, "phase_bits")
+    rate_hz: float = option_of(PaceConfig, "rate_hz", low=0.001, help="frames per second")
+    transducers: int = option(
+        256, unit="N", low=1, high=MOST_TRANSDUCERS, help="transducers of the array"
+    )
+    dialect: str | None = option(
+        None,
+        unit="NAME",
+        help="wire of other boards, at the rates that they have and at --baud, if it is given",
+        absent="Haptogram's own",
+    )
+    boards: int = option(1, unit="N", low=1, high=16, help="boards on the line, with --dialect")
+
+
 def set_up(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
@@ -52,30 +70,8 @@ def set_up(parser: Parser) -> None:
     parser.epilog = _EXAMPLES
     parser.rename(rate="rate_hz")
     parser.set_defaults(run=run)
-    rows = options_of(VerifyConfig)
-    baud = f"{rows['baud'].default}, with --dialect: that of its boards"
-    add_setting_options(parser, [rows[name] for name in _OF_VERIFY], baud=baud)
-    parser.add_argument(
-        "--rate-hz",
-        type=number_option(0.001, 40_000.0, "Hz"),
-        default=1000.0,
-        metavar="HZ",
-        help="frames per second [1000]",
-    )
-    parser.add_argument(
-        "--transducers", type=whole_number_option(1, 1024), metavar="N", help="[256]"
-    )
-    parser.add_argument(
-        "--dialect",
-        metavar="NAME",
-        help="wire of other boards, at the rates that they have and at --baud, if it is given",
-    )
-    parser.add_argument(
-        "--boards",
-        type=whole_number_option(1, 16),
-        metavar="N",
-        help="boards on the line, with --dialect [1]",
-    )
+    baud = f"{BudgetConfig.baud}, with --dialect: that of its boards"
+    add_setting_options(parser, options_of(BudgetConfig).values(), baud=baud)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -83,31 +79,26 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_idle_options("budget", arguments)
     if arguments.dialect is not None:
         return _run_dialect(arguments)
-    rows = options_of(VerifyConfig)
-    defaults = {name: rows[name].default for name in _OF_VERIFY} | {"transducers": _TRANSDUCERS}
-    for name, value in defaults.items():
-        if getattr(arguments, name) is None:
-            setattr(arguments, name, value)
-    return _run_own(arguments)
+    return _run_own(BudgetConfig.of(**given_options(arguments, options_of(BudgetConfig))))
 
 
-def _run_own(arguments: argparse.Namespace) -> int:
+def _run_own(config: BudgetConfig) -> int:
     from haptogram.campaigns.bench.frame_budget import (
         bench_frame_formats,
         measure_frame_budget,
         measure_wake_ns,
     )
 
-    wake_ns = measure_wake_ns(arguments.rate_hz)
+    wake_ns = measure_wake_ns(config.rate_hz)
     budgets = [
-        measure_frame_budget(name, message, baudrate=arguments.baud)
-        for name, message in bench_frame_formats(arguments.transducers).items()
+        measure_frame_budget(name, message, baudrate=config.baud)
+        for name, message in bench_frame_formats(config.transducers).items()
     ]
-    asked = next(b for b in budgets if b.name == f"phases, {arguments.phase_bits} bit")
-    print(_one_frame(asked, wake_ns, arguments))
+    asked = next(b for b in budgets if b.name == f"phases, {config.phase_bits} bit")
+    print(_one_frame(asked, wake_ns, config))
     print(_all_formats(budgets, wake_ns))
-    print(_answers(arguments.baud))
-    return 0 if asked.highest_hz >= arguments.rate_hz else 1
+    print(_answers(config.baud))
+    return 0 if asked.highest_hz >= config.rate_hz else 1
 
 
 def _run_dialect(arguments: argparse.Namespace) -> int:
@@ -120,8 +111,9 @@ def _run_dialect(arguments: argparse.Namespace) -> int:
             word = f"--{name.replace('_', '-')}"
             raise ConfigurationError(f"{word} acts on frames of Haptogram; leave it out")
     check_choice("--dialect", arguments.dialect, tuple(DIALECTS))
-    dialect, boards = DIALECTS[arguments.dialect], arguments.boards or 1
-    bauds = (arguments.baud,) if arguments.baud else dialect.bauds
+    config = BudgetConfig.of(**given_options(arguments, options_of(BudgetConfig)))
+    dialect, boards = DIALECTS[arguments.dialect], config.boards
+    bauds = dialect.bauds if arguments.baud is None else (config.baud,)
     if not bauds:
         raise ConfigurationError(
             f"{dialect.name} has no serial line, whose rate could limit it; give --baud for one"
@@ -131,39 +123,39 @@ def _run_dialect(arguments: argparse.Namespace) -> int:
     print(f"{dialect.title}: {size} bytes a frame for {what}")
     for baud in bauds:
         rate_hz = highest_line_rate_hz(size, baud)
-        verdict = "fits" if rate_hz >= arguments.rate_hz else "does not fit"
+        verdict = "fits" if rate_hz >= config.rate_hz else "does not fit"
         frame_ms = line_transmission_ns(size, baud) / 1e6
         print(
             f"  {baud:>9} baud {frame_ms:9.3f} ms a frame {rate_hz:9.1f} frames/s at most: "
-            f"{arguments.rate_hz:g} Hz {verdict}"
+            f"{config.rate_hz:g} Hz {verdict}"
         )
-    return 0 if highest_line_rate_hz(size, bauds[0]) >= arguments.rate_hz else 1
+    return 0 if highest_line_rate_hz(size, bauds[0]) >= config.rate_hz else 1
 
 
-def _one_frame(asked: FrameBudget, wake_ns: int, arguments: argparse.Namespace) -> str:
-    period_us = 1e6 / arguments.rate_hz
+def _one_frame(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
+    period_us = 1e6 / config.rate_hz
     rows = [
         ("wake", wake_ns, "median lateness of a sleeping loop, measured"),
         ("encode", asked.encode_ns, "header, CRC-32 and COBS, measured; done ahead of the tick"),
         ("write", asked.write_ns, "one write to a pty, measured"),
-        ("wire", asked.wire_ns, f"{asked.size} bytes of 10 bits at {arguments.baud} baud"),
+        ("wire", asked.wire_ns, f"{asked.size} bytes of 10 bits at {config.baud} baud"),
         ("decode", asked.decode_ns, "at a board in Python, measured"),
         ("latch", 25_000, "to the next period of a 40 kHz carrier, at most"),
     ]
     lines = [
-        f"one frame of {arguments.transducers} {asked.name} at {arguments.rate_hz:g} Hz: "
+        f"one frame of {config.transducers} {asked.name} at {config.rate_hz:g} Hz: "
         f"a period of {period_us:g} us"
     ]
     lines += [
         f"  {name:<8}{ns / 1e3:9.1f} us {100 * ns / 1e3 / period_us:6.1f} %  {what}"
         for name, ns, what in rows
     ]
-    verdict = "fits" if asked.highest_hz >= arguments.rate_hz else "does not fit"
+    verdict = "fits" if asked.highest_hz >= config.rate_hz else "does not fit"
     lines.append(f"  {'sum':<8}{asked.latency_ns(wake_ns) / 1e3:9.1f} us: the shortest lead")
     lines.append(
-        f"  {arguments.rate_hz:g} Hz {verdict}: the line is "
-        f"{100 * arguments.rate_hz / asked.line_hz:.1f} % full, the host "
-        f"{100 * arguments.rate_hz / asked.host_hz:.1f} % busy "
+        f"  {config.rate_hz:g} Hz {verdict}: the line is "
+        f"{100 * config.rate_hz / asked.line_hz:.1f} % full, the host "
+        f"{100 * config.rate_hz / asked.host_hz:.1f} % busy "
         "(stages overlap: the fullest decides)"
     )
     return "\n".join(lines) + "\n"

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import functools
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from haptogram.campaigns.soak.setup import SoakSetup
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.machine.terminal import paint_terminal_verdicts
-from haptogram.settings.parser import file_name_option, number_option, whole_number_option
+from haptogram.settings.command_line import add_command_options, given_options
+from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.verify_config import OutputConfig, config_from_options
 
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
 from .shell.output_files import FILE_HELP, Outputs
 from .shell.recording import is_recorded, recording
 
 if TYPE_CHECKING:
-    from haptogram.campaigns.soak import MakeBoard, SoakCampaign
-    from haptogram.campaigns.soak.campaign import Progress
+    from haptogram.campaigns.soak.campaign import Progress, SoakCampaign
+    from haptogram.campaigns.soak.segment import MakeBoard
     from haptogram.settings.parser import Parser
 
 _EPILOG: Final = """\
@@ -40,6 +44,24 @@ exit status:
 """
 
 
+@dataclass(frozen=True, kw_only=True)
+class SittingConfig(Settings):
+    """What a sitting of a soak takes and writes; the account is the same."""
+
+    jobs: int = option(1, unit="N", low=1, high=256, help="processes")
+    resume: Path | None = option(
+        None,
+        unit="FILE",
+        help="checkpoint: written after every segment, and gone on from if it is there",
+    )
+    json: Path | None = option_of(OutputConfig, "json", help="write the account as JSON")
+    record: Path | None = option_of(
+        OutputConfig,
+        "record",
+        help="write bytes and latches of the seconds around each violation, as MCAP",
+    )
+
+
 def set_up(
     parser: Parser,
     board_maker: Callable[[str | None], MakeBoard],
@@ -53,62 +75,15 @@ def set_up(
     parser.epilog = _EPILOG
     parser.refused["--virtual-time"] = "does nothing: a soak has no other time; leave it out"
     parser.set_defaults(run=functools.partial(run, board_maker=board_maker))
-    parser.add_argument(
-        "--hours",
-        type=number_option(1e-6, 100_000.0, "h"),
-        required=True,
-        metavar="H",
-        help="virtual time to stream; an hour takes minutes",
-    )
-    parser.add_argument(
-        "--fault-rate",
-        type=number_option(0.0, 0.2),
-        default=1e-2,
-        metavar="P",
-        help="share of frames hit [0.01]",
-    )
-    parser.add_argument(
-        "--seed",
-        type=whole_number_option(0, 2**63 - 1),
-        default=0,
-        metavar="N",
-        help="of all chance [0]",
-    )
-    parser.add_argument(
-        "--segment-minutes",
-        type=number_option(0.01, 60.0, "min"),
-        default=10.0,
-        metavar="M",
-        help="virtual time from one checkpoint to the next [10]",
-    )
-    parser.add_argument(
-        "--jobs", type=whole_number_option(1, 256), default=1, metavar="N", help="processes [1]"
-    )
-    parser.add_argument(
-        "--resume",
-        type=file_name_option,
-        metavar="FILE",
-        help="checkpoint: written after every segment, and gone on from if it is there",
-    )
-    parser.add_argument(
-        "--json",
-        type=file_name_option,
-        metavar="FILE",
-        help=f"write the account as JSON. {FILE_HELP}",
-    )
-    parser.add_argument(
-        "--record",
-        type=file_name_option,
-        metavar="FILE",
-        help="write bytes and latches of the seconds around each violation, as MCAP",
-    )
-    parser.add_argument("--mutant", metavar="NAME", help="a board that is wrong in one way")
+    add_command_options(parser, options_of(SoakSetup).values())
+    sitting = parser.add_argument_group("sitting and result", FILE_HELP)
+    add_command_options(sitting, options_of(SittingConfig).values())
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
     """Run what is left of the soak, print the account, and return the exit status."""
-    from haptogram.campaigns.soak import Interrupted
+    from haptogram.campaigns.soak.campaign import Interrupted
     from haptogram.report.soak import soak_text
 
     outputs = Outputs(arguments, "json", "resume", "record")
@@ -116,7 +91,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
     campaign = _campaign(arguments)
     interrupted = False
-    with recording(arguments.record, "soak", dataclasses.asdict(campaign.setup)) as writer:
+    with recording(arguments.record, "soak", campaign.setup.as_dict()) as writer:
         try:
             with _progress(campaign, quiet=arguments.quiet) as progress:
                 campaign.run(
@@ -142,20 +117,12 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
 
 
 def _campaign(arguments: argparse.Namespace) -> SoakCampaign:
-    from haptogram.campaigns.soak import SoakCampaign, SoakSetup
+    from haptogram.campaigns.soak.campaign import SoakCampaign
 
-    setup = SoakSetup(
-        hours=arguments.hours,
-        fault_rate=arguments.fault_rate,
-        seed=arguments.seed,
-        segment_s=arguments.segment_minutes * 60,
-        mutant=arguments.mutant,
-    )
-    return (
-        SoakCampaign(setup)
-        if arguments.resume is None
-        else SoakCampaign.load(arguments.resume, setup)
-    )
+    setup = config_from_options(SoakSetup, given_options(arguments, options_of(SoakSetup)))
+    if arguments.resume is None:
+        return SoakCampaign(setup)
+    return SoakCampaign.load(arguments.resume, setup)
 
 
 def _how_to_resume(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:

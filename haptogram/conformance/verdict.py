@@ -5,9 +5,10 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
-from haptogram.records.frame import Evidence
+if TYPE_CHECKING:
+    from haptogram.records.frame import Evidence
 
 PASS: Final = 0
 FAIL: Final = 1

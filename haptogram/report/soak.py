@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from haptogram.campaigns.soak import SoakCampaign, SoakTally
+from haptogram.campaigns.soak.campaign import SoakCampaign
+from haptogram.campaigns.soak.tally import SoakTally
 
 from .console import console_table
 

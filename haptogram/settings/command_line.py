@@ -21,7 +21,7 @@ def add_setting_options(
     """
     for row in rows:
         default = defaults.get(row.name, row.default_text)
-        text = f"{row.help} [{default}]".replace("%", "%%")
+        text = (f"{row.help} [{default}]" if default else row.help).replace("%", "%%")
         if row.kind is bool:
             group.add_argument(row.word, action=_FLAG, help=text)
         else:
@@ -30,8 +30,26 @@ def add_setting_options(
                 action="append" if row.count == 0 else "store",
                 type=checked_type(row.checked_item, row.name),
                 metavar=row.unit or f"{{{','.join(map(str, row.choices))}}}",
+                required=row.is_required,
                 help=text,
             )
+
+
+def add_command_options(
+    group: argparse._ActionsContainer, rows: Iterable[Option], **defaults: str
+) -> None:
+    """Add the options of a command that reads no file of settings; each has its default.
+
+    A flag cannot be switched off again: nothing but the command line switches it on. *defaults*
+    are texts, as in :func:`add_setting_options`.
+    """
+    rows = tuple(rows)
+    add_setting_options(group, (row for row in rows if row.kind is not bool), **defaults)
+    for row in rows:
+        if row.kind is bool:
+            group.add_argument(row.word, action="store_true", help=row.help.replace("%", "%%"))
+        elif not row.is_required:
+            group.set_defaults(**{row.name: [] if row.count == 0 else row.default})
 
 
 def given_options(arguments: argparse.Namespace, rows: Iterable[str]) -> dict[str, Any]:

@@ -32,14 +32,18 @@ _FLAGS: Final = {"0": False, "1": True}
 #: Signs of the units by their placeholders.
 _SIGNS: Final = {
     "BAUD": "Bd",
+    "BITS": "bits",
     "BYTES": "bytes",
     "C": "degrees Celsius",
+    "HOURS": "h",
     "HZ": "Hz",
+    "MINUTES": "min",
     "MM": "mm",
     "MS": "ms",
     "PERCENT": "%",
     "PPM": "ppm",
     "RAD": "rad",
+    "S": "s",
     "US": "us",
     "X,Y,Z": "mm",
 }
@@ -76,7 +80,7 @@ class Option:
     count : int or None
         Number of items: None for a single value, 0 for any number.
     default : object
-        Value if none is given.
+        Value if none is given; ``dataclasses.MISSING`` if one must be given.
     low, high : float
         Limits of a number.
     choices : tuple
@@ -107,8 +111,15 @@ class Option:
         return f"--{self.name.replace('_', '-')}"
 
     @property
+    def is_required(self) -> bool:
+        """True if there is no default."""
+        return self.default is dataclasses.MISSING
+
+    @property
     def default_text(self) -> str:
-        """The default in help texts."""
+        """The default in help texts; empty if there is none."""
+        if self.is_required:
+            return ""
         if self.default is None or self.default == ():
             return self.absent
         if self.kind is bool:
@@ -217,7 +228,7 @@ _KIND_TEXTS: Final = {
 
 
 def option(
-    default: Any,
+    default: Any = dataclasses.MISSING,
     *,
     help: str,
     unit: str = "",
@@ -229,6 +240,20 @@ def option(
     """Return a dataclass field that is an option; see :class:`Option`."""
     row = {"help": help, "unit": unit, "low": low, "high": high, "choices": choices}
     return dataclasses.field(default=default, metadata={"option": row | {"absent": absent}})
+
+
+def option_of(kind: type[Settings], name: str, **changed: Any) -> Any:
+    """Return a dataclass field that is the option *name* of another settings class.
+
+    Parameters
+    ----------
+    changed
+        Arguments of :func:`option` that differ, ``default`` among them.
+    """
+    fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    default = changed.pop("default", fields[name].default)
+    row = fields[name].metadata["option"] | changed
+    return dataclasses.field(default=default, metadata={"option": row})
 
 
 def option_group(kind: type[Settings]) -> Any:

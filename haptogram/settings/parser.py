@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn, TypeVar
 
 from ..errors import ConfigurationError
-from .arguments import check_choice, check_number, check_whole, did_you_mean, read_number
+from .arguments import check_choice, did_you_mean
 
 _T = TypeVar("_T")
 _SHOWN: Final = 40  # characters of a value that are printed
@@ -182,16 +182,6 @@ def file_name_option(text: str) -> Path:
     if not text:  # Path("") is the current folder
         raise argparse.ArgumentTypeError("is '', must be the name of a file")
     return Path(text)
-
-
-def whole_number_option(low: int, high: int, unit: str = "") -> Callable[[str], int]:
-    """Return the type of an argument that is a whole number within [low, high]."""
-    return checked_type(lambda text: check_whole("", read_number(int, text), low, high, unit))
-
-
-def number_option(low: float, high: float, unit: str = "") -> Callable[[str], float]:
-    """Return the type of an argument that is a number within [low, high]."""
-    return checked_type(lambda text: check_number("", read_number(float, text), low, high, unit))
 
 
 def checked_type(read: Callable[[str], _T], name: str = "") -> Callable[[str], _T]:

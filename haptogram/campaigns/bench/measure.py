@@ -17,6 +17,7 @@ from haptogram.campaigns.bench.attribution import (
     count_late_frames,
     split_lateness,
 )
+from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.campaigns.bench.control import NoiseFloorLoop
 from haptogram.campaigns.bench.focus_error import BenchFocusError, bench_focus_error
 from haptogram.campaigns.bench.percentiles import TimingPercentiles
@@ -24,8 +25,6 @@ from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.driver.stream import StreamReport
-from haptogram.driver.timing.realtime import check_spin
-from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.evidence.virtual_board import VirtualBoard
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 _LIMITS_US: Final = (100.0, 1000.0)
-MAX_FRAMES: Final = 300_000
 _RADIUS_M: Final = 0.03
 _HEIGHT_M: Final = 0.12
 _REVOLUTIONS_HZ: Final = 5.0
@@ -45,52 +43,6 @@ _SETTLING_S: Final = 5.0  # the control outlasts the stream by this at most
 
 #: Device time of arrival (None: not known) and of the latch, by unwrapped sequence number.
 Latches: TypeAlias = dict[int, tuple[int | None, int]]
-
-
-@dataclass(frozen=True, slots=True)
-class BenchConfig:
-    """A stream to be measured.
-
-    Attributes
-    ----------
-    port : str or None
-        URL of the board; None: a virtual board on a pty, in a process of its own.
-    rate_hz, seconds : float
-        Frames per second, and the duration.
-    baudrate, phase_bits : int
-        Line rate in bits per second, and bits of each phase.
-    lead_us : int or None
-        Lead of a frame over its time to apply, in microseconds; None: the driver's own.
-    spin_us : int
-        Time to watch the clock before a deadline, in microseconds.
-    realtime, trim : bool
-        Whether to ask for fixed priority, and whether to trim the lead.
-
-    Raises
-    ------
-    ConfigurationError
-        If rate, number of frames or spin is outside its limits.
-    """
-
-    port: str | None = None
-    rate_hz: float = 1000.0
-    seconds: float = 10.0
-    baudrate: int = 3_000_000
-    phase_bits: int = 8
-    lead_us: int | None = None
-    spin_us: int = 0
-    realtime: bool = False
-    trim: bool = False
-
-    def __post_init__(self) -> None:
-        if not 100.0 <= self.rate_hz <= 10_000.0:
-            raise ConfigurationError(f"rate is {self.rate_hz:g} Hz, must be 100 to 10000")
-        if not 0.0 < self.rate_hz * self.seconds <= MAX_FRAMES:
-            raise ConfigurationError(
-                f"{self.seconds:g} s at {self.rate_hz:g} Hz are {self.rate_hz * self.seconds:g} "
-                f"frames, must be 1 to {MAX_FRAMES}"
-            )
-        check_spin(self.spin_us * 1000, round(1e9 / self.rate_hz))
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +97,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
     targets_m = bench_circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
     with _board(config, writer) as (label, port, prepare, collect):
         with Driver(
-            port, baudrate=config.baudrate, phase_bits=config.phase_bits, keep=len(targets_m)
+            port, baudrate=config.baud, phase_bits=config.phase_bits, keep=len(targets_m)
         ) as driver:
             prepare(driver)
             driver.arm()
@@ -174,7 +126,7 @@ def _board(config: BenchConfig, writer: RecordingWriter | None) -> Iterator[_Boa
     """Yield a board: its name, its port, how it is prepared, and how its latches are read."""
     if config.port is not None:
         told = PortBoard(
-            config.port, baudrate=config.baudrate, rate_hz=config.rate_hz, board_computes=False
+            config.port, baudrate=config.baud, rate_hz=config.rate_hz, board_computes=False
         )
         tap = None if writer is None else _tapped(config.port, config, writer)
         yield config.port, tap or config.port, told.prepare, _self_reported
@@ -201,7 +153,7 @@ def _tapped(
 ) -> RecordingTransport:
     """Return an open port, written down; *board* has the options of a virtual board."""
     writer.opened(0, board, None, paced=board is not None)
-    return RecordingTransport(open_transport(url, baudrate=config.baudrate), writer)
+    return RecordingTransport(open_transport(url, baudrate=config.baud), writer)
 
 
 def _self_reported(driver: Driver) -> Latches:
@@ -303,4 +255,4 @@ def _host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray[np.fl
 
 def _transmission_ns(config: BenchConfig, driver: Driver) -> int:
     payload = 2 + -(-driver.identity.transducers * config.phase_bits // 8)
-    return line_transmission_ns(frame_bytes_on_line(payload), config.baudrate)
+    return line_transmission_ns(frame_bytes_on_line(payload), config.baud)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,7 +35,7 @@ def bench_dict(run: BenchRun) -> dict[str, Any]:
         "format": FORMAT,
         "version": VERSION,
         "board": run.board,
-        "configuration": dataclasses.asdict(run.config),
+        "configuration": run.config.as_dict(),
         "frames": {
             "due": report.frames,
             "skipped": len(report.skipped),

@@ -3,9 +3,3 @@
 Everything runs in virtual time, segment by segment.  Each segment follows from the seed and its
 number alone, so they may run in any order, in parallel, and in several sittings.
 """
-
-from .campaign import Interrupted, SoakCampaign, SoakSetup
-from .segment import MakeBoard, run_segment
-from .tally import SoakTally
-
-__all__ = ["Interrupted", "MakeBoard", "SoakCampaign", "SoakSetup", "SoakTally", "run_segment"]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 import multiprocessing
 import os
 import signal
@@ -20,15 +18,13 @@ from haptogram.machine.files import write_json_file
 
 from .memory import SoakMemory, resident_bytes
 from .segment import MakeBoard, run_segment
+from .setup import SoakSetup
 from .tally import SoakTally
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 VERSION: Final = 1
-_SEGMENT_S: Final = 600.0  # long enough for what goes wrong slowly, or only with high numbers
-_S_PER_HOUR: Final = 3600
-_MOST_RATE: Final = 0.2  # above it, what must come through at times would not
 
 #: Called with the virtual seconds that are done, of this segment and those before it.
 Progress: TypeAlias = Callable[[float], None]
@@ -37,59 +33,6 @@ _Done: TypeAlias = tuple[SoakTally, int, int]  # with process id and memory
 
 class Interrupted(HaptogramError):
     """The soak was interrupted between two segments; what is done is kept."""
-
-
-@dataclass(frozen=True, slots=True)
-class SoakSetup:
-    """Setup of a campaign; the same setup gives the same account.
-
-    Attributes
-    ----------
-    hours : float
-        Virtual time.
-    fault_rate : float
-        Share of the frames that are hit, in each direction.
-    seed : int
-        Of all chance.
-    segment_s : float
-        Virtual length of a segment.
-    mutant : str or None
-        What is wrong with the board.
-    """
-
-    hours: float
-    fault_rate: float = 1e-2
-    seed: int = 0
-    segment_s: float = _SEGMENT_S
-    mutant: str | None = None
-
-    def __post_init__(self) -> None:
-        if not 0 < self.hours <= 1e5:
-            raise ConfigurationError(f"--hours is {self.hours:g}, must be above 0, up to 100000")
-        if not 0 <= self.fault_rate <= _MOST_RATE:
-            raise ConfigurationError(
-                f"--fault-rate is {self.fault_rate:g}, must be 0 to {_MOST_RATE:g}"
-            )
-        if not 0 <= self.seed < 2**63:
-            raise ConfigurationError(f"--seed is {self.seed}, must be 0 to 2^63 - 1")
-
-    @property
-    def seconds(self) -> float:
-        """Virtual time in seconds."""
-        return self.hours * _S_PER_HOUR
-
-    @property
-    def segments(self) -> int:
-        """Number of segments; the last one may be shorter."""
-        return max(1, math.ceil(self.seconds / self.segment_s - 1e-9))
-
-    def start_s(self, number: int) -> float:
-        """Return when segment *number* begins."""
-        return min(number * self.segment_s, self.seconds)
-
-    def length_s(self, number: int) -> float:
-        """Return the duration of segment *number*."""
-        return self.start_s(number + 1) - self.start_s(number)
 
 
 @dataclass(slots=True)
@@ -136,7 +79,7 @@ class SoakCampaign:
             raise ConfigurationError(f"{path} is no checkpoint of a soak") from error
         if known != ("haptogram soak", VERSION):
             raise ConfigurationError(f"{path} is no checkpoint of a soak of version {VERSION}")
-        for name, value in dataclasses.asdict(setup).items():
+        for name, value in setup.as_dict().items():
             if state["setup"].get(name) != value:
                 before = state["setup"].get(name)
                 raise ConfigurationError(f"{path} is of another soak: {name} {before}, not {value}")
@@ -153,7 +96,7 @@ class SoakCampaign:
         return {
             "kind": "haptogram soak",
             "version": VERSION,
-            "setup": dataclasses.asdict(self.setup),
+            "setup": self.setup.as_dict(),
             "segments": self.setup.segments,
             "done": self.done,
             "spent_s": round(self.spent_s, 3),

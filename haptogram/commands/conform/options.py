@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.command_line import add_setting_options as add_rows
-from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name_option, number_option, whole_number_option
-from haptogram.settings.verify_config import LinkConfig
+from haptogram.settings.command_line import add_command_options
+from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.parser import file_name_option
+from haptogram.settings.verify_config import LimitConfig, LinkConfig, OutputConfig, PaceConfig
 
 from ..shell.output_files import FILE_HELP
 from ..shell.recording import RECORD_HELP
 
 _SCHEME: Final = "haptogram://"
 PULSE: Final = "pulse"
+_LEVELS: Final = ("0", "1", PULSE)
 EXAMPLES: Final = """\
 examples:
   haptogram conform
@@ -34,102 +37,97 @@ examples:
 """
 
 
+@dataclass(frozen=True, kw_only=True)
+class BoardUnderTestConfig(Settings):
+    """The board under test, its port, and how it is started anew."""
+
+    port: str | None = option_of(
+        LinkConfig, "port", help="any pyserial URL", absent="the virtual board, in virtual time"
+    )
+    baud: int = option_of(LinkConfig, "baud")
+    spawn: str | None = option(None, unit="CMD", help="start this program; it says its port")
+    port_regex: str | None = option(
+        None, unit="REGEX", help="finds the port in what --spawn prints, first group"
+    )
+    reset_cmd: str | None = option(None, unit="CMD", help="shell command that restarts the board")
+    boot_timeout: float = option(
+        10.0, unit="S", low=0.0, high=3600.0, help="until its port is there"
+    )
+    dtr: str | None = option(
+        None, choices=_LEVELS, help="state of DTR; pulse: a pulse of it restarts the board"
+    )
+    rts: str | None = option(
+        None, choices=_LEVELS, help="state of RTS; pulse: a pulse of it restarts the board"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChoiceConfig(Settings):
+    """The cases that are run, how thoroughly, and what is expected of them."""
+
+    clause: tuple[str, ...] = option(
+        (),
+        unit="ID",
+        help="only this case, clause (HG-3.4/1), section or chapter (HG-3); may be repeated",
+        absent="all",
+    )
+    explore: float = option(
+        0.0,
+        unit="MINUTES",
+        low=0.0,
+        high=100_000.0,
+        help="go on with random dialogues, beside a model",
+    )
+    timeout: float = option(1.0, unit="S", low=0.001, high=60.0, help="how long an answer may take")
+    seed: int | None = option_of(
+        LimitConfig,
+        "seed",
+        default=None,
+        high=2**64 - 1,
+        help="seed of nonces and contents",
+        absent="0; on a port: random",
+    )
+    repeat: int = option_of(
+        PaceConfig, "repeat", high=1000, help="run each case N times; mixed: FLAKY"
+    )
+    baseline: Path | None = option(None, unit="FILE", help="TOML of failures that are expected")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConformFiles(Settings):
+    """The files that are written."""
+
+    junit: Path | None = option_of(OutputConfig, "junit")
+    json: Path | None = option_of(OutputConfig, "json")
+    html: Path | None = option_of(OutputConfig, "html", help="write the result as HTML")
+    write_baseline: Path | None = option(
+        None, unit="FILE", help="write today's failures as expected"
+    )
+    record: Path | None = option_of(OutputConfig, "record", help=RECORD_HELP)
+
+
 def add_conform_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    _add_board(parser.add_argument_group("board and port"))
+    board = parser.add_argument_group("board and port")
+    add_command_options(board, options_of(BoardUnderTestConfig).values())
     _add_choice(parser.add_argument_group("what is run, and how"))
     _add_results(parser.add_argument_group("result", FILE_HELP))
 
 
-def _add_board(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--port", metavar="URL", help="any pyserial URL [the virtual board, in virtual time]"
-    )
-    baud = options_of(LinkConfig)["baud"]
-    add_rows(group, [baud])
-    group.set_defaults(baud=baud.default)
-    group.add_argument("--spawn", metavar="CMD", help="start this program; it says its port")
-    group.add_argument(
-        "--port-regex", metavar="REGEX", help="finds the port in what --spawn prints, first group"
-    )
-    group.add_argument("--reset-cmd", metavar="CMD", help="shell command that restarts the board")
-    group.add_argument(
-        "--boot-timeout",
-        type=number_option(0.0, 3600.0, "s"),
-        default=10.0,
-        metavar="S",
-        help="until its port is there [10]",
-    )
-    for line in ("dtr", "rts"):
-        group.add_argument(
-            f"--{line}",
-            choices=("0", "1", PULSE),
-            help=f"state of {line.upper()}; pulse: a pulse of it restarts the board",
-        )
-
-
 def _add_choice(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--list", action="store_true", help="list the cases and run none")
-    group.add_argument(
-        "--clause",
-        action="append",
-        default=[],
-        metavar="ID",
-        help="only this case, clause (HG-3.4/1), section or chapter (HG-3); may be repeated",
-    )
+    add_command_options(group, options_of(ChoiceConfig).values(), explore="a few dialogues")
     depth = group.add_mutually_exclusive_group()
     depth.add_argument("--quick", action="store_true", help="20 s, for every commit")
     depth.add_argument(
         "--full", action="store_true", help="minutes: the longest timers and largest numbers too"
     )
-    group.add_argument(
-        "--explore",
-        type=number_option(0.0, 100_000.0, "minutes"),
-        default=0.0,
-        metavar="MINUTES",
-        help="go on with random dialogues, beside a model [a few dialogues]",
-    )
     group.add_argument("--strict", action="store_true", help="a SHOULD that is not met: FAILED")
-    group.add_argument(
-        "--timeout",
-        type=number_option(0.001, 60.0, "s"),
-        default=1.0,
-        metavar="S",
-        help="how long an answer may take [1]",
-    )
-    group.add_argument(
-        "--seed",
-        type=whole_number_option(0, 2**64 - 1),
-        metavar="N",
-        help="of nonces and contents [0; on a port: random]",
-    )
-    group.add_argument(
-        "--repeat",
-        type=whole_number_option(1, 1000),
-        default=1,
-        metavar="N",
-        help="run each case N times; mixed: FLAKY",
-    )
-    group.add_argument(
-        "--baseline",
-        type=file_name_option,
-        metavar="FILE",
-        help="TOML of failures that are expected",
-    )
     group.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def _add_results(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--junit", type=file_name_option, metavar="FILE", help="write JUnit XML")
-    group.add_argument("--json", type=file_name_option, metavar="FILE", help="write JSON")
-    group.add_argument("--html", type=file_name_option, metavar="FILE", help="write an HTML page")
-    group.add_argument(
-        "--write-baseline",
-        type=file_name_option,
-        metavar="FILE",
-        help="write today's failures as expected",
-    )
-    group.add_argument("--record", type=file_name_option, metavar="FILE", help=RECORD_HELP)
+    add_command_options(group, options_of(ConformFiles).values())
     group.add_argument("--verbose", action="store_true", help="print every case")
     group.add_argument(
         "--compare",

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from haptogram.settings.command_line import add_setting_options
-from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name_option, number_option, whole_number_option
-from haptogram.settings.shape import MODULATIONS
+from haptogram.settings.command_line import add_command_options, add_setting_options
+from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.shape import ModulationConfig
 from haptogram.settings.verify_config import DriveConfig, VerifyConfig
 
 from ..acting_options import refuse_idle_options
@@ -49,6 +50,40 @@ exit status:
 """
 
 
+@dataclass(frozen=True, kw_only=True)
+class FieldConfig(Settings):
+    """What sounds, and the picture of it."""
+
+    drive: Path | None = option(
+        None, unit="FILE", help="codes of every element as CSV", absent="one focus"
+    )
+    phase_bits: int = option(
+        DriveConfig.phase_bits, unit="BITS", low=1, high=8, help="resolution of the phases, 1 to 8"
+    )
+    modulation: str = option_of(
+        ModulationConfig,
+        "modulation",
+        default="am",
+        help="for what is audible at --ear-mm: amplitude, lateral, or spatio-temporal along a "
+        "circle",
+    )
+    view: str = option("plane", choices=VIEWS, help="kind of picture")
+    plane: str = option("xz", choices=PLANES, help="axes of a plane")
+    quantity: str = option(
+        "pressure",
+        choices=QUANTITIES,
+        help="RMS pressure, phase, or radiation pressure on a reflecting wall",
+    )
+    half_width_mm: float = option(
+        60.0, unit="MM", low=0.1, high=10_000.0, help="how far a picture reaches around the target"
+    )
+    step_mm: float = option(0.75, unit="MM", low=0.01, high=1000.0, help="spacing of the samples")
+    picture: Path | None = option(None, unit="FILE", help="write the picture: .png, .svg or .pdf")
+
+
+_PICTURE: Final = ("view", "plane", "quantity", "half_width_mm", "step_mm", "picture")
+
+
 def set_up(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
@@ -76,60 +111,21 @@ def _add_source(parser: Parser) -> None:
     )
     rows = options_of(VerifyConfig)
     add_setting_options(source, [rows["object"]], object="one focus")
-    source.add_argument(
-        "--drive",
-        type=file_name_option,
-        metavar="FILE",
-        help="codes of every element as CSV [one focus]",
-    )
+    own = options_of(FieldConfig)
+    add_command_options(source, [own["drive"]])
     names = ("unit", "resolution_mm", "radius_mm", "rate_hz", "center_mm", "modulation_hz")
-    add_setting_options(group, [rows[name] for name in names])
-    parser.set_defaults(**{name: rows[name].default for name in names})
-    group.add_argument(
-        "--phase-bits",
-        type=whole_number_option(1, 8, "bits"),
-        metavar="BITS",
-        default=DriveConfig.phase_bits,
-        help=f"resolution of the phases, 1 to 8 [{DriveConfig.phase_bits}]",
-    )
-    group.add_argument(
-        "--modulation",
-        choices=MODULATIONS,
-        default="am",
-        help="for what is audible at --ear-mm: amplitude, lateral, or spatio-temporal along a "
-        "circle [am]",
-    )
+    add_command_options(group, [rows[name] for name in names])
+    add_command_options(group, [own["phase_bits"], own["modulation"]])
 
 
 def _add_picture(parser: Parser) -> None:
     group = parser.add_argument_group("picture", FILE_HELP)
-    group.add_argument("--view", choices=VIEWS, default="plane", help="kind of picture [plane]")
-    group.add_argument("--plane", choices=PLANES, default="xz", help="axes of a plane [xz]")
-    group.add_argument(
-        "--quantity",
-        choices=QUANTITIES,
-        default="pressure",
-        help="RMS pressure, phase, or radiation pressure on a reflecting wall [pressure]",
-    )
-    group.add_argument(
-        "--half-width-mm",
-        type=number_option(0.1, 10_000.0, "mm"),
-        metavar="MM",
-        default=60.0,
-        help="how far a picture reaches around the target [60; isosurface: half of it]",
-    )
-    group.add_argument(
-        "--step-mm",
-        type=number_option(0.01, 1000.0, "mm"),
-        metavar="MM",
-        default=0.75,
-        help="spacing of the samples [0.75; isosurface: 1.5 at least]",
-    )
-    group.add_argument(
-        "--picture",
-        type=file_name_option,
-        metavar="FILE",
-        help="write the picture: .png, .svg or .pdf [none]",
+    rows = options_of(FieldConfig)
+    add_command_options(
+        group,
+        [rows[name] for name in _PICTURE],
+        half_width_mm="60; isosurface: half of it",
+        step_mm="0.75; isosurface: 1.5 at least",
     )
     group.add_argument(
         "--ear-mm",

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.machine.files import write_json_file
-from haptogram.settings.command_line import add_setting_options
-from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name_option, number_option
+from haptogram.settings.command_line import add_command_options, add_setting_options
+from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
-from haptogram.settings.verify_config import VerifyConfig, load_verify_config
+from haptogram.settings.verify_config import OutputConfig, VerifyConfig, load_verify_config
 
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options, array_model
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 HOLD: Final = "dwell"
 KINDS: Final = ("am", "lm", "stm", HOLD)
-DEFAULT_BANDWIDTH_HZ: Final = 2000.0
+_OUTPUTS: Final = ("picture", "csv", "json")
 _CENTER_MM: Final = (0.0, 0.0, 150.0)
 _RADIUS_MM: Final = 20.0
 _EPILOG: Final = """\
@@ -45,6 +46,24 @@ exit status:
   2    usage or environment error
   130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModulationResultConfig(Settings):
+    """How the transducers follow the frames, and the files that are written."""
+
+    bandwidth_hz: float = option(
+        2000.0,
+        unit="HZ",
+        low=1.0,
+        high=1e6,
+        help="bandwidth of the transducers at -6 dB: how fast they follow a frame",
+    )
+    picture: Path | None = option(None, unit="FILE", help="picture: .png, .svg or .pdf")
+    csv: Path | None = option(
+        None, unit="FILE", help="frames as CSV: time_s, x_mm, y_mm, z_mm, amplitude"
+    )
+    json: Path | None = option_of(OutputConfig, "json", help="figures and spectrum as JSON")
 
 
 def set_up(parser: Parser) -> None:
@@ -84,14 +103,7 @@ def _add_object(parser: Parser) -> None:
 def _add_skin(parser: Parser) -> None:
     skin = parser.add_argument_group("array, air and skin")
     add_array_options(skin)
-    skin.add_argument(
-        "--bandwidth-hz",
-        type=number_option(1.0, 1e6, "Hz"),
-        metavar="HZ",
-        default=DEFAULT_BANDWIDTH_HZ,
-        help="of the transducers, at -6 dB: how fast they follow a frame "
-        f"[{DEFAULT_BANDWIDTH_HZ:g}]",
-    )
+    add_command_options(skin, [options_of(ModulationResultConfig)["bandwidth_hz"]])
     skin.add_argument(
         "--at-mm",
         type=position_argument_mm,
@@ -102,24 +114,8 @@ def _add_skin(parser: Parser) -> None:
 
 def _add_outputs(parser: Parser) -> None:
     result = parser.add_argument_group("result", FILE_HELP)
-    result.add_argument(
-        "--picture",
-        type=file_name_option,
-        metavar="FILE",
-        help="picture: .png, .svg or .pdf [none]",
-    )
-    result.add_argument(
-        "--csv",
-        type=file_name_option,
-        metavar="FILE",
-        help="frames as CSV: time_s, x_mm, y_mm, z_mm, amplitude [none]",
-    )
-    result.add_argument(
-        "--json",
-        type=file_name_option,
-        metavar="FILE",
-        help="figures and spectrum as JSON; - is standard output [none]",
-    )
+    rows = options_of(ModulationResultConfig)
+    add_command_options(result, [rows[name] for name in _OUTPUTS])
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -131,7 +127,7 @@ def run(arguments: argparse.Namespace) -> int:
     from .result import ModulationResult, describe_felt, draw_felt, felt_csv, felt_dict
 
     refuse_idle_options("modulation", arguments)
-    outputs = Outputs(arguments, "picture", "csv", "json")
+    outputs = Outputs(arguments, *_OUTPUTS)
     config = _config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
     frames = frames_of_run(config.shape, config.pace, config.modulation)

@@ -5,12 +5,18 @@ from __future__ import annotations
 import argparse
 import functools
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import write_json_file
 from haptogram.machine.terminal import paint_terminal_verdicts
-from haptogram.settings.parser import file_name_option, whole_number_option
+from haptogram.settings.board import BoardConfig
+from haptogram.settings.command_line import add_command_options
+from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.parser import file_name_option
+from haptogram.settings.verify_config import LinkConfig, OutputConfig
 
 from ..acting_options import refuse_idle_options
 from ..shell.output_files import FILE_HELP, Outputs, announce_output
@@ -45,6 +51,18 @@ exit status:
 """
 
 
+@dataclass(frozen=True, kw_only=True)
+class ReplayConfig(Settings):
+    """The board that a recording is fed to, and what is written and printed."""
+
+    port: str | None = option_of(LinkConfig, "port", absent="the recorded virtual board")
+    baud: int = option_of(LinkConfig, "baud", help="rate of the line of --port")
+    mutant: str | None = option_of(BoardConfig, "mutant", absent="as recorded")
+    array: str | None = option_of(BoardConfig, "array", default=None, absent="as recorded")
+    json: Path | None = option_of(OutputConfig, "json", help="write every difference as JSON")
+    show: int = option(20, unit="N", low=0, high=1000, help="differences that are printed")
+
+
 def set_up(parser: Parser, make_board: MakeBoard) -> None:
     """Describe the command and add its options; *make_board* powers up virtual boards."""
     parser.description = (
@@ -55,32 +73,14 @@ def set_up(parser: Parser, make_board: MakeBoard) -> None:
     parser.set_defaults(run=functools.partial(run, make_board=make_board))
     parser.add_argument("file", type=file_name_option, metavar="FILE", help="the recording")
     board = parser.add_argument_group("board")
-    board.add_argument("--port", metavar="URL", help="a board on any pyserial URL [virtual board]")
-    board.add_argument(
-        "--baud",
-        type=whole_number_option(300, 100_000_000, "Bd"),
-        default=3_000_000,
-        metavar="BAUD",
-        help="line rate of --port [3000000]",
-    )
+    rows = options_of(ReplayConfig)
+    add_command_options(board, [rows["port"], rows["baud"]])
     board.add_argument(
         "--healthy", action="store_true", help="leave out mutant and faults of the recorded board"
     )
-    board.add_argument(
-        "--mutant", metavar="NAME", help="a board that is wrong in one way [as recorded]"
-    )
-    board.add_argument("--array", metavar="NXxNY|FILE", help="its array [as recorded]")
+    add_command_options(board, [rows["mutant"], rows["array"]])
     result = parser.add_argument_group("result", FILE_HELP)
-    result.add_argument(
-        "--json", type=file_name_option, metavar="FILE", help="write every difference as JSON"
-    )
-    result.add_argument(
-        "--show",
-        type=whole_number_option(0, 1000),
-        default=20,
-        metavar="N",
-        help="differences that are printed [20]",
-    )
+    add_command_options(result, [rows["json"], rows["show"]])
 
 
 def run(arguments: argparse.Namespace, make_board: MakeBoard) -> int:

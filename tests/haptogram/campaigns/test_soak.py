@@ -9,23 +9,20 @@ from typing import Any
 
 import pytest
 
-from haptogram.campaigns.soak import (
-    Interrupted,
-    SoakCampaign,
-    SoakSetup,
-    SoakTally,
-    campaign,
-    run_segment,
-)
+from haptogram.campaigns.soak import campaign
+from haptogram.campaigns.soak.campaign import Interrupted, SoakCampaign
 from haptogram.campaigns.soak.faults import KINDS
 from haptogram.campaigns.soak.line import DAMAGE
 from haptogram.campaigns.soak.memory import GROWTH_LIMIT_BYTES, SoakMemory
+from haptogram.campaigns.soak.segment import run_segment
+from haptogram.campaigns.soak.setup import SoakSetup
+from haptogram.campaigns.soak.tally import SoakTally
 from haptogram.cli import board_without_a_line, main
 from haptogram.errors import ConfigurationError
 from haptogram.report.soak import soak_text
 from haptogram.settings.faults.kinds import FAULT_KINDS
 
-SHORT = SoakSetup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_s=0.4)
+SHORT = SoakSetup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_minutes=0.4 / 60)
 
 
 def segment(mutant: str | None = None, *, seed: int = 0, seconds: float = 1.5) -> SoakTally:
@@ -198,7 +195,7 @@ def test_a_checkpoint_of_another_soak_is_refused(tmp_path: Path) -> None:
     SoakCampaign(SHORT).save(path)
     other = functools.partial(SoakCampaign.load, path)
     with pytest.raises(ConfigurationError, match="another soak: seed 7, not 8"):
-        other(SoakSetup(hours=SHORT.hours, fault_rate=0.05, seed=8, segment_s=0.4))
+        other(SoakSetup(hours=SHORT.hours, fault_rate=0.05, seed=8, segment_minutes=0.4 / 60))
     path.write_text("[]")
     with pytest.raises(ConfigurationError, match="no checkpoint of a soak"):
         other(SHORT)
@@ -216,7 +213,7 @@ def test_the_account_counts_in_words() -> None:
 
 
 def test_segments_cover_the_whole_time() -> None:
-    setup = SoakSetup(hours=1.0, segment_s=7.0)
+    setup = SoakSetup(hours=1.0, segment_minutes=7 / 60)
     lengths = [setup.length_s(number) for number in range(setup.segments)]
     assert sum(lengths) == pytest.approx(3600.0)
     assert min(lengths) > 0

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import pytest
 
-from haptogram.settings.parser import (
-    Parser,
-    UsageError,
-    attach_negative_values,
-    number_option,
-    whole_number_option,
-)
+from haptogram.settings.command_line import add_command_options
+from haptogram.settings.option import Settings, option, options_of
+from haptogram.settings.parser import Parser, UsageError, attach_negative_values
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows(Settings):
+    baud: int | None = option(None, unit="BAUD", low=1200, high=50_000_000, help="line")
+    rate_hz: float = option(1000.0, unit="HZ", low=0.5, high=40_000.0, help="rate")
+    hours: float = option(unit="HOURS", low=0.0, high=9.0, help="duration")
+    name: tuple[str, ...] = option((), unit="NAME", help="100 % of them")
+    trim: bool = option(False, help="shorter")
 
 
 def parser() -> Parser:
     made = Parser("prog")
-    made.add_argument("--baud", type=whole_number_option(1200, 50_000_000, "Bd"))
-    made.add_argument("--rate-hz", type=number_option(0.5, 40_000.0, "Hz"), default=1000.0)
+    rows = options_of(Rows)
+    add_command_options(made, [rows["baud"], rows["rate_hz"]])
     made.add_argument("--mode", choices=("phases", "drives"))
     made.add_argument("--at-mm", nargs="?", const="here")
     made.add_argument("--quiet", action="store_true")
@@ -61,6 +68,23 @@ def test_an_unknown_option_is_told_before_a_value_that_is_missing() -> None:
         with_required.parse_args(["--baut", "9600"])
     with pytest.raises(UsageError, match="--hours is missing; --help tells more"):
         with_required.parse_args([])
+
+
+def test_options_of_a_command_have_their_defaults_and_a_required_one_has_none() -> None:
+    made = Parser("prog")
+    add_command_options(made, options_of(Rows).values(), baud="that of the board")
+    found = made.parse_args(["--hours", "2", "--name", "a", "--name=b"])
+    assert (found.baud, found.rate_hz, found.hours) == (None, 1000.0, 2.0)
+    assert (found.name, found.trim) == (["a", "b"], False)
+    assert made.parse_args(["--hours", "2", "--trim"]).trim
+    assert made.parse_args(["--hours", "2"]).name == []
+    with pytest.raises(UsageError, match=r"^--hours is missing; --help tells more"):
+        made.parse_args([])
+    help_text = made.format_help()
+    assert "duration\n" in help_text
+    assert "line [that of the board]" in help_text
+    assert "100 % of them [none]" in help_text
+    assert "--no-trim" not in help_text
 
 
 def test_given_names_the_options_of_the_command_line_and_no_default() -> None:

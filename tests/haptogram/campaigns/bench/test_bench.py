@@ -7,7 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from haptogram.campaigns.bench.measure import BenchConfig, run_bench
+from haptogram.campaigns.bench.config import BenchConfig
+from haptogram.campaigns.bench.measure import run_bench
 from haptogram.campaigns.bench.result import STAGES, bench_dict, read_bench_result
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
@@ -99,11 +100,11 @@ def test_a_file_that_is_no_result_is_refused(tmp_path, content, text):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"rate_hz": 50}, "rate is 50 Hz"),
-        ({"rate_hz": float("nan")}, "rate is nan Hz"),
-        ({"seconds": 0}, "must be 1 to 300000"),
-        ({"seconds": 1e6}, "must be 1 to 300000"),
-        ({"spin_us": -1}, "spin_us is -1 us"),
+        ({"rate_hz": 50}, "rate_hz is 50, must be 100 to 10000 Hz"),
+        ({"rate_hz": float("nan")}, "rate_hz is nan, must be 100 to 10000 Hz"),
+        ({"seconds": 0}, "seconds is 0, must be 0.001 to 86400 s"),
+        ({"seconds": 1e4}, "these are 10000000 frames, must be 300000 at most"),
+        ({"spin_us": -1}, "spin_us is -1, must be 0 to 10000 us"),
         ({"spin_us": 251}, "spin_us is 251 us; at 1000 Hz it can be 0 to 250 us, a quarter"),
         ({"spin_us": 63, "rate_hz": 4000}, "at 4000 Hz it can be 0 to 62.5 us"),
     ],
