@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.evidence.recordings.channels import MAGIC
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.reader import Recording
@@ -21,7 +22,6 @@ FORMATS: Final = ("auto", "recording", "raw", "hex")
 _STDIN: Final = Path("-")
 _CHUNK: Final = 65_536
 _LOOKED_AT: Final = 4096
-_MAGIC: Final = b"\x89MCAP0\r\n"
 #: Bytes as two digits each, with a prefix or not, and what may stand between them.
 _BYTES: Final = re.compile(rb"(?:(?:0[xX]|\\x)?[0-9a-fA-F]{2}|[\s,:;]+)*+")
 _LONGEST_REST: Final = 3  # all but the last digit of a byte with its prefix
@@ -97,7 +97,7 @@ def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
 
 
 def _kind_of(begin: bytes) -> str:
-    if begin.startswith(_MAGIC):
+    if begin.startswith(MAGIC):
         return "recording"
     found = _BYTES.match(begin)
     rest = len(begin) - found.end() if found else len(begin)

@@ -12,6 +12,8 @@ from typing import Any, Final
 
 from haptogram.records.latch import LATCH_LAYOUT, LATCH_VERSION
 
+#: The first bytes of every MCAP file.
+MAGIC: Final = b"\x89MCAP0\r\n"
 VERSION: Final = 1
 PROFILE: Final = "haptogram"
 #: Name of the metadata record that stands first in the file.

@@ -16,6 +16,7 @@ from .channels import (
     FAULTS,
     LATCH,
     LINK,
+    MAGIC,
     METADATA,
     OUTPUT,
     PROFILE,
@@ -28,7 +29,6 @@ from .channels import (
 )
 from .writer import check_recordings
 
-MAGIC: Final = b"\x89MCAP0\r\n"
 _LARGEST_RECORD: Final = 1 << 28
 _VERSION_DIGITS: Final = 9
 _BACK_DOOR: Final = (BOARD, LATCH, PULSES, OUTPUT, RECONSTRUCTION, FAULTS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -16,6 +17,7 @@ from haptogram.verification import FrameStatus
 LATCHED: Final = "latched"  # the status of a frame that nobody judged
 STATUSES: Final = (*map(str, FrameStatus), LATCHED)
 TIMELY, LATE, EARLY = range(3)
+_MOST_TEXTS: Final = 500  # of one page; the JSON file has all
 
 Place: TypeAlias = Sequence[float | None] | None
 
@@ -44,6 +46,8 @@ class ShownFrame:
         RMS pressure at the focus, and force on a disc of 10 mm radius.
     drive : Drive or None
         Radiated drive, if it was seen.
+    text : str
+        Findings about the frame, in words; empty: none.
     """
 
     number: int
@@ -59,9 +63,15 @@ class ShownFrame:
     pressure_pa: float | None = None
     force_n: float | None = None
     drive: Drive | None = None
+    text: str = ""
+
+    @property
+    def is_odd(self) -> bool:
+        """True if the frame was judged and is not simply on target, in time."""
+        return self.status not in (FrameStatus.ON_TARGET, LATCHED) or self.timing != TIMELY
 
 
-def judged_frame(field: Callable[[str], Any], drive: Drive | None) -> ShownFrame:
+def judged_frame(field: Callable[[str], Any], drive: Drive | None, text: str) -> ShownFrame:
     """Return a frame with a verdict, of a run or of a recording of one.
 
     Parameters
@@ -70,6 +80,8 @@ def judged_frame(field: Callable[[str], Any], drive: Drive | None) -> ShownFrame
         Returns what the verdict holds under a name, as ``FrameVerdict`` has it.
     drive : Drive or None
         Radiated drive, if it was seen.
+    text : str
+        The verdict in words.
     """
     return ShownFrame(
         number=field("number"),
@@ -85,7 +97,14 @@ def judged_frame(field: Callable[[str], Any], drive: Drive | None) -> ShownFrame
         pressure_pa=field("pressure_rms_pa"),
         force_n=field("force_n"),
         drive=drive,
+        text=text,
     )
+
+
+def odd_texts(frames: Iterable[ShownFrame]) -> dict[str, str]:
+    """Return the findings about the first 500 frames that want attention, by number."""
+    odd = ((str(frame.number), frame.text) for frame in frames if frame.is_odd and frame.text)
+    return dict(islice(odd, _MOST_TEXTS))
 
 
 def frame_columns(frames: Sequence[ShownFrame], count: int) -> dict[str, NDArray[Any]]:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
 
-from haptogram.acoustics import AcousticModel, Drive
+from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model, observation_of
 from haptogram.evidence.recordings.channels import VERDICT
 from haptogram.evidence.recordings.reader import Recording
 from haptogram.records.frame import FrameKey
-from haptogram.verification import FrameStatus
 
 from .frames import ShownFrame, judged_frame
 from .live import LiveScene
@@ -37,7 +37,7 @@ def recorded_scene(path: Path) -> tuple[Scene, list[str]]:
             f"{path}: the recording has no record of its board, and so no array; a recording of a "
             "virtual board has one"
         )
-    frames = list(islice(_judged_frames(recording), _MOST_FRAMES))
+    frames = _judged_frames(recording)
     if frames:
         scene, lead = _judged_scene(board_model(board), frames, path)
     else:
@@ -49,28 +49,26 @@ def recorded_scene(path: Path) -> tuple[Scene, list[str]]:
 
 
 def _judged_scene(
-    model: AcousticModel, frames: list[tuple[ShownFrame, str]], path: Path
+    model: AcousticModel, frames: list[ShownFrame], path: Path
 ) -> tuple[Scene, list[str]]:
-    counters: dict[str, int] = {}
-    for frame, _ in frames:
-        counters[frame.status] = counters.get(frame.status, 0) + 1
-    texts = {
-        str(frame.number): text for frame, text in frames if frame.status != FrameStatus.ON_TARGET
-    }
     more = f", the first {_MOST_FRAMES} of {path.name}" if len(frames) == _MOST_FRAMES else ""
-    scene = Scene.of(model, [frame for frame, _ in frames], counters=counters, texts=texts)
+    scene = Scene.of(model, frames, counters=Counter(frame.status for frame in frames))
     return scene, [f"{model.array.count} transducers, {len(frames)} judged frames{more}."]
 
 
-def _judged_frames(recording: Recording) -> Iterator[tuple[ShownFrame, str]]:
-    """Yield the frames of the verdicts, with the drive that was seen, and the text of each."""
-    drives: dict[FrameKey, Drive] = {}
-    for record in recording.records():
-        if record["kind"] == "latch":
-            seen = observation_of(record)
-            if (drive := seen.radiated or seen.drive) is not None:
-                drives[seen.key] = drive
-    for entry in recording.entries((VERDICT,)):
+def _judged_frames(recording: Recording) -> list[ShownFrame]:
+    """Return the first frames that have a verdict, with the drive that was seen of each."""
+    judged: dict[FrameKey, ShownFrame] = {}
+    for entry in islice(recording.entries((VERDICT,)), _MOST_FRAMES):
         fields = entry.fields
         key = FrameKey(*(fields[name] for name in ("session", "sequence", "loop", "index")))
-        yield judged_frame(fields.__getitem__, drives.get(key)), fields["text"]
+        judged[key] = judged_frame(fields.__getitem__, None, fields["text"])
+    # A recording has its latches before its verdicts: only those of judged frames are kept.
+    for record in recording.records() if judged else ():
+        if record["kind"] != "latch":
+            continue
+        seen = observation_of(record)
+        if seen.key in judged:
+            frame = judged[seen.key]
+            judged[seen.key] = replace(frame, drive=seen.radiated or seen.drive or frame.drive)
+    return list(judged.values())

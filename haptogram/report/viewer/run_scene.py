@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
-from typing import Final
 
 from haptogram.acoustics import AcousticModel, Drive
-from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
+from haptogram.verification import RunVerdict
 
 from .frames import judged_frame
 from .scene import Scene
-
-_MOST_TEXTS: Final = 500  # frames with a text of their own; the JSON file has all
 
 
 def run_scene(run: RunVerdict, model: AcousticModel, drives: Mapping[int, Drive]) -> Scene:
@@ -27,14 +24,9 @@ def run_scene(run: RunVerdict, model: AcousticModel, drives: Mapping[int, Drive]
     """
     return Scene.of(
         model,
-        [judged_frame(partial(getattr, frame), drives.get(frame.number)) for frame in run.frames],
+        [
+            judged_frame(partial(getattr, frame), drives.get(frame.number), str(frame))
+            for frame in run.frames
+        ],
         counters={name.replace("_", " "): count for name, count in run.counts.items() if count},
-        texts=dict(_texts(run.frames)),
     )
-
-
-def _texts(frames: Sequence[FrameVerdict]) -> Iterable[tuple[str, str]]:
-    """Yield number and findings of the frames that are not simply on target."""
-    odd = (f for f in frames if f.status is not FrameStatus.ON_TARGET or f.late or f.early)
-    for _, frame in zip(range(_MOST_TEXTS), odd, strict=False):
-        yield str(frame.number), str(frame)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, MAX_PHASE_BITS
 
-from .frames import STATUSES, ShownFrame, frame_columns
+from .frames import STATUSES, ShownFrame, frame_columns, odd_texts
 
 MAGIC: Final = b"HGV1"
 _ALIGNMENT: Final = 8
@@ -53,7 +53,6 @@ class Scene:
         frames: Sequence[ShownFrame],
         *,
         counters: Mapping[str, Any] | None = None,
-        texts: Mapping[str, str] | None = None,
     ) -> Self:
         """Return the scene of *frames* that an array radiates.
 
@@ -61,15 +60,13 @@ class Scene:
         ----------
         counters : mapping, optional
             Counters to show beside the view, by name.
-        texts : mapping, optional
-            Findings about single frames, by number.
         """
         return cls(
             {
                 **_constants(model),
                 "statuses": STATUSES,
                 "counters": dict(counters or {}),
-                "texts": dict(texts or {}),
+                "texts": odd_texts(frames),
             },
             {**_elements(model), **frame_columns(frames, model.array.count)},
         )

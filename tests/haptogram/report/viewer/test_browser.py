@@ -121,10 +121,10 @@ def _run_of_four() -> Scene:
     frames = [
         ShownFrame(**common[0], **seen[0], status="on target"),
         ShownFrame(**common[1], **seen[1], status="on target"),
-        ShownFrame(**common[2], status="lost"),
+        ShownFrame(**common[2], status="lost", text="frame 2: lost <b>x</b>"),
         ShownFrame(**common[3], **seen[3], status="on target", timing=LATE),
     ]
-    return Scene.of(model, frames, counters={"lost": 1}, texts={"2": "frame 2: lost <b>x</b>"})
+    return Scene.of(model, frames, counters={"lost": 1})
 
 
 @pytest.fixture

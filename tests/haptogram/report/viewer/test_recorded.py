@@ -30,6 +30,9 @@ def test_verdicts_of_a_run_are_shown(tmp_path: Path) -> None:
     found, target = columns["found_mm"][~lost], columns["target_mm"][~lost]
     np.testing.assert_allclose(found, target, atol=1.0)
     assert header["counters"]["lost"] == lost.sum()
+    numbers = columns["number"][lost].tolist()
+    assert list(header["texts"]) == [str(number) for number in numbers]
+    assert all("lost" in text for text in header["texts"].values())
     assert lead == [f"verify: 36 transducers, {len(statuses)} judged frames."]
 
 
@@ -46,6 +49,19 @@ def test_recording_that_was_cut_off_is_shown_as_far_as_it_goes(tmp_path: Path) -
         assert lead[-1] == "The recording was cut off."
     assert shown == sorted(shown)
     assert 0 < shown[-1] <= len(whole["number"])
+
+
+def test_no_more_drives_are_kept_than_frames_are_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.mcap"
+    main(["verify", *SMALL, "--record", str(path)])
+    whole = unpack(recorded_scene(path)[0].pack())[1]
+    monkeypatch.setattr("haptogram.report.viewer.recorded._MOST_FRAMES", 5)
+    scene, lead = recorded_scene(path)
+    first = unpack(scene.pack())[1]
+    np.testing.assert_array_equal(first["phases"], whole["phases"][:5])
+    assert lead == ["verify: 36 transducers, 5 judged frames, the first 5 of run.mcap."]
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:

@@ -94,6 +94,20 @@ def test_equal_amplitudes_are_said_once() -> None:
     assert columns["amplitudes"].tolist() == [full.tolist()]
 
 
+def test_texts_are_those_of_the_first_500_frames_that_want_attention() -> None:
+    frames = [
+        ShownFrame(number=0, status=str(FrameStatus.ON_TARGET), text="on target"),
+        ShownFrame(number=1, status=str(FrameStatus.ON_TARGET), timing=LATE, text="late"),
+        ShownFrame(number=2, timing=EARLY, text="early"),
+        ShownFrame(number=3, text="latched"),
+        ShownFrame(number=4, status=str(FrameStatus.LOST)),
+        *(ShownFrame(number=n, status=str(FrameStatus.LOST), text="lost") for n in range(5, 700)),
+    ]
+    header, _ = unpack(Scene.of(AcousticModel.default(2, 2), frames).pack())
+    assert list(header["texts"]) == [str(number) for number in (1, 2, *range(5, 503))]
+    assert header["texts"]["1"] == "late"
+
+
 def test_a_hemisphere_is_small() -> None:
     model = AcousticModel.default()
     run = make_run(model, targets(672), min_verified=1.0)
