@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 import socket
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.machine.closing import ClosedByWith
 
 UNIX_PREFIX: Final = "unix:"
 _AT_A_TIME: Final = 1 << 20  # bytes: about a thousand latches
 _LONGEST_LINE: Final = 1 << 22
 
 
-class BackdoorStream:
+class BackdoorStream(ClosedByWith):
     """Reads the records of one board, and never waits for them.
 
     Parameters
@@ -70,17 +70,6 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         """Close the file or the connection."""
         self.is_open = False
         self._input.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _record(self, line: bytes) -> dict[str, Any]:
         self._lines += 1

@@ -12,13 +12,13 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from haptogram.acoustics.model.drive import Drive
 from haptogram.errors import ConfigurationError
+from haptogram.machine.closing import ClosedByWith
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
 from haptogram.settings.arguments import check_argument_kind
 
@@ -26,7 +26,7 @@ _SLOTS: Final = 4096  # frames that are remembered: some 5 MB
 _Content: TypeAlias = tuple[tuple[Focus, ...], Drive, int, bool, str]
 
 
-class RecordFile:
+class RecordFile(ClosedByWith):
     """A sink of :class:`~haptogram.driver.driver.Driver` that writes a file.
 
     Memory stays bounded.  :func:`read_records` reads the file back.
@@ -108,17 +108,6 @@ class RecordFile:
         if not self._file.closed:
             self._write("end", entries=self._entries)
             self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 @dataclass(slots=True)

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from numpy.typing import ArrayLike
 
@@ -18,6 +17,7 @@ from haptogram.errors import ConfigurationError, VerificationError
 from haptogram.evidence.backdoor import why_backdoor_incomplete
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.evidence.watched_board import WatchedBoard
+from haptogram.machine.closing import ClosedByWith
 from haptogram.settings.arguments import check_whole
 from haptogram.verification import Tolerance, Verdict
 from haptogram.verification.watch import Expectation, Watch
@@ -30,7 +30,7 @@ _MOST_ROUNDS: Final = 10**9
 _SHOWN: Final = 5  # frames of a kind that are named
 
 
-class VerifiedBoard:
+class VerifiedBoard(ClosedByWith):
     """A virtual board in a process of its own, and the foci that a test expects on it.
 
     Parameters
@@ -132,17 +132,6 @@ class VerifiedBoard:
     def close(self) -> None:
         """End the board and remove what it left behind."""
         self._board.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     # --- verdict -------------------------------------------------------------------------------
 

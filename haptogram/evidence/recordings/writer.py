@@ -13,11 +13,11 @@ import signal
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Final, Self
+from typing import Any, BinaryIO, Final
 
 import haptogram
 from haptogram.errors import ConfigurationError
+from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.records.latch import LatchRecord
 
@@ -68,7 +68,7 @@ def check_recordings() -> None:
         ) from error
 
 
-class RecordingWriter:
+class RecordingWriter(ClosedByWith):
     """A recording that is being written.
 
     Parameters
@@ -195,17 +195,6 @@ class RecordingWriter:
                     self._writer.finish()
             with self._attempt():
                 self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     # --- the file ------------------------------------------------------------------------------
 
