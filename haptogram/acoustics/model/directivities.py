@@ -113,7 +113,7 @@ class RectangularPiston:
         ConfigurationError
             If `width_axis` is the normal of an element.
         """
-        across, along = self._axes(normals)
+        across, along = self.side_axes(normals)
         u = np.einsum("mnk,nk->mn", directions, across)
         v = np.einsum("mnk,nk->mn", directions, along)
         # numpy's sinc is sin(pi x) / (pi x).
@@ -123,8 +123,19 @@ class RectangularPiston:
         result: FloatArray = np.where(ahead, gain, 0.0)
         return result
 
-    def _axes(self, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the unit vectors along width and height of each element, (N, 3) each."""
+    def side_axes(self, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the unit vectors along width and height of each element, (N, 3) each.
+
+        Raises
+        ------
+        ConfigurationError
+            If `width_axis` is the normal of an element.
+
+        Examples
+        --------
+        >>> RectangularPiston(0.010, 0.005).side_axes(np.array([[0.0, 0.0, 1.0]]))
+        (array([[1., 0., 0.]]), array([[0., 1., 0.]]))
+        """
         axis = np.asarray(self.width_axis)
         across = axis - (normals @ axis)[:, None] * normals
         length = np.linalg.norm(across, axis=1)

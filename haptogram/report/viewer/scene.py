@@ -20,7 +20,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, RectangularPiston
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, MAX_PHASE_BITS
 
 from .frames import STATUSES, ShownFrame, frame_columns, odd_texts
@@ -86,7 +86,10 @@ class Scene:
 
 def _constants(model: AcousticModel) -> dict[str, Any]:
     """Return the constants of array and medium that the field needs."""
+    directivity = model.transducer.directivity
+    rectangle = isinstance(directivity, RectangularPiston)
     return {
+        "sides_mm": [1e3 * directivity.width_m, 1e3 * directivity.height_m] if rectangle else [],
         "wavelength_mm": 1e3 * model.wavelength_m,
         "absorption_np_m": model.medium.absorption_np_m,
         "source_pa_m": model.transducer.source_strength_pa_m,
@@ -99,19 +102,22 @@ def _constants(model: AcousticModel) -> dict[str, Any]:
 def _elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
     """Return places, normals, responses and directivity of the elements.
 
-    A directivity that depends on the direction around the axis has no table: ``gains`` is empty,
-    and the page draws no field.
+    A directivity that depends on the direction around the axis has no table, ``gains`` is empty;
+    a rectangle has the ``width_axes`` of its elements instead. The page draws no field of others.
     """
     array, directivity = model.array, model.transducer.directivity
     response = np.ones(array.count, complex) if model.response is None else model.response
     cosines = np.linspace(0.0 if directivity.baffled else -1.0, 1.0, _GAINS)
     tabled = not hasattr(directivity, "gain_towards")
     gains = directivity.gain(cosines, model.wavenumber) if tabled else np.empty(0)
+    rectangle = isinstance(directivity, RectangularPiston)
+    width_axes = directivity.side_axes(array.normals)[0] if rectangle else np.empty((0, 3))
     return {
         "positions_mm": (1e3 * array.positions_m).astype(np.float32),
         "normals": array.normals.astype(np.float32),
         "response": np.stack([response.real, response.imag], axis=1).astype(np.float32),
         "gains": np.asarray(gains, dtype=np.float32),
+        "width_axes": width_axes.astype(np.float32),
     }
 
 

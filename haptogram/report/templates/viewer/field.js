@@ -1,6 +1,7 @@
 // The field: RMS pressure of a drive, p = |sum_n w_n h_n P1 D(cos theta_n) e^((jk - alpha) r_n) / r_n|.
 
 const NEAREST_MM = 1; // nearer to an element the model of the field does not hold
+const GRAZING = 1e-6; // cosine: rounding puts no point behind an element
 
 class Field {
   constructor(scene) {
@@ -10,11 +11,12 @@ class Field {
     this.normals = columns.normals.values;
     this.response = columns.response.values;
     this.gains = columns.gains.values;
+    this.widthAxes = columns.width_axes.values; // of rectangles
     this.weights = new Float32Array(2 * scene.elements);
   }
 
   get isKnown() {
-    return this.gains.length > 0;
+    return this.gains.length > 0 || this.widthAxes.length > 0;
   }
 
   // Pressure of each element at each of the points (x, y, z in mm), at full drive, in Pa.
@@ -40,9 +42,9 @@ class Field {
         real.fill(NaN, first, first + this.scene.elements);
         return;
       }
-      const along = dx * this.normals[3 * n] + dy * this.normals[3 * n + 1] + dz * this.normals[3 * n + 2];
+      const gain = this.#gainTowards(n, dx / distance, dy / distance, dz / distance);
       const metres = 1e-3 * distance;
-      const level = (source_pa_m * this.#gain(along / distance) * Math.exp(-absorption_np_m * metres)) / metres;
+      const level = (source_pa_m * gain * Math.exp(-absorption_np_m * metres)) / metres;
       const turns = distance / wavelength_mm;
       const phase = 2 * Math.PI * (turns - Math.round(turns));
       real[first + n] = level * Math.cos(phase);
@@ -50,10 +52,24 @@ class Field {
     }
   }
 
+  // Directivity of an element in a direction, a unit vector.
+  #gainTowards(element, x, y, z) {
+    const at = 3 * element;
+    const [nx, ny, nz] = [this.normals[at], this.normals[at + 1], this.normals[at + 2]];
+    const cosine = x * nx + y * ny + z * nz;
+    if (!this.widthAxes.length) return this.#gain(cosine);
+    if (cosine < -GRAZING) return 0;
+    const [wx, wy, wz] = [this.widthAxes[at], this.widthAxes[at + 1], this.widthAxes[at + 2]];
+    const across = x * wx + y * wy + z * wz;
+    const along = x * (ny * wz - nz * wy) + y * (nz * wx - nx * wz) + z * (nx * wy - ny * wx);
+    const { sides_mm, wavelength_mm } = this.scene.header;
+    return sinc((sides_mm[0] * across) / wavelength_mm) * sinc((sides_mm[1] * along) / wavelength_mm);
+  }
+
   // Directivity at a cosine of the angle to the axis, from its table.
   #gain(cosine) {
     const lowest = this.scene.header.baffled ? 0 : -1;
-    if (cosine < lowest) return cosine < lowest - 1e-6 ? 0 : this.gains[0];
+    if (cosine < lowest) return cosine < lowest - GRAZING ? 0 : this.gains[0];
     const place = ((Math.min(cosine, 1) - lowest) / (1 - lowest)) * (this.gains.length - 1);
     const below = Math.min(Math.floor(place), this.gains.length - 2);
     return this.gains[below] + (place - below) * (this.gains[below + 1] - this.gains[below]);
@@ -93,6 +109,11 @@ class Field {
     }
     return result;
   }
+}
+
+// sin(pi x) / (pi x)
+function sinc(x) {
+  return x === 0 ? 1 : Math.sin(Math.PI * x) / (Math.PI * x);
 }
 
 // A square cut through space, normal to one axis, of side x side points.

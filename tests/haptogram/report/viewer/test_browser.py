@@ -18,6 +18,7 @@ from haptogram.acoustics import (
     Drive,
     Medium,
     PointSource,
+    RectangularPiston,
     Transducer,
     TransducerArray,
     pressure,
@@ -53,6 +54,7 @@ def _model(array: TransducerArray, transducer: Transducer) -> AcousticModel:
 
 _GRID = TransducerArray.grid(6, 4, pitch_m=0.01)
 _PISTON, _POINT = Transducer(CircularPiston()), Transducer(PointSource())
+_RECTANGLE = Transducer(RectangularPiston(0.011, 0.006, width_axis=(1.0, 0.7, 0.2)))
 _MODELS = {
     f"{shape}, {kind}": _model(array, transducer)
     for shape, array in {
@@ -62,7 +64,11 @@ _MODELS = {
         "face to face": _face_to_face(),
         "one element": TransducerArray.grid(1, 1),
     }.items()
-    for kind, transducer in {"pistons": _PISTON, "point sources": _POINT}.items()
+    for kind, transducer in {
+        "pistons": _PISTON,
+        "point sources": _POINT,
+        "rectangles": _RECTANGLE,
+    }.items()
 }
 
 
