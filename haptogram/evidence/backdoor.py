@@ -139,6 +139,7 @@ def observation_of(record: Mapping[str, Any]) -> Observation:
             drive_crc=record["drive_crc"],
             reconstruction=reconstruction_of(record["reconstruction"]),
             radiated=None if record["radiated"] is None else _drive(record["radiated"]),
+            t_received_us=record["t_received_us"],
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigurationError(f"not a latch record of a back door: {error!r}") from error

@@ -119,7 +119,7 @@ class WatchedBoard:
 
     def _of_codes(self, record: Mapping[str, Any]) -> SeenLatch:
         seen = observation_of(record)
-        drive = seen.radiated or seen.drive
+        drive = seen.output
         if drive is None:
             raise ConfigurationError("not a latch record of a back door: it has no drive")
         return SeenLatch(

@@ -199,6 +199,8 @@ class Observation:
         Focus and field rebuilt from the radiated drive.
     radiated : Drive or None
         Radiated drive, if it was observed to differ from the latched one.
+    t_received_us : int or None
+        Device time at which the frame was complete at the board, if it was observed.
 
     Examples
     --------
@@ -219,3 +221,9 @@ class Observation:
     drive_crc: int | None = None
     reconstruction: Reconstruction | None = None
     radiated: Drive | None = None
+    t_received_us: int | None = None
+
+    @property
+    def output(self) -> Drive | None:
+        """The drive that was radiated, as far as it was observed."""
+        return self.radiated or self.drive

@@ -347,16 +347,17 @@ def _write(
     """Write every file that was asked for; tell of those that could not be written."""
     from haptogram.report import run as report
 
-    outputs = ((o.key, o.radiated or o.drive) for o in found.observations)
-    seen = {key: drive for key, drive in outputs if drive is not None}
-    drives = {i.number: seen[i.key] for i in found.intended if i.key in seen}
+    by_key = {seen.key: seen for seen in found.observations if seen.output is not None}
+    seen = {i.number: by_key[i.key] for i in found.intended if i.key in by_key}
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
         (config.outputs.frames, lambda path: report.write_frame_lines(path, verdict)),
         (config.outputs.json, lambda path: report.write_run_json(path, result)),
         (config.outputs.junit, lambda path: report.write_run_junit(path, verdict, result)),
         (
             config.outputs.html,
-            lambda path: report.write_run_page(path, verdict, result, found.model, drives=drives),
+            lambda path: report.write_run_page(
+                path, verdict, result, found.model, observations=seen
+            ),
         ),
     )
     written = True

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.acoustics import AcousticModel, Drive
+from haptogram.acoustics import AcousticModel
+from haptogram.records.frame import Observation
 from haptogram.verification import (
     FrameStatus,
     FrameVerdict,
@@ -42,7 +43,7 @@ def write_run_page(
     result: Mapping[str, Any],
     model: AcousticModel,
     *,
-    drives: Mapping[int, Drive] | None = None,
+    observations: Mapping[int, Observation] | None = None,
 ) -> None:
     """Write the result as a page with pictures.
 
@@ -54,9 +55,9 @@ def write_run_page(
         The same as :func:`result_dict` returns it.
     model : AcousticModel
         Array and air that the drives were radiated in.
-    drives : mapping of int to Drive, optional
-        Drives that were latched, or radiated in their place, by frame number, for the view and the
-        picture of the field.
+    observations : mapping of int to Observation, optional
+        Latches whose drive was observed, by frame number, for the view and the picture of the
+        field.
 
     Raises
     ------
@@ -66,6 +67,8 @@ def write_run_page(
     check_html_page()
     effect = [] if run.effect is None else [f"The focus was {run.effect}."]
     bits = result["configuration"].get("phase_bits", _BITS)
+    seen = observations or {}
+    drives = {number: one.output for number, one in seen.items() if one.output is not None}
     shown = frame_field_picture(run, model, drives, bits)
     write_html_page(
         path,
@@ -77,7 +80,7 @@ def write_run_page(
         key_figures=_key_figures(result),
         faults=_faults(result["faults"]) if "faults" in result else None,
         troubles=_troubles(result["troubles"]),
-        scene=run_scene(run, model, drives or {}).embedded() if run.frames else None,
+        scene=run_scene(run, model, seen).embedded() if run.frames else None,
         checks=run_checks(run, result["cut_short"]),
         tones=_CHECK_TONES,
         pictures=list(_pictures(run, model, shown)),

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import Drive
 from haptogram.acoustics.model.drive import MAX_PHASE_BITS
+from haptogram.records.frame import Observation
 from haptogram.verification import FrameStatus
 
 LATCHED: Final = "latched"  # the status of a frame that nobody judged
@@ -34,8 +35,8 @@ class ShownFrame:
         One of :data:`STATUSES`.
     timing : int
         :data:`TIMELY`, :data:`LATE` or :data:`EARLY`.
-    due_us, latched_us : int or None
-        Device times.
+    due_us, received_us, latched_us : int or None
+        Device times: when it was to be latched, was complete at the board, and was latched.
     target_m, found_m : sequence of 3 float or None
         Where the focus was to be, and where it was.
     bound_mm : sequence of 3 float or None
@@ -54,6 +55,7 @@ class ShownFrame:
     status: str = LATCHED
     timing: int = TIMELY
     due_us: int | None = None
+    received_us: int | None = None
     latched_us: int | None = None
     target_m: Place = None
     found_m: Place = None
@@ -66,20 +68,31 @@ class ShownFrame:
     text: str = ""
 
     @property
+    def margin_us(self) -> int | None:
+        """Time from the arrival of the frame to its due time, or to its latch."""
+        end_us = self.latched_us if self.due_us is None else self.due_us
+        known = end_us is not None and self.received_us is not None
+        return end_us - self.received_us if known else None
+
+    def observed(self, seen: Observation | None) -> Self:
+        """Return the frame with drive and arrival of its latch."""
+        if seen is None or seen.output is None:
+            return self
+        return replace(self, drive=seen.output, received_us=seen.t_received_us)
+
+    @property
     def is_odd(self) -> bool:
         """True if the frame was judged and is not simply on target, in time."""
         return self.status not in (FrameStatus.ON_TARGET, LATCHED) or self.timing != TIMELY
 
 
-def judged_frame(field: Callable[[str], Any], drive: Drive | None, text: str) -> ShownFrame:
+def judged_frame(field: Callable[[str], Any], text: str) -> ShownFrame:
     """Return a frame with a verdict, of a run or of a recording of one.
 
     Parameters
     ----------
     field : callable
         Returns what the verdict holds under a name, as ``FrameVerdict`` has it.
-    drive : Drive or None
-        Radiated drive, if it was seen.
     text : str
         The verdict in words.
     """
@@ -96,7 +109,6 @@ def judged_frame(field: Callable[[str], Any], drive: Drive | None, text: str) ->
         along_mm=field("axial_error_mm"),
         pressure_pa=field("pressure_rms_pa"),
         force_n=field("force_n"),
-        drive=drive,
         text=text,
     )
 
@@ -115,6 +127,7 @@ def frame_columns(frames: Sequence[ShownFrame], count: int) -> dict[str, NDArray
         "timing": np.array([f.timing for f in frames], dtype=np.uint8),
         "due_us": _numbers(frames, lambda f: f.due_us).astype(np.float64),
         "latched_us": _numbers(frames, lambda f: f.latched_us).astype(np.float64),
+        "margin_ms": 1e-3 * _numbers(frames, lambda f: f.margin_us).astype(np.float32),
         "target_mm": _places(f.target_m for f in frames) * np.float32(1e3),
         "found_mm": _places(f.found_m for f in frames) * np.float32(1e3),
         "bound_mm": _places(f.bound_mm for f in frames),

@@ -97,19 +97,29 @@ class LiveScene:
         return Scene.of(self.model, newest, counters=self._told())
 
     def _latch(self, seen: Observation) -> None:
-        drive = seen.radiated or seen.drive
         self._counters["late"] += seen.late
-        timing = LATE if seen.late else TIMELY
-        self._show(drive, seen.t_latch_us, seen.reconstruction, timing)
+        self._show(
+            seen.output,
+            seen.t_latch_us,
+            seen.reconstruction,
+            timing=LATE if seen.late else TIMELY,
+            received_us=seen.t_received_us,
+        )
 
     def _pulses(self, seen: PulseObservation) -> None:
         # As fine as a page draws; the verdict knows the pulses themselves.
         drive = Drive.from_weights(saturated_weights(seen.weights))
         self._counters += Counter(seen.counted)
-        self._show(drive, seen.t_latch_us, seen.reconstruction, TIMELY)
+        self._show(drive, seen.t_latch_us, seen.reconstruction)
 
     def _show(
-        self, drive: Drive | None, t_latch_us: int, field: Reconstruction | None, timing: int
+        self,
+        drive: Drive | None,
+        t_latch_us: int,
+        field: Reconstruction | None,
+        *,
+        timing: int = TIMELY,
+        received_us: int | None = None,
     ) -> None:
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")
@@ -118,6 +128,7 @@ class LiveScene:
                 number=self.shown,
                 timing=timing,
                 latched_us=t_latch_us,
+                received_us=received_us,
                 drive=drive,
                 **_found(field),
             )

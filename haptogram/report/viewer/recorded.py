@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -62,13 +61,12 @@ def _judged_frames(recording: Recording) -> list[ShownFrame]:
     for entry in islice(recording.entries((VERDICT,)), _MOST_FRAMES):
         fields = entry.fields
         key = FrameKey(*(fields[name] for name in ("session", "sequence", "loop", "index")))
-        judged[key] = judged_frame(fields.__getitem__, None, fields["text"])
+        judged[key] = judged_frame(fields.__getitem__, fields["text"])
     # A recording has its latches before its verdicts: only those of judged frames are kept.
     for record in recording.records() if judged else ():
         if record["kind"] != "latch":
             continue
         seen = observation_of(record)
         if seen.key in judged:
-            frame = judged[seen.key]
-            judged[seen.key] = replace(frame, drive=seen.radiated or seen.drive or frame.drive)
+            judged[seen.key] = judged[seen.key].observed(seen)
     return list(judged.values())

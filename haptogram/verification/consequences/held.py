@@ -55,7 +55,7 @@ class HeldFocus:
             )
         )
         by_crc = verdict.status in JUDGED and not verdict.faults
-        drive = observation.radiated or observation.drive or (intended.drive if by_crc else None)
+        drive = observation.output or (intended.drive if by_crc else None)
         return cls(drive, (x, y, z), observation.t_latch_us)
 
 

@@ -8,7 +8,7 @@ const PRESSURE_STOPS =
   "788482798c8878938e789b9476a39a74aba072b4a76fbcae6cc4b468cdbb63d5c25edec958e7d150f0d846f9e03afee838";
 const COLOURS = { // Okabe and Ito's
   target: "#D55E00", found: "#0072B2", good: "#009E73", late: "#E69F00", open: "#888888", wrong: "#D55E00",
-  lost: "#CC79A7",
+  lost: "#CC79A7", margin: "#56B4E9",
 };
 
 class ColourMap {

@@ -97,6 +97,7 @@ class Viewer {
       status: `${scene.status(frame)}${timing}`,
       "target x, y, z": place("target_mm"),
       "focus x, y, z": place("found_mm"),
+      "arrival margin": number("margin_ms", 3, "ms"),
       "error across the beam": number("across_mm", 3, "mm"),
       "error along the beam": number("along_mm", 3, "mm"),
       "pressure at the focus": number("pressure_pa", 0, "Pa RMS"),
@@ -149,6 +150,8 @@ class Viewer {
     this.part("pressure-low").textContent = low;
     this.part("pressure-high").textContent = high;
     this.part("no-field").hidden = this.picture.field.isKnown;
+    this.part("margins").hidden = !this.timeline.longest;
+    this.part("longest").textContent = `${this.timeline.longest.toPrecision(3)} ms`;
   }
 
   // --- controls ----------------------------------------------------------------------------------

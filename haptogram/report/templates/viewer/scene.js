@@ -3,7 +3,7 @@
 const COLUMN_TYPES = { u1: Uint8Array, u4: Uint32Array, f4: Float32Array, f8: Float64Array };
 const ALIGNMENT = 8;
 const KEPT = 10000; // frames of a board that runs
-const FRAME_COLUMNS = ["number", "status", "timing", "due_us", "latched_us", "target_mm", "found_mm", "bound_mm",
+const FRAME_COLUMNS = ["number", "status", "timing", "due_us", "latched_us", "margin_ms", "target_mm", "found_mm", "bound_mm",
   "across_mm", "along_mm", "pressure_pa", "force_mn", "seen", "phases", "amplitudes"];
 
 async function unpackEmbedded(base64) {

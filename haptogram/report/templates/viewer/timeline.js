@@ -1,4 +1,4 @@
-// The time line: a tick for each frame in the colour of its status, and the error of each focus.
+// The time line: a tick for each frame in the colour of its status, its arrival margin, the error of its focus.
 
 class Timeline {
   constructor(canvas, scene) {
@@ -18,6 +18,7 @@ class Timeline {
     this.start = this.times.reduce((least, t) => Math.min(least, t), Infinity);
     this.end = this.times.reduce((most, t) => Math.max(most, t), this.start + 1);
     this.limit = scene.column("across_mm").reduce((most, v) => (v > most ? v : most), 0) || 1;
+    this.longest = scene.column("margin_ms").reduce((most, v) => (v > most ? v : most), 0);
   }
 
   x(t) {
@@ -48,10 +49,24 @@ class Timeline {
     this.canvas.width = Math.round(width * ratio);
     this.canvas.height = Math.round(height * ratio);
     this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.#drawMargins(height);
     this.#drawErrors(height, ink);
     // Troubles last: one lost frame among thousands must show.
     for (const rank of [0, 1, 2]) this.#drawTicks(rank);
     this.#drawCursor(frame, height, ink);
+  }
+
+  // A bar for each frame: how long before its time it had arrived; none if it came too late.
+  #drawMargins(height) {
+    this.context.fillStyle = COLOURS.margin;
+    this.context.globalAlpha = 0.5;
+    const width = Math.max(1, Math.min(8, (this.width - 8) / this.times.length - 1));
+    this.scene.column("margin_ms").forEach((margin, frame) => {
+      if (!(margin > 0)) return;
+      const length = (margin / this.longest) * (height - 30);
+      this.context.fillRect(this.x(this.times[frame]) - width / 2, height - 4 - length, width, length);
+    });
+    this.context.globalAlpha = 1;
   }
 
   #drawErrors(height, ink) {

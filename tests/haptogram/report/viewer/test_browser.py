@@ -121,7 +121,13 @@ def _run_of_four() -> Scene:
         {"number": n, "target_m": place, "due_us": 1000 * n} for n, place in enumerate(places)
     ]
     seen = [
-        {"latched_us": 1000 * n + 25, "found_m": place, "drive": drive, "pressure_pa": 900.0}
+        {
+            "latched_us": 1000 * n + 25,
+            "received_us": 1000 * n - 250 * (4 - n),
+            "found_m": place,
+            "drive": drive,
+            "pressure_pa": 900.0,
+        }
         for n, (place, drive) in enumerate(zip(places, drives, strict=True))
     ]
     frames = [
@@ -176,6 +182,7 @@ def test_table_tells_the_frame_and_leaves_out_what_is_not_known(page: Any) -> No
     table = _table(page)
     assert table["status"] == "lost"
     assert "focus x, y, z" not in table
+    assert "arrival margin" not in table
     assert "pressure at the focus" not in table
     assert page.locator("[data-part=text]").inner_text() == "frame 2: lost <b>x</b>"
 
@@ -195,6 +202,28 @@ def test_lost_and_late_frames_show_on_the_time_line(page: Any) -> None:
     assert colours[2][:3] == [0xCC, 0x79, 0xA7]  # lost
     assert colours[3][:3] == [0xE6, 0x9F, 0x00]  # late
     assert page.locator("[data-part=trouble-count]").inner_text() == "2"
+
+
+def test_arrival_margins_stand_on_the_time_line(page: Any) -> None:
+    """The first frame came 1 ms before its time, the last one 0.25 ms, the third never."""
+    heights = page.evaluate(
+        """() => {
+          const { timeline } = haptogramViewer;
+          const ratio = devicePixelRatio;
+          const top = 24 * ratio;
+          const height = timeline.canvas.height - top;
+          return timeline.times.map((t) => {
+            const x = Math.round(timeline.x(t) * ratio);
+            const column = timeline.context.getImageData(x + 2, top, 1, height).data;
+            return column.filter((alpha, at) => at % 4 === 3 && alpha > 0).length / ratio;
+          });
+        }"""
+    )
+    longest = heights[0]
+    assert longest > 30
+    assert heights == pytest.approx([longest, 0.75 * longest, 0.0, 0.25 * longest], abs=2.0)
+    assert _table(page)["arrival margin"] == "1.000 ms"
+    assert page.locator("[data-part=longest]").inner_text() == "1.00 ms"
 
 
 def test_controls_step_play_pause_and_jump(page: Any) -> None:

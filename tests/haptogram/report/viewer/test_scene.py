@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel, Drive
+from haptogram.records.frame import Evidence, Observation
 from haptogram.report.viewer.frames import EARLY, LATE, STATUSES, TIMELY, ShownFrame
 from haptogram.report.viewer.run_scene import run_scene
 from haptogram.report.viewer.scene import Scene
@@ -51,6 +52,7 @@ def test_a_scene_comes_back_as_it_was_packed(bits: int) -> None:
             number=7,
             timing=LATE,
             due_us=2**40,
+            received_us=2**40 - 90_500,
             latched_us=2**40 + 25,
             target_m=(0.01, -0.02, 0.15),
             found_m=(0.011, None, 0.15),
@@ -59,7 +61,7 @@ def test_a_scene_comes_back_as_it_was_packed(bits: int) -> None:
             drive=drives[0],
         ),
         ShownFrame(number=8, status=str(FrameStatus.LOST)),
-        ShownFrame(number=9, timing=EARLY, drive=drives[1]),
+        ShownFrame(number=9, timing=EARLY, drive=drives[1], received_us=70, latched_us=50),
         ShownFrame(number=10, timing=TIMELY, drive=drives[2]),
     ]
     header, columns = unpack(Scene.of(model, frames, counters={"lost": 1}).pack())
@@ -76,6 +78,7 @@ def test_a_scene_comes_back_as_it_was_packed(bits: int) -> None:
     assert columns["due_us"][0] == 2**40
     assert columns["latched_us"][0] == 2**40 + 25
     assert np.isnan(columns["due_us"][1])
+    np.testing.assert_allclose(columns["margin_ms"], (90.5, np.nan, -0.02, np.nan), rtol=1e-6)
     np.testing.assert_allclose(columns["target_mm"][0], (10, -20, 150), rtol=1e-6)
     np.testing.assert_allclose(columns["found_mm"][0], (11, np.nan, 150), rtol=1e-6)
     np.testing.assert_allclose(columns["force_mn"][0], 2.0, rtol=1e-6)
@@ -111,8 +114,18 @@ def test_texts_are_those_of_the_first_500_frames_that_want_attention() -> None:
 def test_a_hemisphere_is_small() -> None:
     model = AcousticModel.default()
     run = make_run(model, targets(672), min_verified=1.0)
-    drives = {frame.number: random_drive(256, frame.number) for frame in run.frames}
-    even = {n: Drive(d.phase_codes, np.full(256, 255, np.uint8)) for n, d in drives.items()}
-    embedded = run_scene(run, model, even).embedded()
+    full = np.full(256, 255, np.uint8)
+    seen = {
+        f.number: Observation(
+            f.key,
+            1000 * f.number,
+            False,
+            Evidence.EXTERNAL,
+            Drive(random_drive(256, f.number).phase_codes, full),
+            t_received_us=1000 * f.number - 90_000,
+        )
+        for f in run.frames
+    }
+    embedded = run_scene(run, model, seen).embedded()
     assert len(embedded) < 350_000  # noise of phases cannot be compressed: 230 kB are theirs
     assert unpack(zlib.decompress(base64.b64decode(embedded)))[1]["phases"].shape == (672, 256)
