@@ -71,8 +71,9 @@ class ShownFrame:
     def margin_us(self) -> int | None:
         """Time from the arrival of the frame to its due time, or to its latch."""
         end_us = self.latched_us if self.due_us is None else self.due_us
-        known = end_us is not None and self.received_us is not None
-        return end_us - self.received_us if known else None
+        if end_us is None or self.received_us is None:
+            return None
+        return end_us - self.received_us
 
     def observed(self, seen: Observation | None) -> Self:
         """Return the frame with drive and arrival of its latch."""

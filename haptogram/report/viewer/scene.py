@@ -86,10 +86,9 @@ class Scene:
 
 def _constants(model: AcousticModel) -> dict[str, Any]:
     """Return the constants of array and medium that the field needs."""
-    directivity = model.transducer.directivity
-    rectangle = isinstance(directivity, RectangularPiston)
+    rectangle = _rectangle(model)
     return {
-        "sides_mm": [1e3 * directivity.width_m, 1e3 * directivity.height_m] if rectangle else [],
+        "sides_mm": [1e3 * rectangle.width_m, 1e3 * rectangle.height_m] if rectangle else [],
         "wavelength_mm": 1e3 * model.wavelength_m,
         "absorption_np_m": model.medium.absorption_np_m,
         "source_pa_m": model.transducer.source_strength_pa_m,
@@ -110,8 +109,8 @@ def _elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
     cosines = np.linspace(0.0 if directivity.baffled else -1.0, 1.0, _GAINS)
     tabled = not hasattr(directivity, "gain_towards")
     gains = directivity.gain(cosines, model.wavenumber) if tabled else np.empty(0)
-    rectangle = isinstance(directivity, RectangularPiston)
-    width_axes = directivity.side_axes(array.normals)[0] if rectangle else np.empty((0, 3))
+    rectangle = _rectangle(model)
+    width_axes = rectangle.side_axes(array.normals)[0] if rectangle else np.empty((0, 3))
     return {
         "positions_mm": (1e3 * array.positions_m).astype(np.float32),
         "normals": array.normals.astype(np.float32),
@@ -119,6 +118,11 @@ def _elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
         "gains": np.asarray(gains, dtype=np.float32),
         "width_axes": width_axes.astype(np.float32),
     }
+
+
+def _rectangle(model: AcousticModel) -> RectangularPiston | None:
+    directivity = model.transducer.directivity
+    return directivity if isinstance(directivity, RectangularPiston) else None
 
 
 def _type(values: NDArray[Any]) -> str:
