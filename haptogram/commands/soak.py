@@ -46,7 +46,7 @@ exit status:
 
 @dataclass(frozen=True, kw_only=True)
 class SittingConfig(Settings):
-    """What a sitting of a soak takes and writes; the account is the same."""
+    """Processes and files of a sitting of a soak; the account is the same with any."""
 
     jobs: int = option(1, unit="N", low=1, high=256, help="processes")
     resume: Path | None = option(

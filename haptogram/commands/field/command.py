@@ -52,7 +52,7 @@ exit status:
 
 @dataclass(frozen=True, kw_only=True)
 class FieldConfig(Settings):
-    """What sounds, and the picture of it."""
+    """The drive or focus that sounds, and the picture of its field."""
 
     drive: Path | None = option(
         None, unit="FILE", help="codes of every element as CSV", absent="one focus"

@@ -50,7 +50,7 @@ exit status:
 
 @dataclass(frozen=True, kw_only=True)
 class ModulationResultConfig(Settings):
-    """How the transducers follow the frames, and the files that are written."""
+    """Bandwidth of the transducers, and the files that are written."""
 
     bandwidth_hz: float = option(
         2000.0,
