@@ -9,7 +9,8 @@ from haptogram.driver.line.port import Transport
 
 from ..explore.stepped_process import SteppedProcess
 
-NO_LINE_BAUD: Final = 50_000_000  # rate that cases reckon with where bytes take no time
+#: Rate that cases reckon with where bytes take no time: the longest frame takes less than 1 us.
+NO_LINE_BAUD: Final = 50_000_000_000
 _START_NS: Final = 1_004_000  # a carrier boundary: 2^32 - 10 s is none
 
 
