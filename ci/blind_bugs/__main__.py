@@ -29,6 +29,7 @@ from .building import HEALTHY, Bug, BuildError, build, digest, read_bugs
 from .judging import Way, judge
 
 _ROOT: Final = Path(__file__).resolve().parents[2]
+_GRIDS: Final = ("16x16", "5x3")  # long drives; spare bits, and columns that are no rows
 _BROKEN: Final = ("does not apply", "does not compile", "no verdict")
 
 
@@ -41,7 +42,8 @@ def main(words: list[str] | None = None) -> int:
     if arguments.clock == "virtual" and arguments.arguments:
         sys.exit("ci/blind-bugs: arguments of conform take --clock wall")
     clauses, more = tuple(arguments.clause), tuple(arguments.arguments)
-    way = Way(arguments.clock, arguments.grid, arguments.seed, arguments.depth, clauses, more)
+    grids = tuple(arguments.grid or _GRIDS)
+    way = Way(arguments.clock, grids, arguments.seed, arguments.depth, clauses, more)
     kept = arguments.results or arguments.folder / "results"
     kept.mkdir(parents=True, exist_ok=True)
     work = functools.partial(_verdict, source=arguments.source, way=way, kept=kept)
@@ -69,7 +71,12 @@ def _parser() -> argparse.ArgumentParser:
         help="virtual: board_steps, seconds a bug; wall: the board on its pty, minutes a bug "
         "[virtual]",
     )
-    add("--grid", default="16x16", metavar="NXxNY", help="grid of the board [16x16]")
+    add(
+        "--grid",
+        action="append",
+        metavar="NXxNY",
+        help="grid of the board; may be repeated: a bug is caught if one shows it [16x16 and 5x3]",
+    )
     add(
         "--depth",
         choices=("quick", "default", "full"),

@@ -30,8 +30,8 @@ class Way:
     clock : str
         ``virtual``: ``board_steps`` in virtual time, seconds a board.  ``wall``: the board on
         its pty, as users have it, minutes a board.
-    grid : str
-        Grid of the board.
+    grids : tuple of str
+        Grids of the board; each is judged.
     seed : int
         Seed of the suite.
     depth : str
@@ -43,7 +43,7 @@ class Way:
     """
 
     clock: str = "virtual"
-    grid: str = "16x16"
+    grids: tuple[str, ...] = ("16x16",)
     seed: int = 0
     depth: str = "default"
     clauses: tuple[str, ...] = ()
@@ -57,7 +57,7 @@ class Judged:
     Attributes
     ----------
     status : int
-        Exit status of the suite.
+        Highest exit status of the suite.
     failed : dict of str to str
         Reason by failed case, in the order of the report: the cause first.
     """
@@ -67,11 +67,16 @@ class Judged:
 
 
 def judge(programs: Path, way: Way) -> Judged:
-    """Run the suite against the board in the folder *programs*."""
-    found = _in_virtual_time(programs, way) if way.clock == "virtual" else _on_pty(programs, way)
-    reasons = {item["case"]: _reason(item) for item in found["results"]}
-    failed = {case: reasons[case] for case in found["failures"]}
-    return Judged(found["exit_status"], failed)
+    """Run the suite against the board in the folder *programs*, on each grid."""
+    run = _in_virtual_time if way.clock == "virtual" else _on_pty
+    status, failed = 0, dict[str, str]()
+    for grid in way.grids:
+        found = run(programs, way, grid)
+        reasons = {item["case"]: _reason(item) for item in found["results"]}
+        for case in found["failures"]:
+            failed.setdefault(case, reasons[case])
+        status = max(status, found["exit_status"])
+    return Judged(status, failed)
 
 
 def _reason(item: dict[str, Any]) -> str:
@@ -79,15 +84,15 @@ def _reason(item: dict[str, Any]) -> str:
     return " ".join(text.split())[:_SHOWN]
 
 
-def _in_virtual_time(programs: Path, way: Way) -> dict[str, Any]:
-    access = SteppedAccess([str(programs / "board_steps"), way.grid])
+def _in_virtual_time(programs: Path, way: Way, grid: str) -> dict[str, Any]:
+    access = SteppedAccess([str(programs / "board_steps"), grid])
     cases = tuple(select(all_cases(), way.clauses))
     options = SuiteOptions(seed=way.seed, depth=Depth[way.depth.upper()])
     return suite_dict(SuiteRunner(access, options).run(cases))
 
 
-def _on_pty(programs: Path, way: Way) -> dict[str, Any]:
-    board = shlex.join([str(programs / "reference_board"), "--grid", way.grid])
+def _on_pty(programs: Path, way: Way, grid: str) -> dict[str, Any]:
+    board = shlex.join([str(programs / "reference_board"), "--grid", grid])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "result.json"
         words = ["conform", "--spawn", board, "--seed", str(way.seed), "--quiet", "--json", path]

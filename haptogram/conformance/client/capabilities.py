@@ -26,6 +26,7 @@ from haptogram_protocol.messages import (
 from .board_client import BoardClient
 
 PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
+UPLOADS: Final = PLAYBACK | Feature.CORRECTION
 #: Capabilities of which a request needs one; without any, every board takes the request.
 _NEEDS_ANY: Final[dict[type[Message], Feature]] = {
     Hello: Feature(0),
@@ -38,8 +39,8 @@ _NEEDS_ANY: Final[dict[type[Message], Feature]] = {
     SetConfig: Feature.CONFIG,
     ReadDrive: Feature.READ_LATCHED | Feature.READ_RADIATED,
     ReadTrace: Feature.TRACE_RING,
-    UploadBegin: PLAYBACK | Feature.CORRECTION,
-    UploadCommit: PLAYBACK | Feature.CORRECTION,
+    UploadBegin: UPLOADS,
+    UploadCommit: UPLOADS,
     Play: PLAYBACK,
     Stop: PLAYBACK,
 }

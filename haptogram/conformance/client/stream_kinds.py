@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -38,9 +38,11 @@ from haptogram_protocol.messages import (
 )
 
 from .board_client import BoardClient
-from .capabilities import PLAYBACK
+from .capabilities import PLAYBACK, UPLOADS
 
 MakeMessage: TypeAlias = Callable[[], Message]
+
+_NO_SEQUENCE: Final = 0xEEEE
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,3 +143,16 @@ def valid_requests(board: BoardClient, sequence: int) -> Iterator[Message]:
     if board.identity.features & PLAYBACK:
         yield Stop()
     yield Disarm()
+
+
+def refused_requests(board: BoardClient) -> Iterator[Message]:
+    """Yield requests of which each check of a link holds and that an ARMED board refuses."""
+    count = board.identity.transducers
+    yield GetGeometry(count, 1)
+    if board.has(Feature.READ_LATCHED):
+        yield ReadDrive(DriveKind.LATCHED, count, 1)
+    if board.identity.features & UPLOADS:
+        yield UploadBegin(UploadKind.PHASES, 0, _NO_SEQUENCE, 0xFFFFFFFF // count * count, 0)
+        yield UploadCommit(_NO_SEQUENCE)
+    if board.identity.features & PLAYBACK:
+        yield Play(_NO_SEQUENCE, 1000, 1, min(100, board.identity.max_unattended_ms))

@@ -26,7 +26,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import PLAYBACK, requests_of_board, session_for
+from ...client.capabilities import UPLOADS, requests_of_board, session_for
 from ...client.dialogue import full_dialogue
 from ...outcome import SELF_REPORTED, check, not_observed
 
@@ -163,7 +163,7 @@ def refuses_a_wrong_value(board: BoardClient) -> None:
     wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, b"\x01\x00\x00\x00" + bytes(4), 2)]
     if board.has(Feature.READ_LATCHED):
         wrong.append((ReadDrive.TYPE, b"\x07\x00\x00\x01\x00", 0))
-    if board.identity.features & (PLAYBACK | Feature.CORRECTION):
+    if board.identity.features & UPLOADS:
         wrong.append((UploadBegin.TYPE, b"\x09" + bytes(11), 0))
     if board.has(Feature.CONFIG):
         payload = bytearray(board.config.pack())

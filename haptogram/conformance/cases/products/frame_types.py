@@ -1,4 +1,4 @@
-"""HG-2.4, HG-3.4, HG-4.9, HG-4.12, HG-6.4: every frame of a host, at every type."""
+"""HG-2.4, HG-3.2, HG-3.4, HG-4.9, HG-4.11, HG-4.12, HG-6.4: frames of a host, at every type."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Final
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     REQUEST_RANGE,
+    RESPONSE_OFFSET,
+    Error,
     ErrorCode,
     Flag,
     Hello,
@@ -21,14 +23,18 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
+from ...client.capabilities import UPLOADS, requests_of_board, session_for
 from ...client.playback import store_phases
-from ...client.stream_kinds import host_types, stream_kinds, valid_requests
+from ...client.stream_kinds import host_types, refused_requests, stream_kinds, valid_requests
+from ...client.wire import Received
 from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 9
 _LONG: Final = 3000
+_UNKNOWN_REQUEST: Final = 0x7B
 _FLIPS: Final = (1, 1 << 15, 1 << 16, 1 << 31)
 _IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
+_LOW_FLAGS: Final = (1, 2, 4, 8, 15)
 
 
 @case(
@@ -113,6 +119,55 @@ def every_type_has_its_flags(board: BoardClient) -> None:
 
 
 @case(
+    "HG-3.4/2",
+    "requests of every type with each bit of the low nibble are carried out, PLAY at once",
+    variant="requests",
+)
+def every_type_ignores_low_flags(board: BoardClient) -> None:
+    for low in _LOW_FLAGS:
+        for message in _requests(board):
+            plays = isinstance(message, Play)
+            flags = low | (Flag.IMMEDIATE if plays else 0)
+            past_us = board.clock.device_us() - 2_000_000 if plays else 0  # HG-3.5/2: not used
+            answer = board.link.ask(message, flags=flags, time_us=past_us)
+            check(
+                board.link.type_of(answer) == message.TYPE + RESPONSE_OFFSET,
+                f"{message.TYPE.name} with the flags {flags:#04x} is answered by "
+                f"{board.link.answer_text(answer)}",
+            )
+
+
+@case(
+    "HG-3.2/4",
+    "requests of every type and 11 wrong lengths: the detail is the right one, 0 where it varies",
+    variant="requests",
+)
+def every_type_has_its_length(board: BoardClient) -> None:
+    kinds: list[tuple[type[Message], int]] = []
+    for kind in requests_of_board(board):
+        kinds += [(kind, size) for size in _other_sizes(kind.LAYOUT.size)]
+    if board.identity.features & UPLOADS:
+        kinds += [(UploadChunk, size) for size in range(UploadChunk.LAYOUT.size)]
+    with board.counting(bad_length=len(kinds)):
+        for kind, size in kinds:
+            right = 0 if kind.TAIL else kind.LAYOUT.size
+            board.link.refused_raw(
+                kind.TYPE,
+                bytes(size),
+                ErrorCode.BAD_LENGTH,
+                right,
+                session=session_for(board, kind),
+            )
+
+
+def _other_sizes(right: int) -> list[int]:
+    """Return lengths other than *right*, and with the same low byte."""
+    near = {0, 1, right - 1, right + 1, 2 * right, right + 4}
+    far = {right + (1 << bits) for bits in (7, 8, 9, 10, 11)}
+    return sorted(size for size in near | far if size >= 0 and size != right)
+
+
+@case(
     "HG-4.9/1",
     "a request of every type sent again gets the same bytes, and is not carried out again",
     variant="types",
@@ -163,3 +218,67 @@ def every_mute_mutes(board: BoardClient) -> None:
             answer = board.link.answer_to(Mute.TYPE, seq, since, board.wire.line_us(size))
             state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
             check(state.name == "MUTED", f"MUTE with {size} bytes: {state.name}")
+
+
+# --- Number and session of each reply ----------------------------------------------------------
+
+
+@case(
+    "HG-4.11/1",
+    "replies and refusals of every type have type, number and open session, whatever MUTE carries",
+    variant="types",
+)
+def every_reply_belongs(board: BoardClient) -> None:
+    for message in [*_requests(board), *refused_requests(board)]:
+        board.arm()
+        flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
+        board.link.seq += board.random.randrange(1, 3000)
+        _check_header(board, board.link.ask(message, flags=flags), message)
+        seq = board.link.seq
+        for again in ({"flags": 0x40}, {"seq": seq, "flags": flags}, {"seq": seq, "time_us": 5}):
+            _check_header(board, board.link.ask(message, **again), message)
+    for session in (board.link.session, 0, board.link.session ^ 0x0101, 0xFFFF):
+        _check_header(board, board.link.ask(Mute(), session=session), Mute())
+    for hello in (
+        board.hello_message(board.link.session),
+        Hello(2, 0, board.link.session, 0),
+        Hello(1, 0, 0, 0),
+    ):
+        _check_header(board, board.link.ask(hello, session=0), hello)
+    _check_header(board, board.link.ask_raw(_UNKNOWN_REQUEST), None)
+
+
+def _check_header(board: BoardClient, answer: Received, message: Message | None) -> None:
+    """FAILED unless an answer is of the open session, and of the type of its request or ERROR."""
+    name = message.TYPE.name if message is not None else "an unknown request"
+    header = answer.header
+    assert header is not None  # ask
+    check(
+        header.session == board.link.session,
+        f"the answer to {name} has session {header.session:#06x}, open is "
+        f"{board.link.session:#06x}",
+    )
+    types = {int(Error.TYPE)} | ({message.TYPE + RESPONSE_OFFSET} if message is not None else set())
+    check(header.type in types, f"{name} is answered by a frame of type {header.type:#04x}")
+
+
+@case(
+    "HG-4.11/1",
+    "before the first HELLO every answer has session 0",
+    variant="closed",
+    needs_reset=True,
+)
+def no_session_is_0(board: BoardClient) -> None:
+    board.link.session = 0
+    answers = {
+        "MUTE": board.link.ask(Mute()),
+        "MUTE of a session": board.link.ask(Mute(), session=0x1234),
+        "PING": board.link.ask(Ping(1)),
+        "PING of a session": board.link.ask(Ping(1), session=0x1234),
+        "an unknown request": board.link.ask_raw(_UNKNOWN_REQUEST),
+        "HELLO of another version": board.link.ask(Hello(2, 0, 1, 0)),
+        "HELLO of nonce 0": board.link.ask(Hello(1, 0, 0, 0)),
+    }
+    for name, answer in answers.items():
+        session = answer.header.session if answer.header is not None else -1
+        check(session == 0, f"no session is open; the answer to {name} has {session:#06x}")

@@ -1,4 +1,4 @@
-"""HG-4.6: a new session at every moment."""
+"""HG-4.6: a new session at every moment, and a repeated HELLO."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ from haptogram_protocol.messages import (
     ConfigReply,
     Feature,
     GetConfig,
+    Hello,
     Mute,
+    Ping,
     PlaybackEnded,
+    Pong,
     TraceMode,
     UploadChunk,
+    UploadCommit,
+    UploadCommitReply,
     UploadKind,
 )
 from haptogram_protocol.state import OutputState
@@ -27,6 +32,7 @@ from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 5
 _FRAMES: Final = 4
+_PLAYED: Final = 12
 
 
 def _everything_set(board: BoardClient) -> Config:
@@ -120,3 +126,50 @@ def _plays_still(board: BoardClient, name: str) -> None:
         ended = board.link.await_event(PlaybackEnded, since, timeout_us)
     check(ended is not None, f"{name}: the stored sequence is not played in a new session")
     board.disarm()
+
+
+# --- A repeated HELLO --------------------------------------------------------------------------
+
+
+@case(
+    "HG-4.6/1",
+    "a HELLO of the open nonce of any number leaves numbers, remembered reply, playback, upload",
+    variant="effects",
+)
+def a_repeated_hello_does_nothing(board: BoardClient) -> None:
+    board.hello()
+    board.arm()
+    hello = board.hello_message(board.link.session)
+    for ahead in (0, 1, 9, 20_000, 40_000, -1):
+        wire, seq = board.link.request_wire(Ping(ahead & 0xFF))
+        since = board.link.mark()
+        board.link.send(wire)
+        first = board.link.answer_to(Ping.TYPE, seq, since)
+        board.link.ask(hello, session=0, seq=seq + ahead)
+        since = board.link.mark()
+        board.link.send(wire)
+        again = board.link.answer_to(Ping.TYPE, seq, since)
+        text = f"after a HELLO of the open nonce {ahead} numbers on, a repeated PING gets"
+        check(again.body == first.body, f"{text} {board.link.answer_text(again)}")
+        board.link.call(Ping(1), Pong)  # the next number, which is not used up
+    if board.has(Feature.SEQUENCE_PHASES):
+        _check_playback_and_upload(board, hello)
+
+
+def _check_playback_and_upload(board: BoardClient, hello: Hello) -> None:
+    frames = store_phases(board, _PLAYED, frames=2)
+    since = board.link.mark()
+    play_now(board, _PLAYED, loops=0)
+    data = b"".join(frames)
+    begin_upload(board, UploadKind.PHASES, _PLAYED + 1, data)
+    half = min(len(data) // 2, board.identity.max_chunk)
+    board.link.ask(UploadChunk(0, data[:half]))
+    board.link.ask(hello, session=0)
+    state = board.status().state
+    check(state is OutputState.ARMED, f"HELLO of the open nonce has led to {state.name}")
+    ended = board.link.events(PlaybackEnded, since)
+    check(not ended, "HELLO of the open nonce has ended the playback")
+    for start in range(half, len(data), max(1, half)):
+        board.link.ask(UploadChunk(start, data[start : start + half]))
+    taken = board.link.call(UploadCommit(_PLAYED + 1), UploadCommitReply).frames
+    check(taken == len(frames), f"an upload around HELLO of the open nonce: {taken} frames")

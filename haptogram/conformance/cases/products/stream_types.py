@@ -16,6 +16,8 @@ from ...outcome import SELF_REPORTED, CaseEndedError, fail, not_observed
 _STALE: Final = 0x0F0F
 _AHEAD_US: Final = 400_000
 _DEEPEST: Final = 512
+_LOW_FLAGS: Final = (1, 2, 4, 8, 15)
+_LONGEST: Final = 4000
 
 #: Given board, kind and the t_apply of the last queued frame: the frames that have to be dropped.
 Frames: TypeAlias = Callable[[BoardClient, StreamKind, int], Iterable[bytes]]
@@ -66,8 +68,11 @@ def _flagged(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
 def _wrong_length(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     message = kind.make()
     payload = message.serialize()
-    for wrong in (payload + b"\x00", payload[:-1], payload[:1]):
-        yield board.link.stream_raw(message.TYPE, wrong)
+    wrong = [payload + b"\x00", payload[:-1], payload[:1], b""]
+    if not isinstance(message, Points) and len(payload) + 256 < _LONGEST:
+        wrong.append(payload + bytes(256))  # the same low byte of the length
+    for one in wrong:
+        yield board.link.stream_raw(message.TYPE, one)
 
 
 def _wrong_value(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
@@ -179,6 +184,29 @@ def _case(drop: Drop) -> Case:
 
 
 PRODUCT: Final = tuple(_case(drop) for drop in DROPS)
+
+
+@case(
+    "HG-3.4/2",
+    "stream frames of every message and format with each bit of the low nibble: in time, at once",
+    variant="stream",
+    evidence=SELF_REPORTED,
+)
+def low_flags_are_ignored(board: BoardClient) -> None:
+    board.arm()
+    lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
+    for kind in stream_kinds(board):
+        with board.counting(latched=2 * len(lows)):
+            start_us = board.clock.soon_us(bytes(len(lows) * len(kind.make().serialize())))
+            for place, low in enumerate(lows):
+                t_us = start_us + 1000 * place
+                board.link.send(board.link.stream_wire(kind.make(), t_us, flags=low))
+            board.clock.require_in_time(start_us)
+            board.clock.wait_until(start_us + 1000 * len(lows))
+            for low in lows:
+                past_us, flags = start_us - 1_000_000, Flag.IMMEDIATE | low
+                board.link.send(board.link.stream_wire(kind.make(), past_us, flags=flags))
+                board.clock.wait_latched(4000)
 
 
 @case(

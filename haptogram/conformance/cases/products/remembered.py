@@ -1,0 +1,275 @@
+"""HG-4.9, HG-4.10: the remembered reply of every type, and what replaces it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import HEADER_BYTES, encode_frame
+from haptogram_protocol.messages import (
+    MESSAGES,
+    Error,
+    ErrorCode,
+    Feature,
+    Flag,
+    Hello,
+    Message,
+    Mute,
+    MuteReply,
+    Ping,
+    Play,
+    SetConfig,
+    UploadChunk,
+)
+
+from ...case import case
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...client.capabilities import UPLOADS, requests_of_board
+from ...client.playback import store_phases
+from ...client.stream_kinds import refused_requests, valid_requests
+from ...client.wire import Received
+from ...outcome import check
+
+_SEQUENCE: Final = 12
+_UNKNOWN_REQUEST: Final = 0x7B
+_IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
+_LOW_FLAGS: Final = (1, 2, 4, 8)
+
+#: Something that the board hears between a request and its repetition.
+Between = Callable[[BoardClient], object]
+
+
+def _remembered(board: BoardClient) -> Iterator[Message]:
+    """Yield a request of every type that is remembered; the board is ARMED before each."""
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=2)
+    for message in valid_requests(board, _SEQUENCE):
+        if not isinstance(message, _IDEMPOTENT):
+            yield message
+
+
+def _flags(message: Message) -> int:
+    return int(Flag.IMMEDIATE) if isinstance(message, Play) else 0
+
+
+# --- What does not replace the remembered reply ------------------------------------------------
+
+
+def _is_again(board: BoardClient, wire: bytes, seq: int, first: Received, after: str) -> None:
+    """FAILED unless the request in *wire* gets the reply *first* to the byte."""
+    since = board.link.mark()
+    board.link.send(wire)
+    kind = first.body[0]
+    again = board.link.answer_to(kind, seq, since)
+    check(
+        again.body == first.body,
+        f"after {after}, a repeated request is answered by {board.link.answer_text(again)}; "
+        f"the first answer was {board.link.answer_text(first)}",
+    )
+
+
+def _judge_kept(board: BoardClient, betweens: dict[str, Between]) -> None:
+    """FAILED unless every request gets its reply again behind each of *betweens*."""
+    for message in [*_remembered(board), *refused_requests(board)]:
+        board.arm()
+        wire, seq = board.link.request_wire(message, flags=_flags(message))
+        since = board.link.mark()
+        board.link.send(wire)
+        first = board.link.answer_to(message.TYPE, seq, since)
+        for name, send in betweens.items():
+            send(board)
+            _is_again(board, wire, seq, first, f"{message.TYPE.name} and {name}")
+
+
+def _mute(board: BoardClient) -> None:
+    board.link.call(Mute(), MuteReply)
+
+
+def _other_mute(session: Callable[[BoardClient], int], ahead: int) -> Between:
+    """Send a MUTE whose number is not used up, or was used before."""
+
+    def send(board: BoardClient) -> None:
+        seq = board.link.seq + ahead
+        board.link.call(Mute(), MuteReply, session=session(board), seq=seq)
+
+    return send
+
+
+def _chunk(offset: int, size: int) -> Between:
+    def send(board: BoardClient) -> None:
+        board.link.ask(UploadChunk(offset, bytes(size)))
+
+    return send
+
+
+_MUTES: Final[dict[str, Between]] = {
+    "a MUTE of its own number": _other_mute(lambda board: board.link.session, 0),
+    "a MUTE without a session": _other_mute(lambda _: 0, 7),
+    "a MUTE of another session": _other_mute(lambda board: board.link.session ^ 0x0F0F, 30_000),
+    "a MUTE of the session": _mute,
+}
+_CHUNKS: Final[dict[str, Between]] = {
+    "an UPLOAD_CHUNK that is refused": _chunk(0x7FFFFFFF, 8),
+    "an empty UPLOAD_CHUNK": _chunk(0, 0),
+    "an UPLOAD_CHUNK": _chunk(0, 1),
+}
+
+
+@case(
+    "HG-4.10/1",
+    "a reply of every type, refusals too, is still remembered after MUTE and UPLOAD_CHUNK",
+    variant="kept",
+)
+def outlives_the_idempotent(board: BoardClient) -> None:
+    betweens = dict(_MUTES)
+    if board.identity.features & UPLOADS:
+        betweens |= _CHUNKS
+    _judge_kept(board, betweens)
+
+
+def _refused(code: ErrorCode, message: Message | int, **header: Any) -> Between:
+    def send(board: BoardClient) -> None:
+        seq = board.link.seq + header.get("ahead", 1)
+        rest = {name: value for name, value in header.items() if name != "ahead"}
+        if rest.pop("stale", False):
+            rest["session"] = board.link.session ^ 0x0101
+        kind, payload = (
+            (message, rest.pop("payload", b""))
+            if isinstance(message, int)
+            else (message.TYPE, message.serialize())
+        )
+        board.link.refused_raw(kind, payload, code, seq=seq, **rest)
+
+    return send
+
+
+def _stream(board: BoardClient) -> None:
+    board.link.send(board.link.stream_wire(board.flat_phases()))
+    board.link.send(board.link.stream_wire(board.flat_phases(), flags=0x40))
+
+
+def _damaged(board: BoardClient) -> None:
+    body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
+    board.link.send(malformed_frames.malformed_frame(malformed_frames.with_wrong_crc(body)))
+    board.link.send(b"\x00\xff\x01\x02\x00", b"\x00\x05\x01\x02\x03\x04\x00")
+
+
+_REFUSALS: Final[dict[str, Between]] = {
+    "an unknown request": _refused(ErrorCode.UNSUPPORTED, _UNKNOWN_REQUEST),
+    "a request of another session": _refused(ErrorCode.STALE_SESSION, Ping(1), stale=True),
+    "an unknown flag": _refused(ErrorCode.UNSUPPORTED, Ping(2), flags=0x40),
+    "a wrong length": _refused(ErrorCode.BAD_LENGTH, Ping.TYPE, payload=bytes(7)),
+    "a used number": _refused(ErrorCode.SEQUENCE_REUSED, Ping(3), ahead=0),
+    "an old number": _refused(ErrorCode.SEQUENCE_REUSED, Ping(4), ahead=-1),
+    "a number far behind": _refused(ErrorCode.SEQUENCE_REUSED, Ping(5), ahead=-30_000),
+    "a HELLO of another version": _refused(ErrorCode.VERSION, Hello(2, 0, 1, 0), session=0),
+    "a HELLO of nonce 0": _refused(ErrorCode.BAD_VALUE, Hello(1, 0, 0, 0), session=0),
+    "stream frames": _stream,
+    "damaged frames": _damaged,
+}
+
+
+@case(
+    "HG-4.9/4",
+    "a reply of every type, refusals too, is still remembered after each refusal of steps 5 to 11",
+    variant="types",
+)
+def outlives_refusals(board: BoardClient) -> None:
+    _judge_kept(board, _REFUSALS)
+
+
+@case(
+    "HG-4.9/1",
+    "requests that the board refused get their ERROR again; each is replaced by the next request",
+    variant="refused",
+)
+def remembers_refusals(board: BoardClient) -> None:
+    board.arm()
+    for message in refused_requests(board):
+        with board.counting(repeated=2):
+            wire, seq = board.link.request_wire(message, flags=_flags(message))
+            since = board.link.mark()
+            board.link.send(wire)
+            first = board.link.answer_to(message.TYPE, seq, since)
+            name = message.TYPE.name
+            check(isinstance(first.message, Error), f"{name} should be refused")
+            for _ in range(2):
+                _is_again(board, wire, seq, first, f"{name}, refused")
+        board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=_flags(message))
+
+
+# --- What is another request -------------------------------------------------------------------
+
+
+def _other_bytes(board: BoardClient, body: bytes) -> Iterator[tuple[str, bytes]]:
+    """Yield bodies with the number of *body* that differ from it in one field, all legal."""
+    for low in _LOW_FLAGS:
+        yield f"flag {low:#x}", body[:1] + bytes([body[1] ^ low]) + body[2:]
+    for at in range(4, 8):
+        yield f"byte {at - 4} of time_us", _flipped(body, at)
+    for at in range(HEADER_BYTES, len(body)):
+        changed = _flipped(body, at)
+        if _is_legal(board, changed):
+            yield f"byte {at - HEADER_BYTES} of the payload", changed
+    size = len(body) - HEADER_BYTES
+    for kind in requests_of_board(board):
+        changed = bytes([kind.TYPE]) + body[1:]
+        same = kind is Hello or body[0] == kind.TYPE or kind.LAYOUT.size != size
+        if not same and _is_legal(board, changed):
+            yield f"type {kind.TYPE.name}", changed
+
+
+def _flipped(body: bytes, at: int) -> bytes:
+    return body[:at] + bytes([body[at] ^ 1]) + body[at + 1 :]
+
+
+def _is_legal(board: BoardClient, body: bytes) -> bool:
+    """Return whether the values of a body are those of its tables, and SET_CONFIG's in bounds."""
+    try:
+        message = MESSAGES[body[0]].deserialize(body[HEADER_BYTES:])
+    except RemoteProtocolError:
+        return False
+    if not isinstance(message, SetConfig):
+        return True
+    config = dataclasses.replace(message.config, hold_ms=board.config.hold_ms)
+    return config == board.config  # the bounds of hold_ms are far
+
+
+@case(
+    "HG-4.9/2",
+    "the number of a request of every type with one byte changed, in header or payload, is refused",
+    variant="bytes",
+)
+def every_byte_counts(board: BoardClient) -> None:
+    for message in _remembered(board):
+        board.arm()
+        seq = board.link.next_seq()
+        body = board.link.body(
+            message.TYPE, message.serialize(), seq=seq, flags=_flags(message), time_us=0x01020304
+        )
+        since = board.link.mark()
+        board.link.send(encode_frame(body))
+        first = board.link.answer_to(message.TYPE, seq, since)
+        for name, changed in _other_bytes(board, body):
+            since = board.link.mark()
+            board.link.send(encode_frame(changed))
+            answer = board.link.answer_to(changed[0], seq, since)
+            check(
+                _is_refused(answer, seq, may_be_value="payload" in name),
+                f"{message.TYPE.name}, then its number with another {name}: should be "
+                f"SEQUENCE_REUSED, got {board.link.answer_text(answer)}",
+            )
+        _is_again(board, encode_frame(body), seq, first, f"{message.TYPE.name} and others like it")
+
+
+def _is_refused(answer: Received, seq: int, *, may_be_value: bool) -> bool:
+    """Return whether a request was refused for its number, or for a value, which comes first."""
+    error = answer.message
+    if not isinstance(error, Error):
+        return False
+    if may_be_value and error.code in (ErrorCode.BAD_VALUE, ErrorCode.UNSUPPORTED):
+        return True
+    return (error.code, error.detail) == (ErrorCode.SEQUENCE_REUSED, seq)

@@ -1,0 +1,59 @@
+"""HG-9.3: the arrival margins behind every request."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import Arm, Feature, Flag, GetStatus, Hello, Message, Mute, Play
+
+from ....case import case
+from ....client.board_client import BoardClient
+from ....client.playback import store_phases
+from ....client.stream_kinds import valid_requests
+from ....outcome import SELF_REPORTED, check
+
+_SEQUENCE: Final = 13
+_AHEAD_US: Final = 400_000
+
+
+@case(
+    "HG-9.3/1",
+    "margins outlive every request but GET_STATUS: a new session, MUTE, PLAY and all the others",
+    variant="requests",
+    evidence=SELF_REPORTED,
+)
+def margins_outlive_requests(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=2)
+    messages = [m for m in valid_requests(board, _SEQUENCE) if not isinstance(m, GetStatus)]
+    every: list[Message] = [Mute(), Arm(), *messages, board.hello_message(board.new_nonce())]
+    if _margins_behind(board, every):
+        return
+    for message in every:  # which one was it?
+        check(_margins_behind(board, [message]), f"{message.TYPE.name} changes the margins")
+    check(False, "margins of 3 frames are gone after every request but GET_STATUS")
+
+
+def _margins_behind(board: BoardClient, messages: list[Message]) -> bool:
+    """Return whether the margins of three frames are those sent, behind *messages*."""
+    board.hello()
+    board.arm()
+    board.status()
+    now_us = board.clock.device_us()
+    for ahead_us in (_AHEAD_US, 3 * _AHEAD_US, 2 * _AHEAD_US):  # the last one is dropped
+        board.link.send(board.link.stream_wire(board.flat_phases(), now_us + ahead_us))
+    board.link.barrier()
+    passed_us = board.clock.device_us() - now_us
+    for message in messages:
+        flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
+        if isinstance(message, Hello):
+            board.hello()
+        else:
+            board.link.ask(message, flags=flags)
+    found = board.status()
+    mean_us = 2 * _AHEAD_US
+    return (
+        found.margins == 3
+        and _AHEAD_US - passed_us <= found.margin_min_us <= _AHEAD_US
+        and mean_us - passed_us - 1 <= found.margin_mean_us <= mean_us
+    )
