@@ -51,6 +51,8 @@ class Case:
         Whether a session is opened before the case; else the board's state is unknown.
     depth : Depth
         The least depth of a run that holds the case.
+    wall_depth : Depth or None
+        The same for a board at a wall clock, where a long wait takes its time; None: ``depth``.
     """
 
     clause: str
@@ -62,6 +64,11 @@ class Case:
     needs_reset: bool = False
     needs_session: bool = True
     depth: Depth = Depth.QUICK
+    wall_depth: Depth | None = None
+
+    def least_depth(self, *, virtual: bool) -> Depth:
+        """Return the least depth of a run, in virtual time or at a wall clock, with the case."""
+        return self.depth if virtual or self.wall_depth is None else self.wall_depth
 
     @property
     def id(self) -> str:
@@ -79,12 +86,22 @@ def case(
     needs_reset: bool = False,
     needs_session: bool = True,
     depth: Depth = Depth.QUICK,
+    wall_depth: Depth | None = None,
 ) -> Callable[[Body], Case]:
     """Return a decorator that makes a function a :class:`Case`."""
 
     def make(body: Body) -> Case:
         return Case(
-            clause, summary, body, variant, needs, evidence, needs_reset, needs_session, depth
+            clause,
+            summary,
+            body,
+            variant,
+            needs,
+            evidence,
+            needs_reset,
+            needs_session,
+            depth,
+            wall_depth,
         )
 
     return make

@@ -35,19 +35,22 @@ class BoardClock:
         self._link = link
         self._wire = link.wire
         self._device_us = BOOT_US  # unwrapped, at the last PONG
+        self._asked_us: int | None = None  # host's clock then
         # Device clock - clock of the transport: the least and the most that this can be.
         self._behind_us = self._ahead_us = 0
 
     def set_device_us(self, t_us: int) -> None:
         """Take an unwrapped device time, by which the next ones are unwrapped."""
-        self._device_us = t_us
+        self._device_us, self._asked_us = t_us, None
 
     def device_us(self) -> int:
         """Ask for the device time and return it, unwrapped as far as that is known."""
         sent_us = self._wire.now_us()
         answer = self._link.ask(Ping(self._link.random.getrandbits(64)))
         pong = self._link.reply_in(answer, Pong, Ping.TYPE)
-        self._device_us = unwrap(pong.t_rx_us, self._device_us, 32)
+        passed_us = 0 if self._asked_us is None else sent_us - self._asked_us
+        self._device_us = unwrap(pong.t_rx_us, self._device_us + passed_us, 32)
+        self._asked_us = sent_us
         self._ahead_us = self._device_us - sent_us
         done_us = self._wire.line_us(len(answer.piece) + 2)
         left_us = unwrap(pong.t_tx_us, self._device_us, 32)

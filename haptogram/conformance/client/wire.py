@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, NoReturn
+from typing import Final, NoReturn, Protocol, runtime_checkable
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
@@ -20,9 +20,19 @@ from ..outcome import fail, inconclusive
 from .recording import Recording, TransferDirection
 
 _RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
+_HOUR_US: Final = 3_600_000_000
 _FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be judged
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
+
+
+@runtime_checkable
+class UnreadTime(Protocol):
+    """A transport in virtual time that lets time pass while nobody reads."""
+
+    def skip_ns(self, duration_ns: int) -> None:
+        """Let so much time pass; what the board sends meanwhile waits at the board."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +61,7 @@ class WaitLimits:
         """Return the limits for a transport in virtual time, or in wall time."""
         answer_us = round(timeout_s * 1e6)
         if virtual:
-            return cls(answer_us, 300_000_000, slack_us=0, lead_us=3_000)
+            return cls(answer_us, 12 * _HOUR_US, slack_us=0, lead_us=3_000)
         return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=60_000)
 
 
@@ -221,8 +231,11 @@ class RawFrameWire:
     def look_away(self, duration_us: int) -> None:
         """Let time pass without reading, so that what the board sends has to wait.
 
-        In virtual time only reading lets time pass; the virtual line is as slow as its rate.
+        Where only reading lets virtual time pass, the virtual line is as slow as its rate.
         """
+        if isinstance(self._transport, UnreadTime):
+            self._transport.skip_ns(duration_us * 1000)
+            return
         if not self.limits.slack_us:
             self.idle(duration_us)
             return

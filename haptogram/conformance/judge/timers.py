@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from typing import Final
 
 from haptogram_protocol.messages import Header, StateChanged
@@ -38,3 +40,10 @@ def check_mute_time(
         abs(took_us - due_ms * _MS) <= EXACT_US,
         f"{timer}: muted {took_us / _MS:.3f} ms after, due is {due_ms} ms within 1 ms",
     )
+
+
+def check_status_steps(times_us: Sequence[int], period_ms: int, name: str = "") -> None:
+    """FAILED unless the STATUS at these device times are a period apart, within 1 ms."""
+    steps = [later - earlier for earlier, later in itertools.pairwise(times_us)]
+    off = [step for step in steps if abs(step - period_ms * _MS) > EXACT_US]
+    check(not off, f"status_period_ms = {period_ms}{name and ', '}{name}: steps of {off} us")

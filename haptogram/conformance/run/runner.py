@@ -177,8 +177,9 @@ class SuiteRunner:
     def _attempt(self, case: Case) -> _Outcome:
         if case.body is None:
             return _Outcome(Behaviour.NOT_OBSERVED, case.summary)
-        if case.depth > self._options.depth:
-            return _Outcome(Behaviour.NOT_OBSERVED, left_out(case.depth))
+        depth = case.least_depth(virtual=self._access.virtual)
+        if depth > self._options.depth:
+            return _Outcome(Behaviour.NOT_OBSERVED, left_out(depth))
         if case.needs_reset and not self._access.can_reset:
             return _Outcome(Behaviour.NOT_OBSERVED, NO_RESET)
         connection = self._connection

@@ -47,6 +47,11 @@ class SteppedTransport:
         data, self._unread = self._unread, b""
         return data
 
+    def skip_ns(self, duration_ns: int) -> None:
+        """Let time pass while nobody reads: what the board sends has to wait at the board."""
+        self._now_ns += duration_ns
+        self._unread += self._process.advance(self._now_ns // 1000)
+
     def close(self) -> None:
         """Do nothing: the process belongs to its :class:`SteppedAccess`."""
 

@@ -23,21 +23,10 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.uploads import upload_to_board
+from ...judge.refused_requests import OUT_OF_BOUNDS
 from ...outcome import SELF_REPORTED, check, informational, not_observed
 
 _MS: Final = 1000
-_TOO_FAR: Final = (
-    ("hold_ms", 0),
-    ("hold_ms", 10_001),
-    ("ramp_ms", 2001),
-    ("host_timeout_ms", 19),
-    ("host_timeout_ms", 10_001),
-    ("status_period_ms", 9),
-    ("late_window_us", 100_001),
-    ("sound_speed_mm_s", 299_999),
-    ("sound_speed_mm_s", 380_001),
-    ("trace_divider", 0),
-)
 _JUST_RIGHT: Final[tuple[dict[str, Any], ...]] = (
     {"hold_ms": 1, "host_timeout_ms": 20, "sound_speed_mm_s": 300_000, "late_window_us": 0},
     {"hold_ms": 10_000, "ramp_ms": 2000, "host_timeout_ms": 10_000, "late_window_us": 100_000},
@@ -62,7 +51,7 @@ def _in_force(board: BoardClient) -> Config:
 )
 def keeps_its_bounds(board: BoardClient) -> None:
     before = _in_force(board)
-    for name, value in _TOO_FAR:
+    for name, value in OUT_OF_BOUNDS:
         changes: dict[str, Any] = {"hold_ms": 777, name: value}
         wrong = dataclasses.replace(board.base_config, **changes)
         offset = Config.WIRE[name].offset

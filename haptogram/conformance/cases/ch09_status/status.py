@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -14,9 +13,11 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
+from ...judge.timers import check_status_steps
 from ...outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
+_MANY: Final = 300  # margins of 9.9 s: their sum needs more than 31 bits
 
 
 @case(
@@ -33,8 +34,7 @@ def sends_status(board: BoardClient) -> None:
     board.link.barrier()
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) >= 8, f"{len(times)} STATUS in 8.4 periods, due are 8")
-    off = [b - a for a, b in itertools.pairwise(times) if abs(b - a - period_ms * _MS) > _MS]
-    check(not off, f"between two STATUS: {off} us")
+    check_status_steps(times, period_ms)
     board.configure(status_period_ms=0)
     since = board.link.mark()
     board.wire.idle(200 * _MS)
@@ -99,3 +99,34 @@ def _check_margins(
             due - slack_us - 1 <= got <= due + 1,
             f"{name} is {got}, due is {due} less at most {slack_us}",
         )
+
+
+@case(
+    "HG-9.3/1",
+    "margins of up to 35 minutes, early, late and mixed, of 1 to 300 frames: sums of 32 bits fail",
+    variant="widths",
+    evidence=SELF_REPORTED,
+)
+def wide_margins(board: BoardClient) -> None:
+    board.arm()
+    good = board.shortest_stream()
+    most_us = 2**31 - 60_000_000
+    early_us = board.identity.max_horizon_us - 100_000
+    for margins in (
+        [-most_us] * 3,
+        [most_us] * 3,
+        [most_us, -most_us, most_us],
+        [-most_us, most_us, -1_000_000],
+        [-70_000, -131_072, -32_768],
+        [early_us] * _MANY,  # the first one is queued, the others are not after it
+    ):
+        board.hello()
+        board.arm()
+        board.status()
+        base_us = board.clock.device_us()
+        wires = [board.link.stream_wire(good, base_us + margin) for margin in margins]
+        board.link.send(*wires)
+        found = board.status()
+        late_us = board.clock.device_us() - base_us + board.wire.line_us(sum(map(len, wires)))
+        mean_us = sum(margins) // len(margins)
+        _check_margins(found, len(margins), min(margins), mean_us, late_us)

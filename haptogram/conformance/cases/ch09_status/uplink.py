@@ -9,15 +9,22 @@ from haptogram_protocol.messages import (
     Feature,
     GetGeometry,
     Ping,
+    PlaybackEnded,
     Pong,
+    StateChanged,
+    Status,
+    TraceMode,
 )
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.playback import flood_with_traces
+from ...client.playback import flood_with_traces, play_now, store_phases
 from ...outcome import SELF_REPORTED, check
 
 _ASKED: Final = 40
+_MS: Final = 1000
+_SEQUENCE: Final = 15
+_STATUS_TOLD: Final = 4  # STATUS while the uplink is full
 
 
 @case(
@@ -47,6 +54,52 @@ def drops_no_numbers(board: BoardClient) -> None:
     ]
     gaps = [(b - a) & 0xFFFF for a, b in itertools.pairwise(numbers) if (b - a) & 0xFFFF != 1]
     check(not gaps, f"between events that follow each other: steps of {gaps[:5]}")
+
+
+@case(
+    "HG-9.6/1",
+    "while traces of every mode fill the uplink no STATUS and no other event gives way before them",
+    variant="traces",
+    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def only_traces_give_way(board: BoardClient) -> None:
+    for feature, mode in ((Feature.TRACE_DRIVE, TraceMode.DRIVE), (Feature.TRACE, TraceMode.CRC)):
+        if board.has(feature):
+            _flood(board, mode)
+
+
+def _flood(board: BoardClient, mode: TraceMode) -> None:
+    """Let a playback fill the uplink until the unattended time mutes the board, then read it."""
+    period_ms = board.quick_status_ms
+    board.configure(trace_mode=mode, status_period_ms=period_ms)
+    board.hello()
+    store_phases(board, _SEQUENCE, frames=2)
+    board.arm()
+    before = board.status().counters
+    period_us = board.clock.on_carrier(-(-1_000_000 // board.identity.max_playback_rate_hz))
+    alone_ms = min(_STATUS_TOLD * period_ms + period_ms // 2, board.identity.max_unattended_ms)
+    since = board.link.mark()
+    play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
+    start_us = board.clock.device_us()
+    board.wire.look_away((alone_ms + 5) * _MS)
+    timeout_us = 20 * alone_ms * _MS + 2 * board.wire.limits.slack_us
+    changed = board.link.await_event(StateChanged, since, timeout_us)
+    ended = board.link.await_event(PlaybackEnded, since, timeout_us)
+    board.link.barrier()
+    dropped = board.counted_since(before)["trace_dropped"]
+    name = f"trace {mode.name}, {dropped} traces dropped"
+    check(changed is not None, f"{name}: STATE_CHANGED is lost among the traces")
+    check(ended is not None, f"{name}: PLAYBACK_ENDED is lost among the traces")
+    found = board.link.events(Status, since)
+    end_us = start_us + alone_ms * _MS
+    told = [t for header, _ in found if (t := board.clock.unwrap(header.time_us)) <= end_us]
+    due = (end_us - start_us) // (period_ms * _MS)
+    check(len(told) >= due, f"{name}: {len(told)} STATUS came in {alone_ms} ms, due are {due}")
+    numbers = [p.header.seq for p in board.wire.received[since:] if p.is_event and p.header]
+    gaps = [(b - a) & 0xFFFF for a, b in itertools.pairwise(numbers) if (b - a) & 0xFFFF != 1]
+    check(not gaps, f"{name}: steps of {gaps[:5]} between events")
 
 
 @case(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -16,7 +15,7 @@ from ...case import Depth, about_host, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, store_phases
-from ...judge.timers import EXACT_US, check_mute_time, muted_by_timer
+from ...judge.timers import check_mute_time, check_status_steps, muted_by_timer
 from ...outcome import check, fail
 
 _MS: Final = 1000
@@ -49,9 +48,7 @@ def timers_are_exact(board: BoardClient) -> None:
     board.wire.idle(6 * period_ms * _MS + board.wire.limits.slack_us)
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) >= 5, f"status_period_ms = {period_ms}: {len(times)} STATUS in 6 periods")
-    steps = [b - a for a, b in itertools.pairwise(times)]
-    off = [step for step in steps if abs(step - period_ms * _MS) > EXACT_US]
-    check(not off, f"status_period_ms = {period_ms}: steps of {off} us")
+    check_status_steps(times, period_ms)
 
 
 @case("HG-12.2/1", "without a frame the board is muted host_timeout_ms later", needs=Feature.CONFIG)

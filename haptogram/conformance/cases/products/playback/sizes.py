@@ -12,13 +12,13 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ...case import Depth, case
-from ...client.board_client import BoardClient
-from ...client.latching import board_latches, latch_now
-from ...client.playback import play_at, play_now, store_phases
-from ...client.stream_kinds import random_point
-from ...client.uploads import upload_to_board
-from ...outcome import SELF_REPORTED, check, fail
+from ....case import Depth, case
+from ....client.board_client import BoardClient
+from ....client.latching import board_latches, latch_now
+from ....client.playback import play_at, play_now, store_phases
+from ....client.stream_kinds import random_point
+from ....client.uploads import upload_to_board
+from ....outcome import SELF_REPORTED, check, fail
 
 _SEQUENCE: Final = 0x0102
 #: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.

@@ -1,0 +1,1 @@
+"""Playback: sizes and times of every width, and the store of sequences."""

@@ -1,0 +1,1 @@
+"""Timers: their lengths, what starts them anew, new settings meanwhile, the wrap of the clock."""

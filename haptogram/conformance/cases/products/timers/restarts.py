@@ -1,0 +1,400 @@
+"""HG-6.7, HG-6.10, HG-7.6, HG-9.1, HG-12.2, HG-12.3: what starts a timer anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    Arm,
+    Feature,
+    Hello,
+    Message,
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    SetConfig,
+    StateChanged,
+    Status,
+    Stop,
+    StopReply,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+from ....case import Depth, case
+from ....client import malformed_frames
+from ....client.board_client import BoardClient
+from ....client.latching import latch_now
+from ....client.playback import play_now, store_phases
+from ....client.stream_kinds import stream_kinds, valid_requests
+from ....judge.refused_requests import refused_by_link
+from ....judge.timers import check_mute_time, check_status_steps, muted_by_timer
+from ....outcome import check, fail, inconclusive
+from ..stream_types import DROPS, Drop, fill_queue
+
+_MS: Final = 1000
+_LEASE_MS: Final = 240
+_STEP_MS: Final = 170  # between frames that each have to renew that lease
+_TRIES: Final = 3
+_SEQUENCE: Final = 2
+_TIMER_MS: Final = 300  # of a timer that strangers do not renew
+_SLOW_US: Final = 9_000_000  # period of a playback of which one frame is seen
+_STRANGER: Final = 0x0440
+
+
+# --- Frames that renew nothing -----------------------------------------------------------------
+
+
+def _strangers(board: BoardClient) -> Iterator[bytes]:
+    """Yield frames of every type that are damaged or of another session, and HELLO once more."""
+    messages = [kind.make() for kind in stream_kinds(board)]
+    messages += list(valid_requests(board, _SEQUENCE))
+    for message in messages:
+        for session in (board.link.session ^ _STRANGER, 0):
+            yield encode_frame(_body(board, message, session))
+        body = _body(board, message, board.link.session)
+        yield malformed_frames.malformed_frame(malformed_frames.with_wrong_crc(body))
+        yield malformed_frames.malformed_frame(body[:8])
+    yield b"\x00" + malformed_frames.noise_bytes(board.random, 40) + b"\x00"
+    again = board.hello_message(board.link.session).serialize()
+    yield encode_frame(board.link.body(Hello.TYPE, again, seq=board.link.next_seq(), session=0))
+
+
+def _body(board: BoardClient, message: Message, session: int) -> bytes:
+    """Return a frame whose number no good frame has used."""
+    seq = board.link.stream_next if message.TYPE < 0x40 else board.link.next_seq()
+    return board.link.body(message.TYPE, message.serialize(), seq=seq, session=session)
+
+
+@case(
+    "HG-12.2/1",
+    "no latch, damaged frame, frame of another session or HELLO again renews lease and unattended",
+    variant="strangers",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def strangers_renew_nothing(board: BoardClient) -> None:
+    ramp_ms = _TIMER_MS if board.has(Feature.AMPLITUDE) else 0
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=2)
+    for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
+        reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
+        board.hello()
+        board.configure(host_timeout_ms=50 if plays else _TIMER_MS, ramp_ms=ramp_ms)
+        board.arm()
+        since = board.link.mark()
+        if plays:
+            play_now(board, _SEQUENCE, loops=0, unattended_ms=_TIMER_MS, period_us=50 * _MS)
+        else:
+            _queue_over(board, _TIMER_MS + ramp_ms)
+        wires = b"".join(_strangers(board))
+        start_us = board.clock.device_us()
+        for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
+            _wait_for(board, start_us + part * (_TIMER_MS + ramp_ms) * _MS // 6)
+            board.wire.send(wires)
+        header, _ = muted_by_timer(board, since, 3 * (_TIMER_MS + ramp_ms) * _MS, reason)
+        check_mute_time(board, start_us, header, _TIMER_MS + ramp_ms, f"{reason.name}, strangers")
+
+
+def _queue_over(board: BoardClient, length_ms: int) -> None:
+    """Latch a frame, and queue frames for every 50 ms of a time."""
+    latch_now(board, board.flat_phases())
+    first_us = board.clock.soon_us(bytes(4000))
+    good, number = board.shortest_stream(), min(board.identity.queue_depth, length_ms // 50)
+    times = [first_us + 50 * _MS * place for place in range(number)]
+    board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
+
+
+def _wait_for(board: BoardClient, t_us: int) -> None:
+    board.wire.idle(max(0, t_us - board.clock.device_estimate_us()))
+
+
+# --- The hold ----------------------------------------------------------------------------------
+
+
+@case(
+    "HG-6.10/1",
+    "dropped frames of every kind and every request leave the hold as it runs; only latches do not",
+    variant="types",
+    needs=Feature.CONFIG,
+)
+def nothing_else_restarts_the_hold(board: BoardClient) -> None:
+    drops = [drop for drop in DROPS if drop.armed and drop.queued >= 0]
+    groups: list[Drop | None] = [None, *sorted(drops, key=lambda drop: drop.queued)]
+    hold_ms = _hold_ms(board)
+    took_us = _hold_after(board, groups, hold_ms)
+    if abs(took_us - hold_ms * _MS) <= _MS:
+        return
+    for group in groups:  # which one was it?
+        took_us = _hold_after(board, [group], hold_ms)
+        name = "requests" if group is None else f"frames {group.summary}"
+        check(
+            abs(took_us - hold_ms * _MS) <= _MS,
+            f"{name}: muted {took_us / _MS:.1f} ms after the latch, hold_ms is {hold_ms}",
+        )
+    fail(f"muted {took_us / _MS:.1f} ms after the latch, hold_ms is {hold_ms}")
+
+
+def _hold_ms(board: BoardClient) -> int:
+    """Return a hold that is longer than everything that is sent within it takes on the line."""
+    sizes = sum(len(kind.make().serialize()) + 20 for kind in stream_kinds(board))
+    return min(7000, 700 + board.wire.line_us(8 * len(DROPS) * sizes) // _MS)
+
+
+def _hold_after(board: BoardClient, groups: list[Drop | None], hold_ms: int) -> int:
+    """Return the time from a latch to the mute by the hold, with *groups* sent in between."""
+    board.hello()
+    board.configure(hold_ms=hold_ms)
+    board.arm()
+    since = board.link.mark()
+    latch_now(board, board.flat_phases())
+    start_us = board.clock.unwrap(board.status().last_latch_us)
+    board.wire.idle(30 * _MS)
+    for group in groups:
+        if group is None:
+            _ask_all(board)
+        else:
+            _send_all(board, group, (hold_ms + 1000) * _MS)
+    if board.clock.device_us() - start_us > (hold_ms - 20) * _MS:
+        inconclusive("the line or the host is too slow to send everything within the hold")
+    header, _ = muted_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
+    return board.clock.unwrap(header.time_us) - start_us
+
+
+def _send_all(board: BoardClient, drop: Drop, ahead_us: int) -> None:
+    last_us = fill_queue(board, 1, ahead_us) if drop.queued else 0
+    for kind in stream_kinds(board):
+        board.link.send(*drop.frames(board, kind, last_us))
+
+
+def _ask_all(board: BoardClient) -> None:
+    """Send every request that leaves the hold as it runs: carried out, refused, and HELLO again."""
+    for message in valid_requests(board, _SEQUENCE):
+        if message.TYPE.name not in ("DISARM", "PLAY"):
+            board.link.ask(message)
+    for refusal in refused_by_link(board):
+        board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
+    board.hello(board.link.session)
+    board.link.send(*_strangers(board))
+    board.link.barrier()
+
+
+@case(
+    "HG-12.3/1",
+    "during a ramp of the hold no request, ARM and SET_CONFIG among them, ends or moves it",
+    variant="ramp",
+    needs=Feature.CONFIG | Feature.AMPLITUDE,
+    depth=Depth.DEFAULT,
+)
+def nothing_else_ends_its_ramp(board: BoardClient) -> None:
+    hold_ms, ramp_ms = 60, _hold_ms(board)
+    board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
+    board.arm()
+    since = board.link.mark()
+    latch_now(board, board.flat_phases())
+    start_us = board.clock.unwrap(board.status().last_latch_us)
+    _wait_for(board, start_us + (hold_ms + 20) * _MS)
+    _ask_all(board)
+    board.configure(hold_ms=10_000, ramp_ms=1)
+    header, _ = muted_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
+    check_mute_time(board, start_us, header, hold_ms + ramp_ms, "hold and ramp")
+
+
+@case(
+    "HG-12.3/1",
+    "during a playback longer than the hold each latch restarts it; after it the hold runs out",
+    variant="playback",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
+)
+def playback_restarts_the_hold(board: BoardClient) -> None:
+    board.configure(hold_ms=100)
+    store_phases(board, _SEQUENCE, frames=2)
+    board.arm()
+    since = board.link.mark()
+    play_now(board, _SEQUENCE, loops=50, period_us=4 * _MS)
+    timeout_us = 600 * _MS + board.wire.limits.slack_us
+    ended = board.link.await_event(PlaybackEnded, since, timeout_us)
+    check(ended is not None, "a playback of 400 ms with a hold of 100 ms did not end")
+    start_us = board.clock.unwrap(board.status().last_latch_us)
+    header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
+    check_mute_time(board, start_us, header, 100, "after the last frame of a playback")
+
+
+@case(
+    "HG-12.3/1",
+    "PLAY, a playback that waits, STOP and ARM leave the hold of the last latch as it runs",
+    variant="stop",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+)
+def stop_leaves_the_hold(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=2)
+    for name in ("a playback that waits, muted", "a playback that waits", "a slow playback"):
+        board.hello()
+        board.configure(hold_ms=_TIMER_MS)
+        board.arm()
+        since = board.link.mark()
+        if name == "a slow playback":
+            play_now(board, _SEQUENCE, loops=0, period_us=_SLOW_US)
+            board.clock.wait_latched()
+        else:
+            latch_now(board, board.flat_phases())
+        start_us = board.clock.unwrap(board.status().last_latch_us)
+        _wait_for(board, start_us + 40 * _MS)
+        if name != "a slow playback":
+            _play_later(board, 2 * _TIMER_MS, 2 * _TIMER_MS)
+        _wait_for(board, start_us + 80 * _MS)
+        if not name.endswith("muted"):
+            board.link.call(Stop(), StopReply)
+        board.link.ask(Arm())
+        header, _ = muted_by_timer(board, since, 3 * _TIMER_MS * _MS, MuteReason.HOLD_EXPIRED)
+        check_mute_time(board, start_us, header, _TIMER_MS, f"hold_ms behind {name}")
+
+
+def _play_later(board: BoardClient, ahead_ms: int, alone_ms: int) -> int:
+    """Let a playback wait for its start so far ahead; return the device time before PLAY."""
+    now_us = board.clock.device_us()
+    play = Play(_SEQUENCE, _SLOW_US, 0, min(alone_ms, board.identity.max_unattended_ms))
+    board.link.call(play, PlayReply, time_us=now_us + ahead_ms * _MS)
+    return now_us
+
+
+# --- The lease, and the unattended time in its place -------------------------------------------
+
+
+@case(
+    "HG-7.6/5",
+    "from PLAY on, also before its start, unattended_ms stands for host_timeout_ms; STOP ends that",
+    variant="waiting",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+)
+def waits_unattended(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=2)
+    board.configure(host_timeout_ms=80, hold_ms=10_000)
+    for name, ahead_ms, alone_ms in (
+        ("its start comes", 250, 400),
+        ("muted before its start", 700, 250),
+    ):
+        board.arm()
+        since = board.link.mark()
+        _play_later(board, ahead_ms, alone_ms)
+        start_us = board.clock.device_us()
+        header, _ = muted_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
+        check_mute_time(board, start_us, header, alone_ms, f"unattended_ms, {name}")
+    for ahead_ms in (0, 5000):
+        board.arm()
+        since = board.link.mark()
+        _play_later(board, ahead_ms + 60, 9000)
+        board.wire.idle(150 * _MS)
+        board.link.call(Stop(), StopReply)
+        start_us = board.clock.device_us()
+        header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOST_SILENT)
+        check_mute_time(board, start_us, header, 80, "host_timeout_ms behind STOP")
+
+
+@case(
+    "HG-6.7/1",
+    "frames of every type, good and bad, each renew the lease: a chain of them keeps the board on",
+    variant="types",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def every_type_renews(board: BoardClient) -> None:
+    _renewed_by_each(board, plays=False)
+
+
+@case(
+    "HG-6.7/1",
+    "during a playback frames of every type, good and bad, each renew the unattended time",
+    variant="playing",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def every_type_renews_a_playback(board: BoardClient) -> None:
+    _renewed_by_each(board, plays=True)
+
+
+def _renewed_by_each(board: BoardClient, *, plays: bool) -> None:
+    """FAILED if one frame, sent well before the timer's end, twice does not renew it."""
+    found: list[str] = []
+    for _ in range(_TRIES):
+        failed = _failed_to_renew(board, plays=plays)
+        if failed == "":
+            return
+        if failed in found:
+            fail(f"{failed} did not renew the {'unattended time' if plays else 'lease'}")
+        found += [failed] if failed is not None else []
+    inconclusive(f"the host was late {_TRIES} times in sending a frame every {_STEP_MS} ms")
+
+
+def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, bytes]]:
+    """Yield frames of the session that renew the lease, with their names."""
+    for kind in stream_kinds(board):
+        yield kind.name, board.link.stream_wire(kind.make())
+    kind = stream_kinds(board)[0]
+    for drop in DROPS:
+        if drop.armed and not drop.queued and drop.counter != "stale_session":
+            yield f"a frame {drop.summary}", next(iter(drop.frames(board, kind, 0)))
+    for message in valid_requests(board, _SEQUENCE + plays):
+        if message.TYPE.name not in ("DISARM", "PLAY", *(["STOP"] if plays else [])):
+            yield message.TYPE.name, board.link.request_wire(message)[0]
+            wire, _ = board.link.request_wire(message, flags=0x40)
+            yield f"{message.TYPE.name} with an unknown flag", wire
+
+
+def _failed_to_renew(board: BoardClient, *, plays: bool) -> str | None:
+    """Send a frame of each kind, each in time; return the name of the first that renews nothing.
+
+    Empty: each one renewed the timer; None: the host was late with one.
+    """
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=2)
+    board.configure(host_timeout_ms=50 if plays else _LEASE_MS, hold_ms=10_000)
+    board.arm()
+    names: list[str] = []
+    since, sent_us = board.link.mark(), board.wire.now_us()
+    if plays:
+        play_now(board, _SEQUENCE, loops=0, unattended_ms=_LEASE_MS, period_us=_SLOW_US)
+        sent_us = board.wire.now_us()
+    for name, wire in _renewals(board, plays=plays):
+        board.wire.idle(max(0, sent_us + _STEP_MS * _MS - board.wire.now_us()))
+        if board.wire.now_us() - sent_us > (_LEASE_MS - 20) * _MS:
+            return None
+        if board.link.events(StateChanged, since):
+            return names[-1] if names else "ARM"
+        sent_us = board.wire.now_us()
+        board.link.send(wire)
+        names.append(name)
+    board.wire.idle((_STEP_MS - 20) * _MS)
+    return "" if board.status().state is OutputState.ARMED else names[-1]
+
+
+# --- STATUS ------------------------------------------------------------------------------------
+
+
+@case(
+    "HG-9.1/1",
+    "while everything is sent that a host sends, STATUS comes at its time: only STATUS restarts it",
+    variant="types",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def nothing_else_restarts_status(board: BoardClient) -> None:
+    period_ms = board.quick_status_ms + 7
+    board.configure(status_period_ms=period_ms)
+    since, end_us = board.link.mark(), board.wire.now_us() + 6 * period_ms * _MS
+    while board.wire.now_us() < end_us:
+        board.arm()
+        latch_now(board, board.flat_phases())
+        for message in valid_requests(board, _SEQUENCE):
+            if not isinstance(message, SetConfig):
+                board.link.ask(message)
+            board.wire.idle(period_ms * _MS // 40)
+        board.hello(board.link.session)
+        board.link.send(*_strangers(board))
+    board.link.barrier()
+    times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
+    check(len(times) > 4, f"{len(times)} STATUS in 6 periods")
+    check_status_steps(times, period_ms)

@@ -1,0 +1,259 @@
+"""Requests that a board refuses: every type for every reason, from the messages and the limits.
+
+Each of them, carried out by mistake, would change something that a host can read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from haptogram_protocol.messages import (
+    VERSION_MAJOR,
+    Arm,
+    Config,
+    Disarm,
+    ErrorCode,
+    Feature,
+    Flag,
+    GetGeometry,
+    GetStatus,
+    Hello,
+    Message,
+    Play,
+    ReadDrive,
+    SetConfig,
+    Stop,
+    TraceMode,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+)
+
+from ..client.board_client import BoardClient
+
+#: Sequence that is stored, and the one whose upload is under way.
+STORED: Final = 21
+PENDING: Final = 22
+_ABSENT: Final = 23
+#: Fields of the configuration with values one beyond a bound.
+OUT_OF_BOUNDS: Final = (
+    ("hold_ms", 0),
+    ("hold_ms", 10_001),
+    ("ramp_ms", 2001),
+    ("host_timeout_ms", 19),
+    ("host_timeout_ms", 10_001),
+    ("status_period_ms", 9),
+    ("late_window_us", 100_001),
+    ("sound_speed_mm_s", 299_999),
+    ("sound_speed_mm_s", 380_001),
+    ("trace_divider", 0),
+)
+_FLAG: Final = 0x20
+#: What the session of another host differs by.
+FOREIGN: Final = 0x0300
+_PERIOD_US: Final = 1000
+_ALONE_MS: Final = 900
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A request that a board has to refuse.
+
+    Attributes
+    ----------
+    name : str
+        Type of the request and reason of the refusal.
+    kind : int
+        Message type.
+    payload : bytes
+        Payload.
+    code : ErrorCode
+        Code of the refusal.
+    header : dict
+        Fields of the header; session and number follow from the code where these are wrong.
+    """
+
+    name: str
+    kind: int
+    payload: bytes
+    code: ErrorCode
+    header: Mapping[str, Any] = field(default_factory=dict)
+
+
+def other_config(board: BoardClient) -> Config:
+    """Return a valid configuration in which every field that can be set is another one."""
+    modes = (
+        (Feature.TRACE, TraceMode.CRC),
+        (Feature.TRACE_DRIVE, TraceMode.DRIVE),
+        (Feature.TRACE_RING, TraceMode.RING),
+    )
+    offered = [mode for feature, mode in modes if board.has(feature)]
+    other = next((mode for mode in offered if mode is not board.config.trace_mode), TraceMode.OFF)
+    return dataclasses.replace(
+        board.config,
+        hold_ms=1,
+        ramp_ms=board.config.ramp_ms + 1,
+        host_timeout_ms=20,
+        status_period_ms=board.quick_status_ms,
+        late_window_us=board.config.late_window_us + 1,
+        sound_speed_mm_s=board.config.sound_speed_mm_s + 1,
+        trace_mode=other,
+        amplitude_ceiling=board.config.amplitude_ceiling ^ 1,
+        trace_divider=board.config.trace_divider + 1,
+    )
+
+
+def _commands(board: BoardClient) -> Iterator[Message]:
+    """Yield requests that would change something, of every type that does."""
+    yield from (Arm(), Disarm(), GetStatus(), board.hello_message(board.new_nonce()))
+    if board.has(Feature.CONFIG):
+        yield SetConfig(other_config(board))
+    if board.has(Feature.SEQUENCE_PHASES):
+        count = board.identity.transducers
+        data = bytes(count)
+        yield Stop()
+        yield _good_play(board)
+        yield UploadBegin(UploadKind.PHASES, 0, STORED, count, zlib.crc32(data))
+        yield UploadChunk(0, data[: board.identity.max_chunk])
+        yield UploadCommit(PENDING)
+
+
+def refused_by_link(board: BoardClient) -> Iterator[Refusal]:
+    """Yield commands with a wrong flag, length, session or number (HG-3.8, steps 6 to 11)."""
+    for message in _commands(board):
+        name, kind, payload = message.TYPE.name, int(message.TYPE), message.serialize()
+        is_hello = isinstance(message, Hello)
+        session = {"session": 0} if is_hello else {}
+        plain = {"flags": int(Flag.IMMEDIATE)} if isinstance(message, Play) else {}
+        flags = {"flags": _FLAG | plain.get("flags", 0)}
+        yield Refusal(
+            f"{name} with an unknown flag", kind, payload, ErrorCode.UNSUPPORTED, flags | session
+        )
+        wrong_length = ErrorCode.BAD_LENGTH
+        if not isinstance(message, UploadChunk):  # whose length varies
+            yield Refusal(
+                f"{name}, a byte too long", kind, payload + b"\x00", wrong_length, plain | session
+            )
+        if payload:
+            short = payload[: min(len(payload), message.LAYOUT.size) - 1]
+            yield Refusal(f"{name}, cut short", kind, short, wrong_length, plain | session)
+        if is_hello:
+            continue
+        stale = ErrorCode.STALE_SESSION
+        yield Refusal(f"{name} of another session", kind, payload, stale, plain)
+        if not isinstance(message, UploadChunk):
+            yield Refusal(f"an old {name}", kind, payload, ErrorCode.SEQUENCE_REUSED, plain)
+
+
+def refused_by_value(board: BoardClient) -> Iterator[Refusal]:
+    """Yield commands with a value that no table, bound or limit allows."""
+    bad = ErrorCode.BAD_VALUE
+    hello = board.hello_message(0)
+    yield _refusal("a nonce of 0", hello, bad, session=0)
+    later = dataclasses.replace(board.hello_message(board.new_nonce()), major=VERSION_MAJOR + 1)
+    yield _refusal("another major version", later, ErrorCode.VERSION, session=0)
+    count = board.identity.transducers
+    yield _refusal("from N on", GetGeometry(count, 1), ErrorCode.NOT_FOUND)
+    if board.has(Feature.READ_LATCHED):
+        yield _refusal("from N on", ReadDrive(0, count, 1), ErrorCode.NOT_FOUND)  # type: ignore[arg-type]
+    if board.has(Feature.CONFIG):
+        other = other_config(board)
+        for name, value in OUT_OF_BOUNDS:
+            changes: dict[str, Any] = {name: value}
+            message = SetConfig(dataclasses.replace(other, **changes))
+            yield _refusal(f"{name} = {value}", message, bad)
+        payload = bytearray(SetConfig(other).serialize())
+        payload[Config.WIRE["trace_mode"].offset] = 0xFF
+        yield Refusal("SET_CONFIG, trace_mode = 255", SetConfig.TYPE, bytes(payload), bad)
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield from _begins(board)
+
+
+def _begins(board: BoardClient) -> Iterator[Refusal]:
+    count, identity = board.identity.transducers, board.identity
+    bad, length, large = ErrorCode.BAD_VALUE, ErrorCode.BAD_LENGTH, ErrorCode.TOO_LARGE
+    wrong: list[tuple[str, UploadBegin, ErrorCode]] = [
+        ("target 0", UploadBegin(UploadKind.PHASES, 0, 0, count, 0), bad),
+        ("points in phases", UploadBegin(UploadKind.PHASES, 1, STORED, count, 0), bad),
+        ("size 0", UploadBegin(UploadKind.PHASES, 0, STORED, 0, 0), length),
+    ]
+    if count > 1:
+        broken = UploadBegin(UploadKind.PHASES, 0, STORED, 2 * count - 1, 0)
+        wrong.append(("a size of no whole frames", broken, length))
+    beyond = identity.max_upload_bytes // count * count + count
+    if beyond < 1 << 32:
+        size = UploadBegin(UploadKind.PHASES, 0, STORED, beyond, 0)
+        wrong.append(("a size beyond the limit", size, large))
+    if board.has(Feature.SEQUENCE_POINTS):
+        most = identity.max_points + 1
+        points = UploadBegin(UploadKind.POINTS, most, STORED, 16 * most, 0)
+        wrong.append(("too many points", points, bad))
+    for name, message, code in wrong:
+        yield _refusal(name, message, code)
+    unknown = bytes([9]) + wrong[0][1].serialize()[1:]
+    yield Refusal("UPLOAD_BEGIN, an unknown kind", UploadBegin.TYPE, unknown, bad)
+
+
+def refused_plays(board: BoardClient) -> Iterator[Refusal]:
+    """Yield every PLAY that an ARMED board without a playback has to refuse."""
+    identity, bad = board.identity, ErrorCode.BAD_VALUE
+    now_us = board.clock.device_us()
+    good, least_us = _good_play(board), _least_period_us(board)
+    at_once = {"flags": int(Flag.IMMEDIATE)}
+    absent = dataclasses.replace(good, sequence=_ABSENT)
+    yield _refusal("no such sequence", absent, ErrorCode.NOT_FOUND, **at_once)
+    if least_us > 1:
+        fast = dataclasses.replace(good, period_us=least_us - 1)
+        yield _refusal("a period too short", fast, bad, **at_once)
+    for alone_ms in (0, identity.max_unattended_ms + 1):
+        if alone_ms < 1 << 32:
+            alone = dataclasses.replace(good, unattended_ms=alone_ms)
+            yield _refusal(f"unattended_ms = {alone_ms}", alone, bad, **at_once)
+    yield _refusal("a start that has passed", good, bad, time_us=now_us - 1000)
+    beyond_us = now_us + identity.max_horizon_us + 5_000_000
+    yield _refusal("a start beyond the horizon", good, bad, time_us=beyond_us)
+
+
+def refused_now(board: BoardClient) -> Iterator[Refusal]:
+    """Yield requests that this state of the output, or a playback, does not allow."""
+    code, at_once = ErrorCode.BAD_STATE, {"flags": int(Flag.IMMEDIATE)}
+    yield _refusal("in this state", _good_play(board), code, **at_once)
+
+
+def refused_for_playing(board: BoardClient) -> Iterator[Refusal]:
+    """Yield uploads of the sequence that plays."""
+    count = board.identity.transducers
+    begin = UploadBegin(UploadKind.PHASES, 0, STORED, count, 0)
+    yield _refusal("of the sequence that plays", begin, ErrorCode.BAD_STATE)
+
+
+def refused_chunks(board: BoardClient, size: int) -> Iterator[Refusal]:
+    """Yield chunks and commits that an upload of *size* bytes with a gap has to refuse."""
+    bad = ErrorCode.BAD_VALUE
+    for offset, number in ((size, 1), (size - 1, 2), (0xFFFFFFFF, 2)):
+        stray = UploadChunk(offset, b"\xaa" * number)
+        yield _refusal(f"{number} bytes at {offset} of {size}", stray, bad)
+    longest = board.identity.max_chunk
+    if longest < min(size, 4000):
+        much = UploadChunk(0, b"\xaa" * (longest + 1))
+        yield _refusal("longer than max_chunk", much, ErrorCode.BAD_LENGTH)
+    yield _refusal("another target", UploadCommit(STORED), bad)
+    yield _refusal("with a gap", UploadCommit(PENDING), ErrorCode.INCOMPLETE)
+
+
+def _least_period_us(board: BoardClient) -> int:
+    return -(-1_000_000 // board.identity.max_playback_rate_hz)
+
+
+def _good_play(board: BoardClient) -> Play:
+    return Play(STORED, max(_least_period_us(board), _PERIOD_US), 1, _ALONE_MS)
+
+
+def _refusal(reason: str, message: Message, code: ErrorCode, **header: Any) -> Refusal:
+    name = f"{message.TYPE.name}, {reason}"
+    return Refusal(name, int(message.TYPE), message.serialize(), code, header)
