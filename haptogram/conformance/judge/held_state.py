@@ -79,7 +79,7 @@ def _upload(board: BoardClient) -> object:
 
 
 def changes(before: Held, after: Held) -> str:
-    """Return what differs, in words; empty if nothing does."""
+    """Return the differences in words; empty if there is none."""
     return "; ".join(
         f"{name} was {_short(before[name])}, is {_short(value)}"
         for name, value in after.items()

@@ -1,4 +1,4 @@
-"""HG-6.7, HG-6.10, HG-7.6, HG-9.1, HG-12.2, HG-12.3: what starts a timer anew."""
+"""HG-6.7, HG-7.6, HG-9.1, HG-12.2: what starts lease, unattended time and STATUS anew."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from typing import Final
 
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
-    Arm,
     Feature,
     Hello,
     Message,
     Play,
-    PlaybackEnded,
     PlayReply,
     SetConfig,
     StateChanged,
@@ -28,28 +26,27 @@ from ....client.board_client import BoardClient
 from ....client.latching import latch_now
 from ....client.playback import play_now, store_phases
 from ....client.stream_kinds import stream_kinds, valid_requests
-from ....judge.refused_requests import refused_by_link
 from ....judge.timers import check_mute_time, check_status_steps, muted_by_timer
 from ....outcome import check, fail, inconclusive
-from ..stream_types import DROPS, Drop, fill_queue
+from ..stream_types import DROPS
 
 _MS: Final = 1000
 _LEASE_MS: Final = 240
 _STEP_MS: Final = 170  # between frames that each have to renew that lease
 _TRIES: Final = 3
-_SEQUENCE: Final = 2
-_TIMER_MS: Final = 300  # of a timer that strangers do not renew
-_SLOW_US: Final = 9_000_000  # period of a playback of which one frame is seen
+STORED: Final = 2  # sequence that is played
+TIMER_MS: Final = 300  # of a timer that strangers do not renew
+SLOW_US: Final = 9_000_000  # period of a playback of which one frame is seen
 _STRANGER: Final = 0x0440
 
 
 # --- Frames that renew nothing -----------------------------------------------------------------
 
 
-def _strangers(board: BoardClient) -> Iterator[bytes]:
+def strangers(board: BoardClient) -> Iterator[bytes]:
     """Yield frames of every type that are damaged or of another session, and HELLO once more."""
     messages = [kind.make() for kind in stream_kinds(board)]
-    messages += list(valid_requests(board, _SEQUENCE))
+    messages += list(valid_requests(board, STORED))
     for message in messages:
         for session in (board.link.session ^ _STRANGER, 0):
             yield encode_frame(_body(board, message, session))
@@ -75,26 +72,26 @@ def _body(board: BoardClient, message: Message, session: int) -> bytes:
     depth=Depth.DEFAULT,
 )
 def strangers_renew_nothing(board: BoardClient) -> None:
-    ramp_ms = _TIMER_MS if board.has(Feature.AMPLITUDE) else 0
+    ramp_ms = TIMER_MS if board.has(Feature.AMPLITUDE) else 0
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
+        store_phases(board, STORED, frames=2)
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
         reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
         board.hello()
-        board.configure(host_timeout_ms=50 if plays else _TIMER_MS, ramp_ms=ramp_ms)
+        board.configure(host_timeout_ms=50 if plays else TIMER_MS, ramp_ms=ramp_ms)
         board.arm()
         since = board.link.mark()
         if plays:
-            play_now(board, _SEQUENCE, loops=0, unattended_ms=_TIMER_MS, period_us=50 * _MS)
+            play_now(board, STORED, loops=0, unattended_ms=TIMER_MS, period_us=50 * _MS)
         else:
-            _queue_over(board, _TIMER_MS + ramp_ms)
-        wires = b"".join(_strangers(board))
+            _queue_over(board, TIMER_MS + ramp_ms)
+        wires = b"".join(strangers(board))
         start_us = board.clock.device_us()
         for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
-            _wait_for(board, start_us + part * (_TIMER_MS + ramp_ms) * _MS // 6)
+            wait_for(board, start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
             board.wire.send(wires)
-        header, _ = muted_by_timer(board, since, 3 * (_TIMER_MS + ramp_ms) * _MS, reason)
-        check_mute_time(board, start_us, header, _TIMER_MS + ramp_ms, f"{reason.name}, strangers")
+        header, _ = muted_by_timer(board, since, 3 * (TIMER_MS + ramp_ms) * _MS, reason)
+        check_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, strangers")
 
 
 def _queue_over(board: BoardClient, length_ms: int) -> None:
@@ -106,161 +103,19 @@ def _queue_over(board: BoardClient, length_ms: int) -> None:
     board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
 
 
-def _wait_for(board: BoardClient, t_us: int) -> None:
+def wait_for(board: BoardClient, t_us: int) -> None:
+    """Wait until a device time, by the host's estimate, or go on if it has passed."""
     board.wire.idle(max(0, t_us - board.clock.device_estimate_us()))
 
 
-# --- The hold ----------------------------------------------------------------------------------
-
-
-@case(
-    "HG-6.10/1",
-    "dropped frames of every kind and every request leave the hold as it runs; only latches do not",
-    variant="types",
-    needs=Feature.CONFIG,
-)
-def nothing_else_restarts_the_hold(board: BoardClient) -> None:
-    drops = [drop for drop in DROPS if drop.armed and drop.queued >= 0]
-    groups: list[Drop | None] = [None, *sorted(drops, key=lambda drop: drop.queued)]
-    hold_ms = _hold_ms(board)
-    took_us = _hold_after(board, groups, hold_ms)
-    if abs(took_us - hold_ms * _MS) <= _MS:
-        return
-    for group in groups:  # which one was it?
-        took_us = _hold_after(board, [group], hold_ms)
-        name = "requests" if group is None else f"frames {group.summary}"
-        check(
-            abs(took_us - hold_ms * _MS) <= _MS,
-            f"{name}: muted {took_us / _MS:.1f} ms after the latch, hold_ms is {hold_ms}",
-        )
-    fail(f"muted {took_us / _MS:.1f} ms after the latch, hold_ms is {hold_ms}")
-
-
-def _hold_ms(board: BoardClient) -> int:
-    """Return a hold that is longer than everything that is sent within it takes on the line."""
-    sizes = sum(len(kind.make().serialize()) + 20 for kind in stream_kinds(board))
-    return min(7000, 700 + board.wire.line_us(8 * len(DROPS) * sizes) // _MS)
-
-
-def _hold_after(board: BoardClient, groups: list[Drop | None], hold_ms: int) -> int:
-    """Return the time from a latch to the mute by the hold, with *groups* sent in between."""
-    board.hello()
-    board.configure(hold_ms=hold_ms)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board, board.flat_phases())
-    start_us = board.clock.unwrap(board.status().last_latch_us)
-    board.wire.idle(30 * _MS)
-    for group in groups:
-        if group is None:
-            _ask_all(board)
-        else:
-            _send_all(board, group, (hold_ms + 1000) * _MS)
-    if board.clock.device_us() - start_us > (hold_ms - 20) * _MS:
-        inconclusive("the line or the host is too slow to send everything within the hold")
-    header, _ = muted_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
-    return board.clock.unwrap(header.time_us) - start_us
-
-
-def _send_all(board: BoardClient, drop: Drop, ahead_us: int) -> None:
-    last_us = fill_queue(board, 1, ahead_us) if drop.queued else 0
-    for kind in stream_kinds(board):
-        board.link.send(*drop.frames(board, kind, last_us))
-
-
-def _ask_all(board: BoardClient) -> None:
-    """Send every request that leaves the hold as it runs: carried out, refused, and HELLO again."""
-    for message in valid_requests(board, _SEQUENCE):
-        if message.TYPE.name not in ("DISARM", "PLAY"):
-            board.link.ask(message)
-    for refusal in refused_by_link(board):
-        board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
-    board.hello(board.link.session)
-    board.link.send(*_strangers(board))
-    board.link.barrier()
-
-
-@case(
-    "HG-12.3/1",
-    "during a ramp of the hold no request, ARM and SET_CONFIG among them, ends or moves it",
-    variant="ramp",
-    needs=Feature.CONFIG | Feature.AMPLITUDE,
-    depth=Depth.DEFAULT,
-)
-def nothing_else_ends_its_ramp(board: BoardClient) -> None:
-    hold_ms, ramp_ms = 60, _hold_ms(board)
-    board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board, board.flat_phases())
-    start_us = board.clock.unwrap(board.status().last_latch_us)
-    _wait_for(board, start_us + (hold_ms + 20) * _MS)
-    _ask_all(board)
-    board.configure(hold_ms=10_000, ramp_ms=1)
-    header, _ = muted_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
-    check_mute_time(board, start_us, header, hold_ms + ramp_ms, "hold and ramp")
-
-
-@case(
-    "HG-12.3/1",
-    "during a playback longer than the hold each latch restarts it; after it the hold runs out",
-    variant="playback",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    depth=Depth.DEFAULT,
-)
-def playback_restarts_the_hold(board: BoardClient) -> None:
-    board.configure(hold_ms=100)
-    store_phases(board, _SEQUENCE, frames=2)
-    board.arm()
-    since = board.link.mark()
-    play_now(board, _SEQUENCE, loops=50, period_us=4 * _MS)
-    timeout_us = 600 * _MS + board.wire.limits.slack_us
-    ended = board.link.await_event(PlaybackEnded, since, timeout_us)
-    check(ended is not None, "a playback of 400 ms with a hold of 100 ms did not end")
-    start_us = board.clock.unwrap(board.status().last_latch_us)
-    header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
-    check_mute_time(board, start_us, header, 100, "after the last frame of a playback")
-
-
-@case(
-    "HG-12.3/1",
-    "PLAY, a playback that waits, STOP and ARM leave the hold of the last latch as it runs",
-    variant="stop",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-)
-def stop_leaves_the_hold(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=2)
-    for name in ("a playback that waits, muted", "a playback that waits", "a slow playback"):
-        board.hello()
-        board.configure(hold_ms=_TIMER_MS)
-        board.arm()
-        since = board.link.mark()
-        if name == "a slow playback":
-            play_now(board, _SEQUENCE, loops=0, period_us=_SLOW_US)
-            board.clock.wait_latched()
-        else:
-            latch_now(board, board.flat_phases())
-        start_us = board.clock.unwrap(board.status().last_latch_us)
-        _wait_for(board, start_us + 40 * _MS)
-        if name != "a slow playback":
-            _play_later(board, 2 * _TIMER_MS, 2 * _TIMER_MS)
-        _wait_for(board, start_us + 80 * _MS)
-        if not name.endswith("muted"):
-            board.link.call(Stop(), StopReply)
-        board.link.ask(Arm())
-        header, _ = muted_by_timer(board, since, 3 * _TIMER_MS * _MS, MuteReason.HOLD_EXPIRED)
-        check_mute_time(board, start_us, header, _TIMER_MS, f"hold_ms behind {name}")
-
-
-def _play_later(board: BoardClient, ahead_ms: int, alone_ms: int) -> int:
-    """Let a playback wait for its start so far ahead; return the device time before PLAY."""
-    now_us = board.clock.device_us()
-    play = Play(_SEQUENCE, _SLOW_US, 0, min(alone_ms, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=now_us + ahead_ms * _MS)
-    return now_us
-
-
 # --- The lease, and the unattended time in its place -------------------------------------------
+
+
+def play_later(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
+    """Let a playback of the stored sequence wait for its start so far ahead."""
+    now_us = board.clock.device_us()
+    play = Play(STORED, SLOW_US, 0, min(alone_ms, board.identity.max_unattended_ms))
+    board.link.call(play, PlayReply, time_us=now_us + ahead_ms * _MS)
 
 
 @case(
@@ -270,7 +125,7 @@ def _play_later(board: BoardClient, ahead_ms: int, alone_ms: int) -> int:
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
 )
 def waits_unattended(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=2)
+    store_phases(board, STORED, frames=2)
     board.configure(host_timeout_ms=80, hold_ms=10_000)
     for name, ahead_ms, alone_ms in (
         ("its start comes", 250, 400),
@@ -278,14 +133,14 @@ def waits_unattended(board: BoardClient) -> None:
     ):
         board.arm()
         since = board.link.mark()
-        _play_later(board, ahead_ms, alone_ms)
+        play_later(board, ahead_ms, alone_ms)
         start_us = board.clock.device_us()
         header, _ = muted_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
         check_mute_time(board, start_us, header, alone_ms, f"unattended_ms, {name}")
     for ahead_ms in (0, 5000):
         board.arm()
         since = board.link.mark()
-        _play_later(board, ahead_ms + 60, 9000)
+        play_later(board, ahead_ms + 60, 9000)
         board.wire.idle(150 * _MS)
         board.link.call(Stop(), StopReply)
         start_us = board.clock.device_us()
@@ -337,7 +192,7 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, bytes]]
     for drop in DROPS:
         if drop.armed and not drop.queued and drop.counter != "stale_session":
             yield f"a frame {drop.summary}", next(iter(drop.frames(board, kind, 0)))
-    for message in valid_requests(board, _SEQUENCE + plays):
+    for message in valid_requests(board, STORED + plays):
         if message.TYPE.name not in ("DISARM", "PLAY", *(["STOP"] if plays else [])):
             yield message.TYPE.name, board.link.request_wire(message)[0]
             wire, _ = board.link.request_wire(message, flags=0x40)
@@ -350,13 +205,13 @@ def _failed_to_renew(board: BoardClient, *, plays: bool) -> str | None:
     Empty: each one renewed the timer; None: the host was late with one.
     """
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
+        store_phases(board, STORED, frames=2)
     board.configure(host_timeout_ms=50 if plays else _LEASE_MS, hold_ms=10_000)
     board.arm()
     names: list[str] = []
     since, sent_us = board.link.mark(), board.wire.now_us()
     if plays:
-        play_now(board, _SEQUENCE, loops=0, unattended_ms=_LEASE_MS, period_us=_SLOW_US)
+        play_now(board, STORED, loops=0, unattended_ms=_LEASE_MS, period_us=SLOW_US)
         sent_us = board.wire.now_us()
     for name, wire in _renewals(board, plays=plays):
         board.wire.idle(max(0, sent_us + _STEP_MS * _MS - board.wire.now_us()))
@@ -388,12 +243,12 @@ def nothing_else_restarts_status(board: BoardClient) -> None:
     while board.wire.now_us() < end_us:
         board.arm()
         latch_now(board, board.flat_phases())
-        for message in valid_requests(board, _SEQUENCE):
+        for message in valid_requests(board, STORED):
             if not isinstance(message, SetConfig):
                 board.link.ask(message)
             board.wire.idle(period_ms * _MS // 40)
         board.hello(board.link.session)
-        board.link.send(*_strangers(board))
+        board.link.send(*strangers(board))
     board.link.barrier()
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) > 4, f"{len(times)} STATUS in 6 periods")
