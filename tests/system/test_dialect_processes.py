@@ -71,8 +71,8 @@ def test_a_client_with_a_rate_that_no_board_has_is_told_once_for_each():
     with VirtualBoard(dialect="sonicsurface", reconstruct=False) as board:
         for baud in (230_400, 9_600, 9_600, 1_462_857, 115_200):
             with serial.Serial(board.url, baud) as port:
-                port.write(b"\xfd")
                 latches = sum(r["kind"] == "pulses" for r in board.records())
+                port.write(b"\xfd")
                 assert board.wait_for(latches + 1)
         board.stop()
         told = [r["text"] for r in board.records() if r.get("event") == "remark"]
