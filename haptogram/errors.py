@@ -17,6 +17,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 
 class HaptogramError(Exception):
     """Root of every error that this package raises on purpose.
@@ -121,3 +123,19 @@ class VerificationError(HaptogramError, AssertionError):
     ...     print(str(error).splitlines()[0])
     INCONCLUSIVE: 0 of 1 frames were verified; 100 % must be
     """
+
+
+def missing_extra(subject: str, extra: str) -> ConfigurationError:
+    """Return the error for packages of *extra* that are not installed, with the way to have them.
+
+    A checkout is installed by its path: no package index has this package.
+
+    Examples
+    --------
+    >>> print(missing_extra("pages need jinja2", "report"))  # doctest: +ELLIPSIS
+    pages need jinja2: pip install ...[report]'
+    """
+    checkout = Path(__file__).resolve().parents[1]
+    is_checkout = (checkout / "pyproject.toml").is_file()
+    what = f"-e '{checkout}[{extra}]'" if is_checkout else f"'haptogram[{extra}]'"
+    return ConfigurationError(f"{subject}: pip install {what}")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, missing_extra
 from haptogram.settings.text_file import plain_reason
 
 if TYPE_CHECKING:
@@ -36,9 +36,7 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     try:
         import trimesh
     except ImportError as error:
-        raise ConfigurationError(
-            f"{path}: meshes need the extra 'mesh': pip install 'haptogram[mesh]'"
-        ) from error
+        raise missing_extra(f"{path}: meshes need trimesh", "mesh") from error
     _check_file(path)
     try:
         # Unprocessed: processing drops triangles that are not finite without a word.

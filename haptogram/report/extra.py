@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import missing_extra
 
 
 def require_report_packages(result: str, *packages: str) -> None:
@@ -22,6 +22,4 @@ def require_report_packages(result: str, *packages: str) -> None:
     """
     missing = [name for name in packages if importlib.util.find_spec(name) is None]
     if missing:
-        raise ConfigurationError(
-            f"{result} need {' and '.join(missing)}: pip install 'haptogram[report]'"
-        )
+        raise missing_extra(f"{result} need {' and '.join(missing)}", "report")

@@ -15,6 +15,7 @@ pytest.importorskip("mcap")
 from mcap.reader import make_reader
 
 from haptogram.cli import main
+from haptogram.errors import missing_extra
 from haptogram.evidence.recordings.channels import (
     FAULTS,
     LATCH,
@@ -269,5 +270,5 @@ def test_without_the_package_the_extra_is_named_before_the_run(
     monkeypatch.setitem(sys.modules, "mcap", None)
     assert main([*words]) == 2
     error = capsys.readouterr().err
-    assert "recordings need the package mcap: pip install 'haptogram[record]'" in error
+    assert str(missing_extra("recordings need the package mcap", "record")) in error
     assert error.count("\n") == 1

@@ -20,7 +20,7 @@ from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.acquisition import HOPELESS_RAD
 from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells
 from haptogram.acoustics.solvers.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, missing_extra
 
 _MAX_STEPS: Final = 16
 _FIRST_COUNT: Final = 40  # elements whose wide beam forgives a start that is off
@@ -94,7 +94,7 @@ class FocusTracker:
         check_phase_bits(phase_bits)
         kernels = load_kernels()
         if kernels is None:
-            raise ConfigurationError("numba is not installed: pip install 'haptogram[fast]'")
+            raise missing_extra("numba is not installed", "fast")
         distance = np.linalg.norm(model.array.positions_m - model.array.centre_m, axis=1)
         self._order, lags_rad = _heard(model, np.argsort(distance, kind="stable"))
         if len(self._order) < 4:

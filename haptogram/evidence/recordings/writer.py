@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import haptogram
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, missing_extra
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.records.latch import LatchRecord
@@ -63,9 +63,7 @@ def check_recordings() -> None:
     try:
         import mcap  # noqa: F401  only whether it is there
     except ImportError as error:
-        raise ConfigurationError(
-            "recordings need the package mcap: pip install 'haptogram[record]'"
-        ) from error
+        raise missing_extra("recordings need the package mcap", "record") from error
 
 
 class RecordingWriter(ClosedByWith):

@@ -1,6 +1,6 @@
 """The pictures of a run; each function returns a figure of matplotlib.
 
-Raises ConfigurationError where matplotlib is missing (``pip install 'haptogram[report]'``).
+Raises ConfigurationError where matplotlib is missing (extra ``report``).
 """
 
 from __future__ import annotations

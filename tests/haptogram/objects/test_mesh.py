@@ -232,7 +232,7 @@ def test_a_file_that_cannot_be_opened_is_refused_with_the_reason(tmp_path, monke
 
 def test_without_the_extra_the_message_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)  # as if it were not installed
-    with pytest.raises(ConfigurationError, match=r"pip install 'haptogram\[mesh\]'"):
+    with pytest.raises(ConfigurationError, match=r"need trimesh: pip install .*\[mesh\]'"):
         MeshSurface.from_file(DATA / "cube.stl")
 
 

@@ -7,7 +7,7 @@ from importlib.resources import files
 import pytest
 
 from haptogram.cli import main
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, missing_extra
 from haptogram.report.html import PagePicture, check_html_page, render_html_page
 
 FRAME = {"title": "t", "heading": "h", "tone": "plain", "lead": []}
@@ -81,7 +81,7 @@ def test_without_the_extra_a_command_refuses_before_it_works(
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith(f"haptogram {arguments[0]}: ")
-    assert err.endswith(f" need {package}: pip install 'haptogram[report]'\n")
+    assert err.endswith(f"{missing_extra(f' need {package}', 'report')}\n")
     assert err.count("\n") == 1
     assert not list(tmp_path.iterdir())
 

@@ -19,7 +19,7 @@ from haptogram.acoustics.field.engines.single_precision import (
 from haptogram.acoustics.field.reference import sounding_half_spaces
 from haptogram.acoustics.memory import memory_chunks
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.errors import ConfigurationError
+from haptogram.errors import missing_extra
 
 _T = TypeVar("_T", bound=np.generic)
 
@@ -49,7 +49,7 @@ class NumbaEngine(SingleEngine):
         super().__init__(model)
         kernels = load_kernels()
         if kernels is None:
-            raise ConfigurationError("numba is not installed: pip install 'haptogram[fast]'")
+            raise missing_extra("numba is not installed", "fast")
         self._kernels: ModuleType = kernels
         self._layout = EngineLayout.of(model)
         half = np.ptp(model.array.bounds_m, axis=0) / 2
