@@ -27,6 +27,7 @@ from haptogram.errors import ConfigurationError
 
 MAX_BYTES: Final = 16 << 20  # uncompressed; 256 transducers take less than one
 MAX_DEPTH: Final = 64
+MAX_ELEMENTS: Final = 200_000  # a transducer takes about 30
 SUFFIXES: Final = (".xml", ".xml.gz")
 _GZIP: Final = b"\x1f\x8b"
 _NUMBERS: Final = ("byte", "short", "int", "long", "float", "double")
@@ -65,8 +66,9 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
     Raises
     ------
     ConfigurationError
-        Names the file and its fault: it cannot be read, is larger than 16 MiB, has a document type
-        or entities, holds no transducers, two of one number, or a number that is not whole.
+        Names the file and its fault: it cannot be read, has more than 16 MiB or 200 000 elements
+        when it is unpacked, a document type or entities, no transducers, two of one number, or a
+        number that is not whole.
     """
     try:
         root = _Reader().read(_bytes_of(path))
@@ -123,6 +125,7 @@ class _Reader:
         self._open: list[_Element] = []
         self._named: dict[str, _Element] = {}
         self._first: Any = None
+        self._elements = 0
 
     def read(self, data: bytes) -> Any:
         """Return the first object of the file, when all calls are done."""
@@ -137,6 +140,9 @@ class _Reader:
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         if len(self._open) >= MAX_DEPTH:
             raise ConfigurationError(f"elements are nested more than {MAX_DEPTH} deep")
+        self._elements += 1
+        if self._elements > MAX_ELEMENTS:
+            raise ConfigurationError(f"more than {MAX_ELEMENTS} elements")
         element = _Element(tag, attributes, self._open[-1] if self._open else None)
         self._open.append(element)
         if (name := attributes.get("id")) is not None:

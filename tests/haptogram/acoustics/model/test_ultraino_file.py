@@ -13,7 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dialect_boards import DialectBoard
-from haptogram.acoustics.model.boards.ultraino_file import MAX_BYTES, read_ultraino_array
+from haptogram.acoustics.model.boards.ultraino_file import (
+    MAX_BYTES,
+    MAX_ELEMENTS,
+    read_ultraino_array,
+)
 from haptogram.errors import ConfigurationError
 
 FILES = Path(__file__).parents[3] / "data" / "dialects" / "arrays"
@@ -76,10 +80,29 @@ def test_what_is_no_array_file_is_one_line_with_its_name(name, tmp_path):
     assert "\n" not in str(refused.value)
 
 
-def test_a_file_that_unpacks_to_much_is_not_unpacked(tmp_path):
+MIB = gzip.compress(bytes(1 << 20))
+BOMBS = {
+    "one byte too much": gzip.compress(bytes(MAX_BYTES + 1)),
+    "4 GiB": MIB * 4096,
+    "elements": gzip.compress(b"<a>" + b"<b id='0'/>" * (MAX_BYTES // 12)),
+    "named elements": gzip.compress(
+        b"<a>" + b"".join(b"<b id='%d'/>" % n for n in range(MAX_ELEMENTS + 1))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_file_that_unpacks_to_much_is_not_unpacked(name, tmp_path):
     path = tmp_path / "array.xml.gz"
-    path.write_bytes(gzip.compress(bytes(MAX_BYTES + 1)))
+    path.write_bytes(BOMBS[name])
     with pytest.raises(ConfigurationError, match="more than"):
+        read_ultraino_array(path)
+
+
+def test_what_was_packed_twice_or_not_wholly_is_refused(tmp_path):
+    path = tmp_path / "array.xml.gz"
+    path.write_bytes(gzip.compress(gzip.compress(FINE.encode())))
+    with pytest.raises(ConfigurationError, match="not XML"):
         read_ultraino_array(path)
     path.write_bytes(gzip.compress(FINE.encode())[:-20])
     with pytest.raises(ConfigurationError, match="cannot be read"):
