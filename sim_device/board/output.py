@@ -141,7 +141,7 @@ class OutputStage:
         if state is not self.state:
             self.state, self.reason = state, reason
             self._new_notices.append(StateChange(self.now_us, state, reason, requested))
-        elif event is OutputInput.MUTE:
+        elif event is OutputInput.MUTE and state is OutputState.MUTED:
             self.reason = reason  # somebody asked for it now: no host may take it for a pause
 
     def silence(self) -> None:

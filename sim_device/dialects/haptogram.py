@@ -127,6 +127,7 @@ class BoardDialect:
         self.board = board
         self.line_free_us = board.now_us
         self._link = link
+        link.departure_us = lambda _: self._first_byte_us
         self._watch = watch
         self._trace_dropped = 0
         self._traced = 0

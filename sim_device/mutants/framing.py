@@ -18,7 +18,7 @@ from haptogram_protocol.framing import (
     cobs_encode,
     encode_frame,
 )
-from haptogram_protocol.messages import MESSAGES, Error, ErrorCode
+from haptogram_protocol.messages import MESSAGES, Error, ErrorCode, MessageType
 
 from ..dialects.haptogram import BoardDialect
 from .mutant import Mutant
@@ -206,6 +206,28 @@ class UnknownTypeIsDamage(BoardConnection):
         return super()._drop(frame, "crc" if reason == "unknown_type" else reason, detail)
 
 
+class NumbersAligned(FrameDecoder):
+    """Reads the 64 bits of a PING from the even address before them."""
+
+    _address = _begins = 0
+
+    def feed(self, chunk: bytes) -> list[bytes | RemoteProtocolError]:
+        """Return what the frames hold, as this board reads it."""
+        found: list[bytes | RemoteProtocolError] = []
+        for byte in chunk:
+            self._address += 1
+            found += [self._read(frame) for frame in super().feed(bytes([byte]))]
+            if byte == 0:
+                self._begins = self._address
+        return found
+
+    def _read(self, frame: bytes | RemoteProtocolError) -> bytes | RemoteProtocolError:
+        if isinstance(frame, RemoteProtocolError) or frame[0] != MessageType.PING:
+            return frame
+        back = self._begins % 2
+        return frame[:HEADER_BYTES] + frame[HEADER_BYTES - back : len(frame) - back]
+
+
 class StreamAnswered(BoardConnection):
     """Answers a stream frame that it drops with ERROR."""
 
@@ -262,4 +284,5 @@ MUTANTS: Final = (
     Mutant.of(UnknownTypeIsDamage, "HG-3.3/2", _SELF),
     Mutant.of(StreamAnswered, "HG-10.1/2", _WIRE),
     Mutant.of(CountersBigEndian, "HG-3.2/1", _SELF),
+    Mutant.of(NumbersAligned, "HG-3.2/6", _WIRE),
 )

@@ -179,34 +179,6 @@ class PhasesAtHalfAmplitude(BoardDialect):
         return Drive(content.phase_codes, half, content.phase_bits)
 
 
-class PointsOfOppositePhase(BoardDialect):
-    """Computes the drive of focal points with the opposite sign of the phase."""
-
-    def _stream(self, event: Any) -> None:
-        focuser = self.board._focuser
-        if getattr(event.message, "points", None):
-            drive = focuser.drive(event.message.points)
-            negative = np.uint8(0) - drive.phase_codes
-            board, index = self.board, event.index
-            t_apply_us = self._unwrap(event.t_apply_us)
-            board.submit(StreamFrame(index, t_apply_us, Drive(negative, drive.amplitude_codes)))
-        else:
-            super()._stream(event)
-
-
-class PointsInTenths(BoardDialect):
-    """Reads the coordinates of focal points in tenths of a millimetre."""
-
-    def _content(self, message: Any) -> Content:
-        content = super()._content(message)
-        if isinstance(content, Drive):
-            return content
-        return [
-            dataclasses.replace(p, x_um=p.x_um // 100, y_um=p.y_um // 100, z_um=p.z_um // 100)
-            for p in content
-        ]
-
-
 class PlaybackRoundsUp(Board):
     """Rounds the period of a sequence up to carrier periods: its rounding accumulates."""
 
@@ -308,8 +280,6 @@ MUTANTS: Final = (
     Mutant.of(PackedHighBitFirst, "HG-5.2/1", _SELF),
     Mutant.of(RoundsToTheMiddle, "HG-5.2/7", _SELF),
     Mutant.of(PhasesAtHalfAmplitude, "HG-5.2/6", _SELF),
-    Mutant.of(PointsOfOppositePhase, "HG-5.4/1", _SELF),
-    Mutant.of(PointsInTenths, "HG-5.4/1", _SELF),
     Mutant.of(PlaybackRoundsUp, "HG-7.6/4", _SELF),
     Mutant.of(UploadUnchecked, "HG-7.4/3", Evidence.WIRE),
     Mutant.of(TraceTimeOfArrival, "HG-8.3/1", _SELF),

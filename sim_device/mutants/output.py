@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bisect
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -149,6 +150,14 @@ class RampSkipped(OutputTimers):
         return 0
 
 
+class RampInEightSteps(OutputTimers):
+    """Fades in eight steps, however long the ramp is."""
+
+    def gain(self, t_us: int) -> float:
+        """Return the share of the amplitude, in eighths."""
+        return math.ceil(8 * super().gain(t_us)) / 8
+
+
 class TimeoutsUncounted(OutputStage):
     """Does not count mutes by a timer."""
 
@@ -267,6 +276,7 @@ MUTANTS: Final = (
     Mutant.of(WatchdogTooSlow, "HG-12.2/1", _WIRE),
     Mutant.of(HoldMissing, "HG-6.10/1", _WIRE),
     Mutant.of(RampSkipped, "HG-6.11/2", _SELF),
+    Mutant.of(RampInEightSteps, "HG-6.11/2", _SELF),
     Mutant.of(TimeoutsUncounted, "HG-6.11/5", _SELF),
     Mutant.of(StateChangeUnsaid, "HG-6.8/1", _WIRE),
     Mutant.of(CeilingIgnored, "HG-7.9/2", _SELF),

@@ -26,7 +26,7 @@ from ..dialects.haptogram import BoardDialect
 from .mutant import Mutant
 
 
-class _Liar(BoardConnection):
+class Liar(BoardConnection):
     """Answers with other words than the board's."""
 
     of: Any = HelloReply
@@ -42,7 +42,7 @@ class _Liar(BoardConnection):
         super().reply(request, message, now_us)
 
 
-class GeometryHashWrong(_Liar):
+class GeometryHashWrong(Liar):
     """Advertises the CRC of another geometry."""
 
     def lie(self, message: Any) -> dict[str, Any]:
@@ -50,7 +50,7 @@ class GeometryHashWrong(_Liar):
         return {"geometry_hash": message.geometry_hash ^ 1}
 
 
-class GridOfAnother(_Liar):
+class GridOfAnother(Liar):
     """Advertises a grid of one row more than it has transducers for."""
 
     def lie(self, message: Any) -> dict[str, Any]:
@@ -58,7 +58,7 @@ class GridOfAnother(_Liar):
         return {"grid_ny": message.grid_ny + 1}
 
 
-class ClockInMilliseconds(_Liar):
+class ClockInMilliseconds(Liar):
     """Advertises a clock of 1000 ticks a second."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -66,7 +66,7 @@ class ClockInMilliseconds(_Liar):
         return {"clock_hz": 1000}
 
 
-class CarrierOfNoWholePeriod(_Liar):
+class CarrierOfNoWholePeriod(Liar):
     """Advertises a carrier of 40 500 Hz, whose period is no whole number of microseconds."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -74,7 +74,7 @@ class CarrierOfNoWholePeriod(_Liar):
         return {"carrier_hz": 40_500}
 
 
-class HorizonBehindTheWrap(_Liar):
+class HorizonBehindTheWrap(Liar):
     """Advertises a horizon of 2^31 us, at which before and after cannot be told apart."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -82,7 +82,7 @@ class HorizonBehindTheWrap(_Liar):
         return {"max_horizon_us": 1 << 31}
 
 
-class NameBehindZero(_Liar):
+class NameBehindZero(Liar):
     """Has something behind the zero that ends its name."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -90,7 +90,7 @@ class NameBehindZero(_Liar):
         return {"firmware": "sim\x00left over"}
 
 
-class GeometryFromZero(_Liar):
+class GeometryFromZero(Liar):
     """Calls the first transducer of every GEOMETRY_REPLY number 0."""
 
     of = GeometryReply

@@ -81,10 +81,13 @@ def test_a_hardware_fault_switches_off_until_disarm(c_board):
     assert changed == StateChanged(OutputState.FAULT, MuteReason.FAULT)
     (refused,) = messages(c_board(2000, frame(Arm(), 3)))
     assert (refused.code, refused.detail) == (4, OutputState.FAULT)
-    kept = ((4, Mute(), OutputState.FAULT), (5, Disarm(), OutputState.DISARMED))
+    kept = ((4, Mute(), OutputState.FAULT), (15, Disarm(), OutputState.DISARMED))
     for seq, message, state in kept:
         (reply,) = messages(c_board(2000, frame(message, seq)))
         assert reply.state is state
+        (status,) = messages(c_board(2000, frame(GetStatus(), seq + 10)))
+        reasons = {OutputState.FAULT: MuteReason.FAULT, OutputState.DISARMED: MuteReason.DISARM}
+        assert status.reason is reasons[state]  # HG-6.2/3
 
 
 def test_what_waits_for_the_line_is_bounded_and_trace_gives_way(programs):

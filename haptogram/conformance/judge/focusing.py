@@ -74,8 +74,7 @@ def phase_errors(
 ) -> NDArray[np.float64]:
     """Return latched phase codes less the exact phases, in steps, of every transducer.
 
-    Where the weight all but vanishes its phase means nothing: below one amplitude code it is
-    left out.
+    Where the weight all but vanishes its phase means nothing: below 1/16 it is free (HG-5.4/3).
     """
     errors = []
     for points, shown in found:
@@ -83,7 +82,7 @@ def phase_errors(
         exact = np.angle(weights) / (2 * np.pi) * _STEPS
         codes = np.frombuffer(shown.phases, np.uint8).astype(np.float64)
         difference = (codes - exact + _STEPS / 2) % _STEPS - _STEPS / 2
-        errors.append(difference[np.abs(weights) > 1 / 255])
+        errors.append(difference[np.abs(weights) >= 1 / 16])
     return np.concatenate(errors)
 
 

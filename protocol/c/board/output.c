@@ -28,7 +28,7 @@ int output_enter(struct board *board, enum output_input input, uint8_t reason)
     if (state != board->state) {
         board->state = state;
         board->reason = reason;
-    } else if (input == MUTE) {
+    } else if (input == MUTE && state == HG_STATE_MUTED) {
         board->reason = reason; /* MUTE was asked for, even where a timer had muted before */
     }
     return 1;

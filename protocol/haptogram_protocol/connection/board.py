@@ -8,6 +8,7 @@ checks output state, time and configuration.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, cast
 
@@ -74,6 +75,9 @@ class BoardConnection:
         The open session, 0 if there is none.
     counters : dict of str to int
         :data:`LINK_COUNTERS`, modulo 2^32.
+    departure_us : callable
+        Returns when the first byte of an answer leaves that the connection itself gives to a frame
+        of which it is told the arrival. Whoever knows the line sets it; without, it leaves at once.
     """
 
     def __init__(
@@ -87,6 +91,7 @@ class BoardConnection:
         self.description_hash = description_hash
         self.session = 0
         self.counters = dict.fromkeys(LINK_COUNTERS, 0)
+        self.departure_us: Callable[[int], int] = _at_once
         self._output_limit = output_limit
         self._stuff = cobs.encode
         self._inbox = ConnectionInbox(FrameDecoder(cobs) if decoder is None else decoder)
@@ -237,7 +242,8 @@ class BoardConnection:
             offset = Hello.WIRE["nonce"].offset
             return self._refuse(frame, "bad_value", ErrorCode.BAD_VALUE, offset, "HELLO, nonce 0")
         if hello.nonce == self.session and self._greeting is not None:  # HG-4.6
-            wire = self._response(self._greeting, frame.header.seq, frame.t_rx_us)
+            leaves_us = self.departure_us(frame.t_rx_us)
+            wire = self._response(self._greeting, frame.header.seq, leaves_us)
             self._queue(wire, self._output_limit)
             return self._drop(frame, "repeated", f"HELLO of the open session {hello.nonce:#06x}")
         return self._request(frame, hello, new_session=True)
@@ -280,7 +286,7 @@ class BoardConnection:
         """Answer a request with ERROR, without the board; the reply is not remembered."""
         error = Error(request=frame.header.type, code=code, detail=number)
         session = 0 if code is ErrorCode.STALE_SESSION else self.session
-        wire = self._response(error, frame.header.seq, frame.t_rx_us, session)
+        wire = self._response(error, frame.header.seq, self.departure_us(frame.t_rx_us), session)
         self._queue(wire, self._output_limit)
         return self._drop(frame, reason, detail)
 
@@ -388,3 +394,7 @@ class BoardConnection:
     def _queue(self, wire: bytes, limit: int) -> bool:
         """Queue a frame if there is room; a host that misses a response asks again (HG-9.6)."""
         return self._outbox.put(wire, limit)
+
+
+def _at_once(t_rx_us: int) -> int:
+    return t_rx_us

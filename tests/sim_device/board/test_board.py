@@ -367,7 +367,7 @@ def test_a_fault_stops_everything_until_disarm():
         board.arm()
     assert (caught.value.code, caught.value.detail) == (ErrorCode.BAD_STATE, OutputState.FAULT)
     board.mute()
-    assert board.state is OutputState.FAULT
+    assert (board.state, board.reason) == (OutputState.FAULT, MuteReason.FAULT)
     board.disarm()
     board.arm()
     assert board.state is OutputState.ARMED

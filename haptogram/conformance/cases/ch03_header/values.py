@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
@@ -28,7 +29,10 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.capabilities import UPLOADS, requests_of_board, session_for
 from ...client.dialogue import full_dialogue
+from ...client.latching import latch_now
 from ...outcome import SELF_REPORTED, check, not_observed
+
+_ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
 
 
 @case("HG-3.2/1", "numbers of 16, 32 and 64 bits, signed ones too, have their lowest byte first")
@@ -173,3 +177,16 @@ def refuses_a_wrong_value(board: BoardClient) -> None:
         for kind, value, offset in wrong:
             session = 0 if kind == Hello.TYPE else board.link.session
             board.link.refused_raw(kind, value, ErrorCode.BAD_VALUE, offset, session=session)
+
+
+@case("HG-3.2/6", "requests, chunks and stream frames that begin at each of 8 addresses are taken")
+def reads_at_any_address(board: BoardClient) -> None:
+    board.arm()
+    with board.counting(latched=_ADDRESSES):
+        for zeros in range(_ADDRESSES):  # the frame before it ends at another address each time
+            echo = 0x0102030405060708 + zeros
+            board.link.send(b"\x00" * zeros)
+            check(board.link.call(Ping(echo), Pong).echo == echo, f"PING behind {zeros} zeros")
+            shown = board.link.call(GetConfig(), ConfigReply).config
+            check(shown == board.config, f"GET_CONFIG behind {zeros} zeros shows {shown}")
+            latch_now(board, board.flat_phases())

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 from haptogram_protocol.messages import (
     Arm,
     ConfigReply,
     ErrorCode,
     Feature,
     GetConfig,
+    Hello,
     Mute,
     Ping,
     PlaybackEnded,
@@ -18,6 +21,7 @@ from haptogram_protocol.messages import (
     UploadChunk,
     UploadCommit,
     UploadKind,
+    signed_difference,
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -46,6 +50,26 @@ def the_same_nonce(board: BoardClient) -> None:
     check(again == first, f"HELLO_REPLY was {first}, then {again}")
     state = board.status().state
     check(state is OutputState.ARMED, f"HELLO of the open session has led to {state.name}")
+
+
+@case(
+    "HG-4.6/1",
+    "HELLO with the open nonce: its own number, and a time between those of two PONGs around it",
+    variant="time",
+)
+def the_same_nonce_at_another_time(board: BoardClient) -> None:
+    first = board.link.ask(board.hello_message(board.link.session), session=0)
+    board.wire.idle(20_000)
+    times = []
+    for message in (Ping(1), board.hello_message(board.link.session), Ping(2)):
+        session = 0 if isinstance(message, Hello) else board.link.session
+        answer = board.link.ask(message, session=session)  # waits for its number
+        assert answer.header is not None  # ask
+        times.append(answer.header.time_us)
+        if isinstance(message, Hello):
+            check(answer.message == first.message, "a repeated HELLO has another reply")
+    steps = [signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
+    check(min(steps) >= 0, f"times of PONG, HELLO_REPLY and PONG in a row: {times}")
 
 
 @case("HG-4.6/2", "a new nonce: ARMED becomes DISARMED (NEW_SESSION), MUTED stays MUTED")

@@ -41,6 +41,9 @@ host_counts = about_host("HG-4.8/3")
 host_starts_at_0 = about_host("HG-4.8/4")
 
 
+host_gives_up = about_host("HG-4.8/5")
+
+
 def _repeat(board: BoardClient, wire: bytes, kind: type[Message], seq: int) -> bytes:
     """Send the same bytes again and return the body of the answer."""
     since = board.link.mark()
@@ -124,6 +127,28 @@ def refusals_use_up_nothing(board: BoardClient) -> None:
     check(_repeat(board, wire, Arm, seq) == reply, "the remembered reply is gone")
     board.link.call(Ping(2), Pong, seq=free)
     board.link.seq = free
+
+
+@case(
+    "HG-4.9/5",
+    "behind a MUTE a copy of a request: same reply if it was done, SEQUENCE_REUSED if it was lost",
+)
+def mute_passes_a_request(board: BoardClient) -> None:
+    ping, seq = board.link.request_wire(Ping(9))
+    first = _repeat(board, ping, Ping, seq)
+    board.link.call(Mute(), MuteReply)
+    again = _repeat(board, ping, Ping, seq)
+    check(again == first, f"PING again: {again.hex(' ')} instead of {first.hex(' ')}")
+    for message in (Arm(), Ping(1)):
+        lost, seq = board.link.request_wire(message)
+        board.link.call(Mute(), MuteReply)
+        since = board.link.mark()
+        board.link.send(lost)
+        answer = board.link.answer_to(message.TYPE, seq, since)
+        board.link.error_in(answer, message.TYPE, ErrorCode.SEQUENCE_REUSED, seq)
+    state = board.status().state
+    check(state is OutputState.MUTED, f"an ARM that was lost before MUTE has led to {state.name}")
+    board.link.call(Ping(2), Pong)
 
 
 @case("HG-4.10/1", "MUTE is carried out each time; its number in the session counts as used")

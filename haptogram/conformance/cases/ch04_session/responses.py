@@ -13,6 +13,7 @@ from haptogram_protocol.messages import (
     DisarmReply,
     Feature,
     GetConfig,
+    GetGeometry,
     GetStatus,
     HelloReply,
     Message,
@@ -30,7 +31,7 @@ from haptogram_protocol.messages import (
 from ...case import about_host, case
 from ...client.board_client import BoardClient
 from ...client.playback import play_now, store_phases
-from ...outcome import check
+from ...outcome import check, not_observed
 
 _PROMPT_US: Final = 10_000
 _TRIES: Final = 8
@@ -79,6 +80,51 @@ def responses_tell_the_time(board: BoardClient) -> None:
             all(0 <= step < 5_000_000 for step in steps),
             f"times of three responses in a row: {times}",
         )
+
+
+@case(
+    "HG-4.11/2",
+    "ERROR to unknown flags and a repeated HELLO_REPLY, behind a long reply: when they leave",
+    variant="exact",
+)
+def refusals_tell_the_time(board: BoardClient) -> None:
+    if board.wire.limits.slack_us:
+        not_observed("when a byte is on a real line is not known to 10 us here")
+    offset_us = _device_offset_us(board)
+    greeting = board.hello_message(board.link.session)
+    for message, header in ((Ping(1), {"flags": 0x40}), (greeting, {"session": 0})):
+        long, _ = board.link.request_wire(GetGeometry(0, 0xFFFF))
+        short, seq = board.link.request_wire(message, **header)
+        since = board.link.mark()
+        board.link.send(long, short)
+        answer = board.link.answer_to(message.TYPE, seq, since, 50_000)
+        assert answer.header is not None  # answer_to
+        due_us = offset_us + answer.t_us - board.wire.line_us(len(answer.piece) + 2)
+        off_us = signed_difference(answer.header.time_us, due_us & 0xFFFFFFFF, 32)
+        name = message_type_name(answer.header.type)
+        check(abs(off_us) <= _CLOCK_US, f"the time of {name} is off by {off_us:+d} us")
+
+
+def _device_offset_us(board: BoardClient) -> int:
+    """Return the device clock less that of the transport, by a PONG that waited for nothing."""
+    answer = board.link.ask(Ping(0))
+    pong = board.link.reply_in(answer, Pong, Ping.TYPE)
+    left_us = answer.t_us - board.wire.line_us(len(answer.piece) + 2)
+    return pong.t_tx_us - left_us
+
+
+@case("HG-4.11/6", "a PING again, 20 ms later: the time in the header is that of the first PONG")
+def repetitions_keep_their_time(board: BoardClient) -> None:
+    wire, seq = board.link.request_wire(Ping(5))
+    times = []
+    for _ in range(3):
+        since = board.link.mark()
+        board.link.send(wire)
+        answer = board.link.answer_to(Ping.TYPE, seq, since)
+        assert answer.header is not None  # answer_to
+        times.append((answer.header.time_us, board.link.reply_in(answer, Pong, Ping.TYPE).t_tx_us))
+        board.wire.idle(20_000)
+    check(len(set(times)) == 1, f"header time and t_tx of a PONG and its repetitions: {times}")
 
 
 @case("HG-4.11/3", "of 8 PINGs one is answered within 10 ms")

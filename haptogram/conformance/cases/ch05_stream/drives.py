@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -37,6 +38,29 @@ def _offered(board: BoardClient) -> list[PhaseFormat]:
 def count_is_in_range(board: BoardClient) -> None:
     count = board.identity.transducers
     check(1 <= count <= MAX_TRANSDUCERS, f"N is {count}")
+
+
+@case("HG-5.1/2", "on a grid GET_GEOMETRY counts the rows of a column before the next column")
+def counts_along_y_first(board: BoardClient) -> None:
+    nx, ny = board.identity.grid_nx, board.identity.grid_ny
+    if not nx * ny > 1:
+        not_observed("this board is no grid of two transducers or more")
+    places = [(element.x_um, element.y_um) for element in board.read_geometry()]
+    wrong = next((n for n, (a, b) in enumerate(itertools.pairwise(places)) if not a < b), None)
+    check(
+        wrong is None,
+        f"transducer {(wrong or 0) + 1} is not behind {wrong}, in its column or in the next one",
+    )
+
+
+@case("HG-5.1/3", "the origin is the centre of all transducers, and their normals point to +z")
+def has_its_origin_in_the_centre(board: BoardClient) -> None:
+    elements = board.read_geometry()
+    check(all(element.nz > 0 for element in elements), "a normal points away from +z")
+    for axis in ("x_um", "y_um"):
+        values = [getattr(element, axis) for element in elements]
+        middle_um = (min(values) + max(values)) / 2
+        check(abs(middle_um) <= 1, f"the middle of all {axis} is {middle_um:g}, not 0")
 
 
 @case(

@@ -1,4 +1,4 @@
-"""HG-6.4, HG-6.5, HG-6.6: MUTE, DISARM, and silence after them."""
+"""HG-6.4, HG-6.5, HG-6.6, HG-6.12: MUTE, DISARM, silence after them and without a program."""
 
 from __future__ import annotations
 
@@ -28,6 +28,16 @@ _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
 
 
 host_keeps_room = about_host("HG-6.4/3")
+
+
+hangs_silently = unobservable(
+    "HG-6.12/1", "no frame makes the program of a board hang: stop it in a debugger", EXTERNAL
+)
+
+
+resets_silently = unobservable(
+    "HG-6.12/2", "a board that is being reset says nothing; its drive pins do", EXTERNAL
+)
 
 
 fault_lasts = unobservable("HG-6.6/3", "no frame can bring about a fault of the hardware", EXTERNAL)

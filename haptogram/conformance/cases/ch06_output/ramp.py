@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 from haptogram_protocol.framing import encode_frame
@@ -13,6 +14,7 @@ from haptogram_protocol.messages import (
     Feature,
     Ping,
     PlaybackEnded,
+    Pong,
     ReadDrive,
     StateChanged,
 )
@@ -26,6 +28,8 @@ from ...judge.timers import check_mute_time, muted_by_timer
 from ...outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
+_TIMER_MS: Final = 1
+_STEP_MS: Final = 1
 _RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 
 
@@ -72,27 +76,44 @@ def hold_mutes(board: BoardClient) -> None:
     check(board.status().reason is MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
 
 
-def _ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[tuple[float, int]]:
-    """Return (share of the ramp, amplitude) from before a ramp of the hold to behind its end."""
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """The amplitude at a moment between two, in milliseconds from the beginning of a ramp."""
+
+    from_ms: float
+    to_ms: float
+    level: int
+
+
+def _ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[_Reading]:
+    """Return the amplitude from before a ramp of the hold to behind its end."""
     board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
     board.arm()
     latch_now(board, board.flat_phases())
     start_us = board.clock.unwrap(board.status().last_latch_us) + hold_ms * _MS
-    end_us = start_us + ramp_ms * _MS
-    found: list[tuple[float, int]] = []
-    while not found or found[-1][0] < 1.1:
-        t_us, shown = _read_at(board)
-        found.append(((t_us - start_us) / (end_us - start_us), shown.loudest))
+    found: list[_Reading] = []
+    while not found or found[-1].from_ms < 1.1 * ramp_ms:
+        from_us, to_us, shown = _read_at(board)
+        between_ms = ((t_us - start_us) / _MS for t_us in (from_us, to_us))
+        found.append(_Reading(*between_ms, shown.loudest))
         board.wire.idle(ramp_ms * _MS // 40)
     return found
 
 
-def _read_at(board: BoardClient) -> tuple[int, ShownDrive]:
-    read = ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
-    answer = board.link.ask(read)
-    assert answer.header is not None  # ask
+def _read_at(board: BoardClient) -> tuple[int, int, ShownDrive]:
+    """Read back what is radiated; return the device times between which that was, and the drive."""
+    ping, first = board.link.request_wire(Ping(0))
+    read, seq = board.link.request_wire(
+        ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
+    )
+    since = board.link.mark()
+    board.link.send(ping, read)
+    pong = board.link.reply_in(board.link.answer_to(Ping.TYPE, first, since), Pong, Ping.TYPE)
+    answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
+    assert answer.header is not None  # answer_to
     reply = board.link.reply_in(answer, DriveReply, ReadDrive.TYPE)
-    return board.clock.unwrap(answer.header.time_us), shown_drive_of_reply(reply)
+    from_us, to_us = (board.clock.unwrap(t_us) for t_us in (pong.t_rx_us, answer.header.time_us))
+    return from_us, to_us, shown_drive_of_reply(reply)
 
 
 @case(
@@ -104,30 +125,36 @@ def _read_at(board: BoardClient) -> tuple[int, ShownDrive]:
 )
 def ramps_do_not_rise(board: BoardClient) -> None:
     ramp = _ramp(board, hold_ms=100, ramp_ms=300)
-    for (_, before), (share, after) in itertools.pairwise(ramp):
-        check(after <= before, f"at {share:.0%} of the ramp the amplitude rises to {after}")
+    for before, after in itertools.pairwise(ramp):
+        check(
+            after.level <= before.level,
+            f"{after.from_ms:.1f} ms into the ramp the amplitude rises to {after.level}",
+        )
 
 
 @case(
     "HG-6.11/2",
-    "the amplitude is full before a ramp, falls in small steps and is 0 at its end",
+    "the amplitude is full before a ramp, is that of a straight line within it, and then 0",
     needs=_RAMPS,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def ramps_reach_silence(board: BoardClient) -> None:
-    ramp = _ramp(board, hold_ms=100, ramp_ms=400)
-    early = [level for share, level in ramp if share < -0.02]
-    check(all(level == 255 for level in early), f"before the ramp: amplitudes {early[-3:]}")
-    late = [level for share, level in ramp if share > 1.02]
-    check(bool(late) and not any(late), f"after ramp_ms: amplitudes {late[:3]}")
-    way = [(share, level) for share, level in ramp if 0.05 < share < 0.95]
-    check(all(0 < level < 255 for _, level in way), f"the ramp is skipped: {way[:4]} ...")
-    points = [(0.0, 255), *way, (1.0, 0)]
-    for (before, high), (after, low) in itertools.pairwise(points):
-        # At most 1/8 at a time: over a share d of the ramp it can drop by 255 (d + 1/8) at most.
-        limit = 255 * (max(after - before, 0) + 1 / 8) + 2
-        check(high - low <= limit, f"from {high} to {low} within {after - before:.1%} of a ramp")
+    ramp_ms = 400
+    ramp = _ramp(board, hold_ms=100, ramp_ms=ramp_ms)
+
+    def line(t_ms: float) -> float:
+        return 255 * min(1.0, max(0.0, 1 - t_ms / ramp_ms))
+
+    for reading in ramp:
+        # One step, and 1 ms each for the timer (HG-12.1/1) and for the beginning of a step.
+        least = line(reading.to_ms + _TIMER_MS) - 1
+        most = line(reading.from_ms - _TIMER_MS - _STEP_MS) + 1
+        check(
+            least <= reading.level <= most,
+            f"{reading.from_ms:.1f} ms after the hold ended, in a ramp of {ramp_ms} ms, the "
+            f"amplitude is {reading.level}; the straight line allows {least:.1f} to {most:.1f}",
+        )
 
 
 @case("HG-6.11/3", "with ramp_ms = 0 the board is muted right at the end of the hold")

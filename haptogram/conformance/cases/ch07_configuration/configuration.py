@@ -6,6 +6,7 @@ import dataclasses
 import zlib
 from typing import Any, Final
 
+from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
     Config,
     ConfigReply,
@@ -15,6 +16,7 @@ from haptogram_protocol.messages import (
     SetConfig,
     StateChanged,
     Status,
+    StatusReply,
     TraceMode,
     UploadKind,
 )
@@ -37,7 +39,7 @@ _MODES: Final = {
     TraceMode.DRIVE: Feature.TRACE_DRIVE,
     TraceMode.RING: Feature.TRACE_RING,
 }
-_STATUS_BYTES: Final = 143
+_STATUS_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + StatusReply.LAYOUT.size)))
 
 
 def _in_force(board: BoardClient) -> Config:

@@ -12,7 +12,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...outcome import check
+from ...outcome import check, not_observed
 
 _ELEMENTS: Final = 18
 
@@ -40,3 +40,21 @@ def has_no_more_transducers(board: BoardClient) -> None:
     count = board.identity.transducers
     for first in (count, count + 1, 0xFFFF):
         board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, count)
+
+
+@case("HG-7.5/3", "GET_GEOMETRY is the grid of HELLO_REPLY: pitch, z = 0, normals (0, 0, 32767)")
+def shows_its_grid(board: BoardClient) -> None:
+    nx, ny, pitch_um = board.identity.grid_nx, board.identity.grid_ny, board.identity.pitch_um
+    if not nx * ny:
+        not_observed("this board is no grid")
+    for n, element in enumerate(board.read_geometry()):
+        ix, iy = divmod(n, ny)
+        due_um = ((ix - (nx - 1) / 2) * pitch_um, (iy - (ny - 1) / 2) * pitch_um, 0)
+        got_um = (element.x_um, element.y_um, element.z_um)
+        check(
+            all(abs(got - due) < 1 for got, due in zip(got_um, due_um, strict=True)),
+            f"transducer {n} is at {got_um} um, due by a grid of {nx} x {ny} and {pitch_um} um "
+            f"is {due_um}",
+        )
+        normal = (element.nx, element.ny, element.nz)
+        check(normal == (0, 0, 32_767), f"the normal of transducer {n} is {normal}")

@@ -1,0 +1,76 @@
+"""Boards that compute the drive of focal points wrongly.  SPEC.md HG-5.4."""
+# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive
+from haptogram.records.frame import Evidence
+from haptogram_protocol.messages import FocalPoint
+
+from ..board.board import Board
+from ..board.registers import Content, PointFocuser
+from ..board.stream_queue import StreamFrame
+from ..dialects.haptogram import BoardDialect
+from .mutant import Mutant
+
+
+class PointsOfOppositePhase(BoardDialect):
+    """Computes the drive of focal points with the opposite sign of the phase."""
+
+    def _stream(self, event: Any) -> None:
+        focuser = self.board._focuser
+        if getattr(event.message, "points", None):
+            drive = focuser.drive(event.message.points)
+            negative = np.uint8(0) - drive.phase_codes
+            board, index = self.board, event.index
+            t_apply_us = self._unwrap(event.t_apply_us)
+            board.submit(StreamFrame(index, t_apply_us, Drive(negative, drive.amplitude_codes)))
+        else:
+            super()._stream(event)
+
+
+class PointsInTenths(BoardDialect):
+    """Reads the coordinates of focal points in tenths of a millimetre."""
+
+    def _content(self, message: Any) -> Content:
+        content = super()._content(message)
+        if isinstance(content, Drive):
+            return content
+        return [
+            dataclasses.replace(p, x_um=p.x_um // 100, y_um=p.y_um // 100, z_um=p.z_um // 100)
+            for p in content
+        ]
+
+
+class _PoorFocuser(PointFocuser):
+    """Computes with phases of few bits."""
+
+    def drive(self, points: Sequence[FocalPoint]) -> Drive:
+        """Return codes of which every fourth is two steps too high."""
+        exact = super().drive(points)
+        phases = exact.phase_codes.copy()
+        phases[::4] += np.uint8(2)
+        return Drive(phases, exact.amplitude_codes)
+
+
+class PointsTwoStepsOff(Board):
+    """Computes every fourth phase of focal points two steps too high."""
+
+    def __init__(self, *parts: Any) -> None:
+        super().__init__(*parts)
+        self._focuser = _PoorFocuser(self.settings, self.config.sound_speed_mm_s)
+
+
+_SELF: Final = Evidence.SELF_REPORTED
+
+MUTANTS: Final = (
+    Mutant.of(PointsOfOppositePhase, "HG-5.4/1", _SELF),
+    Mutant.of(PointsInTenths, "HG-5.4/1", _SELF),
+    Mutant.of(PointsTwoStepsOff, "HG-5.4/3", _SELF),
+)
