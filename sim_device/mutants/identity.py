@@ -1,4 +1,4 @@
-"""Boards that are not what they say: their geometry, their clock.  SPEC.md HG-4.3 to HG-6.9."""
+"""Boards that are not what they say: geometry, limits, clock.  SPEC.md chapters 4 to 7."""
 
 from __future__ import annotations
 
@@ -64,6 +64,46 @@ class PitchOfAnother(Liar):
         return {"pitch_um": message.pitch_um + 160}
 
 
+class EightBitsUnclaimed(Liar):
+    """Advertises phases of 6 and 5 bits only."""
+
+    def lie(self, message: Any) -> dict[str, Any]:
+        """Return other formats."""
+        return {"phase_formats": message.phase_formats & ~1}
+
+
+class QueueOfTwo(Liar):
+    """Advertises a queue of two frames."""
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return a short queue."""
+        return {"queue_depth": 2}
+
+
+class RingOfEight(Liar):
+    """Advertises a trace ring of eight latches."""
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return a short ring."""
+        return {"trace_ring": 8}
+
+
+class ChunksBeyondTheFrame(Liar):
+    """Advertises chunks that are longer than any frame."""
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return long chunks."""
+        return {"max_chunk": 4062}
+
+
+class WindowBeyondTheBuffer(Liar):
+    """Advertises a window of more chunks than it can take without a pause."""
+
+    def lie(self, message: Any) -> dict[str, Any]:
+        """Return a long window."""
+        return {"upload_window": message.rx_window // message.max_chunk}
+
+
 class ClockFromTheWrap(DeviceClock):
     """Starts its clock at 2^32: no run crosses the wrap."""
 
@@ -93,6 +133,11 @@ MUTANTS: Final = (
     Mutant.of(GeometryFromTheCorner, "HG-5.1/3", _WIRE),
     Mutant.of(GeometryFacingDown, "HG-5.1/3", _WIRE),
     Mutant.of(PitchOfAnother, "HG-7.5/3", _WIRE),
+    Mutant.of(EightBitsUnclaimed, "HG-4.3/7", _WIRE),
+    Mutant.of(QueueOfTwo, "HG-4.3/8", _WIRE),
+    Mutant.of(RingOfEight, "HG-4.3/8", _WIRE),
+    Mutant.of(ChunksBeyondTheFrame, "HG-4.3/8", _WIRE),
+    Mutant.of(WindowBeyondTheBuffer, "HG-4.3/9", _WIRE),
     Mutant.of(ClockFromTheWrap, "HG-6.9/4", _WIRE),
     Mutant.of(CarrierOf32Bits, "HG-6.9/5", _SELF),
 )

@@ -3,15 +3,34 @@
 from __future__ import annotations
 
 import zlib
+from typing import Final
 
-from haptogram_protocol.messages import (
-    Mute,
-)
+from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
+from haptogram_protocol.messages import Feature, Mute, UploadChunk
 from haptogram_protocol.state import OutputState
 
 from ...case import about_host, case
 from ...client.board_client import BoardClient
 from ...outcome import check
+
+_PLAYS: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
+_UPLOADS: Final = _PLAYS | Feature.CORRECTION
+_ALWAYS: Final = Feature(0)
+_LEAST: Final = (
+    ("queue_depth", 4, _ALWAYS),
+    ("max_horizon_us", 100_000, _ALWAYS),
+    ("max_frame_rate_hz", 100, _ALWAYS),
+    ("rx_window", MAX_ENCODED_BYTES + 2, _ALWAYS),
+    ("max_points", 1, Feature.POINTS | Feature.SEQUENCE_POINTS),
+    ("trace_ring", 16, Feature.TRACE_RING),
+    ("upload_window", 1, _UPLOADS),
+    ("max_chunk", 64, _UPLOADS),
+    ("max_sequence_frames", 16, _PLAYS),
+    ("max_playback_rate_hz", 1, _PLAYS),
+    ("max_unattended_ms", 1000, _PLAYS),
+)
+_LONGEST_CHUNK: Final = MAX_BODY_BYTES - HEADER_BYTES - UploadChunk.LAYOUT.size
+
 
 host_uses = about_host("HG-4.5/1")
 
@@ -62,3 +81,37 @@ def geometry_hash_is_right(board: BoardClient) -> None:
     records = b"".join(element.pack() for element in board.read_geometry())
     got, due = board.identity.geometry_hash, zlib.crc32(records)
     check(got == due, f"geometry_hash is {got:#010x}, that of the records {due:#010x}")
+
+
+@case("HG-4.3/7", "bit 0 of phase_formats is set: phases of 8 bits are taken")
+def takes_8_bits(board: BoardClient) -> None:
+    formats = board.identity.phase_formats
+    check(formats & 1 == 1, f"phase_formats is {formats:#04x}: no phases of 8 bits")
+
+
+@case("HG-4.3/8", "every limit of what is advertised has the least value that a host may rely on")
+def limits_are_large_enough(board: BoardClient) -> None:
+    identity = board.identity
+    for name, least, features in _LEAST:
+        if not features or identity.features & features:
+            got = getattr(identity, name)
+            check(got >= least, f"{name} is {got}, must be {least} or more")
+    if identity.features & (Feature.SEQUENCE_PHASES | Feature.CORRECTION):
+        got, least = identity.max_upload_bytes, identity.transducers
+        check(got >= least, f"max_upload_bytes is {got}, a frame has {least}")
+    if identity.features & _UPLOADS:
+        got = identity.max_chunk
+        check(got <= _LONGEST_CHUNK, f"max_chunk is {got}; a frame holds {_LONGEST_CHUNK}")
+
+
+@case("HG-4.3/9", "rx_window has room for upload_window of the longest chunks")
+def a_window_of_chunks_fits(board: BoardClient) -> None:
+    identity = board.identity
+    board.need_any(_UPLOADS)
+    longest = UploadChunk(0xFFFFFFFF, b"\xff" * min(identity.max_chunk, _LONGEST_CHUNK))
+    window = identity.upload_window * len(board.link.request_wire(longest)[0])
+    check(
+        identity.rx_window >= window,
+        f"rx_window is {identity.rx_window}; {identity.upload_window} chunks of "
+        f"{identity.max_chunk} bytes are {window} on the line",
+    )

@@ -14,6 +14,7 @@ from haptogram_protocol.messages import (
     Play,
     StateChanged,
     Stop,
+    UploadChunk,
     UploadCommit,
 )
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
@@ -107,6 +108,7 @@ def tells_the_state(board: BoardClient) -> None:
     for state in _STATES:
         board.bring_to(state)
         board.link.refused(UploadCommit(1), ErrorCode.BAD_STATE, int(state))
+        board.link.refused(UploadChunk(0, b"\x01"), ErrorCode.BAD_STATE, int(state))
 
 
 @case(

@@ -21,11 +21,12 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, watch_board_latches
 from ...client.playback import play_now, store_phases
-from ...client.uploads import begin_upload, send_chunks, upload_to_board
+from ...client.uploads import begin_upload, send_chunks, send_pieces, upload_to_board
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _ANY: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CORRECTION
 _LARGEST: Final = 0xFFFFFFFF
+_GAPS: Final = 80
 
 
 def _kind(board: BoardClient) -> tuple[UploadKind, int, int]:
@@ -125,10 +126,23 @@ def takes_any_order(board: BoardClient) -> None:
     data = board.random.randbytes(frame)
     begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
     size = max(1, min(board.identity.max_chunk, 1 + frame // 5))
-    starts = list(range(0, frame, size))
-    for start in [*reversed(starts), *starts, starts[0]]:
-        reply = board.link.call(UploadChunk(start, data[start : start + size]), UploadChunkReply)
-    check(reply.received == frame, f"{reply.received} of {frame} bytes are there")
+    pieces = [(start, min(start + size, frame)) for start in range(0, frame, size)]
+    refused = send_pieces(board, data, [*reversed(pieces), *pieces, pieces[0]])
+    check(not refused, "chunks that come backwards leave one gap, and some were refused")
+    board.link.call(UploadCommit(target), UploadCommitReply)
+
+
+@case("HG-7.3/5", "of 80 chunks between gaps all are taken, or those beyond a limit are TOO_LARGE")
+def limits_its_gaps(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    frames = 1 if kind is UploadKind.CORRECTION else -(-2 * _GAPS // frame)
+    data = board.random.randbytes(frame * frames)
+    begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
+    send_pieces(board, data, ((at, at + 1) for at in range(1, min(len(data), 2 * _GAPS), 2)))
+    size = min(board.identity.max_chunk, len(data))
+    board.link.refused(UploadCommit(target), ErrorCode.INCOMPLETE, 0)
+    for start in range(0, len(data), size):
+        board.link.call(UploadChunk(start, data[start : start + size]), UploadChunkReply)
     board.link.call(UploadCommit(target), UploadCommitReply)
 
 
