@@ -25,6 +25,7 @@ from .option import (
 
 DEFAULT_ARRAY: Final = "16x16"
 MOST_TRANSDUCERS: Final = 1024  # that of haptogram.acoustics, which takes numpy
+MOST_LEAD_US: Final = 100_000  # HG-5.8
 _GRID: Final = re.compile(r"\s*(\d+)x(\d+)\s*")
 
 
@@ -117,6 +118,16 @@ class BoardConfig(Settings):
         help="CSV file with gain, phase and position of each element as they really are; neither "
         "the firmware nor the host knows them",
         absent="all equal",
+    )
+    latch_lead_us: int = option(
+        0,
+        unit="US",
+        low=0,
+        high=MOST_LEAD_US,
+        help="time that the firmware takes from the arrival of a stream frame to its latch",
+    )
+    point_time_us: int = option(
+        0, unit="US", low=0, high=MOST_LEAD_US, help="time that each focal point adds to it"
     )
     seed: int = option(0, unit="N", low=0, high=MOST_FAULT_SEED, help="seed of everything random")
     mutant: str | None = option(

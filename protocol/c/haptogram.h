@@ -24,7 +24,7 @@
 #define HG_FIRST_STREAM_SEQ 65520u
 #define HG_RESPONSE_OFFSET 64u
 #define HG_MUST_UNDERSTAND 240u
-#define HG_DESCRIPTION_HASH 0x67b9dc17u
+#define HG_DESCRIPTION_HASH 0x4b622f6cu
 
 /* --- Enumerations ----------------------------------------------------------------------------- */
 
@@ -171,34 +171,36 @@ enum hg_mute_reason {
 /* Place of each counter in STATUS; also why a frame was dropped (HG-9.2). */
 enum hg_counter {
     HG_COUNTER_FRAMES = 0,
-    HG_COUNTER_LATCHED = 1,
-    HG_COUNTER_LATE = 2,
-    HG_COUNTER_DROPPED_LATE = 3,
-    HG_COUNTER_DROPPED_FUTURE = 4,
-    HG_COUNTER_DROPPED_ORDER = 5,
-    HG_COUNTER_DROPPED_FULL = 6,
-    HG_COUNTER_DROPPED_STATE = 7,
-    HG_COUNTER_FLUSHED = 8,
-    HG_COUNTER_DUPLICATE = 9,
-    HG_COUNTER_GAP = 10,
-    HG_COUNTER_STALE_SESSION = 11,
-    HG_COUNTER_CRC = 12,
-    HG_COUNTER_COBS = 13,
-    HG_COUNTER_SHORT = 14,
-    HG_COUNTER_OVERSIZE = 15,
-    HG_COUNTER_BAD_LENGTH = 16,
-    HG_COUNTER_BAD_VALUE = 17,
-    HG_COUNTER_UNKNOWN_TYPE = 18,
-    HG_COUNTER_UNSUPPORTED = 19,
-    HG_COUNTER_REQUESTS = 20,
-    HG_COUNTER_REPEATED = 21,
-    HG_COUNTER_TRACE_DROPPED = 22,
-    HG_COUNTER_TIMEOUTS = 23,
-    HG_COUNTERS = 24
+    HG_COUNTER_ACCEPTED = 1,
+    HG_COUNTER_LATCHED = 2,
+    HG_COUNTER_LATE = 3,
+    HG_COUNTER_DROPPED_LATE = 4,
+    HG_COUNTER_DROPPED_FUTURE = 5,
+    HG_COUNTER_DROPPED_ORDER = 6,
+    HG_COUNTER_DROPPED_FULL = 7,
+    HG_COUNTER_DROPPED_STATE = 8,
+    HG_COUNTER_FLUSHED = 9,
+    HG_COUNTER_DUPLICATE = 10,
+    HG_COUNTER_GAP = 11,
+    HG_COUNTER_STALE_SESSION = 12,
+    HG_COUNTER_CRC = 13,
+    HG_COUNTER_COBS = 14,
+    HG_COUNTER_SHORT = 15,
+    HG_COUNTER_OVERSIZE = 16,
+    HG_COUNTER_BAD_LENGTH = 17,
+    HG_COUNTER_BAD_VALUE = 18,
+    HG_COUNTER_UNKNOWN_TYPE = 19,
+    HG_COUNTER_UNSUPPORTED = 20,
+    HG_COUNTER_REQUESTS = 21,
+    HG_COUNTER_REPEATED = 22,
+    HG_COUNTER_TRACE_DROPPED = 23,
+    HG_COUNTER_TIMEOUTS = 24,
+    HG_COUNTERS = 25
 };
 
 #define HG_COUNTER_NAMES(X) \
     X(FRAMES, frames) \
+    X(ACCEPTED, accepted) \
     X(LATCHED, latched) \
     X(LATE, late) \
     X(DROPPED_LATE, dropped_late) \
@@ -275,36 +277,38 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_focal_point, amplitude) == 12,
 HG_STATIC_ASSERT(offsetof(struct hg_wire_focal_point, phase) == 14,
                  focal_point_phase);
 
-#define HG_SIZE_COUNTERS 96u
+#define HG_SIZE_COUNTERS 100u
 #define HG_OFFSET_COUNTERS_FRAMES 0u
-#define HG_OFFSET_COUNTERS_LATCHED 4u
-#define HG_OFFSET_COUNTERS_LATE 8u
-#define HG_OFFSET_COUNTERS_DROPPED_LATE 12u
-#define HG_OFFSET_COUNTERS_DROPPED_FUTURE 16u
-#define HG_OFFSET_COUNTERS_DROPPED_ORDER 20u
-#define HG_OFFSET_COUNTERS_DROPPED_FULL 24u
-#define HG_OFFSET_COUNTERS_DROPPED_STATE 28u
-#define HG_OFFSET_COUNTERS_FLUSHED 32u
-#define HG_OFFSET_COUNTERS_DUPLICATE 36u
-#define HG_OFFSET_COUNTERS_GAP 40u
-#define HG_OFFSET_COUNTERS_STALE_SESSION 44u
-#define HG_OFFSET_COUNTERS_CRC 48u
-#define HG_OFFSET_COUNTERS_COBS 52u
-#define HG_OFFSET_COUNTERS_SHORT 56u
-#define HG_OFFSET_COUNTERS_OVERSIZE 60u
-#define HG_OFFSET_COUNTERS_BAD_LENGTH 64u
-#define HG_OFFSET_COUNTERS_BAD_VALUE 68u
-#define HG_OFFSET_COUNTERS_UNKNOWN_TYPE 72u
-#define HG_OFFSET_COUNTERS_UNSUPPORTED 76u
-#define HG_OFFSET_COUNTERS_REQUESTS 80u
-#define HG_OFFSET_COUNTERS_REPEATED 84u
-#define HG_OFFSET_COUNTERS_TRACE_DROPPED 88u
-#define HG_OFFSET_COUNTERS_TIMEOUTS 92u
+#define HG_OFFSET_COUNTERS_ACCEPTED 4u
+#define HG_OFFSET_COUNTERS_LATCHED 8u
+#define HG_OFFSET_COUNTERS_LATE 12u
+#define HG_OFFSET_COUNTERS_DROPPED_LATE 16u
+#define HG_OFFSET_COUNTERS_DROPPED_FUTURE 20u
+#define HG_OFFSET_COUNTERS_DROPPED_ORDER 24u
+#define HG_OFFSET_COUNTERS_DROPPED_FULL 28u
+#define HG_OFFSET_COUNTERS_DROPPED_STATE 32u
+#define HG_OFFSET_COUNTERS_FLUSHED 36u
+#define HG_OFFSET_COUNTERS_DUPLICATE 40u
+#define HG_OFFSET_COUNTERS_GAP 44u
+#define HG_OFFSET_COUNTERS_STALE_SESSION 48u
+#define HG_OFFSET_COUNTERS_CRC 52u
+#define HG_OFFSET_COUNTERS_COBS 56u
+#define HG_OFFSET_COUNTERS_SHORT 60u
+#define HG_OFFSET_COUNTERS_OVERSIZE 64u
+#define HG_OFFSET_COUNTERS_BAD_LENGTH 68u
+#define HG_OFFSET_COUNTERS_BAD_VALUE 72u
+#define HG_OFFSET_COUNTERS_UNKNOWN_TYPE 76u
+#define HG_OFFSET_COUNTERS_UNSUPPORTED 80u
+#define HG_OFFSET_COUNTERS_REQUESTS 84u
+#define HG_OFFSET_COUNTERS_REPEATED 88u
+#define HG_OFFSET_COUNTERS_TRACE_DROPPED 92u
+#define HG_OFFSET_COUNTERS_TIMEOUTS 96u
 struct hg_wire_counters {
     uint8_t frames[4]; /* frames with a valid CRC */
+    uint8_t accepted[4]; /* stream frames taken into the queue */
     uint8_t latched[4]; /* drives latched, from stream and playback */
     uint8_t late[4]; /* of these, latched late, within the late window */
-    uint8_t dropped_late[4]; /* stream frames whose t_apply had passed */
+    uint8_t dropped_late[4]; /* stream frames that came too late for their t_apply */
     uint8_t dropped_future[4]; /* stream frames beyond the horizon */
     uint8_t dropped_order[4]; /* stream frames whose t_apply is not after the last queued one */
     uint8_t dropped_full[4]; /* stream frames that met a full queue */
@@ -329,54 +333,56 @@ struct hg_wire_counters {
     uint8_t trace_dropped[4]; /* trace events that found no room on the line */
     uint8_t timeouts[4]; /* mutes by a timer */
 };
-HG_STATIC_ASSERT(sizeof(struct hg_wire_counters) == 96, size_of_counters);
+HG_STATIC_ASSERT(sizeof(struct hg_wire_counters) == 100, size_of_counters);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, frames) == 0,
                  counters_frames);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, latched) == 4,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, accepted) == 4,
+                 counters_accepted);
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, latched) == 8,
                  counters_latched);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, late) == 8,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, late) == 12,
                  counters_late);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_late) == 12,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_late) == 16,
                  counters_dropped_late);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_future) == 16,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_future) == 20,
                  counters_dropped_future);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_order) == 20,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_order) == 24,
                  counters_dropped_order);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_full) == 24,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_full) == 28,
                  counters_dropped_full);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_state) == 28,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, dropped_state) == 32,
                  counters_dropped_state);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, flushed) == 32,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, flushed) == 36,
                  counters_flushed);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, duplicate) == 36,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, duplicate) == 40,
                  counters_duplicate);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, gap) == 40,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, gap) == 44,
                  counters_gap);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, stale_session) == 44,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, stale_session) == 48,
                  counters_stale_session);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, crc) == 48,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, crc) == 52,
                  counters_crc);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, cobs) == 52,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, cobs) == 56,
                  counters_cobs);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, short_) == 56,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, short_) == 60,
                  counters_short);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, oversize) == 60,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, oversize) == 64,
                  counters_oversize);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, bad_length) == 64,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, bad_length) == 68,
                  counters_bad_length);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, bad_value) == 68,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, bad_value) == 72,
                  counters_bad_value);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, unknown_type) == 72,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, unknown_type) == 76,
                  counters_unknown_type);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, unsupported) == 76,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, unsupported) == 80,
                  counters_unsupported);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, requests) == 80,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, requests) == 84,
                  counters_requests);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, repeated) == 84,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, repeated) == 88,
                  counters_repeated);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, trace_dropped) == 88,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, trace_dropped) == 92,
                  counters_trace_dropped);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, timeouts) == 92,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_counters, timeouts) == 96,
                  counters_timeouts);
 
 #define HG_SIZE_CONFIG 20u
@@ -663,7 +669,7 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_read_trace, first) == 0,
 HG_STATIC_ASSERT(offsetof(struct hg_wire_read_trace, count) == 4,
                  read_trace_count);
 
-#define HG_SIZE_HELLO_REPLY 104u
+#define HG_SIZE_HELLO_REPLY 112u
 #define HG_OFFSET_HELLO_REPLY_MAJOR 0u
 #define HG_OFFSET_HELLO_REPLY_MINOR 1u
 #define HG_OFFSET_HELLO_REPLY_NONCE 2u
@@ -693,9 +699,11 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_read_trace, count) == 4,
 #define HG_OFFSET_HELLO_REPLY_MAX_UNATTENDED_MS 72u
 #define HG_OFFSET_HELLO_REPLY_UPLOAD_WINDOW 76u
 #define HG_OFFSET_HELLO_REPLY_MAX_CHUNK 78u
-#define HG_OFFSET_HELLO_REPLY_BOOT_ID 80u
-#define HG_OFFSET_HELLO_REPLY_CONFIG_CRC 84u
-#define HG_OFFSET_HELLO_REPLY_FIRMWARE 88u
+#define HG_OFFSET_HELLO_REPLY_LATCH_LEAD_US 80u
+#define HG_OFFSET_HELLO_REPLY_POINT_TIME_US 84u
+#define HG_OFFSET_HELLO_REPLY_BOOT_ID 88u
+#define HG_OFFSET_HELLO_REPLY_CONFIG_CRC 92u
+#define HG_OFFSET_HELLO_REPLY_FIRMWARE 96u
 struct hg_wire_hello_reply {
     uint8_t major[1]; /* major version of the board */
     uint8_t minor[1]; /* minor version of the board */
@@ -726,11 +734,13 @@ struct hg_wire_hello_reply {
     uint8_t max_unattended_ms[4]; /* longest playback without a frame from the host */
     uint8_t upload_window[2]; /* upload chunks that may be unanswered at a time */
     uint8_t max_chunk[2]; /* bytes of data in one upload chunk, at most */
+    uint8_t latch_lead_us[4]; /* time from a frame's arrival to its latch, microseconds */
+    uint8_t point_time_us[4]; /* time that each focal point adds to it, microseconds */
     uint8_t boot_id[4]; /* changes with every reset */
     uint8_t config_crc[4]; /* CRC-32 of configuration and phase correction */
     uint8_t firmware[16]; /* name and version of the firmware, UTF-8, zero-padded */
 };
-HG_STATIC_ASSERT(sizeof(struct hg_wire_hello_reply) == 104, size_of_hello_reply);
+HG_STATIC_ASSERT(sizeof(struct hg_wire_hello_reply) == 112, size_of_hello_reply);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, major) == 0,
                  hello_reply_major);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, minor) == 1,
@@ -789,11 +799,15 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, upload_window) == 76,
                  hello_reply_upload_window);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_chunk) == 78,
                  hello_reply_max_chunk);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, boot_id) == 80,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, latch_lead_us) == 80,
+                 hello_reply_latch_lead_us);
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, point_time_us) == 84,
+                 hello_reply_point_time_us);
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, boot_id) == 88,
                  hello_reply_boot_id);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, config_crc) == 84,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, config_crc) == 92,
                  hello_reply_config_crc);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, firmware) == 88,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, firmware) == 96,
                  hello_reply_firmware);
 
 #define HG_SIZE_ARM_REPLY 1u
@@ -840,7 +854,7 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_pong, t_rx_us) == 8,
 HG_STATIC_ASSERT(offsetof(struct hg_wire_pong, t_tx_us) == 12,
                  pong_t_tx_us);
 
-#define HG_SIZE_STATUS_REPLY 126u
+#define HG_SIZE_STATUS_REPLY 130u
 #define HG_OFFSET_STATUS_REPLY_STATE 0u
 #define HG_OFFSET_STATUS_REPLY_REASON 1u
 #define HG_OFFSET_STATUS_REPLY_QUEUED 2u
@@ -860,12 +874,12 @@ struct hg_wire_status_reply {
     uint8_t last_seq[4]; /* unwrapped sequence number of the last latched stream frame */
     uint8_t last_latch_us[4]; /* device time of the last latch */
     uint8_t margins[2]; /* stream frames that the two margins speak of; then they start anew */
-    uint8_t margin_min_us[4]; /* least t_apply - arrival since the last status */
-    uint8_t margin_mean_us[4]; /* mean t_apply - arrival since the last status */
+    uint8_t margin_min_us[4]; /* least margin, t_apply - ready, since the last status */
+    uint8_t margin_mean_us[4]; /* mean margin, t_apply - ready, since the last status */
     uint8_t config_crc[4]; /* CRC-32 of configuration and phase correction */
     struct hg_wire_counters counters; /* counters */
 };
-HG_STATIC_ASSERT(sizeof(struct hg_wire_status_reply) == 126, size_of_status_reply);
+HG_STATIC_ASSERT(sizeof(struct hg_wire_status_reply) == 130, size_of_status_reply);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_status_reply, state) == 0,
                  status_reply_state);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_status_reply, reason) == 1,
@@ -1032,7 +1046,7 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_error, code) == 1,
 HG_STATIC_ASSERT(offsetof(struct hg_wire_error, detail) == 2,
                  error_detail);
 
-#define HG_SIZE_STATUS 126u
+#define HG_SIZE_STATUS 130u
 #define HG_OFFSET_STATUS_STATE 0u
 #define HG_OFFSET_STATUS_REASON 1u
 #define HG_OFFSET_STATUS_QUEUED 2u
@@ -1052,12 +1066,12 @@ struct hg_wire_status {
     uint8_t last_seq[4]; /* unwrapped sequence number of the last latched stream frame */
     uint8_t last_latch_us[4]; /* device time of the last latch */
     uint8_t margins[2]; /* stream frames that the two margins speak of; then they start anew */
-    uint8_t margin_min_us[4]; /* least t_apply - arrival since the last status */
-    uint8_t margin_mean_us[4]; /* mean t_apply - arrival since the last status */
+    uint8_t margin_min_us[4]; /* least margin, t_apply - ready, since the last status */
+    uint8_t margin_mean_us[4]; /* mean margin, t_apply - ready, since the last status */
     uint8_t config_crc[4]; /* CRC-32 of configuration and phase correction */
     struct hg_wire_counters counters; /* counters */
 };
-HG_STATIC_ASSERT(sizeof(struct hg_wire_status) == 126, size_of_status);
+HG_STATIC_ASSERT(sizeof(struct hg_wire_status) == 130, size_of_status);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_status, state) == 0,
                  status_state);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_status, reason) == 1,
@@ -1172,12 +1186,12 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_playback_ended, frames) == 6,
     X(PLAY, 0x4d, 14, 0, 0) \
     X(STOP, 0x4e, 0, 0, 0) \
     X(READ_TRACE, 0x4f, 6, 0, 0) \
-    X(HELLO_REPLY, 0x80, 104, 0, 0) \
+    X(HELLO_REPLY, 0x80, 112, 0, 0) \
     X(ARM_REPLY, 0x81, 1, 0, 0) \
     X(MUTE_REPLY, 0x82, 1, 0, 0) \
     X(DISARM_REPLY, 0x83, 1, 0, 0) \
     X(PONG, 0x84, 16, 0, 0) \
-    X(STATUS_REPLY, 0x85, 126, 0, 0) \
+    X(STATUS_REPLY, 0x85, 130, 0, 0) \
     X(CONFIG_REPLY, 0x86, 24, 0, 0) \
     X(SET_CONFIG_REPLY, 0x87, 24, 0, 0) \
     X(GEOMETRY_REPLY, 0x88, 4, 18, 0) \
@@ -1189,7 +1203,7 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_playback_ended, frames) == 6,
     X(STOP_REPLY, 0x8e, 1, 0, 0) \
     X(TRACE_REPLY, 0x8f, 8, 23, 0) \
     X(ERROR, 0xbf, 6, 0, 0) \
-    X(STATUS, 0xc0, 126, 0, 0) \
+    X(STATUS, 0xc0, 130, 0, 0) \
     X(TRACE, 0xc1, 8, 0, 0) \
     X(TRACE_PLAYBACK, 0xc2, 14, 0, 0) \
     X(TRACE_DRIVE, 0xc3, 11, 2, 0) \

@@ -69,9 +69,10 @@ static inline void hg_focal_point_write(uint8_t *to, const struct hg_focal_point
 /* Counters: Counters of the board since it started, each modulo 2^32.  HG-9.2. */
 struct hg_counters {
     uint32_t frames; /* frames with a valid CRC */
+    uint32_t accepted; /* stream frames taken into the queue */
     uint32_t latched; /* drives latched, from stream and playback */
     uint32_t late; /* of these, latched late, within the late window */
-    uint32_t dropped_late; /* stream frames whose t_apply had passed */
+    uint32_t dropped_late; /* stream frames that came too late for their t_apply */
     uint32_t dropped_future; /* stream frames beyond the horizon */
     uint32_t dropped_order; /* stream frames whose t_apply is not after the last queued one */
     uint32_t dropped_full; /* stream frames that met a full queue */
@@ -100,57 +101,59 @@ struct hg_counters {
 static inline void hg_counters_read(struct hg_counters *value, const uint8_t *from)
 {
     value->frames = hg_get_u32(from + 0);
-    value->latched = hg_get_u32(from + 4);
-    value->late = hg_get_u32(from + 8);
-    value->dropped_late = hg_get_u32(from + 12);
-    value->dropped_future = hg_get_u32(from + 16);
-    value->dropped_order = hg_get_u32(from + 20);
-    value->dropped_full = hg_get_u32(from + 24);
-    value->dropped_state = hg_get_u32(from + 28);
-    value->flushed = hg_get_u32(from + 32);
-    value->duplicate = hg_get_u32(from + 36);
-    value->gap = hg_get_u32(from + 40);
-    value->stale_session = hg_get_u32(from + 44);
-    value->crc = hg_get_u32(from + 48);
-    value->cobs = hg_get_u32(from + 52);
-    value->short_ = hg_get_u32(from + 56);
-    value->oversize = hg_get_u32(from + 60);
-    value->bad_length = hg_get_u32(from + 64);
-    value->bad_value = hg_get_u32(from + 68);
-    value->unknown_type = hg_get_u32(from + 72);
-    value->unsupported = hg_get_u32(from + 76);
-    value->requests = hg_get_u32(from + 80);
-    value->repeated = hg_get_u32(from + 84);
-    value->trace_dropped = hg_get_u32(from + 88);
-    value->timeouts = hg_get_u32(from + 92);
+    value->accepted = hg_get_u32(from + 4);
+    value->latched = hg_get_u32(from + 8);
+    value->late = hg_get_u32(from + 12);
+    value->dropped_late = hg_get_u32(from + 16);
+    value->dropped_future = hg_get_u32(from + 20);
+    value->dropped_order = hg_get_u32(from + 24);
+    value->dropped_full = hg_get_u32(from + 28);
+    value->dropped_state = hg_get_u32(from + 32);
+    value->flushed = hg_get_u32(from + 36);
+    value->duplicate = hg_get_u32(from + 40);
+    value->gap = hg_get_u32(from + 44);
+    value->stale_session = hg_get_u32(from + 48);
+    value->crc = hg_get_u32(from + 52);
+    value->cobs = hg_get_u32(from + 56);
+    value->short_ = hg_get_u32(from + 60);
+    value->oversize = hg_get_u32(from + 64);
+    value->bad_length = hg_get_u32(from + 68);
+    value->bad_value = hg_get_u32(from + 72);
+    value->unknown_type = hg_get_u32(from + 76);
+    value->unsupported = hg_get_u32(from + 80);
+    value->requests = hg_get_u32(from + 84);
+    value->repeated = hg_get_u32(from + 88);
+    value->trace_dropped = hg_get_u32(from + 92);
+    value->timeouts = hg_get_u32(from + 96);
 }
 
 static inline void hg_counters_write(uint8_t *to, const struct hg_counters *value)
 {
     hg_put_u32(to + 0, value->frames);
-    hg_put_u32(to + 4, value->latched);
-    hg_put_u32(to + 8, value->late);
-    hg_put_u32(to + 12, value->dropped_late);
-    hg_put_u32(to + 16, value->dropped_future);
-    hg_put_u32(to + 20, value->dropped_order);
-    hg_put_u32(to + 24, value->dropped_full);
-    hg_put_u32(to + 28, value->dropped_state);
-    hg_put_u32(to + 32, value->flushed);
-    hg_put_u32(to + 36, value->duplicate);
-    hg_put_u32(to + 40, value->gap);
-    hg_put_u32(to + 44, value->stale_session);
-    hg_put_u32(to + 48, value->crc);
-    hg_put_u32(to + 52, value->cobs);
-    hg_put_u32(to + 56, value->short_);
-    hg_put_u32(to + 60, value->oversize);
-    hg_put_u32(to + 64, value->bad_length);
-    hg_put_u32(to + 68, value->bad_value);
-    hg_put_u32(to + 72, value->unknown_type);
-    hg_put_u32(to + 76, value->unsupported);
-    hg_put_u32(to + 80, value->requests);
-    hg_put_u32(to + 84, value->repeated);
-    hg_put_u32(to + 88, value->trace_dropped);
-    hg_put_u32(to + 92, value->timeouts);
+    hg_put_u32(to + 4, value->accepted);
+    hg_put_u32(to + 8, value->latched);
+    hg_put_u32(to + 12, value->late);
+    hg_put_u32(to + 16, value->dropped_late);
+    hg_put_u32(to + 20, value->dropped_future);
+    hg_put_u32(to + 24, value->dropped_order);
+    hg_put_u32(to + 28, value->dropped_full);
+    hg_put_u32(to + 32, value->dropped_state);
+    hg_put_u32(to + 36, value->flushed);
+    hg_put_u32(to + 40, value->duplicate);
+    hg_put_u32(to + 44, value->gap);
+    hg_put_u32(to + 48, value->stale_session);
+    hg_put_u32(to + 52, value->crc);
+    hg_put_u32(to + 56, value->cobs);
+    hg_put_u32(to + 60, value->short_);
+    hg_put_u32(to + 64, value->oversize);
+    hg_put_u32(to + 68, value->bad_length);
+    hg_put_u32(to + 72, value->bad_value);
+    hg_put_u32(to + 76, value->unknown_type);
+    hg_put_u32(to + 80, value->unsupported);
+    hg_put_u32(to + 84, value->requests);
+    hg_put_u32(to + 88, value->repeated);
+    hg_put_u32(to + 92, value->trace_dropped);
+    hg_put_u32(to + 96, value->timeouts);
 }
 
 /* Config: Settings of a board.  HG-7.1. */
@@ -530,6 +533,8 @@ struct hg_hello_reply {
     uint32_t max_unattended_ms; /* longest playback without a frame from the host */
     uint16_t upload_window; /* upload chunks that may be unanswered at a time */
     uint16_t max_chunk; /* bytes of data in one upload chunk, at most */
+    uint32_t latch_lead_us; /* time from a frame's arrival to its latch, microseconds */
+    uint32_t point_time_us; /* time that each focal point adds to it, microseconds */
     uint32_t boot_id; /* changes with every reset */
     uint32_t config_crc; /* CRC-32 of configuration and phase correction */
     char firmware[16]; /* name and version of the firmware, UTF-8, zero-padded */
@@ -566,9 +571,11 @@ static inline void hg_hello_reply_read(struct hg_hello_reply *value, const uint8
     value->max_unattended_ms = hg_get_u32(from + 72);
     value->upload_window = hg_get_u16(from + 76);
     value->max_chunk = hg_get_u16(from + 78);
-    value->boot_id = hg_get_u32(from + 80);
-    value->config_crc = hg_get_u32(from + 84);
-    memcpy(value->firmware, from + 88, 16);
+    value->latch_lead_us = hg_get_u32(from + 80);
+    value->point_time_us = hg_get_u32(from + 84);
+    value->boot_id = hg_get_u32(from + 88);
+    value->config_crc = hg_get_u32(from + 92);
+    memcpy(value->firmware, from + 96, 16);
 }
 
 static inline void hg_hello_reply_write(uint8_t *to, const struct hg_hello_reply *value)
@@ -602,9 +609,11 @@ static inline void hg_hello_reply_write(uint8_t *to, const struct hg_hello_reply
     hg_put_u32(to + 72, value->max_unattended_ms);
     hg_put_u16(to + 76, value->upload_window);
     hg_put_u16(to + 78, value->max_chunk);
-    hg_put_u32(to + 80, value->boot_id);
-    hg_put_u32(to + 84, value->config_crc);
-    memcpy(to + 88, value->firmware, 16);
+    hg_put_u32(to + 80, value->latch_lead_us);
+    hg_put_u32(to + 84, value->point_time_us);
+    hg_put_u32(to + 88, value->boot_id);
+    hg_put_u32(to + 92, value->config_crc);
+    memcpy(to + 96, value->firmware, 16);
 }
 
 /* ARM_REPLY: Answer to ARM. */
@@ -682,8 +691,8 @@ struct hg_status_reply {
     uint32_t last_seq; /* unwrapped sequence number of the last latched stream frame */
     uint32_t last_latch_us; /* device time of the last latch */
     uint16_t margins; /* stream frames that the two margins speak of; then they start anew */
-    int32_t margin_min_us; /* least t_apply - arrival since the last status */
-    int32_t margin_mean_us; /* mean t_apply - arrival since the last status */
+    int32_t margin_min_us; /* least margin, t_apply - ready, since the last status */
+    int32_t margin_mean_us; /* mean margin, t_apply - ready, since the last status */
     uint32_t config_crc; /* CRC-32 of configuration and phase correction */
     struct hg_counters counters; /* counters */
 };
@@ -931,8 +940,8 @@ struct hg_status {
     uint32_t last_seq; /* unwrapped sequence number of the last latched stream frame */
     uint32_t last_latch_us; /* device time of the last latch */
     uint16_t margins; /* stream frames that the two margins speak of; then they start anew */
-    int32_t margin_min_us; /* least t_apply - arrival since the last status */
-    int32_t margin_mean_us; /* mean t_apply - arrival since the last status */
+    int32_t margin_min_us; /* least margin, t_apply - ready, since the last status */
+    int32_t margin_mean_us; /* mean margin, t_apply - ready, since the last status */
     uint32_t config_crc; /* CRC-32 of configuration and phase correction */
     struct hg_counters counters; /* counters */
 };
@@ -1074,29 +1083,30 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(FOCAL_POINT, amplitude, 12, U16) \
     X(FOCAL_POINT, phase, 14, U16) \
     X(COUNTERS, frames, 0, U32) \
-    X(COUNTERS, latched, 4, U32) \
-    X(COUNTERS, late, 8, U32) \
-    X(COUNTERS, dropped_late, 12, U32) \
-    X(COUNTERS, dropped_future, 16, U32) \
-    X(COUNTERS, dropped_order, 20, U32) \
-    X(COUNTERS, dropped_full, 24, U32) \
-    X(COUNTERS, dropped_state, 28, U32) \
-    X(COUNTERS, flushed, 32, U32) \
-    X(COUNTERS, duplicate, 36, U32) \
-    X(COUNTERS, gap, 40, U32) \
-    X(COUNTERS, stale_session, 44, U32) \
-    X(COUNTERS, crc, 48, U32) \
-    X(COUNTERS, cobs, 52, U32) \
-    X(COUNTERS, short, 56, U32) \
-    X(COUNTERS, oversize, 60, U32) \
-    X(COUNTERS, bad_length, 64, U32) \
-    X(COUNTERS, bad_value, 68, U32) \
-    X(COUNTERS, unknown_type, 72, U32) \
-    X(COUNTERS, unsupported, 76, U32) \
-    X(COUNTERS, requests, 80, U32) \
-    X(COUNTERS, repeated, 84, U32) \
-    X(COUNTERS, trace_dropped, 88, U32) \
-    X(COUNTERS, timeouts, 92, U32) \
+    X(COUNTERS, accepted, 4, U32) \
+    X(COUNTERS, latched, 8, U32) \
+    X(COUNTERS, late, 12, U32) \
+    X(COUNTERS, dropped_late, 16, U32) \
+    X(COUNTERS, dropped_future, 20, U32) \
+    X(COUNTERS, dropped_order, 24, U32) \
+    X(COUNTERS, dropped_full, 28, U32) \
+    X(COUNTERS, dropped_state, 32, U32) \
+    X(COUNTERS, flushed, 36, U32) \
+    X(COUNTERS, duplicate, 40, U32) \
+    X(COUNTERS, gap, 44, U32) \
+    X(COUNTERS, stale_session, 48, U32) \
+    X(COUNTERS, crc, 52, U32) \
+    X(COUNTERS, cobs, 56, U32) \
+    X(COUNTERS, short, 60, U32) \
+    X(COUNTERS, oversize, 64, U32) \
+    X(COUNTERS, bad_length, 68, U32) \
+    X(COUNTERS, bad_value, 72, U32) \
+    X(COUNTERS, unknown_type, 76, U32) \
+    X(COUNTERS, unsupported, 80, U32) \
+    X(COUNTERS, requests, 84, U32) \
+    X(COUNTERS, repeated, 88, U32) \
+    X(COUNTERS, trace_dropped, 92, U32) \
+    X(COUNTERS, timeouts, 96, U32) \
     X(CONFIG, hold_ms, 0, U16) \
     X(CONFIG, ramp_ms, 2, U16) \
     X(CONFIG, host_timeout_ms, 4, U16) \
@@ -1187,9 +1197,11 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(HELLO_REPLY, max_unattended_ms, 72, U32) \
     X(HELLO_REPLY, upload_window, 76, U16) \
     X(HELLO_REPLY, max_chunk, 78, U16) \
-    X(HELLO_REPLY, boot_id, 80, U32) \
-    X(HELLO_REPLY, config_crc, 84, U32) \
-    X(HELLO_REPLY, firmware, 88, TEXT) \
+    X(HELLO_REPLY, latch_lead_us, 80, U32) \
+    X(HELLO_REPLY, point_time_us, 84, U32) \
+    X(HELLO_REPLY, boot_id, 88, U32) \
+    X(HELLO_REPLY, config_crc, 92, U32) \
+    X(HELLO_REPLY, firmware, 96, TEXT) \
     X(ARM_REPLY, state, 0, U8) \
     X(MUTE_REPLY, state, 0, U8) \
     X(DISARM_REPLY, state, 0, U8) \
@@ -1207,29 +1219,30 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(STATUS_REPLY, margin_mean_us, 22, I32) \
     X(STATUS_REPLY, config_crc, 26, U32) \
     X(STATUS_REPLY, counters.frames, 30, U32) \
-    X(STATUS_REPLY, counters.latched, 34, U32) \
-    X(STATUS_REPLY, counters.late, 38, U32) \
-    X(STATUS_REPLY, counters.dropped_late, 42, U32) \
-    X(STATUS_REPLY, counters.dropped_future, 46, U32) \
-    X(STATUS_REPLY, counters.dropped_order, 50, U32) \
-    X(STATUS_REPLY, counters.dropped_full, 54, U32) \
-    X(STATUS_REPLY, counters.dropped_state, 58, U32) \
-    X(STATUS_REPLY, counters.flushed, 62, U32) \
-    X(STATUS_REPLY, counters.duplicate, 66, U32) \
-    X(STATUS_REPLY, counters.gap, 70, U32) \
-    X(STATUS_REPLY, counters.stale_session, 74, U32) \
-    X(STATUS_REPLY, counters.crc, 78, U32) \
-    X(STATUS_REPLY, counters.cobs, 82, U32) \
-    X(STATUS_REPLY, counters.short, 86, U32) \
-    X(STATUS_REPLY, counters.oversize, 90, U32) \
-    X(STATUS_REPLY, counters.bad_length, 94, U32) \
-    X(STATUS_REPLY, counters.bad_value, 98, U32) \
-    X(STATUS_REPLY, counters.unknown_type, 102, U32) \
-    X(STATUS_REPLY, counters.unsupported, 106, U32) \
-    X(STATUS_REPLY, counters.requests, 110, U32) \
-    X(STATUS_REPLY, counters.repeated, 114, U32) \
-    X(STATUS_REPLY, counters.trace_dropped, 118, U32) \
-    X(STATUS_REPLY, counters.timeouts, 122, U32) \
+    X(STATUS_REPLY, counters.accepted, 34, U32) \
+    X(STATUS_REPLY, counters.latched, 38, U32) \
+    X(STATUS_REPLY, counters.late, 42, U32) \
+    X(STATUS_REPLY, counters.dropped_late, 46, U32) \
+    X(STATUS_REPLY, counters.dropped_future, 50, U32) \
+    X(STATUS_REPLY, counters.dropped_order, 54, U32) \
+    X(STATUS_REPLY, counters.dropped_full, 58, U32) \
+    X(STATUS_REPLY, counters.dropped_state, 62, U32) \
+    X(STATUS_REPLY, counters.flushed, 66, U32) \
+    X(STATUS_REPLY, counters.duplicate, 70, U32) \
+    X(STATUS_REPLY, counters.gap, 74, U32) \
+    X(STATUS_REPLY, counters.stale_session, 78, U32) \
+    X(STATUS_REPLY, counters.crc, 82, U32) \
+    X(STATUS_REPLY, counters.cobs, 86, U32) \
+    X(STATUS_REPLY, counters.short, 90, U32) \
+    X(STATUS_REPLY, counters.oversize, 94, U32) \
+    X(STATUS_REPLY, counters.bad_length, 98, U32) \
+    X(STATUS_REPLY, counters.bad_value, 102, U32) \
+    X(STATUS_REPLY, counters.unknown_type, 106, U32) \
+    X(STATUS_REPLY, counters.unsupported, 110, U32) \
+    X(STATUS_REPLY, counters.requests, 114, U32) \
+    X(STATUS_REPLY, counters.repeated, 118, U32) \
+    X(STATUS_REPLY, counters.trace_dropped, 122, U32) \
+    X(STATUS_REPLY, counters.timeouts, 126, U32) \
     X(CONFIG_REPLY, config_crc, 0, U32) \
     X(CONFIG_REPLY, config.hold_ms, 4, U16) \
     X(CONFIG_REPLY, config.ramp_ms, 6, U16) \
@@ -1281,29 +1294,30 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(STATUS, margin_mean_us, 22, I32) \
     X(STATUS, config_crc, 26, U32) \
     X(STATUS, counters.frames, 30, U32) \
-    X(STATUS, counters.latched, 34, U32) \
-    X(STATUS, counters.late, 38, U32) \
-    X(STATUS, counters.dropped_late, 42, U32) \
-    X(STATUS, counters.dropped_future, 46, U32) \
-    X(STATUS, counters.dropped_order, 50, U32) \
-    X(STATUS, counters.dropped_full, 54, U32) \
-    X(STATUS, counters.dropped_state, 58, U32) \
-    X(STATUS, counters.flushed, 62, U32) \
-    X(STATUS, counters.duplicate, 66, U32) \
-    X(STATUS, counters.gap, 70, U32) \
-    X(STATUS, counters.stale_session, 74, U32) \
-    X(STATUS, counters.crc, 78, U32) \
-    X(STATUS, counters.cobs, 82, U32) \
-    X(STATUS, counters.short, 86, U32) \
-    X(STATUS, counters.oversize, 90, U32) \
-    X(STATUS, counters.bad_length, 94, U32) \
-    X(STATUS, counters.bad_value, 98, U32) \
-    X(STATUS, counters.unknown_type, 102, U32) \
-    X(STATUS, counters.unsupported, 106, U32) \
-    X(STATUS, counters.requests, 110, U32) \
-    X(STATUS, counters.repeated, 114, U32) \
-    X(STATUS, counters.trace_dropped, 118, U32) \
-    X(STATUS, counters.timeouts, 122, U32) \
+    X(STATUS, counters.accepted, 34, U32) \
+    X(STATUS, counters.latched, 38, U32) \
+    X(STATUS, counters.late, 42, U32) \
+    X(STATUS, counters.dropped_late, 46, U32) \
+    X(STATUS, counters.dropped_future, 50, U32) \
+    X(STATUS, counters.dropped_order, 54, U32) \
+    X(STATUS, counters.dropped_full, 58, U32) \
+    X(STATUS, counters.dropped_state, 62, U32) \
+    X(STATUS, counters.flushed, 66, U32) \
+    X(STATUS, counters.duplicate, 70, U32) \
+    X(STATUS, counters.gap, 74, U32) \
+    X(STATUS, counters.stale_session, 78, U32) \
+    X(STATUS, counters.crc, 82, U32) \
+    X(STATUS, counters.cobs, 86, U32) \
+    X(STATUS, counters.short, 90, U32) \
+    X(STATUS, counters.oversize, 94, U32) \
+    X(STATUS, counters.bad_length, 98, U32) \
+    X(STATUS, counters.bad_value, 102, U32) \
+    X(STATUS, counters.unknown_type, 106, U32) \
+    X(STATUS, counters.unsupported, 110, U32) \
+    X(STATUS, counters.requests, 114, U32) \
+    X(STATUS, counters.repeated, 118, U32) \
+    X(STATUS, counters.trace_dropped, 122, U32) \
+    X(STATUS, counters.timeouts, 126, U32) \
     X(TRACE, index, 0, U32) \
     X(TRACE, crc, 4, U32) \
     X(TRACE_PLAYBACK, key.sequence, 0, U16) \

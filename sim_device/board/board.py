@@ -30,7 +30,7 @@ from .events import Latch, Notice, PlaybackEnd, SessionOpened
 from .output import Due, OutputStage
 from .playback import Playback
 from .refusal import RefusalError
-from .registers import PointFocuser
+from .registers import Content, PointFocuser
 from .settings import BoardSettings
 from .stream_queue import QueueEntry, StreamFrame, StreamQueue
 from .timers import OutputTimers
@@ -80,6 +80,7 @@ class Board:
         self._uploads = parts.uploads(settings)
         self._sequences: dict[int, Upload] = {}
         self._playback: Playback | None = None
+        self._computed_us = settings.boot_us
 
     # --- output --------------------------------------------------------------------------------
 
@@ -213,6 +214,8 @@ class Board:
         if frame.t_apply_us is None:
             self.output.counters.flushed += self._queue.flush()
         entry = self._entry(frame)
+        self._computed_us = entry.t_ready_us - self.settings.latch_lead_us
+        self.output.counters.accepted += 1
         self.output.counters.flushed += self._queue.push(entry)
         if entry.t_latch_us <= self.output.now_us:  # its boundary is this very moment
             self.advance_to(self.output.now_us)
@@ -228,24 +231,33 @@ class Board:
             return Drop.STATE
         if frame.t_apply_us is None:
             return None
-        margin_us = frame.t_apply_us - self.output.now_us
+        margin_us = frame.t_apply_us - self._ready_us(frame.content)
         self.margins.add(margin_us)
         if not self._queue.precedes(frame.t_apply_us):
             return Drop.ORDER
         if self._queue.is_full:
             return Drop.FULL
-        if margin_us > self.settings.max_horizon_us:
+        if frame.t_apply_us - self.output.now_us > self.settings.max_horizon_us:
             return Drop.FUTURE
         return Drop.LATE if -margin_us > self.output.config.late_window_us else None
 
+    def _ready_us(self, content: Content) -> int:
+        """Return when a frame that comes now can be latched: HG-5.8."""
+        points = 0 if isinstance(content, Drive) else len(content)
+        begins_us = max(self.output.now_us, self._computed_us)
+        computed_us = begins_us + points * self.settings.point_time_us
+        return computed_us + self.settings.latch_lead_us
+
     def _entry(self, frame: StreamFrame) -> QueueEntry:
         drive, bits = self._focuser.registers(frame.content)
-        t_apply_us = self.output.now_us if frame.t_apply_us is None else frame.t_apply_us
+        ready_us = self._ready_us(frame.content)
+        t_apply_us = ready_us if frame.t_apply_us is None else frame.t_apply_us
         return QueueEntry(
             index=frame.index,
             t_apply_us=t_apply_us,
-            t_latch_us=self.output.boundary_us(t_apply_us),
-            late=t_apply_us < self.output.now_us,
+            t_ready_us=ready_us,
+            t_latch_us=self.output.boundary_us(max(t_apply_us, ready_us)),
+            late=t_apply_us < ready_us,
             t_received_us=self.output.now_us,
             drive=drive,
             commanded_bits=bits,
@@ -342,25 +354,36 @@ class Board:
         if frames is None:
             held = len(self._sequences)
             raise RefusalError(ErrorCode.NOT_FOUND, held, f"no sequence {sequence}")
-        self._check_play(start_us, period_us, unattended_ms)
-        start_us = self.output.now_us if start_us is None else start_us
+        ready_us = self._ready_us(frames[0])
+        self._check_period(period_us, frames[0])
+        self._check_play(start_us, ready_us, unattended_ms)
+        start_us = ready_us if start_us is None else start_us
         self.output.counters.flushed += self._queue.flush()
         self._playback = Playback(sequence, frames, start_us, period_us, loops, unattended_ms)
         self.output.unattended_ms = unattended_ms
         self.output.renew_lease()
         self.advance_to(self.output.now_us)
 
-    def _check_play(self, start_us: int | None, period_us: int, unattended_ms: int) -> None:
+    def _check_period(self, period_us: int, content: Content) -> None:
         limits = self.settings
-        if not limits.max_playback_rate_hz * period_us >= 1_000_000:
-            text = f"period of {period_us} us, limit {limits.max_playback_rate_hz} Hz"
+        points = 0 if isinstance(content, Drive) else len(content)
+        too_fast = limits.max_playback_rate_hz * period_us < 1_000_000
+        if too_fast or period_us < points * limits.point_time_us:
+            text = (
+                f"period of {period_us} us, limit {limits.max_playback_rate_hz} Hz, and "
+                f"{limits.point_time_us} us for each of {points} points"
+            )
             raise RefusalError(ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset, text)
+
+    def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
+        limits = self.settings
         if not 1 <= unattended_ms <= limits.max_unattended_ms:
             text = f"unattended for {unattended_ms} ms, 1 to {limits.max_unattended_ms}"
             offset = Play.WIRE["unattended_ms"].offset
             raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
-        if start_us is not None and not 0 <= start_us - self.output.now_us <= limits.max_horizon_us:
-            text = f"start in {start_us - self.output.now_us} us, 0 to {limits.max_horizon_us}"
+        last_us = self.output.now_us + limits.max_horizon_us
+        if start_us is not None and not ready_us <= start_us <= last_us:
+            text = f"start at {start_us} us, {ready_us} to {last_us} us"
             raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
 
     def stop(self) -> None:

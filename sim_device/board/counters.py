@@ -20,6 +20,7 @@ class Drop(enum.StrEnum):
 class BoardCounters:
     """The counters that the board itself keeps; the others belong to the link."""
 
+    accepted: int = 0
     latched: int = 0
     late: int = 0
     dropped_late: int = 0
@@ -37,7 +38,7 @@ class BoardCounters:
 
 @dataclass(slots=True)
 class BoardArrivalMargins:
-    """Arrival margin, t_apply - arrival, since it was last read."""
+    """Arrival margin, t_apply - ready, since it was last read."""
 
     count: int = 0
     least_us: int = 0

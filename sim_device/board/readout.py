@@ -57,10 +57,11 @@ def board_identity(board: Board, description_hash: int) -> HelloReply:
     settings, array = board.settings, board.settings.model.array
     nx, ny = array.grid_shape or (0, 0)
     same_names = ("max_points", "queue_depth", "trace_ring", "max_horizon_us", "rx_window")
+    times = ("latch_lead_us", "point_time_us")
     limits = ("max_sequence_frames", "max_upload_bytes", "max_playback_rate_hz")
     uploads = ("max_unattended_ms", "upload_window", "max_chunk", "boot_id", "firmware")
     return HelloReply(
-        **{name: getattr(settings, name) for name in same_names + limits + uploads},
+        **{name: getattr(settings, name) for name in same_names + times + limits + uploads},
         major=VERSION_MAJOR,
         minor=VERSION_MINOR,
         nonce=board.session,

@@ -9,7 +9,7 @@ from typing import Any, Final, Self
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
-from haptogram.settings.board import BoardConfig
+from haptogram.settings.board import MOST_LEAD_US, BoardConfig
 from haptogram.settings.line import LineSettings
 from haptogram_protocol.messages import Feature, PhaseFormat
 
@@ -88,6 +88,8 @@ class BoardSettings:
         Stream frames that may wait for their t_apply.
     max_horizon_us : int
         Largest distance of t_apply in the future.
+    latch_lead_us, point_time_us : int
+        Time from the arrival of a stream frame to its latch, and what each focal point adds to it.
     boot_us : int
         Unwrapped device time at power-up.
     line : LineSettings
@@ -111,6 +113,8 @@ class BoardSettings:
     phase_formats: tuple[PhaseFormat, ...] = tuple(PhaseFormat)
     queue_depth: int = 128
     max_horizon_us: int = 10_000_000
+    latch_lead_us: int = 0
+    point_time_us: int = 0
     boot_us: int = BOOT_US
     line: LineSettings = field(default_factory=LineSettings)
     clock_ppm: int = 50
@@ -137,6 +141,10 @@ class BoardSettings:
             value = getattr(self, name)
             if not 1 <= value <= limit:
                 raise ConfigurationError(f"{name} is {value}, must be 1 to {limit}")
+        for name in ("latch_lead_us", "point_time_us"):
+            value = getattr(self, name)
+            if not 0 <= value <= MOST_LEAD_US:
+                raise ConfigurationError(f"{name} is {value}, must be 0 to {MOST_LEAD_US}")
         if self.calibration is not None:
             self.calibration.moved(self.model.array)
 
@@ -157,7 +165,14 @@ class BoardSettings:
         )
         file = config.calibration
         elements = None if file is None else Calibration.from_file(file)
-        return cls(model=model, calibration=elements, seed=config.seed, line=config.line)
+        return cls(
+            model=model,
+            calibration=elements,
+            seed=config.seed,
+            line=config.line,
+            latch_lead_us=config.latch_lead_us,
+            point_time_us=config.point_time_us,
+        )
 
     @cached_property
     def truth(self) -> AcousticModel:

@@ -37,10 +37,11 @@ class QueueEntry:
     ----------
     index : int
         Unwrapped sequence number.
-    t_apply_us, t_latch_us : int
-        When it was asked for, and the carrier boundary on which it will be latched.
+    t_apply_us, t_ready_us, t_latch_us : int
+        When it was asked for, when it can be latched at the soonest, and the carrier boundary on
+        which it will be.
     late : bool
-        Whether t_apply had passed when it came.
+        Whether it is ready after its t_apply.
     t_received_us : int
         When it was complete.
     drive, commanded_bits
@@ -49,6 +50,7 @@ class QueueEntry:
 
     index: int
     t_apply_us: int
+    t_ready_us: int
     t_latch_us: int
     late: bool
     t_received_us: int

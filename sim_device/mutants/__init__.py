@@ -14,10 +14,30 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import did_you_mean
 
 from ..assembly import HEALTHY, BoardAssembly
-from . import framing, identity, latching, output, points, repetition, replies, session
+from . import (
+    framing,
+    identity,
+    latching,
+    output,
+    points,
+    readiness,
+    repetition,
+    replies,
+    session,
+)
 from .mutant import Mutant, mutants_by_name
 
-_PARTS: Final = (framing, session, repetition, replies, identity, latching, points, output)
+_PARTS: Final = (
+    framing,
+    session,
+    repetition,
+    replies,
+    identity,
+    latching,
+    readiness,
+    points,
+    output,
+)
 
 MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(
     mutants_by_name(mutant for part in _PARTS for mutant in part.MUTANTS)

@@ -53,8 +53,25 @@ from .request_client import RequestClient
 from .wire import RawFrameWire
 
 #: Counters that grow in normal operation.
-_HARMLESS: Final = frozenset({"frames", "requests", "latched", "late", "trace_dropped"})
-_STATUS_BYTES: Final = 144  # of a STATUS on the line
+_HARMLESS: Final = frozenset({"frames", "accepted", "requests", "latched", "late", "trace_dropped"})
+#: Counters of what became of the frames that `frames` counts: HG-3.9/2.
+PARTS_OF_FRAMES: Final = (
+    "accepted",
+    "requests",
+    "repeated",
+    "duplicate",
+    "stale_session",
+    "bad_length",
+    "bad_value",
+    "unknown_type",
+    "unsupported",
+    "dropped_state",
+    "dropped_order",
+    "dropped_full",
+    "dropped_future",
+    "dropped_late",
+)
+_STATUS_BYTES: Final = 148  # of a STATUS on the line
 
 
 class BoardClient:
@@ -138,6 +155,11 @@ class BoardClient:
             self.link.stream_next = FIRST_STREAM_SEQ
         self.link.session, self.identity = reply.nonce, reply
         self.clock.carrier_us = 1_000_000 // max(1, reply.carrier_hz)
+        self.clock.lead_us = self.ready_after_us(reply.max_points)
+
+    def ready_after_us(self, points: int = 0) -> int:
+        """Return the time from the arrival of a frame of so many points until it is ready."""
+        return self.identity.latch_lead_us + points * self.identity.point_time_us
 
     def prepare(self) -> None:
         """Open a session with the board DISARMED and quiet, as every case begins.

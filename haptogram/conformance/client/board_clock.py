@@ -27,11 +27,14 @@ class BoardClock:
     ----------
     carrier_us : int
         Carrier period of the board that answered HELLO last.
+    lead_us : int
+        Time that this board needs to make any stream frame ready.
     """
 
     def __init__(self, link: RequestClient, *, booted: bool) -> None:
         self.booted = booted
         self.carrier_us = 1
+        self.lead_us = 0
         self._link = link
         self._wire = link.wire
         self._device_us = BOOT_US  # unwrapped, at the last PONG
@@ -66,9 +69,10 @@ class BoardClock:
         return unwrap(t_wire_us, self.device_estimate_us(), 32)
 
     def soon_us(self, *wires: bytes) -> int:
-        """Return a multiple of the carrier period by which *wires* are certain to have come."""
+        """Return a multiple of the carrier period by which *wires* are certain to be ready."""
         extra_us = self._wire.line_us(sum(map(len, wires)))
-        return self.on_carrier(self.device_us() + self._wire.limits.lead_us + 2 * extra_us)
+        ready_us = self.device_us() + self.lead_us
+        return self.on_carrier(ready_us + self._wire.limits.lead_us + 2 * extra_us)
 
     def on_carrier(self, t_us: int) -> int:
         """Return the first multiple of the carrier period at or after *t_us*."""
@@ -84,7 +88,9 @@ class BoardClock:
         slack_us = self._wire.limits.slack_us
         if slack_us:  # only an answer shows that a board that had to wait has read the bytes
             self._link.barrier()
-        self._wire.idle(self._wire.line_us(size) + 4 * self.carrier_us + slack_us // 10)
+        boundary_us = self.lead_us + 4 * self.carrier_us
+        line_us = max(self._wire.line_us(size), self._wire.backlog_us)
+        self._wire.idle(line_us + boundary_us + slack_us // 10)
 
     def require_in_time(self, t_device_us: int) -> None:
         """End the case as INCONCLUSIVE if *t_device_us* has passed: the host sent too late."""

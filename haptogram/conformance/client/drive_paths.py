@@ -23,7 +23,7 @@ from haptogram_protocol.messages import (
 from ..outcome import check
 from .board_client import BoardClient
 from .latching import FULL, latch_now
-from .playback import PERIOD_US, play_now
+from .playback import PERIOD_US, period_of, play_now
 from .stream_kinds import StreamKind, random_point, stream_kinds
 from .uploads import upload_to_board
 
@@ -103,14 +103,15 @@ def _played_points(board: BoardClient, number: int) -> Message:
     ]
     data = b"".join(frame.serialize() for frame in frames)
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, number)
-    _play(board)
+    _play(board, number)
     return frames[-1]
 
 
-def _play(board: BoardClient) -> None:
+def _play(board: BoardClient, points: int = 0) -> None:
     since = board.link.mark()
-    play_now(board, _SEQUENCE, loops=1)
-    timeout_us = 2 * _FRAMES * PERIOD_US + 200_000 + board.wire.limits.slack_us
+    period_us = period_of(board, points)
+    play_now(board, _SEQUENCE, loops=1, period_us=period_us)
+    timeout_us = 2 * _FRAMES * period_us + 200_000 + board.wire.limits.slack_us
     check(board.link.await_event(PlaybackEnded, since, timeout_us) is not None, "no PLAYBACK_ENDED")
 
 

@@ -13,6 +13,8 @@ from haptogram_protocol.messages import (
     Flag,
     Header,
     Message,
+    Ping,
+    Pong,
     ReadDrive,
     ReadTrace,
     Trace,
@@ -91,6 +93,19 @@ def latch_now(board: BoardClient, message: Message) -> int:
     board.link.send(wire)
     board.clock.wait_latched(len(wire))
     return index
+
+
+def between_pings(board: BoardClient, message: Message, at_us: int | None = None) -> list[int]:
+    """Send a stream frame between two PINGs; return the device times around its arrival."""
+    wires = [board.link.request_wire(Ping(n)) for n in range(2)]
+    frame = board.link.stream_wire(message, at_us)
+    since = board.link.mark()
+    board.link.send(wires[0][0], frame, wires[1][0])
+    times = []
+    for _, seq in wires:
+        answer = board.link.answer_to(Ping.TYPE, seq, since)
+        times.append(board.clock.unwrap(board.link.reply_in(answer, Pong, Ping.TYPE).t_rx_us))
+    return times
 
 
 def full_drive(registers: bytes) -> bytes:

@@ -32,6 +32,11 @@ def store_phases(board: BoardClient, sequence: int, *, frames: int) -> list[byte
     return registers
 
 
+def period_of(board: BoardClient, points: int = 0) -> int:
+    """Return the usual period, or a longer one in which the board computes so many points."""
+    return max(PERIOD_US, points * board.identity.point_time_us)
+
+
 def play_now(
     board: BoardClient,
     sequence: int,

@@ -52,6 +52,8 @@ _LIMITS: Final = (
     "features",
     "queue_depth",
     "max_horizon_us",
+    "latch_lead_us",
+    "point_time_us",
     "trace_ring",
     "max_points",
     "max_sequence_frames",

@@ -36,6 +36,12 @@
 #ifndef BOARD_RX_WINDOW /* bytes that the port takes without a pause */
 #define BOARD_RX_WINDOW 16384
 #endif
+#ifndef BOARD_LATCH_LEAD_US /* from the arrival of a stream frame to its latch (HG-5.8) */
+#define BOARD_LATCH_LEAD_US 0
+#endif
+#ifndef BOARD_POINT_TIME_US /* what each focal point adds to that */
+#define BOARD_POINT_TIME_US 0
+#endif
 #ifndef BOARD_OUTPUT /* bytes that may wait for the line */
 #define BOARD_OUTPUT 16384
 #endif
@@ -55,10 +61,17 @@
 #define BOARD_TAIL(fixed) (HG_MAX_BODY_BYTES - HG_HEADER_BYTES - (fixed))
 
 HG_STATIC_ASSERT(BOARD_ELEMENTS >= 1 && BOARD_ELEMENTS <= HG_MAX_TRANSDUCERS, elements);
-HG_STATIC_ASSERT(BOARD_QUEUE >= 1 && BOARD_QUEUE <= 0xFFFF, queue);
-HG_STATIC_ASSERT(BOARD_RING >= 1 && BOARD_RING <= 0xFFFF, ring);
+HG_STATIC_ASSERT(BOARD_QUEUE >= 4 && BOARD_QUEUE <= 0xFFFF, queue);
+HG_STATIC_ASSERT(BOARD_RING >= 16 && BOARD_RING <= 0xFFFF, ring);
 HG_STATIC_ASSERT(BOARD_MAX_POINTS >= 1 && BOARD_MAX_POINTS <= 250, max_points);
-HG_STATIC_ASSERT(BOARD_CHUNK_BYTES >= 1 && BOARD_CHUNK_BYTES <= 4000, chunk);
+HG_STATIC_ASSERT(BOARD_CHUNK_BYTES >= 64 && BOARD_CHUNK_BYTES <= 4000, chunk);
+HG_STATIC_ASSERT(BOARD_RX_WINDOW >= 4098, rx_window);
+HG_STATIC_ASSERT(BOARD_RX_WINDOW
+                     >= BOARD_UPLOAD_WINDOW
+                            * HG_FRAME_BOUND(HG_HEADER_BYTES + HG_SIZE_UPLOAD_CHUNK
+                                             + BOARD_CHUNK_BYTES),
+                 rx_window_holds_a_window_of_chunks);
+HG_STATIC_ASSERT(BOARD_LATCH_LEAD_US <= 100000 && BOARD_POINT_TIME_US <= 100000, lead);
 HG_STATIC_ASSERT(BOARD_OUTPUT >= 2 * BOARD_FRAME, output_holds_a_reply_beside_trace);
 
 #endif

@@ -119,6 +119,7 @@ struct board {
 
     struct entry queue[BOARD_QUEUE];
     size_t queue_first, queued;
+    int64_t computed_us; /* when the last accepted frame is, or was, computed */
     struct margins margins;
 
     struct drive latched; /* registers */

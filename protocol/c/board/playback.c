@@ -8,17 +8,18 @@
 #include "stream.h"
 #include "uploads.h"
 
-static uint32_t bad_value(const struct board *board, const struct hg_play *play, int64_t start_us,
-                          int *is_bad)
+/* Return the offset of the first value that is wrong. */
+static uint32_t bad_value(const struct board *board, const struct hg_play *play, size_t points,
+                          int64_t start_us, int *is_bad)
 {
-    int64_t ahead_us = start_us - board->now_us;
-
     *is_bad = 1;
-    if ((uint64_t)play->period_us * BOARD_PLAYBACK_HZ < 1000000u)
+    if ((uint64_t)play->period_us * BOARD_PLAYBACK_HZ < 1000000u
+        || play->period_us < points * BOARD_POINT_TIME_US)
         return HG_OFFSET_PLAY_PERIOD_US;
     if (play->unattended_ms == 0 || play->unattended_ms > BOARD_UNATTENDED_MS)
         return HG_OFFSET_PLAY_UNATTENDED_MS;
-    *is_bad = ahead_us < 0 || ahead_us > BOARD_HORIZON_US;
+    *is_bad = start_us < stream_ready_us(board, points)
+              || start_us - board->now_us > BOARD_HORIZON_US;
     return 0; /* offset of the start time, which is in the header */
 }
 
@@ -39,8 +40,9 @@ void playback_play(struct board *board, const struct request *request)
     struct hg_play play;
     int immediate = (request->header.flags & HG_FLAG_IMMEDIATE) != 0;
     int32_t ahead_us = hg_ahead_u32(request->header.time_us, (uint32_t)board->now_us);
-    int64_t start_us = board->now_us + (immediate ? 0 : ahead_us);
+    int64_t start_us;
     uint32_t offset;
+    size_t points;
     int is_bad;
 
     hg_play_read(&play, request->payload);
@@ -53,7 +55,9 @@ void playback_play(struct board *board, const struct request *request)
         link_refuse(board, request, HG_ERROR_NOT_FOUND, stored_sequences(board));
         return;
     }
-    offset = bad_value(board, &play, start_us, &is_bad);
+    points = sequence->kind == HG_UPLOAD_POINTS ? sequence->points : 0;
+    start_us = immediate ? stream_ready_us(board, points) : board->now_us + ahead_us;
+    offset = bad_value(board, &play, points, start_us, &is_bad);
     if (is_bad) {
         link_refuse(board, request, HG_ERROR_BAD_VALUE, offset);
         return;

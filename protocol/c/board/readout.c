@@ -51,6 +51,8 @@ void readout_identity(const struct board *board, struct hg_hello_reply *reply)
     reply->max_unattended_ms = BOARD_UNATTENDED_MS;
     reply->upload_window = BOARD_UPLOAD_WINDOW;
     reply->max_chunk = BOARD_CHUNK_BYTES;
+    reply->latch_lead_us = BOARD_LATCH_LEAD_US;
+    reply->point_time_us = BOARD_POINT_TIME_US;
     reply->boot_id = board->array.boot_id;
     reply->config_crc = readout_config_crc(board);
     memcpy(reply->firmware, firmware, sizeof firmware);

@@ -96,10 +96,17 @@ static void add_margin(struct margins *margins, int64_t margin_us)
     margins->count++;
 }
 
-/* Steps 12 to 16 of HG-3.8. */
-static int refusal(struct board *board, int immediate, int64_t t_apply_us)
+int64_t stream_ready_us(const struct board *board, size_t points)
 {
-    int64_t margin_us = t_apply_us - board->now_us;
+    int64_t begins_us = board->computed_us > board->now_us ? board->computed_us : board->now_us;
+
+    return begins_us + (int64_t)points * BOARD_POINT_TIME_US + BOARD_LATCH_LEAD_US;
+}
+
+/* Steps 12 to 16 of HG-3.8. */
+static int refusal(struct board *board, int immediate, int64_t t_apply_us, int64_t ready_us)
+{
+    int64_t margin_us = t_apply_us - ready_us;
 
     if (board->state != HG_STATE_ARMED || board->playback.sequence != NULL)
         return HG_COUNTER_DROPPED_STATE;
@@ -110,7 +117,7 @@ static int refusal(struct board *board, int immediate, int64_t t_apply_us)
         return HG_COUNTER_DROPPED_ORDER;
     if (board->queued == BOARD_QUEUE)
         return HG_COUNTER_DROPPED_FULL;
-    if (margin_us > BOARD_HORIZON_US)
+    if (t_apply_us - board->now_us > BOARD_HORIZON_US)
         return HG_COUNTER_DROPPED_FUTURE;
     return -margin_us > (int64_t)board->config.late_window_us ? HG_COUNTER_DROPPED_LATE : HG_OK;
 }
@@ -129,23 +136,31 @@ void stream_submit(struct board *board, const struct hg_frame *frame, uint32_t i
 {
     int immediate = (frame->header.flags & HG_FLAG_IMMEDIATE) != 0;
     int32_t ahead_us = hg_ahead_u32(frame->header.time_us, (uint32_t)board->now_us);
-    int64_t t_apply_us = board->now_us + (immediate ? 0 : ahead_us);
+    size_t points = frame->header.type == HG_TYPE_POINTS
+                        ? frame->payload_length / HG_SIZE_FOCAL_POINT
+                        : 0;
+    int64_t ready_us = stream_ready_us(board, points);
+    int64_t t_apply_us = immediate ? ready_us : board->now_us + ahead_us;
+    int64_t t_latch_us;
     struct entry *entry;
     int reason = check_drive(board, frame);
 
     if (reason == HG_OK)
-        reason = refusal(board, immediate, t_apply_us);
+        reason = refusal(board, immediate, t_apply_us, ready_us);
     if (reason != HG_OK) {
         link_count(board, reason);
         return;
     }
     if (immediate)
         stream_flush(board);
-    entry = make_room(board, output_boundary_us(board, t_apply_us));
-    entry->t_latch_us = output_boundary_us(board, t_apply_us);
+    board->computed_us = ready_us - BOARD_LATCH_LEAD_US;
+    link_count(board, HG_COUNTER_ACCEPTED);
+    t_latch_us = output_boundary_us(board, t_apply_us > ready_us ? t_apply_us : ready_us);
+    entry = make_room(board, t_latch_us);
+    entry->t_latch_us = t_latch_us;
     entry->index = index;
     entry->t_apply_us = t_apply_us;
-    entry->late = t_apply_us < board->now_us;
+    entry->late = t_apply_us < ready_us;
     take_drive(board, frame, &entry->drive);
 }
 

@@ -75,6 +75,8 @@ class HelloReply(Message):
     max_unattended_ms: int = wire("I", "longest playback without a frame from the host")
     upload_window: int = wire("H", "upload chunks that may be unanswered at a time")
     max_chunk: int = wire("H", "bytes of data in one upload chunk, at most")
+    latch_lead_us: int = wire("I", "time from a frame's arrival to its latch, microseconds")
+    point_time_us: int = wire("I", "time that each focal point adds to it, microseconds")
     boot_id: int = wire("I", "changes with every reset")
     config_crc: int = wire("I", "CRC-32 of configuration and phase correction")
     firmware: str = wire("16s", "name and version of the firmware, UTF-8, zero-padded")

@@ -14,9 +14,10 @@ class Counters(Record):
     """Counters of the board since it started, each modulo 2^32.  HG-9.2."""
 
     frames: int = wire("I", "frames with a valid CRC")
+    accepted: int = wire("I", "stream frames taken into the queue")
     latched: int = wire("I", "drives latched, from stream and playback")
     late: int = wire("I", "of these, latched late, within the late window")
-    dropped_late: int = wire("I", "stream frames whose t_apply had passed")
+    dropped_late: int = wire("I", "stream frames that came too late for their t_apply")
     dropped_future: int = wire("I", "stream frames beyond the horizon")
     dropped_order: int = wire("I", "stream frames whose t_apply is not after the last queued one")
     dropped_full: int = wire("I", "stream frames that met a full queue")
@@ -54,8 +55,8 @@ class _StatusBody(Message):
     last_seq: int = wire("I", "unwrapped sequence number of the last latched stream frame")
     last_latch_us: int = wire("I", "device time of the last latch")
     margins: int = wire("H", "stream frames that the two margins speak of; then they start anew")
-    margin_min_us: int = wire("i", "least t_apply - arrival since the last status")
-    margin_mean_us: int = wire("i", "mean t_apply - arrival since the last status")
+    margin_min_us: int = wire("i", "least margin, t_apply - ready, since the last status")
+    margin_mean_us: int = wire("i", "mean margin, t_apply - ready, since the last status")
     config_crc: int = wire("I", "CRC-32 of configuration and phase correction")
     counters: Counters = nested(Counters, "counters")
 

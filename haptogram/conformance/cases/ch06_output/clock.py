@@ -153,7 +153,8 @@ def stamps_agree(board: BoardClient) -> None:
         since = board.link.mark()
         board.link.send(board.link.stream_wire(good, t_us), ping)
         pong = _pong(board, board.link.answer_to(Ping.TYPE, seq, since))
-        arrival_us = t_us - board.status().margin_min_us
+        ready_us = t_us - board.status().margin_min_us
+        arrival_us = ready_us - board.ready_after_us()
         apart.append(signed_difference(pong.t_rx_us, arrival_us & 0xFFFFFFFF, 32))
     line_us = board.wire.line_us(len(ping))
     least_us = min(apart, key=abs)  # a host may send in two parts

@@ -13,13 +13,16 @@ from haptogram_protocol.messages import (
     PlaybackEnded,
     Stop,
     StopReply,
+    UploadKind,
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, latch_now, watch_board_latches
-from ...client.playback import play_at, play_now, store_phases
+from ...client.playback import period_of, play_at, play_now, store_phases
+from ...client.stream_kinds import random_point
+from ...client.uploads import upload_to_board
 from ...judge.timers import muted_by_timer
 from ...outcome import SELF_REPORTED, check, fail, not_observed
 
@@ -75,6 +78,29 @@ def checks_its_times(board: BoardClient) -> None:
     since = board.link.mark()
     play_now(board, 1, loops=1, period_us=least_us)
     _ended(board, since, 50 * _MS)
+
+
+@case(
+    "HG-7.6/2",
+    "a start before the first frame is ready, and a period too short for its points, are refused",
+    variant="ready",
+    needs=Feature.SEQUENCE_POINTS,
+)
+def leaves_time_to_compute(board: BoardClient) -> None:
+    points = board.identity.max_points
+    frame = b"".join(random_point(board, points).pack() for _ in range(points))
+    upload_to_board(board, UploadKind.POINTS, 1, 2 * frame, points)
+    board.arm()
+    bad, period = ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset
+    usual_us = period_of(board, points)
+    soon_us = board.clock.device_us() + board.ready_after_us(points)
+    board.link.refused(Play(1, usual_us, 1, 1000), bad, 0, time_us=soon_us)
+    least_us = points * board.identity.point_time_us
+    if least_us * board.identity.max_playback_rate_hz > 1_000_000:
+        board.link.refused(Play(1, least_us - 1, 1, 1000), bad, period, flags=0x10)
+    since = board.link.mark()
+    play_at(board, 1, board.clock.soon_us(bytes(100)), loops=1, period_us=usual_us)
+    _ended(board, since, 2 * usual_us + board.clock.lead_us + 50 * _MS)
 
 
 @case("HG-7.6/3", "PLAY flushes 3 queued frames", needs=_NEEDS, evidence=SELF_REPORTED)

@@ -5,19 +5,25 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.messages import (
+    Counters,
     Feature,
+    FocalPoint,
+    Message,
+    Mute,
+    Points,
     Status,
     StatusReply,
 )
 
 from ...case import Depth, case
-from ...client.board_client import BoardClient
-from ...client.latching import latch_now
+from ...client.board_client import PARTS_OF_FRAMES, BoardClient
+from ...client.latching import between_pings, latch_now
 from ...judge.timers import check_status_steps
 from ...outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
 _MANY: Final = 300  # margins of 9.9 s: their sum needs more than 31 bits
+_ROUNDS: Final = 8
 
 
 @case(
@@ -82,8 +88,9 @@ def tells_margins(board: BoardClient) -> None:
     sent_us = board.wire.line_us(size * 5)
     found = board.status()
     late_us = board.clock.device_us() - base_us
-    mean_us = (sum(ahead) - 1_000_000) // 4
-    _check_margins(found, 4, -1_000_000, mean_us, late_us + sent_us)
+    least_us = -1_000_000 - board.ready_after_us()
+    mean_us = (sum(ahead) - 1_000_000) // 4 - board.ready_after_us()
+    _check_margins(found, 4, least_us, mean_us, late_us + sent_us)
     _check_margins(board.status(), 0, 0, 0, 0)
 
 
@@ -129,4 +136,68 @@ def wide_margins(board: BoardClient) -> None:
         found = board.status()
         late_us = board.clock.device_us() - base_us + board.wire.line_us(sum(map(len, wires)))
         mean_us = sum(margins) // len(margins)
-        _check_margins(found, len(margins), min(margins), mean_us, late_us)
+        _check_margins(found, len(margins), min(margins), mean_us, late_us + board.clock.lead_us)
+
+
+@case(
+    "HG-9.3/1",
+    "the margin of frames of each kind is t_apply less the time at which they are ready",
+    variant="ready",
+    evidence=SELF_REPORTED,
+)
+def margins_count_from_ready(board: BoardClient) -> None:
+    board.arm()
+    kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
+    if board.has(Feature.POINTS):
+        most = board.identity.max_points
+        kinds.append((Points((FocalPoint(10_000, 5_000, 150_000, 8_000, 0),) * most), most))
+    for message, points in kinds:
+        board.clock.wait_latched()
+        t_us = board.clock.soon_us(bytes(2000)) + 500 * _MS
+        board.status()
+        from_us, to_us = between_pings(board, message, t_us)
+        found = board.status()
+        ready_us = board.ready_after_us(points)
+        _check_margins(
+            found, 1, t_us - from_us - ready_us, t_us - from_us - ready_us, to_us - from_us
+        )
+        board.link.ask(Mute())  # or the next frame would not be in order
+        board.arm()
+
+
+@case(
+    "HG-9.1/3",
+    "in STATUS and STATUS_REPLY amid a stream both sums hold: of frames, and of accepted",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def tells_of_one_moment(board: BoardClient) -> None:
+    board.configure(status_period_ms=board.quick_status_ms)
+    board.arm()
+    good = board.shortest_stream()
+    since = board.link.mark()
+    found: list[StatusReply | Status] = [board.status()]
+    for _ in range(_ROUNDS):
+        t_us = board.clock.soon_us(bytes(1000)) + _MS
+        for number in range(3):
+            board.link.send(board.link.stream_wire(good, t_us + number * _MS))
+            found.append(board.status())
+        board.clock.wait_until(t_us + 2 * _MS)
+    found += [event for _, event in board.link.events(Status, since)]
+    first = found[0]
+    for status in found:
+        counted = {
+            name: (getattr(status.counters, name) - getattr(first.counters, name)) & 0xFFFFFFFF
+            for name in Counters.WIRE
+        }
+        total = sum(counted[name] for name in PARTS_OF_FRAMES)
+        check(
+            (counted["frames"] - total) & 0xFFFFFFFF == 0,
+            f"frames and what they became: {counted}",
+        )
+        stream = counted["latched"] + counted["flushed"] + status.queued - first.queued
+        check(
+            (counted["accepted"] - stream) & 0xFFFFFFFF == 0,
+            f"accepted {counted['accepted']}, latched {counted['latched']}, "
+            f"flushed {counted['flushed']}, queued {status.queued}",
+        )

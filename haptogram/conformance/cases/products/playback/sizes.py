@@ -44,7 +44,8 @@ def _kinds(board: BoardClient) -> list[UploadKind]:
 
 
 def _shortest_us(board: BoardClient) -> int:
-    return max(-(-1_000_000 // board.identity.max_playback_rate_hz), 200)
+    least_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
+    return max(least_us, 200, board.identity.point_time_us)
 
 
 def _ended(board: BoardClient, since: int, timeout_us: int) -> PlaybackEnded:

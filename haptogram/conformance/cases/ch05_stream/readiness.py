@@ -1,0 +1,156 @@
+"""HG-5.7, HG-5.8: when a frame is ready, and what follows from that."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Feature,
+    FocalPoint,
+    Message,
+    Mute,
+    Ping,
+    Points,
+    Pong,
+    StatusReply,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import between_pings, latch_now
+from ...outcome import SELF_REPORTED, check
+
+_MOST_US: Final = 100_000
+_TRIES: Final = 6
+_POINT: Final = FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
+
+
+@case("HG-5.7/9", "latch_lead_us and point_time_us are at most 100 ms")
+def leads_are_short(board: BoardClient) -> None:
+    for name in ("latch_lead_us", "point_time_us"):
+        got_us = getattr(board.identity, name)
+        check(got_us <= _MOST_US, f"{name} is {got_us}, must be {_MOST_US} or less")
+
+
+def _kinds(board: BoardClient) -> list[tuple[Message, int]]:
+    """Return a frame of each kind, and how many points the board has to compute for it."""
+    kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
+    if board.has(Feature.POINTS):
+        kinds += [(Points((_POINT,) * n), n) for n in sorted({1, board.identity.max_points})]
+    return kinds
+
+
+@case(
+    "HG-5.8/1",
+    "frames as soon as complete, of each kind: latched when they are ready",
+    variant="ready",
+    evidence=SELF_REPORTED,
+)
+def latches_when_ready(board: BoardClient) -> None:
+    board.arm()
+    for message, points in _kinds(board):
+        for _ in range(_TRIES):
+            around_us = between_pings(board, message)
+            board.clock.wait_latched(len(message.serialize()))
+            got_us = board.clock.unwrap(board.status().last_latch_us)
+            least_us, most_us = (
+                board.clock.on_carrier(t_us + board.ready_after_us(points)) for t_us in around_us
+            )
+            check(
+                least_us <= got_us <= most_us,
+                f"{message.TYPE.name} of {points} points, latched {got_us - around_us[1]} us after "
+                f"the PING behind it came; ready it is {board.ready_after_us(points)} us after its "
+                f"arrival",
+            )
+
+
+@case(
+    "HG-5.8/1",
+    "two frames of points as soon as complete: the board computes the second behind the first",
+    variant="computed",
+    needs=Feature.POINTS,
+    evidence=SELF_REPORTED,
+)
+def computes_one_after_the_other(board: BoardClient) -> None:
+    board.arm()
+    most = board.identity.max_points
+    message = Points((_POINT,) * most)
+    for _ in range(_TRIES):
+        board.clock.wait_latched()
+        first, second = (board.link.stream_wire(message) for _ in range(2))
+        ping, seq = board.link.request_wire(Ping(0))
+        since = board.link.mark()
+        board.link.send(ping, first, second)
+        answer = board.link.answer_to(Ping.TYPE, seq, since)
+        from_us = board.clock.unwrap(board.link.reply_in(answer, Pong, Ping.TYPE).t_rx_us)
+        board.clock.wait_latched(len(first) + len(second))
+        board.clock.wait_latched()
+        got_us = board.clock.unwrap(board.status().last_latch_us)
+        least_us = board.clock.on_carrier(from_us + board.ready_after_us(2 * most))
+        check(
+            got_us >= least_us,
+            f"the second frame of {most} points was latched {got_us - from_us} us after the PING "
+            f"before both; {board.ready_after_us(2 * most)} us are due",
+        )
+
+
+@case(
+    "HG-5.7/5",
+    "frames for times around their arrival: dropped_late if the margin is negative, else latched",
+    variant="margin",
+    evidence=SELF_REPORTED,
+)
+def judges_lateness_by_the_margin(board: BoardClient) -> None:
+    board.arm()
+    for message, points in _kinds(board):
+        for ahead_us in range(-200, 201, 80):
+            board.clock.wait_latched()
+            before = board.status().counters
+            now_us = board.clock.device_us() + board.wire.limits.lead_us // 8
+            t_us = now_us + board.ready_after_us(points) + ahead_us
+            board.link.send(board.link.stream_wire(message, t_us))
+            board.clock.wait_until(t_us + board.clock.lead_us)
+            after = board.status()
+            dropped = after.counters.dropped_late - before.dropped_late
+            latched = after.counters.latched - before.latched
+            late = after.margin_min_us < 0
+            check(
+                (after.margins, dropped, latched) == (1, int(late), int(not late)),
+                f"{message.TYPE.name} of {points} points, margin {after.margin_min_us} us: margins "
+                f" {after.margins}, dropped_late {dropped}, latched {latched}",
+            )
+
+
+@case(
+    "HG-5.7/8",
+    "accepted = latched + flushed + queued, over frames latched, flushed, dropped, waiting",
+    evidence=SELF_REPORTED,
+)
+def counts_what_it_accepts(board: BoardClient) -> None:
+    good = board.flat_phases()
+    board.link.send(board.link.stream_wire(good))  # not armed: dropped
+    board.arm()
+    first = board.status()
+    for _ in range(3):
+        latch_now(board, good)
+    t_us = board.clock.soon_us(bytes(3000)) + 50_000
+    wires = [board.link.stream_wire(good, t_us + 1000 * number) for number in range(3)]
+    board.link.send(*wires, board.link.stream_wire(good, t_us))  # the last one is not in order
+    _check_accepted(first, board.status(), 6, queued=3)
+    latch_now(board, good)  # flushes three
+    _check_accepted(first, board.status(), 7, queued=0)
+    t_us = board.clock.soon_us(bytes(3000)) + 50_000
+    board.link.send(*(board.link.stream_wire(good, t_us + 1000 * number) for number in range(2)))
+    board.link.ask(Mute())
+    _check_accepted(first, board.status(), 9, queued=0)
+
+
+def _check_accepted(first: StatusReply, now: StatusReply, accepted: int, queued: int) -> None:
+    grown = {
+        name: (getattr(now.counters, name) - getattr(first.counters, name)) & 0xFFFFFFFF
+        for name in ("accepted", "latched", "flushed")
+    }
+    check(now.queued == queued, f"{queued} frames wait, queued is {now.queued}")
+    check(grown["accepted"] == accepted, f"{accepted} frames were accepted; counted {grown}")
+    total = grown["latched"] + grown["flushed"] + now.queued
+    check(grown["accepted"] == total, f"accepted, latched and flushed: {grown}, queued {queued}")

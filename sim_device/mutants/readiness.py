@@ -1,0 +1,132 @@
+"""Boards that need time to make a frame ready, and reckon wrongly with it.  SPEC.md HG-5.7."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final
+
+from haptogram.acoustics import Drive
+from haptogram.records.frame import Evidence
+
+from ..board.board import Board
+from ..board.counters import Drop
+from ..board.registers import Content
+from ..board.settings import BoardSettings
+from ..board.stream_queue import StreamFrame
+from ..dialects.haptogram import BoardDialect
+from .mutant import Mutant
+from .replies import Liar
+
+_LEAD_US: Final = 200
+_POINT_US: Final = 300
+
+
+class LeadTooLong(Liar):
+    """Advertises a lead that is longer than any host has to expect."""
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return a long lead."""
+        return {"latch_lead_us": 200_000}
+
+
+class LatchedBeforeItsLead(Liar):
+    """Advertises a lead and latches without it."""
+
+    def lie(self, _: Any) -> dict[str, Any]:
+        """Return a lead."""
+        return {"latch_lead_us": _LEAD_US}
+
+
+class _Slow(Board):
+    """Needs 200 us to latch, and 300 us more for each focal point."""
+
+    def __init__(self, settings: BoardSettings, *parts: Any) -> None:
+        slow = dataclasses.replace(settings, latch_lead_us=_LEAD_US, point_time_us=_POINT_US)
+        super().__init__(slow, *parts)
+
+    def _lead_us(self, content: Content) -> int:
+        """Return the time that the frame needs after its arrival, if it is the only one."""
+        return super()._ready_us(content) - max(self.now_us, self._computed_us)
+
+
+class ComputesAllAtOnce(_Slow):
+    """Reckons as if it computed every frame from its arrival on, however many there are."""
+
+    def _ready_us(self, content: Content) -> int:
+        return self.now_us + self._lead_us(content)
+
+
+class LatenessFromArrival(_Slow):
+    """Drops as late only what arrives after its t_apply."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        late_us = 0 if frame.t_apply_us is None else self.now_us - frame.t_apply_us
+        in_time = dropped is Drop.LATE and late_us <= self.config.late_window_us
+        return None if in_time else dropped
+
+
+class MarginFromArrival(_Slow):
+    """Reports margins up to the arrival of frames, not up to when they are ready."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        ready_us = self._ready_us(frame.content)
+        count = self.margins.count
+        dropped = super()._refuse(frame)
+        if self.margins.count > count:
+            self.margins.least_us += ready_us - self.now_us
+            self.margins.total_us += ready_us - self.now_us
+        return dropped
+
+
+class PlaysUnready(_Slow):
+    """Takes a PLAY whose first frame cannot be ready at its start."""
+
+    def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
+        super()._check_play(start_us, min(ready_us, self.now_us), unattended_ms)
+
+
+class PlaysFasterThanItComputes(_Slow):
+    """Takes a period that is too short to compute the points of a frame."""
+
+    def _check_period(self, period_us: int, content: Content) -> None:
+        drive = content if isinstance(content, Drive) else content[:0]
+        super()._check_period(period_us, drive)
+
+
+class ImmediateNotAccepted(Board):
+    """Leaves frames that are latched as soon as complete out of `accepted`."""
+
+    def submit(self, frame: StreamFrame) -> Drop | None:
+        """Queue a frame."""
+        accepted = self.counters.accepted
+        dropped = super().submit(frame)
+        if frame.t_apply_us is None:
+            self.counters.accepted = accepted
+        return dropped
+
+
+class StatusOfTwoMoments(BoardDialect):
+    """Reports how many frames wait as it was at the status before."""
+
+    _queued_before = 0
+
+    def _status(self) -> Any:
+        fields = super()._status()
+        queued, self._queued_before = self._queued_before, fields[2]
+        return (*fields[:2], queued, *fields[3:])
+
+
+_WIRE, _SELF = Evidence.WIRE, Evidence.SELF_REPORTED
+
+MUTANTS: Final = (
+    Mutant.of(LeadTooLong, "HG-5.7/9", _WIRE),
+    Mutant.of(LatchedBeforeItsLead, "HG-5.8/1", _SELF),
+    Mutant.of(ComputesAllAtOnce, "HG-5.8/1", _SELF),
+    Mutant.of(LatenessFromArrival, "HG-5.7/5", _SELF),
+    Mutant.of(MarginFromArrival, "HG-9.3/1", _SELF),
+    Mutant.of(PlaysUnready, "HG-7.6/2", _WIRE),
+    Mutant.of(PlaysFasterThanItComputes, "HG-7.6/2", _WIRE),
+    Mutant.of(ImmediateNotAccepted, "HG-5.7/8", _SELF),
+    Mutant.of(StatusOfTwoMoments, "HG-9.1/3", _SELF),
+)
