@@ -127,7 +127,7 @@ def test_every_type_has_its_message_and_every_request_its_response() -> None:
 
 def test_the_sizes_that_firmware_is_built_on() -> None:
     assert Header.LAYOUT.size == 10
-    assert HelloReply.LAYOUT.size == 104
+    assert HelloReply.LAYOUT.size == 112
     assert (
         len(
             encode_frame(
@@ -257,7 +257,7 @@ def test_text_that_would_not_come_back_is_refused(firmware: str, reply: HelloRep
 
 
 def test_text_that_is_no_utf8_is_shown_not_refused() -> None:
-    zeros = bytearray(104)
+    zeros = bytearray(HelloReply.LAYOUT.size)
     zeros[-16:-12] = b"a\xff\xfeb"
     assert HelloReply.deserialize(bytes(zeros)).firmware == "a\ufffd\ufffdb"
 

@@ -155,7 +155,7 @@ def test_a_frame_in_the_ramp_of_the_lease_brings_full_amplitude_back(host):
     assert steps(host.board.radiated)[-1] == (40_500, 255)
 
 
-@pytest.mark.parametrize(("baud", "least_ms"), [(3_000_000, 10), (115_200, 125), (9600, 1490)])
+@pytest.mark.parametrize(("baud", "least_ms"), [(3_000_000, 10), (115_200, 128), (9600, 1532)])
 def test_status_takes_no_more_than_a_tenth_of_the_line(programs, baud, least_ms):
     with contextlib.closing(CBoard(programs, late_us=0, bytes_per_s=baud // 10)) as board:
         host = Host(board)
