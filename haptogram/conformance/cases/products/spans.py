@@ -29,7 +29,7 @@ from ...client.latching import board_latches, full_drive, latch_now, read_back
 from ...client.playback import play_now
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import begin_upload, send_pieces
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 11
 _PIECES: Final = 12  # chunks of an upload
@@ -59,27 +59,6 @@ def every_span_of_the_geometry(board: BoardClient) -> None:
         check(same and not short, f"GET_GEOMETRY of {count} from {first} shows other elements")
     for first in (total, 0xFFFF):
         board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, total)
-
-
-@case(
-    "HG-7.5/1",
-    "on a grid element n stands in column n / ny and row n % ny, a pitch apart, around the centre",
-    variant="grid",
-)
-def every_element_is_on_the_grid(board: BoardClient) -> None:
-    identity = board.identity
-    nx, ny, pitch_um = identity.grid_nx, identity.grid_ny, identity.pitch_um
-    if not nx * ny:
-        not_observed("the array is no grid")
-    for number, element in enumerate(board.read_geometry()):
-        ix, iy = divmod(number, ny)
-        x_um, y_um = (ix - (nx - 1) / 2) * pitch_um, (iy - (ny - 1) / 2) * pitch_um
-        off_um = max(abs(element.x_um - x_um), abs(element.y_um - y_um))
-        check(
-            off_um <= 1,
-            f"transducer {number} of {nx} x {ny} is at ({element.x_um}, {element.y_um}) um, due is "
-            f"({x_um:g}, {y_um:g})",
-        )
 
 
 @case(
