@@ -94,8 +94,8 @@ def _ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[_Reading]:
     found: list[_Reading] = []
     while not found or found[-1].from_ms < 1.1 * ramp_ms:
         from_us, to_us, shown = _read_at(board)
-        between_ms = ((t_us - start_us) / _MS for t_us in (from_us, to_us))
-        found.append(_Reading(*between_ms, shown.loudest))
+        from_ms, to_ms = ((t_us - start_us) / _MS for t_us in (from_us, to_us))
+        found.append(_Reading(from_ms, to_ms, shown.loudest))
         board.wire.idle(ramp_ms * _MS // 40)
     return found
 
