@@ -212,7 +212,7 @@ class NumbersAligned(FrameDecoder):
     _address = _begins = 0
 
     def feed(self, chunk: bytes) -> list[bytes | RemoteProtocolError]:
-        """Return what the frames hold, as this board reads it."""
+        """Return the frames as this board reads them."""
         found: list[bytes | RemoteProtocolError] = []
         for byte in chunk:
             self._address += 1
