@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, TransducerArray
 from haptogram.acoustics.solvers.several import Method
+from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.frame import REGISTER_BITS, Frame, Mode
 from haptogram.driver.frames.targets import Targets, as_frame_foci
@@ -33,6 +34,7 @@ from haptogram.settings.arguments import (
     check_whole,
 )
 from haptogram_protocol.connection import EventReceived
+from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.messages import (
     Config,
     DriveKind,
@@ -82,6 +84,10 @@ class Driver:
     sink : callable, optional
         Called with every :class:`Intended` and :class:`Observation`, kept or not: for example a
         :class:`~haptogram.evidence.record_file.RecordFile`.
+    dialect : str or Dialect, optional
+        Wire of another board, such as ``"sonicsurface"``: then this is a
+        :class:`~haptogram.driver.dialect_driver.DialectDriver`, which can do what that wire can,
+        and takes its arguments.
 
     Attributes
     ----------
@@ -121,6 +127,12 @@ class Driver:
     (65520, 3)
     """
 
+    def __new__(cls, *arguments: Any, **options: Any) -> Any:
+        """Return a driver of the wire that the caller names."""
+        if options.get("dialect") is None:
+            return super().__new__(cls)
+        return DialectDriver(*arguments, **options)
+
     def __init__(
         self,
         port: str | Transport,
@@ -136,6 +148,7 @@ class Driver:
         trace: TraceMode | None = None,
         keep: int | None = MOST_KEPT,
         sink: Sink | None = None,
+        dialect: str | Dialect | None = None,  # noqa: ARG002  another one has come by here
     ) -> None:
         check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
         check_port(port, baudrate, timeout_s)

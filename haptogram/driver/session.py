@@ -11,8 +11,8 @@ from typing import Final, TypeAlias
 from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.driver.arming import Arming
 from haptogram.driver.configuration import SessionConfiguration
-from haptogram.driver.handshake import open_session
 from haptogram.driver.identity import assumed_model
+from haptogram.driver.line.handshake import open_session
 from haptogram.driver.line.link import NS_PER_S, Link
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.driver.timing.clock import ClockEstimate

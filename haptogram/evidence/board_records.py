@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,7 +13,8 @@ from haptogram.evidence.backdoor import (
     is_latch_record_of,
     why_backdoor_incomplete,
 )
-from haptogram.records.frame import FrameKey
+from haptogram.evidence.dialects.latches import has_latched_all
+from haptogram.records.frame import FrameKey, Intended
 
 _POLL_S: Final = 0.01
 _QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
@@ -67,6 +68,19 @@ class BoardRecords:
 
         self._read_until(is_there)
         return why_backdoor_incomplete(self._file.records, key.session, key)
+
+    def wait_for_all(self, intended: Sequence[Intended]) -> str | None:
+        """Wait for a latch of each frame of *intended* on a board that numbers none.
+
+        Returns
+        -------
+        str or None
+            As :meth:`wait_for_latch`.
+        """
+        self._read_until(lambda: has_latched_all(intended, self._file.records))
+        if has_latched_all(intended, self._file.records):
+            return None
+        return why_backdoor_incomplete(self._file.records)
 
     def read_to_the_end(self, progress: Callable[[int], None] | None = None) -> None:
         """Read until the end record, or until the board falls silent.

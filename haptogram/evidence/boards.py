@@ -14,11 +14,10 @@ from haptogram.driver.line.port import Transport
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
     backdoor_fault_counts,
-    backdoor_observations,
-    observations_on_clock_of,
     silences_on_the_clock_of,
     why_backdoor_incomplete,
 )
+from haptogram.evidence.dialects.latches import run_observations
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import Observation
 from haptogram.settings.arguments import Progress
@@ -145,7 +144,7 @@ class ProcessBoard:
         self.unseen = why_backdoor_incomplete(self._board.records(), driver.session)
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
-        return observations_on_clock_of(driver.intended, self._board.observations(driver.session))
+        return run_observations(driver.intended, self._board.records(), driver.session)
 
     def silences(self, driver: Driver) -> list[int]:
         """Return the records of the back door."""
@@ -214,8 +213,7 @@ class InProcessBoard:
         skip_fields: bool = False,  # noqa: ARG002  nor to leave out
     ) -> list[Observation]:
         """Return the records of the back door."""
-        found = backdoor_observations(self._records(), driver.session)
-        return observations_on_clock_of(driver.intended, found)
+        return run_observations(driver.intended, self._records(), driver.session)
 
     def silences(self, driver: Driver) -> list[int]:
         """Return the records of the back door."""

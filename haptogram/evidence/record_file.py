@@ -23,7 +23,7 @@ from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observa
 from haptogram.settings.arguments import check_argument_kind
 
 _SLOTS: Final = 4096  # frames that are remembered: some 5 MB
-_Content: TypeAlias = tuple[tuple[Focus, ...], Drive, int, bool, str]
+_Content: TypeAlias = tuple[tuple[Focus, ...], Drive, int, int | None, bool, str]
 
 
 class RecordFile(ClosedByWith):
@@ -80,7 +80,14 @@ class RecordFile(ClosedByWith):
 
     def _slot_of(self, entry: Intended) -> int:
         """Return the slot that holds what *entry* is, filled if it was not."""
-        content = (entry.foci, entry.drive, entry.phase_bits, entry.board_computed, entry.solver)
+        content = (
+            entry.foci,
+            entry.drive,
+            entry.phase_bits,
+            entry.phase_steps,
+            entry.board_computed,
+            entry.solver,
+        )
         if (slot := self._slots.get(content)) is not None:
             return slot
         slot = self._frames % _SLOTS
@@ -95,6 +102,7 @@ class RecordFile(ClosedByWith):
             foci=foci,
             drive=_of_drive(entry.drive),
             phase_bits=entry.phase_bits,
+            phase_steps=entry.phase_steps,
             board_computed=entry.board_computed,
             solver=entry.solver,
         )

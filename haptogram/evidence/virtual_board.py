@@ -21,11 +21,11 @@ from haptogram.evidence.backdoor import (
     backdoor_fault_counts,
     backdoor_observations,
     board_model,
-    observations_on_clock_of,
     silences_on_the_clock_of,
 )
 from haptogram.evidence.board_process import BoardProcess
 from haptogram.evidence.board_records import BoardRecords
+from haptogram.evidence.dialects.latches import is_of_another_dialect, run_observations
 from haptogram.machine.working_folder import WorkingFolder
 from haptogram.records.frame import Intended, Observation
 from haptogram.settings.arguments import (
@@ -208,6 +208,8 @@ class VirtualBoard:
         _check_intended(intended)
         if not intended:
             return None
+        if is_of_another_dialect(self._records.read()):
+            return self._records.wait_for_all(intended)
         return self._records.wait_for_latch(intended[-1].key)
 
     def finish(
@@ -279,10 +281,9 @@ class VirtualBoard:
             check_argument_kind("uncertainty", uncertainty, Uncertainty, "an Uncertainty, or None")
         unseen = self.wait_idle(intended)
         session = intended[0].key.session if intended else None
-        observations = observations_on_clock_of(intended, self.observations(session))
         return verify_run(
             intended,
-            observations,
+            run_observations(intended, self.records(), session),
             model=self.model if model is None else model,
             min_verified=min_verified,
             tolerance=tolerance,

@@ -15,7 +15,7 @@ from haptogram.verification.watch import SeenLatch
 from haptogram_protocol.dialects.table import DIALECTS
 
 from .backdoor import board_model, observation_of
-from .pulse_records import pulse_observation_of
+from .dialects.pulse_records import pulse_observation_of
 
 _OWN_DIALECT: Final = "haptogram"
 

@@ -152,6 +152,8 @@ class Intended:
         Drive that the host expects in the registers, from the foci; 8-bit phase codes.
     phase_bits : int
         Resolution of the phases on the wire, in bits.
+    phase_steps : int or None
+        Steps in a period, where their number is none of *phase_bits*: on other boards.
     board_computed : bool
         True if the board computes the drive from the foci (as rounded on the wire).
     solver : str
@@ -175,6 +177,12 @@ class Intended:
     phase_bits: int
     board_computed: bool = False
     solver: Method = "naive"
+    phase_steps: int | None = None
+
+    @property
+    def steps(self) -> int:
+        """Steps of the phases in a period."""
+        return self.phase_steps or 1 << self.phase_bits
 
 
 @dataclass(frozen=True, slots=True)

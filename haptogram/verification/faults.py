@@ -113,7 +113,7 @@ def _phase_faults(
     model: AcousticModel, intended: Intended, found: Codes, off: NDArray[np.bool_], allowance: int
 ) -> list[str]:
     wanted = _phases(intended.drive)
-    step = _TURN >> intended.phase_bits
+    step = _TURN / intended.steps
     if not allowance and _equal(found, _rounded_down(model, intended)):
         return ["phases rounded down instead of to the nearest code"]
     difference = _signed(found - wanted)
@@ -131,7 +131,7 @@ def _phase_faults(
 def _mixed_up(model: AcousticModel, intended: Intended, wanted: Codes, found: Codes) -> list[str]:
     """Name the mistake in the order, the sign or the packing that would make this drive."""
     # A board that mixes up the elements may round the halves its own way: then a step is allowed.
-    for allowance in (0, _TURN >> intended.phase_bits):
+    for allowance in (0, -(-_TURN // intended.steps)):
         for name, candidate in _candidates(model, intended, wanted):
             # What is that near to the right drive proves nothing.
             if _same(found, candidate, allowance) and not _same(wanted, candidate, allowance):
@@ -160,9 +160,10 @@ def _rounded_down(model: AcousticModel, intended: Intended) -> Codes | None:
         return None
     (focus,) = intended.foci
     phases_rad = focus_phases(model, np.array(focus.position_m)) + focus.phase_rad
-    steps = 1 << intended.phase_bits
-    codes: Codes = np.floor(phases_rad / (2.0 * np.pi) * steps).astype(np.int64) % steps
-    return codes * (_TURN // steps)
+    steps = intended.steps
+    codes = np.floor(phases_rad / (2.0 * np.pi) * steps) % steps
+    found: Codes = np.floor(codes * (_TURN / steps) + 0.5).astype(np.int64) % _TURN
+    return found
 
 
 def _candidates(
@@ -241,7 +242,7 @@ def _swapped(
 
 
 def _single_elements(
-    model: AcousticModel, difference: Codes, off: NDArray[np.bool_], step: int
+    model: AcousticModel, difference: Codes, off: NDArray[np.bool_], step: float
 ) -> Iterator[str]:
     """Name elements that are wrong one by one, those with the same error together."""
     errors = sorted({int(d) for d in difference[off]}, key=abs)
@@ -255,9 +256,10 @@ def _single_elements(
         yield from _by_line(model, wrong, what)
 
 
-def _steps(error: int, step: int) -> str:
+def _steps(error: int, step: float) -> str:
     """Return an error of 8-bit codes in steps of the phases on the wire."""
-    return f"{error // step:+d} LSB" if error % step == 0 else f"{error:+d}/{_TURN} of a turn"
+    whole = round(error / step)
+    return f"{whole:+d} LSB" if abs(error - whole * step) < 1.0 else f"{error:+d}/{_TURN} of a turn"
 
 
 def _stuck(model: AcousticModel, found: Codes, off: NDArray[np.bool_]) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Final, TypeVar
 
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
-from haptogram.records.frame import STREAM, FrameKey, Intended, Observation
+from haptogram.records.frame import STREAM, Evidence, FrameKey, Intended, Observation
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress
 
@@ -113,7 +113,8 @@ def verify_run(
         if verdict.late or verdict.status is FrameStatus.LOST:
             effect = consequence_of_held_focus(model, wanted, focus_still_held(held, due, quiet_us))
             verdict = dataclasses.replace(verdict, consequence=effect)
-        frames.append(dataclasses.replace(verdict, latches=len(latches)))
+        seen_by_board = sum(latch.evidence is not Evidence.WIRE for latch in latches)
+        frames.append(dataclasses.replace(verdict, latches=seen_by_board))
         if latches:
             held = HeldFocus.after(wanted, latches[0], verdict)
         elif unseen is not None:

@@ -41,8 +41,8 @@ def triangle(step: int) -> Modulation:
 
 _TACTILE: Final = Registers(
     wire.TACTILE_RULES,
-    steps=16,
-    width=7,
+    steps=wire.TACTILE_STEPS,
+    width=wire.TACTILE_WIDTH,
     at_power_up=wire.OFF,
     correction=wire.TACTILE_CORRECTION,
     modulation=triangle,

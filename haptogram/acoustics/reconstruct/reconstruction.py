@@ -161,7 +161,12 @@ class Reconstructor:
         return self._reconstruct(drive.weights(), step_rad, ramping=ramping, slack_rad=slack_rad)
 
     def reconstruct_weights(
-        self, weights: ArrayLike, *, ramping: bool = False, step_rad: float | None = None
+        self,
+        weights: ArrayLike,
+        *,
+        ramping: bool = False,
+        step_rad: float | None = None,
+        slack_rad: float = 0.0,
     ) -> Reconstruction:
         """Return the focus of (N,) complex *weights*: a drive after correction, ceiling, faults.
 
@@ -169,6 +174,8 @@ class Reconstructor:
         ----------
         step_rad : float, optional
             Step of the phases to judge by, in radians, if they are not of `phase_bits`.
+        slack_rad : float
+            As in :meth:`reconstruct`.
 
         Raises
         ------
@@ -179,7 +186,9 @@ class Reconstructor:
         if step_rad is None:
             step_rad = phase_step_rad(self._phase_bits)
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
-        return self._reconstruct(as_weights(weights), step_rad, ramping=ramping)
+        return self._reconstruct(
+            as_weights(weights), step_rad, ramping=ramping, slack_rad=slack_rad
+        )
 
     def _reconstruct(
         self, weights: ComplexArray, step_rad: float, *, ramping: bool, slack_rad: float = 0.0

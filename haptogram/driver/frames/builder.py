@@ -147,34 +147,19 @@ class FrameBuilder:
             )
 
     def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode, solver: Method) -> None:
-        try:
-            for focus in foci:
-                check_focus_target(self._model, focus.position_m)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"frame {number}: {error}") from error
+        check_frame_foci(self._model, number, foci, solver)
         if mode == "points" and len(foci) > self._identity.max_points:
             raise ConfigurationError(
                 f"frame {number}: {len(foci)} foci; the board takes {self._identity.max_points}"
             )
-        if mode == "phases" and len(foci) == 1 and foci[0].amplitude != 1.0:
-            raise ConfigurationError(
-                f"frame {number}: a focus of amplitude {foci[0].amplitude:g}; mode phases drives "
-                "every transducer at full amplitude, drives and points do not"
-            )
-        if mode == "points" and not self._graded and len(foci) == 1 and foci[0].amplitude != 1.0:
-            raise ConfigurationError(
-                f"frame {number}: a focus of amplitude {foci[0].amplitude:g}; the board drives "
-                "every transducer at full amplitude"
-            )
-        if solver != "naive" and any(focus.phase_rad != 0.0 for focus in foci):
-            raise ConfigurationError(
-                f"frame {number}: a focus with a phase of its own; the solver {solver} chooses "
-                "the phases, naive does not"
-            )
+        if mode == "phases":
+            check_full_amplitude(number, foci, "mode phases drives", ", drives and points do not")
+        if mode == "points" and not self._graded:
+            check_full_amplitude(number, foci, "the board drives")
 
     def _phases(self, foci: list[tuple[Focus, ...]], solver: Method) -> list[Frame]:
         shift = REGISTER_BITS - self._bits
-        codes = quantise_phase(self._phases_rad(foci, solver), self._bits)
+        codes = quantise_phase(frame_phases_rad(self._model, foci, solver), self._bits)
         full = np.full(codes.shape[1], FULL_AMPLITUDE, dtype=np.uint8)
         return [
             Frame(
@@ -186,15 +171,6 @@ class FrameBuilder:
             )
             for group, row in zip(foci, codes, strict=True)
         ]
-
-    def _phases_rad(self, foci: list[tuple[Focus, ...]], solver: Method) -> NDArray[np.float64]:
-        """Return the (T, N) phases; several foci in a frame: those of the solver's drive."""
-        if all(len(group) == 1 for group in foci):
-            positions = np.array([group[0].position_m for group in foci])
-            lags = np.array([[group[0].phase_rad] for group in foci])
-            phases: NDArray[np.float64] = focus_phases(self._model, positions) + lags
-            return phases
-        return np.array([np.angle(frame_weights(self._model, group, solver)) for group in foci])
 
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
         drive = Drive.from_weights(frame_weights(self._model, foci, solver), REGISTER_BITS)
@@ -212,6 +188,45 @@ class FrameBuilder:
             drive = Drive(drive.phase_codes, np.full_like(drive.amplitude_codes, FULL_AMPLITUDE))
         message = Points(points)
         return Frame(rounded, drive, message, self._geometry_hash, sound_speed_mm_s=speed_mm_s)
+
+
+def check_frame_foci(
+    model: AcousticModel, number: int, foci: tuple[Focus, ...], solver: Method
+) -> None:
+    """Refuse foci of frame *number* that are out of reach, or have phases that *solver* chooses."""
+    try:
+        for focus in foci:
+            check_focus_target(model, focus.position_m)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"frame {number}: {error}") from error
+    if solver != "naive" and any(focus.phase_rad != 0.0 for focus in foci):
+        raise ConfigurationError(
+            f"frame {number}: a focus with a phase of its own; the solver {solver} chooses "
+            "the phases, naive does not"
+        )
+
+
+def check_full_amplitude(
+    number: int, foci: tuple[Focus, ...], who_drives: str, others: str = ""
+) -> None:
+    """Refuse a single focus of less than full amplitude, which phases alone cannot make."""
+    if len(foci) == 1 and foci[0].amplitude != 1.0:
+        raise ConfigurationError(
+            f"frame {number}: a focus of amplitude {foci[0].amplitude:g}; {who_drives} every "
+            f"transducer at full amplitude{others}"
+        )
+
+
+def frame_phases_rad(
+    model: AcousticModel, foci: Sequence[tuple[Focus, ...]], solver: Method
+) -> NDArray[np.float64]:
+    """Return the (T, N) phases of T frames; several foci in one: those of the solver's drive."""
+    if all(len(group) == 1 for group in foci):
+        positions = np.array([group[0].position_m for group in foci])
+        lags = np.array([[group[0].phase_rad] for group in foci])
+        phases: NDArray[np.float64] = focus_phases(model, positions) + lags
+        return phases
+    return np.array([np.angle(frame_weights(model, group, solver)) for group in foci])
 
 
 def frame_sound_speed_mm_s(model: AcousticModel) -> int:

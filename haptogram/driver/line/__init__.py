@@ -1,1 +1,1 @@
-"""The line between host and board: ports, the pump behind them, and how much they carry."""
+"""The line between host and board: ports, the pumps behind them, how much they carry."""

@@ -46,13 +46,21 @@ def line_round_trip_ns(request: int, reply: int, baudrate: int, latency_timer_ns
     return there_and_back + latency_timer_ns
 
 
-def check_line_rate(size: int, *, baudrate: int, rate_hz: float) -> None:
+def check_line_rate(
+    size: int,
+    *,
+    baudrate: int,
+    rate_hz: float,
+    remedy: str = "lower the rate, raise baud, or send shorter frames",
+) -> None:
     """Refuse a rate that the line cannot carry.
 
     Parameters
     ----------
     size : int
         Bytes of the longest frame on the line.
+    remedy : str
+        Advice at the end of the error.
 
     Raises
     ------
@@ -63,7 +71,7 @@ def check_line_rate(size: int, *, baudrate: int, rate_hz: float) -> None:
     if rate_hz > highest_hz:
         raise ConfigurationError(
             f"rate_hz is {rate_hz:g}; {size} bytes a frame at {baudrate} baud carry "
-            f"{math.floor(highest_hz)} frames/s: lower the rate, raise baud, or send shorter frames"
+            f"{math.floor(highest_hz)} frames/s: {remedy}"
         )
 
 

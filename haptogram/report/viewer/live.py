@@ -11,7 +11,7 @@ from typing import Any, Final
 from haptogram.acoustics import Drive, NotSingle, Reconstruction, SingleFocus, saturated_weights
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model, observation_of
-from haptogram.evidence.pulse_records import PulseObservation, pulse_observation_of
+from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
 from haptogram.records.frame import Observation
 
 from .frames import LATE, TIMELY, ShownFrame

@@ -32,6 +32,7 @@ from .target import Bools, FrameTarget
 
 _ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
 AMPLITUDE_STEP: Final = 1.0 / FULL_AMPLITUDE
+REGISTER_STEPS: Final = 256
 _LEAST_COHERENCE: Final = 0.5  # whatever is tolerated: half of the pressure is no focus any more
 _MM: Final = 1e3
 
@@ -51,7 +52,16 @@ def phase_limit_rad(intended: Intended, grain_rad: float = 0.0) -> float:
         :func:`position_grain_rad`.
     """
     allowance_rad = allowed_phase_codes(intended) * phase_step_rad(8)
-    return phase_step_rad(intended.phase_bits) / 2.0 + allowance_rad + grain_rad + _ROUNDING_RAD
+    return judged_step_rad(intended) / 2.0 + allowance_rad + grain_rad + _ROUNDING_RAD
+
+
+def judged_step_rad(intended: Intended) -> float:
+    """Return the step of the phases; one of 8 bits more, in which they are judged, if it differs.
+
+    Boards of 10 or 24 steps have phases between those of 8 bits.
+    """
+    between = phase_step_rad(8) if REGISTER_STEPS % intended.steps else 0.0
+    return math.tau / intended.steps + between
 
 
 def position_grain_rad(model: AcousticModel) -> float:

@@ -23,7 +23,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.driver.frames.builder import frame_sound_speed_mm_s, frame_weights
 from haptogram.errors import ConfigurationError
-from haptogram.records.frame import Focus, FrameKey, Intended, Observation
+from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
 
 from ..faults import name_drive_faults
 from ..tolerance import Tolerance, Uncertainty
@@ -41,6 +41,9 @@ _BYTES: Final = 6000  # of an entry, besides those per element
 _BYTES_PER_ELEMENT: Final = 160  # of a target: phases, pressures, the responses of focus and peaks
 _ANY: Final = FrameKey(0, 0, 0, 0)
 _ITS_OWN: Final = ("number", "key", "t_apply_us", "t_latch_us", "late", "early")
+_ON_THE_WIRE: Final = (
+    "the bytes that left the host are the right drive; nobody saw what the board latched"
+)
 _EXACT_RAD: Final = 1e-7  # positions that are whole micrometres, but for the arithmetic
 
 
@@ -130,12 +133,14 @@ class FrameJudge:
             yield dataclasses.replace(model, array=model.array.on_wire())
 
     def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
-        """Return the verdict on a frame that was latched."""
+        """Return the verdict on a frame that was latched, or seen on the wire."""
         seen = self._seen(intended, observation)
         found = self._judged(
             _without_identity(intended),
             dataclasses.replace(observation, key=_ANY, t_latch_us=0, late=False),
         )
+        if observation.evidence is Evidence.WIRE and found.status is FrameStatus.ON_TARGET:
+            found = dataclasses.replace(found, status=FrameStatus.NOT_VERIFIED, note=_ON_THE_WIRE)
         return dataclasses.replace(found, **{name: getattr(seen, name) for name in _ITS_OWN})
 
     def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
@@ -226,11 +231,15 @@ class FrameJudge:
     def _reconstruct(
         self, latched: Drive, intended: Intended, target: FrameTarget
     ) -> Reconstruction:
-        # The registers have 8 bits; how well the phases fit a focus depends on those of the wire.
-        bits = intended.phase_bits
-        if bits not in self._reconstructors:
-            self._reconstructors[bits] = Reconstructor(self._model, bits)
-        return self._reconstructors[bits].reconstruct(latched, slack_rad=target.tolerated_rad)
+        # The registers have 8 bits; how well the phases fit a focus depends on the wire's steps.
+        steps = intended.steps
+        if steps not in self._reconstructors:
+            self._reconstructors[steps] = Reconstructor(self._model)
+        return self._reconstructors[steps].reconstruct_weights(
+            latched.weights(),
+            step_rad=criteria.judged_step_rad(intended),
+            slack_rad=target.tolerated_rad,
+        )
 
 
 def _is_undecided(found: NotSingle, target: FrameTarget) -> bool:

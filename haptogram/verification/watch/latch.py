@@ -11,7 +11,7 @@ from haptogram.acoustics.arrays import ComplexArray
 from haptogram.records.frame import Evidence
 
 POWER_UP: Final = "power-up"
-_OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame"})  # what boards latch without a client
+OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame"})  # what boards latch without a client
 #: What codecs count of a frame that is not whole: bytes of it were lost, or changed.
 TORN_KINDS: Final = frozenset(
     {
@@ -70,7 +70,7 @@ class SeenLatch:
     @property
     def is_of_client(self) -> bool:
         """True if a client made the board latch."""
-        return self.cause not in _OWN_CAUSES
+        return self.cause not in OWN_CAUSES
 
     @property
     def torn(self) -> dict[str, int]:

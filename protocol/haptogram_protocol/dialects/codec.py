@@ -10,17 +10,20 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar, runtime_checkable
+from types import MappingProxyType
+from typing import Protocol, TypeAlias, TypeVar, runtime_checkable
 
 from ..errors import LocalProtocolError
 
 __all__ = [
     "BoardEnd",
+    "Codes",
     "Commits",
     "Dialect",
     "DialectEnd",
+    "Display",
     "HostEnd",
     "OneWayHost",
     "Operation",
@@ -39,6 +42,15 @@ class Reply:
     """One thing that the bytes of a board tell the host."""
 
     __slots__ = ()
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the board did not do what it was asked; None: it did."""
+        return None
+
+
+#: For each channel of a line the step of the period at which its pulse begins; None: off.
+Codes: TypeAlias = Sequence[int | None]
 
 
 Sent_contra = TypeVar("Sent_contra", contravariant=True)
@@ -73,7 +85,13 @@ class DialectEnd(Protocol[Sent_contra, Received]):
         ...
 
 
-HostEnd = DialectEnd[Operation, Reply]
+class HostEnd(DialectEnd[Operation, Reply], Protocol):
+    """The host's end of a wire."""
+
+    @property
+    def due(self) -> int:
+        """Answers that the host waits for."""
+        ...
 
 
 class BoardEnd(DialectEnd[Reply, Operation], Protocol):
@@ -96,6 +114,65 @@ class Commits(Protocol):
     def is_uncommitted(self) -> bool:
         """True if there are bytes of a frame that no command has shown yet."""
         ...
+
+
+class Display:
+    """The way from phases to operations, for all boards of one line, as long as the link lasts.
+
+    Attributes
+    ----------
+    channels : int
+        Channels of all boards.
+    steps : int
+        Steps of a period that their outputs have.
+    level : float
+        Fundamental of their pulses, as a share of that of half a period.
+    mounting : sequence of float
+        For each channel the lag of its emitter, in periods, because of how it is mounted; empty: 0.
+    unconnected : frozenset of int
+        Channels that have no output.
+    settle_s : float
+        Time that the boards need after the opening, seconds.
+    forgets_s : float
+        Silence after which the boards may lose the beginning of a frame: one that is off goes
+        ahead of the next one then.
+    options : mapping of str to int
+        Keywords with which :class:`Dialect` makes both ends for these boards.
+    """
+
+    level = 1.0
+    mounting: Sequence[float] = ()
+    unconnected: frozenset[int] = frozenset()
+    settle_s = 0.0
+    forgets_s = float("inf")
+    options: Mapping[str, int] = MappingProxyType({})
+
+    def __init__(self, channels: int, steps: int) -> None:
+        self.channels, self.steps = channels, steps
+
+    def opening(self) -> list[Operation]:
+        """Return the operations after which every channel is off."""
+        return self.off()
+
+    def frame(self, codes: Codes) -> list[Operation]:
+        """Return the operations that show *codes*, one of them for each channel."""
+        raise NotImplementedError
+
+    def read(self, operations: Sequence[Operation]) -> list[int | None] | None:
+        """Return the codes that *operations* show in the end; None: no whole frame."""
+        raise NotImplementedError
+
+    def unfinished(self, replies: Sequence[Reply]) -> list[Operation]:  # noqa: ARG002  most boards never answer
+        """Return the operations that ask again, if *replies* say that the boards are not done."""
+        return []
+
+    def off(self) -> list[Operation]:
+        """Return the operations after which every channel is off."""
+        return self.frame([None] * self.channels)
+
+    def closing(self) -> list[Operation]:
+        """Return the operations with which a host goes; every channel is off by then."""
+        return []
 
 
 @dataclass(frozen=True)
@@ -121,6 +198,9 @@ class Dialect:
         Make an end; options are keywords that the dialect's module describes.
     signature : re.Pattern
         Bytes that give the dialect away among others.
+    display : callable or None
+        From the number of boards on the line to how a host shows phases on them; None: this program
+        emulates the boards and does not drive them.
     """
 
     name: str
@@ -132,6 +212,7 @@ class Dialect:
     board: Callable[..., BoardEnd]
     host: Callable[..., HostEnd]
     signature: re.Pattern[bytes]
+    display: Callable[[int], Display] | None = None
 
 
 class OneWayHost:
@@ -143,6 +224,11 @@ class OneWayHost:
     @property
     def pending(self) -> int:
         """Nothing is held back."""
+        return 0
+
+    @property
+    def due(self) -> int:
+        """No answer is due."""
         return 0
 
     def receive_data(self, data: bytes) -> list[Reply]:

@@ -22,19 +22,22 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from ..errors import LocalProtocolError
-from .codec import Dialect, OneWayHost, Operation, Reply, no_dialect_bytes_for
+from .codec import Codes, Dialect, Display, OneWayHost, Operation, Reply, no_dialect_bytes_for
 
 __all__ = [
     "CHANNELS",
     "FRAME_BYTES",
     "FULL_DUTY",
     "INTERACTLAB",
+    "STEPS",
     "FifoCleared",
     "InteractlabBoard",
+    "InteractlabDisplay",
     "InteractlabHost",
     "QueueFrame",
 ]
@@ -42,6 +45,8 @@ __all__ = [
 CHANNELS: Final = 256
 FRAME_BYTES: Final = 2 * CHANNELS
 FULL_DUTY: Final = 64
+STEPS: Final = 128
+SECOND_S: Final = 1.0  # from power-up to the first frame, and of silence until the FIFO is cleared
 _WIRE: Final = "interactlab"
 _BIT: Final = 0x80
 _LOW_BITS: Final = bytes(byte & 0x7F for byte in range(256))
@@ -186,6 +191,29 @@ class InteractlabHost(OneWayHost):
         return bytes(frame)
 
 
+class InteractlabDisplay(Display):
+    """Phases at full duty; the FIFO is empty before each frame, as serial lines are slow."""
+
+    settle_s = SECOND_S
+    forgets_s = SECOND_S
+
+    def __init__(self) -> None:
+        super().__init__(CHANNELS, STEPS)
+
+    def frame(self, codes: Codes) -> list[Operation]:
+        """Return the frame of *codes*."""
+        duties = bytes(0 if code is None else FULL_DUTY for code in codes)
+        return [QueueFrame(bytes(code or 0 for code in codes), duties)]
+
+    def read(self, operations: Sequence[Operation]) -> list[int | None] | None:
+        """Return the codes of the last frame."""
+        frames = [operation for operation in operations if isinstance(operation, QueueFrame)]
+        if not frames:
+            return None
+        pairs = zip(frames[-1].phases, frames[-1].duties, strict=True)
+        return [phase if duty else None for phase, duty in pairs]
+
+
 def _check(message: QueueFrame) -> None:
     for name, values in (("phases", message.phases), ("duties", message.duties)):
         if len(values) != CHANNELS or max(values) >= _BIT:
@@ -209,10 +237,11 @@ INTERACTLAB: Final = Dialect(
     name=_WIRE,
     title="InteractLab / OpenMPD, FPGA 3.4.2",
     bauds=(250_000,),
-    steps=128,
+    steps=STEPS,
     channels=CHANNELS,
     frame_bytes=lambda boards: FRAME_BYTES * boards,
     board=InteractlabBoard,
     host=InteractlabHost,
     signature=re.compile(rb"[\x80-\xff].{255}[\x00-\x41]{256}", re.DOTALL),
+    display=lambda _: InteractlabDisplay(),
 )

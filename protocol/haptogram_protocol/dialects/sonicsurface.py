@@ -19,10 +19,12 @@ Not known: the channel of a phase correction for code number 256 and later of a 
 from __future__ import annotations
 
 import functools
+import math
 import re
+from collections.abc import Sequence
 from typing import Final
 
-from .codec import Dialect, Operation
+from .codec import Codes, Dialect, Operation
 from .fpga_bytes import (
     Begin,
     Clocks,
@@ -34,6 +36,7 @@ from .fpga_bytes import (
     SetPhases,
     Swap,
 )
+from .fpga_display import FpgaDisplay
 
 __all__ = [
     "CHANNELS",
@@ -43,11 +46,15 @@ __all__ = [
     "TACTILE",
     "TACTILE_CORRECTION",
     "TACTILE_RULES",
+    "TACTILE_STEPS",
+    "TACTILE_WIDTH",
     "sonicsurface_frame",
 ]
 
 CHANNELS: Final = 256
 OFF: Final = 32
+TACTILE_STEPS: Final = 16  # of a period at the outputs of the tactile firmware,
+TACTILE_WIDTH: Final = 7  # and of its pulses
 
 RULES: Final = FpgaByteRules(
     "sonicsurface",
@@ -97,6 +104,28 @@ def sonicsurface_frame(codes: bytes, boards: tuple[int, ...] = (0,)) -> list[Ope
     return [Begin(), SetPhases(boards, 0, codes), Swap()]
 
 
+class _TactileDisplay(FpgaDisplay):
+    """The tactile firmware: codes that its correction brings onto the step that is meant."""
+
+    level = math.sin(math.pi * TACTILE_WIDTH / TACTILE_STEPS)
+    mounting = tuple(-added / OFF for added in TACTILE_CORRECTION)
+
+    def __init__(self) -> None:
+        super().__init__(TACTILE_RULES, TACTILE_STEPS)
+
+    def frame(self, codes: Codes) -> list[Operation]:
+        pairs = zip(codes, TACTILE_CORRECTION, strict=True)
+        sent = [None if code is None else (2 * code - added) % OFF for code, added in pairs]
+        return super().frame(sent)
+
+    def read(self, operations: Sequence[Operation]) -> list[int | None] | None:
+        codes = super().read(operations)
+        if codes is None:
+            return None
+        pairs = zip(codes, TACTILE_CORRECTION, strict=True)
+        return [None if code is None else (code + added) % OFF // 2 for code, added in pairs]
+
+
 SONICSURFACE: Final = Dialect(
     name="sonicsurface",
     title="SonicSurface, primary and secondary firmware",
@@ -107,6 +136,7 @@ SONICSURFACE: Final = Dialect(
     board=functools.partial(FpgaBoard, RULES),
     host=functools.partial(FpgaHost, RULES),
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe(?:[\xc0\xc1]?[\x00-\x20]{256}){1,2}\xfd"),
+    display=lambda boards: FpgaDisplay(RULES, 32, boards),
 )
 TACTILE: Final = Dialect(
     name="sonicsurface-tactile",
@@ -120,4 +150,5 @@ TACTILE: Final = Dialect(
     signature=re.compile(
         rb"[\xa0-\xbf]\xfe[\x00-\x20]{256}\xfd|\xfe[\x00-\x20]{256}\xfd[\xa0-\xbf]"
     ),
+    display=lambda _: _TactileDisplay(),
 )

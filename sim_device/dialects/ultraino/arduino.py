@@ -7,25 +7,30 @@ published either: it is Nano16's here, with 24 slots of one port.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram.acoustics import TransducerArray
-from haptogram.acoustics.model.boards.grids import ULTRAINO_FLAT8
-from haptogram.acoustics.model.boards.layout import Y_UP, BoardLayout
+from haptogram.acoustics.model.boards.grids import (
+    ULTRAINO_FLAT8,
+    ULTRAINO_NANO8,
+    ULTRAINO_NANO16,
+)
+from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.dialects.ultraino import arduino as wire
-from haptogram_protocol.dialects.ultraino.slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_LAYOUT
+from haptogram_protocol.dialects.ultraino.slots import (
+    MEGA64_LAYOUT,
+    NANO8_LAYOUT,
+    NANO16_CONNECTED,
+    NANO16_LAYOUT,
+)
 
 from ..emulation import Emulation
 from .slot_boards import Outputs, SlotBoards
 
 _USUAL, _ANIMATION = "usual", "animation"
 _BOARDS_HELP: Final = "boards of the chain; the elements of each follow those of the one before"
-# DDRC = 0b00111111, DDRD = 0b11111100: 12 outputs of 16, DriverNano16.ino.
-_NANO16_CONNECTED: Final = bytes([0b00111111, 0b11111100])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,24 +74,12 @@ def _emulation(
     )
 
 
-def _grid(name: str, columns: int, rows: int) -> BoardLayout:
-    return BoardLayout(
-        name,
-        f"grid of {columns} x {rows} elements of 10 mm",
-        "assumed: no array is published",
-        functools.partial(TransducerArray.grid, columns, rows),
-        Y_UP,
-    )
-
-
 MEGA64: Final = _emulation(
     wire.MEGA64, Outputs(wire.MEGA64_FIRMWARE, MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
 )
 NANO16: Final = _emulation(
     wire.NANO16,
-    Outputs(wire.NANO16_FIRMWARE, NANO16_LAYOUT, _NANO16_CONNECTED),
-    _grid("ultraino-nano16", 4, 4),
+    Outputs(wire.NANO16_FIRMWARE, NANO16_LAYOUT, NANO16_CONNECTED),
+    ULTRAINO_NANO16,
 )
-NANO8: Final = _emulation(
-    wire.NANO8, Outputs(wire.NANO8_FIRMWARE, NANO8_LAYOUT), _grid("ultraino-nano8", 4, 2)
-)
+NANO8: Final = _emulation(wire.NANO8, Outputs(wire.NANO8_FIRMWARE, NANO8_LAYOUT), ULTRAINO_NANO8)

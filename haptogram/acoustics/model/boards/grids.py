@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from typing import Final
 
@@ -162,6 +163,20 @@ ULTRAINO_FLAT8: Final = BoardLayout(
     ultraino_flat8,
     Y_UP,
 )
+
+
+def _assumed_grid(name: str, title: str, columns: int, rows: int) -> BoardLayout:
+    return BoardLayout(
+        name,
+        f"{title}: grid of {columns} x {rows} elements of 10 mm",
+        "assumed: no array is published",
+        functools.partial(TransducerArray.grid, columns, rows),
+        Y_UP,
+    )
+
+
+ULTRAINO_NANO16: Final = _assumed_grid("ultraino-nano16", "Ultraino Nano16", 4, 4)
+ULTRAINO_NANO8: Final = _assumed_grid("ultraino-nano8", "Ultraino Nano8", 4, 2)
 INTERACTLAB: Final = BoardLayout(
     "interactlab",
     "InteractLab board of OpenMPD",

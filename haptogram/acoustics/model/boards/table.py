@@ -11,6 +11,8 @@ from haptogram.acoustics.model.boards.grids import (
     SONICSURFACE,
     SONICSURFACE_STACK,
     ULTRAINO_FLAT8,
+    ULTRAINO_NANO8,
+    ULTRAINO_NANO16,
     ULTRAINO_SONICSURFACE,
     ULTRAINO_STACK,
 )
@@ -31,13 +33,16 @@ LAYOUTS: Final = {
         AUTD3,
     )
 }
-#: Layout of one board of each dialect, as its clients have it; Nano boards have none.
+#: Layout of each dialect, as its clients have it; that of Nano boards is assumed.
 LAYOUT_OF_DIALECT: Final = {
     "sonicsurface": SONICSURFACE,
     "sonicsurface-tactile": SONICSURFACE,
     "ultraino-fpga": ULTRAINO_SONICSURFACE,
+    "ultraino-fpga-128": TINYLEV,
     "ultraino-fpga-chained": ULTRAINO_STACK,
     "ultraino-mega64": ULTRAINO_FLAT8,
+    "ultraino-nano8": ULTRAINO_NANO8,
+    "ultraino-nano16": ULTRAINO_NANO16,
     "interactlab": INTERACTLAB,
     "autd3": AUTD3,
 }

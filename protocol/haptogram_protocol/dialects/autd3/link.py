@@ -28,6 +28,7 @@ from typing import Final
 
 from ...errors import LocalProtocolError
 from ..codec import Dialect, Operation, Reply, no_dialect_bytes_for
+from .display import Autd3Display
 from .frame import DEVICE_FRAME_BYTES, DeviceReader, DeviceState
 from .messages import (
     VERSION,
@@ -234,6 +235,11 @@ class Autd3Host:
         """Bytes of a reply that has not ended."""
         return len(self._buffer)
 
+    @property
+    def due(self) -> int:
+        """Answers that have not come."""
+        return len(self._due)
+
     def send(self, message: Operation) -> bytes:
         """Return the bytes of *message*; its answer is then due.
 
@@ -331,4 +337,5 @@ AUTD3: Final = Dialect(
     board=Autd3Board,
     host=Autd3Host,
     signature=re.compile(rb"\x10..AUTD3REMOTE", re.DOTALL),
+    display=Autd3Display,
 )

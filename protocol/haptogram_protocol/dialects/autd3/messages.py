@@ -7,6 +7,7 @@ from typing import Final
 
 from ..codec import Operation, Reply
 from .frame import DeviceFrame, DeviceState
+from .operations import autd3_error_text
 
 __all__ = [
     "VERSION",
@@ -90,9 +91,22 @@ class Refused(Reply):
 
     reason: str
 
+    @property
+    def refusal(self) -> str | None:
+        """The reason."""
+        return self.reason
+
 
 @dataclass(frozen=True, slots=True)
 class States(Reply):
     """Answers of all devices."""
 
     devices: tuple[DeviceState, ...]
+
+    @property
+    def refusal(self) -> str | None:
+        """The first error of a device."""
+        for number, device in enumerate(self.devices):
+            if device.error:
+                return f"device {number} answers {autd3_error_text(device.error)}"
+        return None

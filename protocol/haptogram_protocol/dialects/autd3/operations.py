@@ -32,6 +32,7 @@ __all__ = [
     "TransitionMode",
     "Truncated",
     "Unsupported",
+    "autd3_error_text",
     "autd3_refusal",
 ]
 
@@ -287,3 +288,9 @@ def autd3_refusal(operation: Operation) -> ErrorCode:
     if isinstance(operation, FirmwareInfo) and operation.kind not in list(InfoType):
         return ErrorCode.INVALID_INFO_TYPE
     return ErrorCode.NONE
+
+
+def autd3_error_text(error: int) -> str:
+    """Return the name of an error code, or its number if it has none."""
+    known = error in ErrorCode._value2member_map_
+    return f"error {error}" + (f", {ErrorCode(error).name}" if known else "")

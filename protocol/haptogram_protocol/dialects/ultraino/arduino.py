@@ -37,6 +37,8 @@ from typing import Final
 from ...errors import LocalProtocolError
 from ..codec import Dialect, OneWayHost, Operation, Reply, no_dialect_bytes_for
 from .operations import CommitDurations, Forward, Restart, SetDurations, SetPattern, Swap
+from .slot_display import ONE_PATTERN, SlotDisplay
+from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, SlotLayout
 
 __all__ = [
     "MAX_BOARDS",
@@ -328,7 +330,7 @@ class ArduinoHost(OneWayHost):
         )
 
 
-def mega64_frame(patterns: list[bytes], durations: bytes = b"\x01\x00") -> list[Operation]:
+def mega64_frame(patterns: list[bytes], durations: bytes = ONE_PATTERN) -> list[Operation]:
     """Return the operations of a frame of MEGA64 from the slot bytes of each board of a chain."""
     return [
         *(SetPattern(board, 0, slots) for board, slots in enumerate(patterns)),
@@ -360,12 +362,18 @@ def _to_pairs(durations: bytes) -> bytes:
     return bytes(0x30 | value << up & 0xC0 for value in durations for up in (0, 2, 4, 6))
 
 
-def _dialect(firmware: ArduinoFirmware, title: str, steps: int, channels: int) -> Dialect:
+def _dialect(
+    firmware: ArduinoFirmware, title: str, layout: SlotLayout, connected: bytes = b""
+) -> Dialect:
     def board(*, boards: int = 1) -> ArduinoBoard:
         return ArduinoBoard(firmware, boards)
 
     def host(*, boards: int = 1) -> ArduinoHost:
         return ArduinoHost(firmware, boards)
+
+    def display(boards: int) -> SlotDisplay:
+        durations = ONE_PATTERN if firmware.durations else b""
+        return SlotDisplay(layout, boards, durations=durations, connected=connected)
 
     ours = _PARTS[1].removesuffix(b"+")
     pattern = b"(?<!%b)(?:%b{%d})+" % (ours, ours, firmware.half_bytes)
@@ -377,15 +385,18 @@ def _dialect(firmware: ArduinoFirmware, title: str, steps: int, channels: int) -
         name=firmware.wire,
         title=title,
         bauds=(115_200,),
-        steps=steps,
-        channels=channels,
+        steps=layout.steps,
+        channels=len(layout.pins),
         frame_bytes=functools.partial(_frame_bytes, firmware),
         board=board,
         host=host,
         signature=re.compile(pattern + others + ending, re.DOTALL),
+        display=display,
     )
 
 
-MEGA64: Final = _dialect(MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", steps=10, channels=64)
-NANO16: Final = _dialect(NANO16_FIRMWARE, "Ultraino Arduino Nano16", steps=16, channels=16)
-NANO8: Final = _dialect(NANO8_FIRMWARE, "Ultraino Arduino Nano8", steps=24, channels=8)
+MEGA64: Final = _dialect(MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", MEGA64_LAYOUT)
+NANO16: Final = _dialect(
+    NANO16_FIRMWARE, "Ultraino Arduino Nano16", NANO16_LAYOUT, NANO16_CONNECTED
+)
+NANO8: Final = _dialect(NANO8_FIRMWARE, "Ultraino Arduino Nano8", NANO8_LAYOUT)

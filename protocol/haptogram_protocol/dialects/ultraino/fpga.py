@@ -43,6 +43,7 @@ from ..fpga_bytes import (
     Swap,
     ToggleMultiplex,
 )
+from ..fpga_display import FpgaDisplay
 
 __all__ = [
     "CHAINED",
@@ -149,6 +150,7 @@ SIMPLE: Final = Dialect(
     board=_fpga_board,
     host=_fpga_host,
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
+    display=lambda _: FpgaDisplay(RULES[FALLS_THROUGH], 32),
 )
 SIMPLE_128: Final = Dialect(
     name="ultraino-fpga-128",
@@ -160,6 +162,7 @@ SIMPLE_128: Final = Dialect(
     board=functools.partial(FpgaBoard, RULES_128),
     host=functools.partial(FpgaHost, RULES_128),
     signature=re.compile(rb"\xfe[\x00-\x80]{72}\xfd"),
+    display=lambda _: FpgaDisplay(RULES_128, 128),
 )
 CHAINED: Final = Dialect(
     name="ultraino-fpga-chained",
@@ -171,4 +174,5 @@ CHAINED: Final = Dialect(
     board=_chained_board,
     host=_chained_host,
     signature=re.compile(rb"(?<!\xfe)(?:[\xc0-\xcf][\x00-\x20]{256})+\xfd"),
+    display=lambda boards: FpgaDisplay(chained_rules(boards), 32, boards),
 )

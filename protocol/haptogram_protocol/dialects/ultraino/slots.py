@@ -13,7 +13,14 @@ from typing import Final
 
 from ...errors import LocalProtocolError
 
-__all__ = ["MEGA64_LAYOUT", "NANO8_LAYOUT", "NANO16_LAYOUT", "Pulse", "SlotLayout"]
+__all__ = [
+    "MEGA64_LAYOUT",
+    "NANO8_LAYOUT",
+    "NANO16_CONNECTED",
+    "NANO16_LAYOUT",
+    "Pulse",
+    "SlotLayout",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,4 +99,6 @@ _PORT_MAPPING: Final = """
 """
 MEGA64_LAYOUT: Final = SlotLayout(10, 10, tuple(map(int, _PORT_MAPPING.split())))
 NANO16_LAYOUT: Final = SlotLayout(16, 2, tuple(range(16)))
+# DDRC = 0b00111111, DDRD = 0b11111100: 12 outputs of 16, DriverNano16.ino, 6411b27.
+NANO16_CONNECTED: Final = bytes([0b00111111, 0b11111100])
 NANO8_LAYOUT: Final = SlotLayout(24, 1, tuple(range(8)))

@@ -1,6 +1,6 @@
 import pytest
 
-from haptogram.driver.handshake import open_session
+from haptogram.driver.line.handshake import open_session
 from haptogram.driver.line.link import Link
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
 from haptogram_protocol import HostConnection

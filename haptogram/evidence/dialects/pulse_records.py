@@ -13,8 +13,7 @@ from haptogram.acoustics import Reconstruction
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram.errors import ConfigurationError
-
-from .backdoor import reconstruction_of
+from haptogram.evidence.backdoor import reconstruction_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

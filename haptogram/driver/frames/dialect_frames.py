@@ -1,0 +1,151 @@
+"""Frames of a board that speaks another wire: a code for each channel, from foci or from phases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import AcousticModel, Drive
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.acoustics.solvers.several import METHODS, Method
+from haptogram.driver.frames.builder import (
+    check_frame_foci,
+    check_full_amplitude,
+    frame_phases_rad,
+)
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Focus, FrameKey, Intended
+from haptogram.settings.arguments import check_choice
+from haptogram_protocol.dialects.codec import Codes, Display
+
+_BATCH: Final = 512  # frames whose phases are computed at a time
+_REGISTER_BITS: Final = 8  # of the drives in records and verdicts
+_TURN: Final = 1 << _REGISTER_BITS
+_SESSION: Final = 0  # these wires know none
+
+
+@dataclass(frozen=True, slots=True)
+class DialectFrame:
+    """One frame, ready to be sent.
+
+    Attributes
+    ----------
+    foci : tuple of Focus
+        Focal points of the frame; none if the caller gave phases.
+    codes : tuple of int or None
+        Step of each channel; None: off.
+    drive : Drive
+        Drive that these codes are, of each element.
+    steps : int
+        Steps of a period.
+    solver : str
+        Method that made the drive.
+    """
+
+    foci: tuple[Focus, ...]
+    codes: tuple[int | None, ...]
+    drive: Drive
+    steps: int
+    solver: Method = "naive"
+
+    def intended(self, number: int) -> Intended:
+        """Return the record that it is to be latched, as frame *number* on the line."""
+        return Intended(
+            number=number,
+            key=FrameKey.of_stream(_SESSION, number),
+            t_apply_us=None,
+            foci=self.foci,
+            drive=self.drive,
+            phase_bits=_REGISTER_BITS,
+            phase_steps=self.steps,
+            solver=self.solver,
+        )
+
+
+class DialectFrameBuilder:
+    """Turns foci and phases into codes for the boards of one line.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air that the host assumes.
+    display : Display
+        The boards.
+    channels : sequence of int
+        Channel that drives each element.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is not a channel of its own for each element.
+    """
+
+    def __init__(self, model: AcousticModel, display: Display, channels: Sequence[int]) -> None:
+        self._model, self._display = model, display
+        self._channels = [int(channel) for channel in channels]
+        if len(self._channels) != model.array.count:
+            raise ConfigurationError(
+                f"channels holds {len(self._channels)}, must be one for each of "
+                f"{model.array.count} elements"
+            )
+        outside = [c for c in self._channels if not 0 <= c < display.channels]
+        if outside or len(set(self._channels)) < len(self._channels):
+            told = f"channel {outside[0]}" if outside else "a channel twice"
+            raise ConfigurationError(
+                f"channels holds {told}; the boards have channels 0 to {display.channels - 1}"
+            )
+
+    def build(self, foci: Sequence[tuple[Focus, ...]], solver: Method) -> list[DialectFrame]:
+        """Return a frame for each entry of *foci*; equal ones are one and the same.
+
+        Raises
+        ------
+        ConfigurationError
+            A target out of reach, an amplitude that phases cannot make, or a solver that is not
+            known; the text names the frame.
+        """
+        check_choice("solver", solver, METHODS)
+        numbers: dict[tuple[Focus, ...], int] = {}
+        for number, group in enumerate(foci):
+            numbers.setdefault(group, number)
+        for group, number in numbers.items():
+            check_frame_foci(self._model, number, group, solver)
+            check_full_amplitude(number, group, "this wire is given phases alone, which drive")
+        groups = list(numbers)
+        batches = [groups[start : start + _BATCH] for start in range(0, len(groups), _BATCH)]
+        made = {
+            group: self.of_phases(row, group, solver)
+            for batch in batches
+            for group, row in zip(batch, frame_phases_rad(self._model, batch, solver), strict=True)
+        }
+        return [made[group] for group in foci]
+
+    def of_phases(
+        self,
+        phases_rad: NDArray[np.float64],
+        foci: tuple[Focus, ...] = (),
+        solver: Method = "naive",
+    ) -> DialectFrame:
+        """Return the frame of (N,) phases, each rounded to the nearest step."""
+        steps = self._display.steps
+        nearest = np.floor(phases_rad * (steps / math.tau) + 0.5).astype(np.int64) % steps
+        codes: list[int | None] = [None] * self._display.channels
+        for channel, code in zip(self._channels, nearest.tolist(), strict=True):
+            if channel not in self._display.unconnected:
+                codes[channel] = code
+        return DialectFrame(foci, tuple(codes), self.drive_of(codes), steps, solver)
+
+    def drive_of(self, codes: Codes) -> Drive:
+        """Return the drive of the elements that *codes* of all channels are."""
+        found = [codes[channel] for channel in self._channels]
+        turns = np.array([0 if code is None else code for code in found]) / self._display.steps
+        level = round(FULL_AMPLITUDE * self._display.level)
+        return Drive(
+            (np.floor(_TURN * turns + 0.5).astype(np.int64) % _TURN).astype(np.uint8),
+            np.array([0 if code is None else level for code in found], dtype=np.uint8),
+        )

@@ -1,0 +1,1 @@
+"""Boards of other dialects: their latches as observations, and one run on them."""
