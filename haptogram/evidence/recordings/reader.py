@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -236,7 +237,8 @@ class Recording:
 
         self.is_whole, self.damaged = False, 0
         with _opened(self.path) as file:
-            reader = StreamReader(file, emit_chunks=True, record_size_limit=_LARGEST_RECORD)
+            begun = _AsItWas(file)
+            reader = StreamReader(begun, emit_chunks=True, record_size_limit=_LARGEST_RECORD)
             try:
                 for record in reader.records:
                     if isinstance(record, Chunk):
@@ -247,7 +249,7 @@ class Recording:
             except OSError as error:
                 raise ConfigurationError(f"{self.path}: {error.strerror}") from error
             except Exception as error:  # the library raises what its parsers happen to raise
-                if not file.read(1):
+                if not begun.left:
                     return  # cut off: everything before was given
                 raise ConfigurationError(
                     f"{self.path}: damaged near byte {file.tell()}; haptogram repair saves what "
@@ -263,6 +265,19 @@ class Recording:
         except Exception:  # what the parsers of the library happen to raise
             self.damaged += 1
             return []
+
+
+class _AsItWas:
+    """A file up to where it ended when it was opened: a writer may still be at work."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.left = os.fstat(file.fileno()).st_size
+
+    def read(self, size: int) -> bytes:
+        data = self._file.read(min(size, self.left))
+        self.left -= len(data)
+        return data
 
 
 def _opened(path: Path) -> BinaryIO:

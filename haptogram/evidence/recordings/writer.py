@@ -9,9 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import platform
-import signal
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -19,6 +17,7 @@ import haptogram
 from haptogram.errors import ConfigurationError, missing_extra
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.files import STANDARD_OUTPUT
+from haptogram.machine.interrupts import DelayedInterrupts
 from haptogram.records.latch import LatchRecord
 
 from .channels import (
@@ -41,12 +40,6 @@ from .channels import (
 _FLUSH_NS: Final = 50_000_000  # 50 frames at 1 kHz: what a killed run can lose
 _CHUNK: Final = 256 * 1024
 _BATCH: Final = 8  # entries that are encoded at a time
-#: The signals that end a run in order; none, where the system cannot hold them back.
-_INTERRUPTS: Final = frozenset(
-    getattr(signal, name)
-    for name in ("SIGINT", "SIGTERM", "SIGHUP")
-    if hasattr(signal, "pthread_sigmask")
-)
 _RECORDS: Final = {"board": BOARD, "output": OUTPUT, "pulses": PULSES, "end": FAULTS}
 _TIMES: Final = ("t_us", "t_latch_us", "boot_us")
 _KEY: Final = ("session", "sequence", "loop", "index")
@@ -102,8 +95,10 @@ class RecordingWriter(ClosedByWith):
         self.failure = ""
         self.path = path
         self._file = _Output(_opened(path))
-        # A pipe may hold the writer up for good: there Ctrl-C must be heard.
-        self._whole_entries = _delayed_interrupts() if path.is_file() else contextlib.nullcontext()
+        # Half an entry would cost all behind it.
+        self._whole_entries = DelayedInterrupts()
+        if path.is_file():  # a pipe may hold the writer up for good: there Ctrl-C must be heard
+            self._whole_entries.install()
         self._writer: Any = Writer(
             self._file, chunk_size=_CHUNK, compression=CompressionType.NONE, enable_crcs=True
         )
@@ -193,6 +188,7 @@ class RecordingWriter(ClosedByWith):
                     self._writer.finish()
             with self._attempt():
                 self._file.close()
+        self._whole_entries.remove()
 
     # --- the file ------------------------------------------------------------------------------
 
@@ -229,20 +225,6 @@ class RecordingWriter(ClosedByWith):
             why = error.strerror or "it cannot be written"
             self.failure = f"{self.path}: the recording ended early: {why}"
             self._file.give_up()
-
-
-class _DelayedInterrupts:
-    """Lets an interrupt wait for the end of an entry, half of which would cost all behind it."""
-
-    def __enter__(self) -> None:
-        self._before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
-
-    def __exit__(self, *_: object) -> None:
-        signal.pthread_sigmask(signal.SIG_SETMASK, self._before)
-
-
-def _delayed_interrupts() -> AbstractContextManager[None]:
-    return _DelayedInterrupts() if _INTERRUPTS else contextlib.nullcontext()
 
 
 class _Output:

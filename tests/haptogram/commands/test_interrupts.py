@@ -1,7 +1,6 @@
 """Ctrl-C at any moment: while a program is loaded, at work, inside a callback that drops it."""
 
 import ctypes
-import os
 import random
 import signal
 import subprocess
@@ -75,10 +74,6 @@ COMMANDS = {
 }
 
 
-@pytest.mark.skipif(
-    "PYTEST_XDIST_WORKER" in os.environ,
-    reason="a worker of pytest-xdist hands its own ways with SIGINT on: run this file alone",
-)
 @pytest.mark.usefixtures("heeded")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_an_interrupt_at_any_moment_is_one_line_and_status_130(command, tmp_path):

@@ -2,6 +2,8 @@
 
 import json
 import signal
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -202,6 +204,20 @@ def test_a_cut_anywhere_is_no_error_but_before_the_beginning(tmp_path):
     assert refused < 300
 
 
+def test_a_recording_that_is_still_written_is_read_as_far_as_it_went(tmp_path):
+    path = tmp_path / "run.mcap"
+    whole = write(path).read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    recording = Recording(path)
+    entries = recording.entries((TO_BOARD,))
+    read = [next(entries).data]
+    path.write_bytes(whole)
+    read += [entry.data for entry in entries]
+    assert 1 < len(read) < FRAMES
+    assert read == [b"frame %d" % number for number in range(len(read))]
+    assert (recording.is_whole, recording.damaged) == (False, 0)
+
+
 def test_damage_of_some_bytes_costs_the_part_that_they_are_in(tmp_path):
     path = write(tmp_path / "run.mcap")
     content = bytearray(path.read_bytes())
@@ -230,20 +246,37 @@ def test_damage_between_chunks_is_one_line_and_what_lies_before_is_saved(tmp_pat
 
 @pytest.fixture
 def heard_interrupts():
-    """Ctrl-C as a command hears it; a worker of the tests is deaf to it."""
+    """Ctrl-C as a command hears it; a run of tests in the background ignores it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.fixture
+def idle_thread():
+    """A thread beside the writer's, which gets the signals of the process too."""
+    end = threading.Event()
+    thread = threading.Thread(target=end.wait)
+    thread.start()
+    yield thread
+    end.set()
+    thread.join()
+
+
 @pytest.mark.usefixtures("heard_interrupts")
+@pytest.mark.parametrize("is_other", [False, True], ids=["own thread", "another thread"])
 @pytest.mark.parametrize("step", ["start_record", "write2", "write8", "finish_record"])
-def test_an_interrupt_waits_until_an_entry_is_whole(step, tmp_path, monkeypatch):
+def test_an_interrupt_waits_until_an_entry_is_whole(
+    step, is_other, idle_thread, tmp_path, monkeypatch
+):
+    receiver = idle_thread if is_other else threading.current_thread()
     path = tmp_path / "run.mcap"
     usual = getattr(RecordBuilder, step)
 
     def interrupt(*arguments):
-        signal.raise_signal(signal.SIGINT)  # to this thread: a worker of the tests has others
+        signal.pthread_kill(receiver.ident, signal.SIGINT)
+        time.sleep(0.01 * is_other)  # until that thread has got it
         return usual(*arguments)
 
     with RecordingWriter(path) as writer:
