@@ -225,7 +225,7 @@ _EXPECTED: Final = Acting(
     "with --expect or --expect-file", lambda s: bool(s.expect) or s.expect_file is not None
 )
 _WATCH: Final[Rows] = {
-    **_always("link expect expect_file latches frames json junit quiet"),
+    **_always("link expect expect_file latches frames json junit html quiet"),
     **dict.fromkeys(
         ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 from typing import Any, Final
 
@@ -109,16 +110,21 @@ class _Socket:
         self._socket.close()
 
 
+def _opener(path: str, flags: int) -> int:
+    """Open a file, or a pipe whether or not a board has begun to write to it."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
 class _File:
     def __init__(self, path: str) -> None:
         try:
-            self._file = open(path, "rb")  # noqa: SIM115  closed by close()
+            self._file = open(path, "rb", buffering=0, opener=_opener)  # noqa: SIM115  closed by close()
         except OSError as error:
             raise ConfigurationError(f"cannot read {path}: {error.strerror}") from error
 
     def receive(self) -> bytes | None:
         """Return the bytes that were appended."""
-        return self._file.read(_AT_A_TIME)
+        return self._file.read(_AT_A_TIME) or b""
 
     def close(self) -> None:
         self._file.close()

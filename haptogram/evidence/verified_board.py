@@ -110,7 +110,7 @@ class VerifiedBoard(ClosedByWith):
         check_whole("most_late", most_late, 0, _MOST_ROUNDS)
         self._tolerance = Tolerance(miss_mm=tolerance_mm)
         checked = Expectation(self.model, frames_m, tolerance=self._tolerance)
-        self._frames_m = [checked.frame(number) for number in range(checked.count)]
+        self._frames_m = list(checked.frames)
         self._rounds, self._most_late = rounds, most_late
         self._may_stay_armed = may_stay_armed
 

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import functools
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -23,7 +24,7 @@ from ..acting_options import refuse_idle_options
 from ..shell.output_files import FILE_HELP, Outputs
 from ..shell.positions import position_argument_mm
 from .expected import Foci, expected_frames_mm, make_expectation
-from .lines import LatchLines, client_places_mm
+from .lines import LatchLines
 from .options import WATCHED_BOARD_OPTIONS, WatchConfig, watched_board_config
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ Records: TypeAlias = Iterator[dict[str, Any]]
 
 _PERIOD_S: Final = 0.05
 _PATIENCE_S: Final = 5.0
-_OUTPUTS: Final = ("frames", "json", "junit")
+_OUTPUTS: Final = ("frames", "json", "junit", "html")
 _EXAMPLES: Final = """\
 examples:
   haptogram watch --dialect sonicsurface --link /tmp/board
@@ -101,7 +102,7 @@ def set_up(parser: Parser, replay: Replay) -> None:
 def run(arguments: argparse.Namespace, replay: Replay) -> int:
     """Watch until the end, and return the exit status."""
     refuse_idle_options("watch", arguments)
-    outputs = Outputs(arguments, *_OUTPUTS)
+    outputs = Outputs(arguments, *_OUTPUTS, pictures=False)
     _check_source(arguments)
     frames_mm = expected_frames_mm(arguments)
     with _records(arguments, replay) as records, _frames_file(arguments.frames) as frames:
@@ -133,6 +134,7 @@ class _Run:
     ) -> None:
         from haptogram.evidence.watched_board import WatchedBoard
         from haptogram.records.frame import Evidence
+        from haptogram.report.watch import WatchPage
         from haptogram.verification.watch import Watch
 
         is_raw = arguments.source is not None and arguments.dialect is not None
@@ -140,6 +142,10 @@ class _Run:
         self._records, self._frames = records, frames
         self._board = WatchedBoard(next(records), evidence=evidence, timed=not is_raw)
         expectation = make_expectation(arguments, frames_mm, self._board)
+        self._expected_m = expectation.frames if expectation is not None else ()
+        self._page = None
+        if arguments.html is not None:
+            self._page = WatchPage(self._board)
         self._watch: Watch = Watch(
             self._board.model, channels=self._board.channels, expectation=expectation
         )
@@ -178,11 +184,15 @@ class _Run:
             self._lines.print_remark(record["text"])
 
     def _take(self, seen: WatchedLatch) -> None:
+        from haptogram.report.watch import client_places_mm
+
         self._lines.print(seen)
+        if self._page is not None:
+            self._page.take(seen)
         if seen.verdict is not None and self._arguments.junit is not None:
             self._verdicts.append(seen.verdict)
         if self._frames is not None:
-            line = seen.as_dict() | {"client_mm": client_places_mm(seen, self._board)}
+            line = seen.as_dict() | {"client_mm": client_places_mm(seen.pattern, self._board)}
             self._frames.write(json.dumps(line, allow_nan=False) + "\n")
             self._frames.flush()
 
@@ -200,6 +210,8 @@ class _Run:
             write_json_file(self._arguments.json, result.as_dict())
         if self._arguments.junit is not None:
             write_watch_junit(self._arguments.junit, result, self._verdicts)
+        if self._page is not None:
+            self._page.write(self._arguments.html, result, self._expected_m)
         outputs.announce()
         return result.verdict.exit_status
 
@@ -263,19 +275,21 @@ def _started_board(arguments: argparse.Namespace) -> Iterator[Records]:
     values = _board_config(arguments).non_default()
     folder = WorkingFolder("haptogram-watch-")
     try:
-        backdoor = folder.path / "backdoor.jsonl"
+        # A pipe takes what is read, and no more: a file would grow as long as somebody watches.
+        backdoor = folder.path / "backdoor"
+        os.mkfifo(backdoor)
         words = [f"--link={arguments.link}", f"--backdoor={backdoor}", "--no-reconstruct"]
-        process = BoardProcess(
-            [*words, *written_options(values, BOARD_OPTIONS)], folder.path / "log"
-        )
-        try:
+        with contextlib.ExitStack() as parts:
+            process = BoardProcess(
+                [*words, *written_options(values, BOARD_OPTIONS)], folder.path / "log"
+            )
+            parts.callback(process.close_pipe)
+            parts.callback(process.stop)
+            # Opened before the board writes, closed before it ends: neither waits for the other.
+            stream = parts.enter_context(BackdoorStream(str(backdoor)))
             process.wait_until_ready()
             print(f"{arguments.dialect} board at {arguments.link}", file=sys.stderr, flush=True)
-            with BackdoorStream(str(backdoor)) as stream:
-                yield stream_records(arguments.link, stream, process.is_running)
-        finally:
-            process.stop()
-            process.close_pipe()
+            yield stream_records(arguments.link, stream, process.is_running)
     finally:
         folder.remove()
 

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from haptogram.verification.watch import WatchedLatch
 
 _PERIOD_S: Final = 0.1  # between lines on a terminal
-_MM: Final = 1e3
 
 
 class LatchLines:
@@ -60,60 +59,19 @@ def _is_strange(seen: WatchedLatch) -> bool:
 
 def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
     """Return number, time, pattern, place, verdict and defects of a latch."""
+    from haptogram.report.watch import pattern_text
+
     latch = seen.latch
     parts = [f"{latch.number:>6}"]
     if latch.t_us is not None:
         parts.append(f"{latch.t_us / 1e6:.6f} s")
     if not latch.is_of_client:
         parts.append(latch.cause)
-    parts.append(_pattern_text(seen, board))
+    parts.append(pattern_text(seen.pattern, board))
     if seen.verdict is not None:
         failed = [name for name, ok in seen.verdict.criteria.items() if not ok]
         parts.append(str(seen.verdict.status) + (f" ({', '.join(failed)})" if failed else ""))
     parts += [str(defect) for defect in seen.defects]
-    if latch.torn:
-        parts.append(f"torn: {latch.torn_text}")
+    if seen.torn_text:
+        parts.append(f"torn: {seen.torn_text}")
     return "  ".join(parts)
-
-
-def client_places_mm(seen: WatchedLatch, board: WatchedBoard) -> list[list[float]]:
-    """Return the places of a pattern in mm, in the axes of the client; empty for one without."""
-    import numpy as np
-
-    from haptogram.acoustics.reconstruct.patterns.found import Placed, SeveralFoci
-
-    pattern = seen.pattern
-    if isinstance(pattern, SeveralFoci):
-        places: list[list[float]] = (board.clients_m(np.array(pattern.positions_m)) * _MM).tolist()
-        return places
-    if isinstance(pattern, Placed):
-        return [(board.clients_m(np.array(pattern.position_m)) * _MM).tolist()]
-    return []
-
-
-def _pattern_text(seen: WatchedLatch, board: WatchedBoard) -> str:
-    import numpy as np
-
-    from haptogram.acoustics.reconstruct.patterns.found import Placed, SeveralFoci, Vortex
-
-    pattern = seen.pattern
-    if isinstance(pattern, SeveralFoci):
-        places = board.clients_m(np.array(pattern.positions_m))
-        return f"{len(places)} foci at " + ", ".join(map(_place_text, places))
-    if not isinstance(pattern, Placed):
-        return pattern.kind
-    charge = f" of charge {pattern.charge:+d}" if isinstance(pattern, Vortex) else ""
-    place = board.clients_m(np.array(pattern.position_m))
-    bound = np.abs(board.clients_m(np.array(pattern.bound_m)))
-    limits = "/".join(f"{_MM * b:.1f}" if np.isfinite(b) else "?" for b in bound)
-    text = f"{pattern.kind}{charge} at {_place_text(place)} mm, +-{limits} mm"
-    if pattern.outliers:
-        text += f", {len(pattern.outliers)} elements out of step"
-    return f"{text}, coherence {pattern.coherence:.4f}"
-
-
-def _place_text(place_m: object) -> str:
-    import numpy as np
-
-    values = np.round(np.asarray(place_m) * _MM, 1) + 0.0
-    return "(" + ", ".join(f"{value:.1f}" for value in values) + ")"

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from haptogram.settings.board import BoardConfig
-from haptogram.settings.option import Settings, option
+from haptogram.settings.option import Settings, option, option_of
+from haptogram.settings.verify_config import OutputConfig
 
 #: Options of a virtual board that can be watched from its power-up on.
 WATCHED_BOARD_OPTIONS: Final = (
@@ -36,6 +37,9 @@ class WatchConfig(Settings):
         high=1_000_000_000,
         help="end after so many latches of the client",
         absent="until the board ends, or Ctrl-C",
+    )
+    html: Path | None = option_of(
+        OutputConfig, "html", help="a page with latches, defects and the interactive view"
     )
     frames: Path | None = option(None, unit="FILE", help="a line of JSON for each latch")
     json: Path | None = option(None, unit="FILE", help="the summary as JSON")

@@ -78,9 +78,9 @@ class Expectation:
         self._target = functools.lru_cache(_REMEMBERED)(self._make_target)
 
     @property
-    def count(self) -> int:
-        """Number of frames until the first follows again."""
-        return len(self._frames)
+    def frames(self) -> tuple[FloatArray, ...]:
+        """The (F, 3) foci of each frame."""
+        return tuple(self._frames)
 
     def frame(self, index: int) -> FloatArray:
         """Return the (F, 3) foci of a frame, counted from 0 without an end."""

@@ -129,8 +129,9 @@ class FrameDefects:
 
     @property
     def _may_be_of_another_array(self) -> bool:
+        is_torn = Defect.BYTES_LOST in self._of_client.latches
         sizes = About.OTHER_SIZE in self._about and not self._has_whole
-        return sizes and About.OTHER_ARRAY not in self._about
+        return is_torn and sizes and About.OTHER_ARRAY not in self._about
 
     def _so_far(self) -> _Found:
         """Return what is named of all clients, the one that is there included."""

@@ -37,6 +37,11 @@ class WatchedLatch:
     defects: tuple[Defect, ...]
     took_ms: float = 0.0
 
+    @property
+    def torn_text(self) -> str:
+        """Counts of a frame that is not whole, in words; empty if they have another name."""
+        return "" if Defect.AMPLITUDES_AS_PHASES in self.defects else self.latch.torn_text
+
     def as_dict(self) -> dict[str, object]:
         """Return plain values for JSON; times of the search are left out."""
         verdict = self.verdict

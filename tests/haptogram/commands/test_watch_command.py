@@ -1,5 +1,6 @@
 """``haptogram watch``: captures of unmodified clients, expected foci, live boards."""
 
+import base64
 import json
 import os
 import signal
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import zlib
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,6 +19,7 @@ from haptogram import Driver
 from haptogram.cli import main
 from haptogram.commands.watch import command
 from haptogram.evidence.board_process import BoardProcess
+from haptogram.report.watch import page as page_module
 from haptogram.verification.watch import Defect
 
 ROOT = Path(__file__).parents[3]
@@ -161,6 +164,35 @@ def test_a_failed_run_fails_in_junit_as_well(tmp_path, capsys):
     assert "is where it was expected" in suite.find(".//testcase[failure]").attrib["name"]
 
 
+def test_the_page_has_verdict_defects_latches_and_the_view(tmp_path, capsys):
+    page = tmp_path / "watch.html"
+    status, _, err = watch(
+        capsys,
+        *(capture("sonicsurface/two_foci_then_4_commits"), "--dialect", "sonicsurface", *AIR),
+        *("--expect=-40,180,0", "--expect=40,170,0", "--tolerance-c", "0.3", "--html", str(page)),
+    )
+    text = page.read_text()
+    assert (status, err) == (1, f"wrote {page}\n")
+    assert "<h1>Something is wrong</h1>" in text
+    assert text.count("<td>off target (S") == 3
+    assert text.count('<span class="badge good">not found</span>') == len(Defect)
+    assert "(40.0, 170.0, 0.0)" in text  # expected, in the client's axes
+    scene = zlib.decompress(base64.b64decode(text.split('id="scene">')[1].split("<")[0]))
+    assert b'"texts":{"2":"' in scene.replace(b" ", b"")
+
+
+def test_the_page_keeps_the_last_latches_only(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(page_module, "_LISTED", 5)
+    frame = Path(capture("sonicsurface/focus_0_120_0")).read_bytes()
+    (tmp_path / "long.bin").write_bytes(frame * 40)
+    page = tmp_path / "watch.html"
+    words = (str(tmp_path / "long.bin"), "--dialect", "sonicsurface", "--html", str(page))
+    watch(capsys, *words, *AIR)
+    text = page.read_text()
+    assert "The last of 41." in text
+    assert text.count("<td>swap</td>") == 5
+
+
 def test_nothing_latched_is_status_3(tmp_path, capsys):
     (tmp_path / "nothing.bin").write_bytes(b"")
     status, out, _ = watch(capsys, str(tmp_path / "nothing.bin"), "--dialect", "sonicsurface")
@@ -239,10 +271,15 @@ def test_a_board_that_the_command_starts_is_followed_until_ctrl_c(tmp_path):
     words = ["watch", "--dialect", "sonicsurface", "--link", str(link), *AIR]
     with log.open("wb") as output:
         process = subprocess.Popen(
-            [sys.executable, "-m", "haptogram", *words], stdout=output, stderr=subprocess.STDOUT
+            [sys.executable, "-m", "haptogram", *words],
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "TMPDIR": str(tmp_path)},
         )
     try:
         wait_for(lambda: "power-up" in log.read_text())
+        (door,) = tmp_path.glob("haptogram-watch-*/backdoor")
+        assert door.is_fifo()  # a file would grow as long as the board is watched
         port = os.open(link, os.O_RDWR | os.O_NOCTTY)
         os.write(port, Path(capture("sonicsurface/focus_0_120_0")).read_bytes())
         wait_for(lambda: "one focus at (0.0, 119.9, 0.0)" in log.read_text())

@@ -10,7 +10,7 @@ from haptogram.verification import FrameStatus, FrameVerdict
 from haptogram.verification.verdict import WRONG
 from haptogram.verification.watch import Defect, WatchResult
 
-from .junit import JUnit, JUnitCase, JUnitSuite, write_junit
+from ..junit import JUnit, JUnitCase, JUnitSuite, write_junit
 
 _SUITE: Final = "haptogram.watch"
 

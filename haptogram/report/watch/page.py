@@ -1,0 +1,170 @@
+"""The page of a watched board: verdict, defects, latches, and the interactive view."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive, saturated_weights
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.reconstruct.patterns.found import OneFocus
+from haptogram.evidence.watched_board import WatchedBoard
+from haptogram.verification import FrameStatus, Verdict
+from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
+
+from ..html import write_html_page
+from ..viewer.frames import ShownFrame, judged_frame
+from ..viewer.scene import Scene
+from .words import pattern_text, place_text
+
+_KEPT: Final = 5_000  # latches of the view: some 3 MB of a page
+_LISTED: Final = 200  # rows of a table that a person reads
+_MM: Final = 1e3
+_TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
+_HEADINGS: Final = {
+    Verdict.PASS: "Nothing is wrong",
+    Verdict.FAIL: "Something is wrong",
+    Verdict.INCONCLUSIVE: "Not verified",
+}
+
+
+class WatchPage:
+    """Collects the last latches of a board for its page.
+
+    Parameters
+    ----------
+    board : WatchedBoard
+        The board.
+    """
+
+    def __init__(self, board: WatchedBoard) -> None:
+        self._board = board
+        self._frames: deque[ShownFrame] = deque(maxlen=_KEPT)
+        self._rows: deque[tuple[str, ...]] = deque(maxlen=_LISTED)
+        self._taken = 0
+
+    def take(self, seen: WatchedLatch) -> None:
+        """Take down a latch."""
+        self._taken += 1
+        self._frames.append(_shown(seen))
+        self._rows.append(self._row(seen))
+
+    def write(self, path: Path, result: WatchResult, expected_m: Sequence[FloatArray]) -> None:
+        """Write the page.
+
+        Parameters
+        ----------
+        result : WatchResult
+            The whole run.
+        expected_m : sequence of (F, 3) numpy.ndarray
+            The foci of each frame that was expected, in the axes of the model.
+
+        Raises
+        ------
+        ConfigurationError
+            If the extra ``report`` is not installed, or *path* cannot be written.
+        """
+        frames = list(self._frames)
+        write_html_page(
+            path,
+            "watch.html",
+            title=f"Haptogram: {result.verdict}, {result.latches} latches",
+            heading=_HEADINGS[result.verdict],
+            tone=_TONES[result.verdict],
+            lead=self._lead(result),
+            patterns=list(result.kinds.items()),
+            statuses=[(_status_tone(status), *pair) for status, *pair in _status_rows(result)],
+            defects=_defect_rows(result),
+            tones={True: "bad", False: "good"},
+            torn=list(result.torn[:_LISTED]),
+            torn_more=max(0, len(result.torn) - _LISTED),
+            remarks=list(dict.fromkeys(result.remarks))[:_LISTED],
+            expected=self._expected_rows(expected_m),
+            expected_more=max(0, len(expected_m) - _LISTED),
+            scene=Scene.of(self._board.model, frames).embedded() if frames else None,
+            rows=list(self._rows),
+            rows_more=self._taken - len(self._rows),
+            board=self._board_rows(),
+        )
+
+    def _lead(self, result: WatchResult) -> list[str]:
+        count = sum(result.kinds.values())
+        sentences = [
+            f"{count} latches of the client were seen; the board is {self._board.dialect}."
+        ]
+        sentences += [f"Not judged: {result.missing}."] if result.missing else []
+        if not result.expected:
+            sentences.append("No focus was expected, so no latch has a verdict.")
+        return sentences
+
+    def _row(self, seen: WatchedLatch) -> tuple[str, ...]:
+        latch, verdict = seen.latch, seen.verdict
+        strange = [
+            *map(str, seen.defects),
+            *([f"torn: {seen.torn_text}"] if seen.torn_text else []),
+        ]
+        failed = [] if verdict is None else [n for n, ok in verdict.criteria.items() if not ok]
+        told = "" if verdict is None else str(verdict.status)
+        return (
+            str(latch.number),
+            "" if latch.t_us is None else f"{latch.t_us / 1e6:.6f}",
+            latch.cause,
+            pattern_text(seen.pattern, self._board),
+            told + (f" ({', '.join(failed)})" if failed else ""),
+            "; ".join(strange),
+        )
+
+    def _expected_rows(self, expected_m: Sequence[FloatArray]) -> list[tuple[str, str]]:
+        return [
+            (str(number), ", ".join(map(place_text, self._board.clients_m(foci))))
+            for number, foci in enumerate(expected_m[:_LISTED], start=1)
+        ]
+
+    def _board_rows(self) -> list[tuple[str, str]]:
+        model = self._board.model
+        return [
+            ("dialect", self._board.dialect),
+            ("elements", str(model.array.count)),
+            ("speed of sound", f"{model.medium.sound_speed_m_s:.2f} m/s"),
+            ("wavelength", f"{_MM * model.wavelength_m:.3f} mm"),
+        ]
+
+
+def _shown(seen: WatchedLatch) -> ShownFrame:
+    latch, pattern = seen.latch, seen.pattern
+    drive = Drive.from_weights(saturated_weights(np.nan_to_num(latch.weights)))
+    if (verdict := seen.verdict) is not None:
+        frame = judged_frame(lambda name: getattr(verdict, name), str(verdict))
+    else:
+        frame = ShownFrame(number=latch.number, text=seen.torn_text)
+    frame = dataclasses.replace(frame, number=latch.number, latched_us=latch.t_us, drive=drive)
+    if frame.found_m is None and isinstance(pattern, OneFocus):
+        bounds = [_MM * b if math.isfinite(b) else None for b in pattern.bound_m]
+        frame = dataclasses.replace(frame, found_m=pattern.position_m, bound_mm=bounds)
+    return frame
+
+
+def _status_rows(result: WatchResult) -> list[tuple[FrameStatus, str, int]]:
+    return [(status, str(status), count) for status, count in result.statuses.items()]
+
+
+def _status_tone(status: FrameStatus) -> str:
+    if status is FrameStatus.ON_TARGET:
+        return "good"
+    return "doubt" if status is FrameStatus.NOT_VERIFIED else "bad"
+
+
+def _defect_rows(result: WatchResult) -> list[tuple[str, bool, str]]:
+    """Return each defect that has a name, whether it was found, and the figures."""
+    rows = []
+    for defect in Defect:
+        found = [str(one) for one in result.diagnoses if one.defect is defect]
+        figures = "; ".join(text.removeprefix(f"{defect}: ") for text in found)
+        rows.append((str(defect), bool(found), figures))
+    return rows
