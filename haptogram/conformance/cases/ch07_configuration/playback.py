@@ -93,7 +93,7 @@ def leaves_time_to_compute(board: BoardClient) -> None:
     board.arm()
     bad, period = ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset
     usual_us = period_of(board, points)
-    soon_us = board.clock.device_us() + board.ready_after_us(points)
+    soon_us = board.clock.device_us() + board.ready_after_us(points) - 1
     board.link.refused(Play(1, usual_us, 1, 1000), bad, 0, time_us=soon_us)
     least_us = points * board.identity.point_time_us
     if least_us * board.identity.max_playback_rate_hz > 1_000_000:
