@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -90,6 +91,7 @@ def _run(words: Sequence[str]) -> int:
     heard: list[int] = []
     try:
         arguments = parser.parse_args(words)
+        arguments.command_line = shlex.join([parser.prog, *words])
         parser = arguments.parser
         with _ended_by_signals(heard), hear_interrupts_in_callbacks():
             return int(arguments.run(arguments))

@@ -8,6 +8,9 @@ from hypothesis import HealthCheck, settings
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+# The tests may run in a job of GitHub; those of its annotations set this themselves.
+os.environ.pop("GITHUB_ACTIONS", None)
+
 # A shared machine may stop for a while at any point, so slowness is no failure.
 _UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 

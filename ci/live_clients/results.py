@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from haptogram.report.junit import JUnit, JUnitCase, JUnitSuite, write_junit
+from haptogram.report.formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit
 
 from .environments import Environment
 

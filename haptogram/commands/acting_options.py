@@ -96,6 +96,12 @@ def _modulation(settings: Any) -> str | None:
     return kind
 
 
+_STAMPED: Final = Acting(
+    "with --html, --junit or --summary",
+    lambda s: any(getattr(s, name, None) is not None for name in ("html", "junit", "summary")),
+)
+
+
 # --- The commands ------------------------------------------------------------------------------
 
 _VERIFY: Final[Rows] = {
@@ -103,7 +109,8 @@ _VERIFY: Final[Rows] = {
         "object center_mm rate_hz repeat modulation foci array temperature_c board_temperature_c "
         "calibration compensate tolerance_mm tolerance_c tolerance_humidity uncertainty_c "
         "uncertainty_humidity uncertainty_position_mm uncertainty_phase_rad port baud mode lead_ms "
-        "virtual_time fault fault_plan min_verified frames json junit html record config quiet"
+        "virtual_time fault fault_plan min_verified frames json junit html summary record config "
+        "quiet"
     ),
     "resolution_mm": _RESOLUTION,
     "radius_mm": _RADIUS,
@@ -122,6 +129,7 @@ _VERIFY: Final[Rows] = {
         lambda s: s.frame_kind == "phases",
     ),
     "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
+    "stamp": _STAMPED,
     "view": Acting(
         "on the virtual board and the wall clock (without --port and --virtual-time; --html holds "
         "the view of any run)",
@@ -142,7 +150,7 @@ def _resets_a_port(arguments: Namespace) -> bool:
 _RUN: Final = Acting("where cases are run (not with --list or --compare)", _is_conform_run)
 _RUN_OPTIONS: Final = (
     "port baud spawn port_regex reset_cmd dtr rts quick full explore strict timeout seed repeat "
-    "baseline quiet junit json write_baseline verbose record"
+    "baseline quiet junit json summary write_baseline verbose record"
 )
 _CONFORM: Final[Rows] = {
     **dict.fromkeys(_RUN_OPTIONS.split(), _RUN),
@@ -152,6 +160,7 @@ _CONFORM: Final[Rows] = {
     ),
     "clause": Acting("without --compare", lambda a: not a.compare),
     "html": Acting("without --list", lambda a: not a.list),
+    "stamp": _STAMPED,
     "list": Acting("without --compare", lambda a: not a.compare),
     "compare": None,
 }
@@ -225,7 +234,8 @@ _EXPECTED: Final = Acting(
     "with --expect or --expect-file", lambda s: bool(s.expect) or s.expect_file is not None
 )
 _WATCH: Final[Rows] = {
-    **_always("link expect expect_file latches frames json junit html quiet"),
+    **_always("link expect expect_file latches frames json junit html summary quiet"),
+    "stamp": _STAMPED,
     **dict.fromkeys(
         ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD
     ),
@@ -236,11 +246,20 @@ ACTING: Final[Mapping[str, Rows]] = {
     "conform": _CONFORM,
     "modulation": _MODULATION,
     "field": _FIELD,
-    "soak": _always("hours fault_rate seed segment_minutes jobs resume json record mutant quiet"),
-    "bench": _always(
-        "port rate_hz seconds baud phase_bits lead_ms trim spin_us realtime json html picture "
-        "compare record quiet"
-    ),
+    "soak": {
+        **_always(
+            "hours fault_rate seed segment_minutes jobs resume json html summary record mutant "
+            "quiet"
+        ),
+        "stamp": _STAMPED,
+    },
+    "bench": {
+        **_always(
+            "port rate_hz seconds baud phase_bits lead_ms trim spin_us realtime json html summary "
+            "picture compare record quiet"
+        ),
+        "stamp": _STAMPED,
+    },
     "budget": {
         **_always("baud rate_hz phase_bits transducers dialect"),
         "boards": Acting("with --dialect", lambda a: a.dialect is not None),

@@ -12,12 +12,15 @@ from haptogram.settings.command_line import add_command_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.verify_config import OutputConfig, config_from_options
 
+from .acting_options import refuse_idle_options
 from .shell.exit_status import USAGE
+from .shell.job import annotate_job, provenance_of_run
 from .shell.output_files import FILE_HELP, Outputs, write_picture
-from .shell.recording import RECORD_HELP, is_recorded, recording
+from .shell.recording import is_recorded, recording
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.measure import BenchRun
+    from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
 
 _EXAMPLES: Final = """\
@@ -39,11 +42,13 @@ class BenchFiles(Settings):
     """The files that a benchmark writes, and the one that it is compared with."""
 
     json: Path | None = option_of(OutputConfig, "json")
-    html: Path | None = option_of(OutputConfig, "html", help="write it with histograms")
+    html: Path | None = option_of(OutputConfig, "html")
+    summary: Path | None = option_of(OutputConfig, "summary")
+    stamp: str | None = option_of(OutputConfig, "stamp")
     picture: Path | None = option(
         None, unit="FILE", help="write the histogram alone: .png, .svg or .pdf"
     )
-    record: Path | None = option_of(OutputConfig, "record", help=RECORD_HELP)
+    record: Path | None = option_of(OutputConfig, "record")
     compare: Path | None = option(None, unit="OLD.json", help="say what changed beyond the noise")
 
 
@@ -68,9 +73,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
     from haptogram.campaigns.bench.measure import run_bench
     from haptogram.campaigns.bench.result import bench_dict, read_bench_result
+    from haptogram.report.bench.summary import bench_summary
     from haptogram.report.bench.text import bench_text
+    from haptogram.report.formats.job_summary import write_job_summary
 
-    outputs = Outputs(arguments, "json", "html", "picture", "record")
+    refuse_idle_options("bench", arguments)
+    outputs = Outputs(arguments, "json", "html", "summary", "picture", "record")
+    provenance = provenance_of_run(arguments)
     old = None if arguments.compare is None else read_bench_result(arguments.compare)
     config = config_from_options(BenchConfig, given_options(arguments, options_of(BenchConfig)))
     with recording(arguments.record, "bench", config.as_dict()) as writer:
@@ -83,10 +92,14 @@ def run(arguments: argparse.Namespace) -> int:
             writer.document(SUMMARY, writer.last_ns, result)
     changes = [] if old is None else _changes(old, result)
     if not arguments.quiet:
-        print(bench_text(result), file=outputs.text)
+        outputs.print(bench_text(result))
     if changes:
-        print("\n" + "\n".join(changes), file=outputs.text)
-    _write(arguments, found, result, changes)
+        outputs.print("\n" + "\n".join(changes))
+    summary = bench_summary(result, changes)
+    annotate_job(summary, outputs)
+    _write(arguments, found, result, changes, provenance)
+    if arguments.summary is not None:
+        write_job_summary(arguments.summary, summary, provenance)
     recorded = is_recorded("bench", writer)
     outputs.paths.pop("--record", None)
     if not arguments.quiet:
@@ -105,7 +118,11 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 
 def _write(
-    arguments: argparse.Namespace, found: BenchRun, result: dict[str, Any], changes: list[str]
+    arguments: argparse.Namespace,
+    found: BenchRun,
+    result: dict[str, Any],
+    changes: list[str],
+    provenance: Provenance,
 ) -> None:
     from haptogram.report.run import write_run_json
 
@@ -114,7 +131,7 @@ def _write(
     if arguments.html is not None:
         from haptogram.report.bench.page import write_bench_page
 
-        write_bench_page(arguments.html, found, changes)
+        write_bench_page(arguments.html, found, changes, provenance=provenance)
     if arguments.picture is not None:
         from haptogram.report.bench.pictures import draw_bench_histograms
 

@@ -15,18 +15,20 @@ from typing import TYPE_CHECKING, Final
 from haptogram.campaigns.soak.setup import SoakSetup
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
-from haptogram.machine.terminal import paint_terminal_verdicts
 from haptogram.settings.command_line import add_command_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.verify_config import OutputConfig, config_from_options
 
+from .acting_options import refuse_idle_options
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
-from .shell.output_files import FILE_HELP, Outputs
+from .shell.job import annotate_job, provenance_of_run
+from .shell.output_files import FILE_HELP, Outputs, announce_output
 from .shell.recording import is_recorded, recording
 
 if TYPE_CHECKING:
     from haptogram.campaigns.soak.campaign import Progress, SoakCampaign
     from haptogram.campaigns.soak.segment import MakeBoard
+    from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
 
 _EPILOG: Final = """\
@@ -54,7 +56,10 @@ class SittingConfig(Settings):
         unit="FILE",
         help="checkpoint: written after every segment, and gone on from if it is there",
     )
-    json: Path | None = option_of(OutputConfig, "json", help="write the account as JSON")
+    json: Path | None = option_of(OutputConfig, "json")
+    html: Path | None = option_of(OutputConfig, "html")
+    summary: Path | None = option_of(OutputConfig, "summary")
+    stamp: str | None = option_of(OutputConfig, "stamp")
     record: Path | None = option_of(
         OutputConfig,
         "record",
@@ -84,11 +89,13 @@ def set_up(
 def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
     """Run what is left of the soak, print the account, and return the exit status."""
     from haptogram.campaigns.soak.campaign import Interrupted
-    from haptogram.report.soak import soak_text
+    from haptogram.report.soak.text import soak_text
 
-    outputs = Outputs(arguments, "json", "resume", "record")
+    refuse_idle_options("soak", arguments)
+    outputs = Outputs(arguments, "json", "html", "summary", "resume", "record", pictures=False)
     if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
+    provenance = provenance_of_run(arguments)
     campaign = _campaign(arguments)
     interrupted = False
     with recording(arguments.record, "soak", campaign.setup.as_dict()) as writer:
@@ -104,16 +111,37 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
         except Interrupted:
             interrupted = True
     # Before the file: a full disk must not cost the account.
-    print(paint_terminal_verdicts(soak_text(campaign), outputs.text), file=outputs.text)
+    outputs.print(soak_text(campaign))
     if interrupted:
         print(_how_to_resume(arguments, campaign), file=sys.stderr)
-    if arguments.json is not None:
-        campaign.save(arguments.json)
+    _write(arguments, campaign, outputs, provenance)
     if not is_recorded("soak", writer):
         return USAGE
     if campaign.failures:
         return FAIL
     return INTERRUPTED if interrupted else PASS
+
+
+def _write(
+    arguments: argparse.Namespace,
+    campaign: SoakCampaign,
+    outputs: Outputs,
+    provenance: Provenance,
+) -> None:
+    from haptogram.report.formats.job_summary import write_job_summary
+    from haptogram.report.soak.page import write_soak_page
+    from haptogram.report.soak.summary import soak_summary
+
+    summary = soak_summary(campaign)
+    annotate_job(summary, outputs)
+    for path, write in (
+        (arguments.json, campaign.save),
+        (arguments.html, lambda path: write_soak_page(path, campaign, provenance=provenance)),
+        (arguments.summary, lambda path: write_job_summary(path, summary, provenance)),
+    ):
+        if path is not None:
+            write(path)
+            announce_output(path)
 
 
 def _campaign(arguments: argparse.Namespace) -> SoakCampaign:

@@ -92,7 +92,7 @@ def set_up(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve or write the page; return the exit status."""
-    from haptogram.report.html import check_html_page
+    from haptogram.report.formats.html import check_html_page
 
     refuse_idle_options("view", arguments)
     outputs = Outputs(arguments, "html")

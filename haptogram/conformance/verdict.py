@@ -116,6 +116,8 @@ class CaseResult:
         Verdicts of the repetitions.
     traceback : str
         Traceback of an error in the case itself.
+    seconds : float or None
+        How long it took, on the clock of the port; None: it was not run.
     """
 
     case: str
@@ -130,6 +132,7 @@ class CaseResult:
     expected: str | None = None
     seen: tuple[Behaviour, ...] = ()
     traceback: str = ""
+    seconds: float | None = None
 
     @property
     def recovers(self) -> bool:

@@ -23,6 +23,22 @@ def terminal_has_colour(stream: TextIO) -> bool:
     return os.environ.get("TERM") != "dumb" and stream.isatty()
 
 
+def is_github_job() -> bool:
+    """Return True if this program runs in a job of GitHub, which obeys commands among its lines."""
+    return os.environ.get("GITHUB_ACTIONS") == "true"
+
+
+def printable_text(text: str) -> str:
+    r"""Return *text* with U+FFFD for every control character: no terminal obeys a board's name.
+
+    Examples
+    --------
+    >>> printable_text("v1\n::error::")
+    'v1\ufffd::error::'
+    """
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
+
+
 def terminal_error_line(program: str, message: str, stream: TextIO) -> str:
     """Return the line of an error on *stream*, the name of the program in red."""
     name = f"{program}:"

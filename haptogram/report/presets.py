@@ -7,7 +7,7 @@ from typing import Any
 
 from haptogram.published.presets import Preset
 
-from .console import console_paragraph, console_table
+from .formats.console import console_paragraph, console_table
 
 
 def presets_text(compared: Iterable[tuple[Preset, list[dict[str, Any]]]]) -> str:

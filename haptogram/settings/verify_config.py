@@ -104,12 +104,13 @@ class LimitConfig(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class OutputConfig(Settings):
-    """The files to be written."""
+    """The files to be written, of every command that judges or measures, and their date."""
 
     record: Path | None = option(
         None,
         unit="FILE",
-        help="write the bytes in both directions, the latches and the verdicts, as MCAP",
+        help="write the bytes in both directions, the latches and what was made of them, as MCAP "
+        "(docs/recordings.md)",
     )
     frames: Path | None = option(
         None,
@@ -119,7 +120,18 @@ class OutputConfig(Settings):
     )
     json: Path | None = option(None, unit="FILE", help="write the result as JSON")
     junit: Path | None = option(None, unit="FILE", help="write the result as JUnit XML")
-    html: Path | None = option(None, unit="FILE", help="write the result as HTML with pictures")
+    html: Path | None = option(
+        None, unit="FILE", help="write the result as a page of HTML that needs no other file"
+    )
+    summary: Path | None = option(
+        None, unit="FILE", help="write a summary in Markdown, for the page of a CI job"
+    )
+    stamp: str | None = option(
+        None,
+        unit="DATE",
+        help="date that --html, --junit and --summary state (ISO 8601; UTC without a zone)",
+        absent="when the run began; in virtual time none, so that results repeat byte for byte",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -85,6 +85,12 @@ class RunVerdict:
         """Return :attr:`passed`: ``assert board.verify(...)`` fails unless the run passed."""
         return self.passed
 
+    @property
+    def sentence(self) -> str:
+        """The verdict and its reason, for every report alike."""
+        every = "every focus" if self.counts["verified"] == self.due else "every verified focus"
+        return f"{self.verdict.upper()}: {'; '.join(self.reasons) or f'{every} is on target'}"
+
     def raise_for_verdict(self) -> None:
         """Raise unless the run passed.
 
@@ -173,7 +179,7 @@ class RunVerdict:
 def _summary(run: RunVerdict) -> Iterator[str]:
     """Yield the lines."""
     result, counts = run.as_dict(), run.counts
-    yield f"{str(run.verdict).upper()}: " + ("; ".join(run.reasons) or "every focus is on target")
+    yield run.sentence
     yield (
         f"  frames    {counts['sent']} sent, {counts['latched']} latched, "
         f"{counts['verified']} verified, {counts['lost']} lost, {counts['late']} late"

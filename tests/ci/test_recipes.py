@@ -148,6 +148,8 @@ def run_steps(name, kind, machine, tmp_path):
     """Run the steps of a recipe in a folder; the board has to pass."""
     (tmp_path / "conformance").mkdir()
     (tmp_path / "conformance" / "expected.toml").write_text("[expected]\n")
+    job = {"GITHUB_ACTIONS": "true", "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md")}
+    machine = machine | (job if name == "github" else {})
     variables, scripts = jobs(name)
     said, tcp_port = "", str(free_tcp_port())
     try:
@@ -161,6 +163,8 @@ def run_steps(name, kind, machine, tmp_path):
     assert "2 OK" in said
     assert "PASS (exit status 0)" in said
     assert (tmp_path / "conform.xml").exists()
+    if name == "github":
+        assert (tmp_path / "summary.md").read_text().startswith("## haptogram conform: PASS: ")
     (tmp_path / "said").write_text(said)
 
 

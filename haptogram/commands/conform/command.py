@@ -10,10 +10,9 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, TypeAlias
 
-from haptogram.machine.terminal import paint_terminal_verdicts
-
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import USAGE
+from ..shell.job import annotate_job, provenance_of_run
 from ..shell.output_files import Outputs, announce_interrupt, announce_output
 from ..shell.recording import is_recorded, recording
 from .options import (
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from haptogram.conformance.verdict import SuiteResult
     from haptogram.evidence.recordings.tap import RecordedBoards
     from haptogram.evidence.recordings.writer import RecordingWriter
+    from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
 
 #: Given URL (None: the default board), line rate, seed and the recording of its boards or None,
@@ -77,10 +77,11 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     if arguments.list:
         return _list(cases)
     outputs = Outputs(
-        arguments, "json", "junit", "html", "write_baseline", "record", pictures=False
+        arguments, "json", "junit", "html", "summary", "write_baseline", "record", pictures=False
     )
+    provenance = provenance_of_run(arguments)
     with recording(arguments.record, "conform", _options(arguments)) as writer:
-        status = _run(arguments, cases, virtual, outputs, writer)
+        status = _run(arguments, cases, virtual, outputs, provenance, writer)
         return status if is_recorded("conform", writer) else USAGE
 
 
@@ -94,6 +95,7 @@ def _run(
     cases: tuple[Case, ...],
     virtual: Virtual,
     outputs: Outputs,
+    provenance: Provenance,
     writer: RecordingWriter | None,
 ) -> int:
     from haptogram.errors import LinkError
@@ -110,9 +112,10 @@ def _run(
         raise LinkError(suite.cut_short)  # no board answered: nothing was judged
     if suite.is_interrupted:
         announce_interrupt("haptogram conform")
-    text = paint_terminal_verdicts(suite_text(suite, verbose=arguments.verbose), outputs.text)
-    print(text, file=outputs.text, flush=True)  # before the files: a full disk must not cost it
-    _write(arguments, suite)
+    # Before the files: a full disk must not cost it.
+    outputs.print(suite_text(suite, verbose=arguments.verbose))
+    is_virtual = suite.settings["virtual_time"]
+    _write(arguments, suite, outputs, provenance.of_virtual_time() if is_virtual else provenance)
     return suite.exit_status
 
 
@@ -227,23 +230,37 @@ def _compare(arguments: argparse.Namespace) -> int:
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
     outputs = Outputs(arguments, "html", pictures=False)
-    write_comparison_page(arguments.html, [read_suite_json(path) for path in arguments.compare])
+    suites = [read_suite_json(path) for path in arguments.compare]
+    write_comparison_page(arguments.html, suites, provenance=provenance_of_run(arguments))
     outputs.announce()
     return 0
 
 
-def _write(arguments: argparse.Namespace, suite: SuiteResult) -> None:
+def _write(
+    arguments: argparse.Namespace, suite: SuiteResult, outputs: Outputs, provenance: Provenance
+) -> None:
     from haptogram.conformance.run.baseline import write_baseline
     from haptogram.report.conformance.junit import write_conformance_junit
     from haptogram.report.conformance.page import write_conformance_page
     from haptogram.report.conformance.result import write_suite_json
+    from haptogram.report.conformance.summary import suite_summary
+    from haptogram.report.formats.job_summary import write_job_summary
 
+    summary = suite_summary(suite)
+    annotate_job(summary, outputs)
     for path, write in (
-        (arguments.json, write_suite_json),
-        (arguments.junit, write_conformance_junit),
-        (arguments.html, write_conformance_page),
-        (arguments.write_baseline, write_baseline),
+        (arguments.json, lambda path: write_suite_json(path, suite)),
+        (
+            arguments.junit,
+            lambda path: write_conformance_junit(path, suite, provenance=provenance),
+        ),
+        (
+            arguments.html,
+            lambda path: write_conformance_page(path, suite, provenance=provenance),
+        ),
+        (arguments.summary, lambda path: write_job_summary(path, summary, provenance)),
+        (arguments.write_baseline, lambda path: write_baseline(path, suite)),
     ):
         if path is not None:
-            write(path, suite)
+            write(path)
             announce_output(path)

@@ -15,7 +15,6 @@ from haptogram.settings.parser import file_name_option
 from haptogram.settings.verify_config import LimitConfig, LinkConfig, OutputConfig, PaceConfig
 
 from ..shell.output_files import FILE_HELP
-from ..shell.recording import RECORD_HELP
 
 _SCHEME: Final = "haptogram://"
 PULSE: Final = "pulse"
@@ -99,11 +98,13 @@ class ConformFiles(Settings):
 
     junit: Path | None = option_of(OutputConfig, "junit")
     json: Path | None = option_of(OutputConfig, "json")
-    html: Path | None = option_of(OutputConfig, "html", help="write the result as HTML")
+    html: Path | None = option_of(OutputConfig, "html")
+    summary: Path | None = option_of(OutputConfig, "summary")
+    stamp: str | None = option_of(OutputConfig, "stamp")
     write_baseline: Path | None = option(
         None, unit="FILE", help="write today's failures as expected"
     )
-    record: Path | None = option_of(OutputConfig, "record", help=RECORD_HELP)
+    record: Path | None = option_of(OutputConfig, "record")
 
 
 def add_conform_options(parser: argparse.ArgumentParser) -> None:

@@ -14,6 +14,7 @@ from haptogram.machine.files import (
     check_file_writable,
     is_standard_output,
 )
+from haptogram.machine.terminal import is_github_job, paint_terminal_verdicts
 from haptogram.settings.board import is_grid_of_elements
 from haptogram.settings.shape import SHAPES
 
@@ -80,7 +81,7 @@ class Outputs:
         if "--picture" in self.paths:
             _check_picture(self.paths["--picture"])
         if "--html" in self.paths:
-            from haptogram.report.html import check_html_page
+            from haptogram.report.formats.html import check_html_page
 
             check_html_page(pictures=pictures)
 
@@ -88,6 +89,17 @@ class Outputs:
     def text(self) -> TextIO:
         """The stream for text: standard output, unless that is one of the files."""
         return sys.stderr if STANDARD_OUTPUT in self.paths.values() else sys.stdout
+
+    def print(self, text: str) -> None:
+        """Print *text* to the stream for text, its verdicts in their colours.
+
+        In a job of GitHub, no text of a board becomes a command of the job.
+        """
+        if is_github_job():
+            from haptogram.report.formats.job_summary import without_github_commands
+
+            text = without_github_commands(text)
+        print(paint_terminal_verdicts(text, self.text), file=self.text, flush=True)
 
     def announce(self) -> None:
         """Say on standard error what was written."""

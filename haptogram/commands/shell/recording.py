@@ -6,7 +6,7 @@ import contextlib
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from haptogram.machine.terminal import terminal_error_line
 
@@ -14,11 +14,6 @@ from .output_files import announce_output
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
-
-RECORD_HELP: Final = (
-    "write the bytes in both directions, the latches and what was made of them, as MCAP; "
-    "docs/recordings.md"
-)
 
 
 @contextlib.contextmanager

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.errors import (
-    ConfigurationError,
     DeviceError,
     HaptogramError,
     LinkError,
     VersionMismatchError,
     WrongProtocolError,
 )
-from haptogram.machine.terminal import paint_terminal_verdicts, terminal_error_line
+from haptogram.machine.provenance import Provenance
+from haptogram.machine.terminal import printable_text, terminal_error_line
 from haptogram.settings.option import options_of
 from haptogram.settings.verify_config import (
     OutputConfig,
@@ -30,8 +30,10 @@ from haptogram.settings.verify_config import (
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
-from ..shell.output_files import Outputs, announce_interrupt, announce_output
+from ..shell.job import provenance_of_run
+from ..shell.output_files import Outputs, announce_interrupt
 from ..shell.recording import is_recorded, recording
+from .files import write_run_files
 from .options import add_verify_options
 
 if TYPE_CHECKING:
@@ -92,17 +94,21 @@ def set_up(
 
 def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) -> int:
     """Check the settings, run the job, and return the exit status."""
-    from haptogram.report.html import check_html_page
+    from haptogram.report.formats.html import check_html_page
 
     names = options_of(VerifyConfig)
     given = {name: value for name, value in vars(arguments).items() if name in names}
     config = load_verify_config(arguments.config, given)
     settings = argparse.Namespace(
-        **config.values(), frame_kind=config.frame_kind, config=arguments.config
+        **config.values(),
+        frame_kind=config.frame_kind,
+        config=arguments.config,
+        command_line=arguments.command_line,
     )
     file = arguments.config
     refuse_idle_options("verify", arguments, settings, file, read_table(file) if file else ())
-    outputs = Outputs(settings, *options_of(OutputConfig))
+    outputs = Outputs(settings, *(name for name in options_of(OutputConfig) if name != "stamp"))
+    provenance = provenance_of_run(settings)
     virtual = prepare(config)
     if arguments.view:
         check_html_page(pictures=False)
@@ -111,7 +117,7 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
         recording(config.outputs.record, "verify", config.result_options()) as writer,
     ):
         open_board = functools.partial(_board, config, virtual, in_process, show)
-        status = _run(arguments, config, virtual, open_board, outputs, writer)
+        status = _run(arguments, config, virtual, open_board, outputs, provenance, writer)
         return status if is_recorded("verify", writer) else USAGE
 
 
@@ -121,6 +127,7 @@ def _run(
     virtual: BoardConfig,
     open_board: OpenBoard,
     outputs: Outputs,
+    provenance: Provenance,
     writer: RecordingWriter | None,
 ) -> int:
     """Run the job on the board that the settings name; write and print its result."""
@@ -175,12 +182,12 @@ def _run(
     if writer is not None:
         _record_verdicts(writer, verdict, result)
     # Before the files: a full disk must not cost the result.
-    print(paint_terminal_verdicts(str(verdict), outputs.text), file=outputs.text)
+    outputs.print(str(verdict))
     for line in report.faults_and_troubles_text(result):
-        print(f"  {line}", file=outputs.text)
+        outputs.print(f"  {line}")
     for warning in found.warnings:
-        print(f"  warning   {warning}", file=outputs.text)
-    if not _write(config, verdict, result, found):
+        outputs.print(f"  warning   {warning}")
+    if not write_run_files(config, verdict, result, found, provenance, outputs):
         return USAGE
     status = verdict.exit_status
     return INTERRUPTED if found.interrupted and status == INCONCLUSIVE else status
@@ -309,7 +316,7 @@ def _bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
 def _board_dict(found: RunRecord) -> dict[str, object]:
     return {
         "is": found.board,
-        "firmware": found.identity.firmware,
+        "firmware": printable_text(found.identity.firmware),
         "protocol": f"{found.identity.major}.{found.identity.minor}",
         "transducers": found.identity.transducers,
         "carrier_hz": found.identity.carrier_hz,
@@ -339,35 +346,3 @@ def _host_dict(found: RunRecord) -> dict[str, object] | None:
         "write_stalls": found.report.write_stalls,
         "clock_uncertainty_us": found.report.clock_uncertainty_us,
     }
-
-
-def _write(
-    config: VerifyConfig, verdict: RunVerdict, result: dict[str, object], found: RunRecord
-) -> bool:
-    """Write every file that was asked for; tell of those that could not be written."""
-    from haptogram.report import run as report
-
-    by_key = {seen.key: seen for seen in found.observations if seen.output is not None}
-    seen = {i.number: by_key[i.key] for i in found.intended if i.key in by_key}
-    writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
-        (config.outputs.frames, lambda path: report.write_frame_lines(path, verdict)),
-        (config.outputs.json, lambda path: report.write_run_json(path, result)),
-        (config.outputs.junit, lambda path: report.write_run_junit(path, verdict, result)),
-        (
-            config.outputs.html,
-            lambda path: report.write_run_page(
-                path, verdict, result, found.model, observations=seen
-            ),
-        ),
-    )
-    written = True
-    for path, write in writers:
-        if path is None:
-            continue
-        try:
-            write(path)
-            announce_output(path)
-        except ConfigurationError as error:
-            print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
-            written = False
-    return written

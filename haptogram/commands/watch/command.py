@@ -21,6 +21,7 @@ from haptogram.settings.option import options_of
 from haptogram.settings.tolerance import ToleranceConfig
 
 from ..acting_options import refuse_idle_options
+from ..shell.job import annotate_job, provenance_of_run
 from ..shell.output_files import FILE_HELP, Outputs
 from ..shell.positions import position_argument_mm
 from .expected import Foci, expected_frames_mm, make_expectation
@@ -29,6 +30,7 @@ from .options import WATCHED_BOARD_OPTIONS, WatchConfig, watched_board_config
 
 if TYPE_CHECKING:
     from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
     from haptogram.verification.verdict import FrameVerdict
     from haptogram.verification.watch import Watch, WatchedLatch
@@ -39,7 +41,7 @@ Records: TypeAlias = Iterator[dict[str, Any]]
 
 _PERIOD_S: Final = 0.05
 _PATIENCE_S: Final = 5.0
-_OUTPUTS: Final = ("frames", "json", "junit", "html")
+_FILES: Final = ("json", "junit", "html", "summary")
 _EXAMPLES: Final = """\
 examples:
   haptogram watch --dialect sonicsurface --link /tmp/board
@@ -95,20 +97,22 @@ def set_up(parser: Parser, replay: Replay) -> None:
     own = options_of(WatchConfig)
     add_setting_options(expected, [own["expect_file"], *options_of(ToleranceConfig).values()])
     result = parser.add_argument_group("result", FILE_HELP)
-    add_setting_options(result, [own["latches"], *(own[name] for name in _OUTPUTS)])
+    names = ("latches", "frames", *_FILES, "stamp")
+    add_setting_options(result, [own[name] for name in names])
     parser.add_argument("--quiet", action="store_true", help="no line for each latch")
 
 
 def run(arguments: argparse.Namespace, replay: Replay) -> int:
     """Watch until the end, and return the exit status."""
     refuse_idle_options("watch", arguments)
-    outputs = Outputs(arguments, *_OUTPUTS, pictures=False)
+    outputs = Outputs(arguments, *_FILES, "frames", pictures=False)
+    provenance = provenance_of_run(arguments)
     _check_source(arguments)
     frames_mm = expected_frames_mm(arguments)
     with _records(arguments, replay) as records, _frames_file(arguments.frames) as frames:
         run = _Run(arguments, frames_mm, frames, outputs.text, records)
         run.follow()
-    return run.finish(outputs)
+    return run.finish(outputs, provenance)
 
 
 def _check_source(arguments: argparse.Namespace) -> None:
@@ -137,10 +141,10 @@ class _Run:
         from haptogram.report.watch import WatchPage
         from haptogram.verification.watch import Watch
 
-        is_raw = arguments.source is not None and arguments.dialect is not None
-        evidence = Evidence.WIRE if is_raw else Evidence.EXTERNAL
+        self._is_raw = arguments.source is not None and arguments.dialect is not None
+        evidence = Evidence.WIRE if self._is_raw else Evidence.EXTERNAL
         self._records, self._frames = records, frames
-        self._board = WatchedBoard(next(records), evidence=evidence, timed=not is_raw)
+        self._board = WatchedBoard(next(records), evidence=evidence, timed=not self._is_raw)
         expectation = make_expectation(arguments, frames_mm, self._board)
         self._expected_m = expectation.frames if expectation is not None else ()
         self._page = None
@@ -185,33 +189,44 @@ class _Run:
 
     def _take(self, seen: WatchedLatch) -> None:
         from haptogram.report.watch import client_places_mm
+        from haptogram.verification import FrameStatus
 
         self._lines.print(seen)
         if self._page is not None:
             self._page.take(seen)
-        if seen.verdict is not None and self._arguments.junit is not None:
-            self._verdicts.append(seen.verdict)
+        found = seen.verdict
+        odd = found is not None and found.status is not FrameStatus.ON_TARGET
+        if found is not None and (odd or self._arguments.junit is not None):
+            self._verdicts.append(found)
         if self._frames is not None:
             line = seen.as_dict() | {"client_mm": client_places_mm(seen.pattern, self._board)}
             self._frames.write(json.dumps(line, allow_nan=False) + "\n")
             self._frames.flush()
 
-    def finish(self, outputs: Outputs) -> int:
+    def finish(self, outputs: Outputs, provenance: Provenance) -> int:
         """Print the summary, write the files, and return the exit status."""
-        from haptogram.machine.terminal import paint_terminal_verdicts
-        from haptogram.report.watch import write_watch_junit
+        from haptogram.report.formats.job_summary import write_job_summary
+        from haptogram.report.watch import watch_summary, write_watch_junit
 
         missing = self._missing
         if missing is None and self._board.missing:
             missing = f"{self._board.missing} latches were not shown by the back door"
         result = self._watch.result(missing)
-        print(paint_terminal_verdicts(str(result), outputs.text), file=outputs.text)
+        outputs.print(str(result))
+        summary = watch_summary(result, self._verdicts)
+        annotate_job(summary, outputs)
+        seconds = None if self._is_raw else provenance.elapsed_s
+        origin = provenance.of_virtual_time() if self._is_raw else provenance
         if self._arguments.json is not None:
             write_json_file(self._arguments.json, result.as_dict())
         if self._arguments.junit is not None:
-            write_watch_junit(self._arguments.junit, result, self._verdicts)
+            write_watch_junit(
+                self._arguments.junit, result, self._verdicts, provenance=origin, seconds=seconds
+            )
         if self._page is not None:
-            self._page.write(self._arguments.html, result, self._expected_m)
+            self._page.write(self._arguments.html, result, self._expected_m, provenance=origin)
+        if self._arguments.summary is not None:
+            write_job_summary(self._arguments.summary, summary, origin)
         outputs.announce()
         return result.verdict.exit_status
 

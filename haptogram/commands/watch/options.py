@@ -38,12 +38,12 @@ class WatchConfig(Settings):
         help="end after so many latches of the client",
         absent="until the board ends, or Ctrl-C",
     )
-    html: Path | None = option_of(
-        OutputConfig, "html", help="a page with latches, defects and the interactive view"
-    )
-    frames: Path | None = option(None, unit="FILE", help="a line of JSON for each latch")
-    json: Path | None = option(None, unit="FILE", help="the summary as JSON")
-    junit: Path | None = option(None, unit="FILE", help="the verdicts as JUnit XML")
+    frames: Path | None = option(None, unit="FILE", help="write a line of JSON for each latch")
+    json: Path | None = option_of(OutputConfig, "json")
+    junit: Path | None = option_of(OutputConfig, "junit")
+    html: Path | None = option_of(OutputConfig, "html")
+    summary: Path | None = option_of(OutputConfig, "summary")
+    stamp: str | None = option_of(OutputConfig, "stamp")
 
 
 def watched_board_config(**values: object) -> BoardConfig:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import random
+import time
 from typing import Final
 
 from haptogram.driver.line.port import Transport
@@ -66,6 +67,7 @@ class SuiteConnection:
         self._random = random.Random(seed)
         self._hash = description_hash()
         self._transport: Transport | None = None
+        self._spent_us = self._connected_us = 0  # of boards before, and when this one came
         self._board: BoardClient | None = None
 
     @property
@@ -74,6 +76,15 @@ class SuiteConnection:
         if self._board is None:
             raise LinkError("the port is not open")
         return self._board
+
+    @property
+    def elapsed_us(self) -> int:
+        """Time that has passed: in virtual time of all boards together, else of the host."""
+        if not self._access.virtual:
+            return time.monotonic_ns() // 1000
+        if self._transport is None:
+            return self._spent_us
+        return self._spent_us + self.board.wire.now_us() - self._connected_us
 
     def open(self) -> None:
         """Open the port and find out which board answers.
@@ -151,6 +162,7 @@ class SuiteConnection:
     def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
         self._transport = transport
         wire = RawFrameWire(transport, self._limits, baudrate=self.baudrate)
+        self._connected_us = wire.now_us()
         self._board = BoardClient(wire, self._random, self._hash, booted=booted)
         self._board.thorough = self._thorough
         self._board.explore_us = self._explore_us
@@ -158,6 +170,7 @@ class SuiteConnection:
 
     def _drop(self) -> None:
         if self._transport is not None:
+            self._spent_us = self.elapsed_us
             self._transport.close()
         self._transport = None
 

@@ -148,6 +148,7 @@ class SuiteRunner:
 
     def result(self, case: Case) -> CaseResult:
         """Run one case, as often as it is to be repeated, and return its result."""
+        begin_us = self._connection.elapsed_us
         outcomes = [self._attempt(case) for _ in range(self._options.repeat if case.body else 1)]
         judged = [outcome for outcome in outcomes if not outcome.traceback]
         broken = next((outcome for outcome in outcomes if outcome.traceback), None)
@@ -172,6 +173,7 @@ class SuiteRunner:
             expected=expected.get(case.id, expected.get(case.clause)),
             seen=tuple(outcome.behaviour for outcome in outcomes) if len(outcomes) > 1 else (),
             traceback=broken.traceback if broken is not None else "",
+            seconds=(self._connection.elapsed_us - begin_us) / 1e6,
         )
 
     def _attempt(self, case: Case) -> _Outcome:

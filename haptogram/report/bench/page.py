@@ -7,13 +7,21 @@ from pathlib import Path
 
 from haptogram.campaigns.bench.measure import BenchRun
 from haptogram.campaigns.bench.result import bench_dict
+from haptogram.machine.provenance import UNSTATED, Provenance
 
-from ..html import embed_picture, write_html_page
+from ..figures.embedded import embed_picture
+from ..formats.html import write_html_page
 from . import content
 from .pictures import draw_bench_course, draw_bench_histograms
 
 
-def write_bench_page(path: Path, run: BenchRun, changes: Sequence[str] = ()) -> None:
+def write_bench_page(
+    path: Path,
+    run: BenchRun,
+    changes: Sequence[str] = (),
+    *,
+    provenance: Provenance = UNSTATED,
+) -> None:
     """Write percentiles, late frames with their causes, pictures and machine as a page.
 
     Parameters
@@ -30,6 +38,7 @@ def write_bench_page(path: Path, run: BenchRun, changes: Sequence[str] = ()) -> 
     write_html_page(
         path,
         "bench.html",
+        provenance,
         title="Haptogram: timing of the loop",
         heading="Timing of the loop",
         tone="plain",

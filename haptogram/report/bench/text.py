@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..console import console_paragraph, console_table
+from ..formats.console import console_paragraph, console_table
 from . import content
 
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from haptogram.conformance.verdict import MEANINGS, CaseResult, SuiteResult
+from haptogram.machine.provenance import UNSTATED, Provenance
 
-from ..junit import JUnit, JUnitCase, JUnitSuite, write_junit
+from ..formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit
+from .wording import case_finding
 
 
-def write_conformance_junit(path: Path, suite: SuiteResult) -> None:
-    """Write a run as JUnit XML.
+def write_conformance_junit(
+    path: Path, suite: SuiteResult, *, provenance: Provenance = UNSTATED
+) -> None:
+    """Write a run as JUnit XML; times are those of the port's clock.
 
     Raises
     ------
@@ -18,17 +22,17 @@ def write_conformance_junit(path: Path, suite: SuiteResult) -> None:
         If *path* cannot be written.
     """
     known = {**suite.device, **suite.settings, "cut_short": suite.cut_short}
-    properties = {name: str(value) for name, value in known.items()}
+    properties = {name: str(value) for name, value in known.items()} | dict(provenance.rows())
     cases = tuple(map(_case, suite.results))
-    write_junit(path, JUnitSuite("haptogram.conformance", cases, properties))
+    date, seconds = provenance.timestamp, sum(result.seconds or 0.0 for result in suite.results)
+    write_junit(
+        path,
+        JUnitSuite("haptogram.conformance", cases, properties, timestamp=date, seconds=seconds),
+    )
 
 
 def _case(result: CaseResult) -> JUnitCase:
-    message = f"{result.behaviour} [{result.evidence.upper()}] {result.detail}".strip()
-    if not result.recovers:
-        message += f"; recovery {result.recovery}"
-    if result.expected is not None:
-        message += f" (baseline: {result.expected})"
+    message = case_finding(result)
     return JUnitCase(
         group=result.clause.partition(".")[0],
         name=f"{result.case} {result.summary}",
@@ -37,6 +41,7 @@ def _case(result: CaseResult) -> JUnitCase:
         kind=result.behaviour.value,
         text="\n".join([message, f"requirement: {result.requirement}", *result.transcript]),
         log=result.traceback,
+        seconds=result.seconds,
     )
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from haptogram.conformance.verdict import FAIL, MEANINGS, PASS, Behaviour, CaseResult, SuiteResult
+from haptogram.conformance.causes import failures_by_cause
+from haptogram.conformance.clauses import load_clauses
+from haptogram.conformance.verdict import MEANINGS, Behaviour, CaseResult, SuiteResult
+from haptogram.machine.provenance import UNSTATED, Provenance
 
-from .. import html
+from ..formats.html import setting_rows, write_html_page
+from .matrix import chapters_of_cases, chapters_of_clauses, messages_of_cases
+from .wording import suite_board, suite_counts, suite_verdict
 
 _TONES: Final = {
     Behaviour.OK: "good",
@@ -20,10 +25,12 @@ _TONES: Final = {
     Behaviour.FLAKY: "bad",
     Behaviour.FAILED: "bad",
 }
-_ATTENTION: Final = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE)
+_VERDICT_TONES: Final = {"PASS": "good", "FAIL": "bad", "INCONCLUSIVE": "doubt"}
 
 
-def write_conformance_page(path: Path, suite: SuiteResult) -> None:
+def write_conformance_page(
+    path: Path, suite: SuiteResult, *, provenance: Provenance = UNSTATED
+) -> None:
     """Write one run as a page: every case with its requirement, verdict and bytes.
 
     Raises
@@ -31,28 +38,38 @@ def write_conformance_page(path: Path, suite: SuiteResult) -> None:
     ConfigurationError
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
-    outcome, tone = _outcome(suite)
-    html.write_html_page(
+    verdict = suite_verdict(suite)
+    cases_of: dict[str, list[CaseResult]] = {number: [] for number in load_clauses()}
+    for result in suite.results:
+        cases_of[result.clause].append(result)
+    write_html_page(
         path,
         "conformance.html",
-        title=f"Haptogram: conformance, {outcome}",
-        heading=f"Conformance: {outcome}",
-        tone=tone,
+        provenance,
+        title=f"Haptogram: conformance, {verdict.lower()}",
+        heading=f"{verdict}: {suite_counts(suite)}",
+        tone=_VERDICT_TONES[verdict],
         lead=[
-            f"{_name(suite)}: {_counts(suite)}.",
-            f"Exit status {suite.exit_status}.",
+            f"Conformance of {suite_board(suite)}. Exit status {suite.exit_status}.",
             *([f"Cut short: {suite.cut_short}."] if suite.cut_short else []),
         ],
-        attention=[result for result in suite.results if _needs_attention(result)],
+        attention=list(_attention(suite)),
+        chapters=chapters_of_cases(suite.results),
+        messages=messages_of_cases(suite.results),
         meanings=[
             (_TONES[behaviour], behaviour, meaning.text) for behaviour, meaning in MEANINGS.items()
         ],
         results=suite.results,
+        spec=chapters_of_clauses(),
+        cases_of=cases_of,
+        settings=[*setting_rows(suite.device), *setting_rows(suite.settings)],
         tone_of=_tone,
     )
 
 
-def write_comparison_page(path: Path, suites: Sequence[SuiteResult]) -> None:
+def write_comparison_page(
+    path: Path, suites: Sequence[SuiteResult], *, provenance: Provenance = UNSTATED
+) -> None:
     """Write several runs side by side: a row for each case, a column for each device.
 
     Raises
@@ -62,10 +79,11 @@ def write_comparison_page(path: Path, suites: Sequence[SuiteResult]) -> None:
     """
     columns = [{result.case: result for result in suite.results} for suite in suites]
     cases = {result.case: result.summary for suite in suites for result in suite.results}
-    names = [_name(suite) for suite in suites]
-    html.write_html_page(
+    names = [suite_board(suite) for suite in suites]
+    write_html_page(
         path,
         "comparison.html",
+        provenance,
         title="Haptogram: conformance of several devices",
         heading="Conformance of several devices",
         tone="plain",
@@ -75,27 +93,17 @@ def write_comparison_page(path: Path, suites: Sequence[SuiteResult]) -> None:
             {"case": case, "what": what, "results": [column.get(case) for column in columns]}
             for case, what in cases.items()
         ],
-        totals=list(zip(names, map(_counts, suites), strict=True)),
+        totals=list(zip(names, map(suite_counts, suites), strict=True)),
         tone_of=_tone,
     )
 
 
-def _outcome(suite: SuiteResult) -> tuple[str, str]:
-    outcomes = {PASS: ("pass", "good"), FAIL: ("fail", "bad")}
-    return outcomes.get(suite.exit_status, ("inconclusive", "doubt"))
-
-
-def _name(suite: SuiteResult) -> str:
-    firmware = str(suite.device.get("firmware", "no board"))
-    return f"{firmware} ({suite.settings.get('port', '')})"
-
-
-def _counts(suite: SuiteResult) -> str:
-    return ", ".join(f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b))
-
-
-def _needs_attention(result: CaseResult) -> bool:
-    return result.behaviour in _ATTENTION or not result.recovers
+def _attention(suite: SuiteResult) -> Iterator[CaseResult]:
+    """Yield the failures by cause, then the cases that were not judged."""
+    yield from failures_by_cause(suite.results)
+    for result in suite.results:
+        if result.behaviour is Behaviour.INCONCLUSIVE and not result.is_failure:
+            yield result
 
 
 def _tone(result: CaseResult) -> str:

@@ -9,6 +9,8 @@ from typing import Final
 from haptogram.conformance.causes import failures_by_cause
 from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
+from .wording import suite_counts, suite_verdict
+
 _LEFT_OUT: Final = "takes longer than this depth"  # begin of the reason of such cases
 _CAUSES: Final = 3  # failures with their bytes; the others may follow from these
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
@@ -100,8 +102,7 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
     measured, stated = (suite.settings.get(n) for n in ("measured_baudrate", "baudrate"))
     if measured != stated:
         yield f"line         {measured} Bd as measured, {stated} Bd as stated"
-    counts = [f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b)]
-    yield f"cases        {len(suite.results)}: {', '.join(counts)}"
+    yield f"cases        {suite_counts(suite)}"
     # With the reasons: a number alone would look like a gap.
     for which, reason in _by_reason(suite, Behaviour.NOT_OBSERVED):
         yield f"not observed {which}: {reason}"
@@ -120,7 +121,6 @@ def _summary(suite: SuiteResult) -> Iterator[str]:
         yield f"case errors  {named}: not the board; tracebacks are in --json, --junit and --html"
     if suite.cut_short:
         yield f"cut short    {suite.cut_short}"
-    verdict = {0: "PASS", 1: "FAIL"}.get(suite.exit_status, "INCONCLUSIVE")
     unseen = suite.unseen_without_reset
     more = f"; --reset-cmd would add {', '.join(unseen)}" if unseen else ""
-    yield f"verdict      {verdict} (exit status {suite.exit_status}){more}"
+    yield f"verdict      {suite_verdict(suite)} (exit status {suite.exit_status}){more}"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
 
-from ..extra import require_report_packages
+from ..formats.extra import require_report_packages
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

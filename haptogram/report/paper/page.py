@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.machine.provenance import UNSTATED
 from haptogram.published.paper.document import (
     DEVIATIONS_REMARK,
     FIGURE_4_REMARK,
@@ -17,7 +18,8 @@ from haptogram.published.paper.document import (
 from haptogram.published.paper.equations import EQUATIONS
 
 from ..figures import encode_figure
-from ..html import check_html_page, embed_picture, render_html_page
+from ..figures.embedded import embed_picture
+from ..formats.html import check_html_page, render_html_page
 from .pictures import draw_figure_4, draw_hemispheres, draw_table_1
 
 if TYPE_CHECKING:
@@ -50,7 +52,7 @@ def paper_report_files(
         "table1": draw_table_1(paper.best),
         **draw_figure_4(),
     }
-    page = render_html_page("paper.html", **_content(paper, presets, figures)).encode()
+    page = render_html_page("paper.html", UNSTATED, **_content(paper, presets, figures)).encode()
     if path.suffix:
         yield path, page
         return

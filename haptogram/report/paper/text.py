@@ -14,7 +14,7 @@ from haptogram.published.paper.document import (
 from haptogram.published.paper.equations import EQUATIONS
 from haptogram.published.paper.table1 import TOLERANCE, Table1Cell, Table1Reproduction
 
-from ..console import console_paragraph, console_table
+from ..formats.console import console_paragraph, console_table
 
 
 def paper_text(paper: PaperReproduction) -> str:

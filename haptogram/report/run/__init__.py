@@ -6,6 +6,7 @@ Each file is written as a whole or not at all.
 from .junit import write_run_junit
 from .page import write_run_page
 from .result import frame_dict, run_environment, run_result_dict, write_frame_lines, write_run_json
+from .summary import run_summary
 from .wording import faults_and_troubles_text
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "frame_dict",
     "run_environment",
     "run_result_dict",
+    "run_summary",
     "write_frame_lines",
     "write_run_json",
     "write_run_junit",

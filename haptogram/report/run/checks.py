@@ -12,6 +12,7 @@ from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, Verdic
 
 from .wording import count_text, frame_text
 
+COMPLETE: Final = "complete"  # name of the check that the run came to its end
 NAMED_FRAMES: Final = 20  # the JSON names all
 
 _Item = TypeVar("_Item")
@@ -182,9 +183,9 @@ def _share_verified(run: RunVerdict) -> RunCheck:
 def _complete(run: RunVerdict, cut_short: str | None) -> RunCheck:
     statement = "the run comes to its end"
     if cut_short is None:
-        return RunCheck("complete", statement, CheckOutcome.PASSED, "it came to its end")
+        return RunCheck(COMPLETE, statement, CheckOutcome.PASSED, "it came to its end")
     message = f"{cut_short}{cut_run_text(run.counts)}"
-    return RunCheck("complete", statement, CheckOutcome.INCONCLUSIVE, message)
+    return RunCheck(COMPLETE, statement, CheckOutcome.INCONCLUSIVE, message)
 
 
 def _named(frames: list[FrameVerdict]) -> tuple[str, ...]:

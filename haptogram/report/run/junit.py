@@ -13,10 +13,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.verification import RunVerdict
 
-from ..junit import JUnit, JUnitCase, JUnitSuite, write_junit
-from .checks import CheckOutcome, RunCheck, run_checks
+from ..formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit
+from .checks import COMPLETE, CheckOutcome, RunCheck, run_checks
 
 _OUTCOMES: Final = {
     CheckOutcome.PASSED: JUnit.PASSED,
@@ -27,7 +28,14 @@ _OUTCOMES: Final = {
 }
 
 
-def write_run_junit(path: Path, run: RunVerdict, result: Mapping[str, Any]) -> None:
+def write_run_junit(
+    path: Path,
+    run: RunVerdict,
+    result: Mapping[str, Any],
+    *,
+    provenance: Provenance = UNSTATED,
+    seconds: float | None = None,
+) -> None:
     """Write the result as JUnit XML.
 
     Parameters
@@ -36,21 +44,30 @@ def write_run_junit(path: Path, run: RunVerdict, result: Mapping[str, Any]) -> N
         The judged run.
     result : mapping
         The same as :func:`result_dict` returns it.
+    provenance : Provenance, optional
+        Origin of the result.
+    seconds : float or None
+        How long the run took: the time of the check that it came to its end.
 
     Raises
     ------
     ConfigurationError
         If *path* cannot be written.
     """
-    cases = tuple(_case(check) for check in run_checks(run, result["cut_short"]))
-    properties = dict(_flat("", _known(result)))
-    write_junit(path, JUnitSuite("haptogram.verify", cases, properties, str(run)))
+    checks = run_checks(run, result["cut_short"])
+    cases = tuple(_case(check, seconds if check.name == COMPLETE else None) for check in checks)
+    properties = dict(_flat("", _known(result))) | dict(provenance.rows())
+    date = provenance.timestamp
+    suite = JUnitSuite("haptogram.verify", cases, properties, str(run), date, seconds)
+    write_junit(path, suite)
 
 
-def _case(check: RunCheck) -> JUnitCase:
+def _case(check: RunCheck, seconds: float | None) -> JUnitCase:
     text = "\n".join([check.message, *check.details])
     outcome = _OUTCOMES[check.outcome]
-    return JUnitCase(check.name, check.statement, outcome, check.message, check.name, text)
+    return JUnitCase(
+        check.name, check.statement, outcome, check.message, check.name, text, seconds=seconds
+    )
 
 
 def _known(result: Mapping[str, Any]) -> dict[str, Any]:
@@ -62,7 +79,9 @@ def _known(result: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Yield dotted names and texts of nested settings."""
+    """Yield dotted names and texts of nested settings, without those that are not set."""
+    if value is None or value == []:
+        return
     if isinstance(value, Mapping):
         for name, item in value.items():
             yield from _flat(f"{prefix}.{name}" if prefix else str(name), item)

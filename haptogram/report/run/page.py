@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from haptogram.acoustics import AcousticModel
+from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.records.frame import Observation
 from haptogram.verification import (
     FrameStatus,
@@ -17,7 +17,8 @@ from haptogram.verification import (
     consequence_text,
 )
 
-from ..html import PagePicture, check_html_page, embed_picture, write_html_page
+from ..figures.embedded import PagePicture, embed_picture
+from ..formats.html import check_html_page, setting_rows, write_html_page
 from ..viewer.run_scene import run_scene
 from . import pictures, prose
 from .checks import NAMED_FRAMES, CheckOutcome, run_checks
@@ -44,6 +45,7 @@ def write_run_page(
     model: AcousticModel,
     *,
     observations: Mapping[int, Observation] | None = None,
+    provenance: Provenance = UNSTATED,
 ) -> None:
     """Write the result as a page with pictures.
 
@@ -58,6 +60,8 @@ def write_run_page(
     observations : mapping of int to Observation, optional
         Latches whose drive was observed, by frame number, for the view and the picture of the
         field.
+    provenance : Provenance, optional
+        Origin of the result.
 
     Raises
     ------
@@ -73,8 +77,9 @@ def write_run_page(
     write_html_page(
         path,
         "run.html",
+        provenance,
         title=f"Haptogram: {run.verdict}, {result['frames']['sent']} frames",
-        heading=prose.HEADLINES[run.verdict],
+        heading=run.sentence,
         tone=_TONES[run.verdict],
         lead=[*prose.run_summary_sentences(result), *effect],
         key_figures=_key_figures(result),
@@ -184,14 +189,7 @@ def _circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, str]]
         "Host": result.get("host") or {},
         "Environment": result.get("environment") or {},
     }
-    return {
-        title: [(name, _setting(value)) for name, value in values.items()]
-        for title, values in parts.items()
-    }
-
-
-def _setting(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return {title: setting_rows(values) for title, values in parts.items()}
 
 
 # --- Pictures ----------------------------------------------------------------------------------

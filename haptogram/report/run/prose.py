@@ -6,15 +6,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from haptogram.records.frame import Evidence
-from haptogram.verification import Tolerance, Verdict, cut_run_text, tolerance_text
+from haptogram.verification import Tolerance, cut_run_text, tolerance_text
 
 from .wording import count_text, host_delay_text
-
-HEADLINES: Final = {
-    Verdict.PASS: "Pass: every focus that was verified is on its target",
-    Verdict.FAIL: "Fail: the board did not radiate what it was asked for",
-    Verdict.INCONCLUSIVE: "Inconclusive: too little was seen for a verdict",
-}
 
 _EVIDENCE: Final = {
     Evidence.EXTERNAL: "External: what was radiated was recorded beside the board's own answers "
@@ -61,8 +55,6 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
         f"{frames['verified']} verified, {frames['on_target']} of them on target"
         f"{cut_run_text(frames)}."
     )
-    if result["reasons"]:
-        yield f"Why: {'; '.join(result['reasons'])}."
     lateral, axial = result["lateral_error_mm"]["max"], result["axial_error_mm"]["max"]
     if lateral is not None:
         along = "" if axial is None else f" and {axial:.3f} mm along the beam"

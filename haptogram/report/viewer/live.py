@@ -12,6 +12,8 @@ from haptogram.acoustics import Drive, NotSingle, Reconstruction, SingleFocus, s
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model, observation_of
 from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
+from haptogram.evidence.pulse_records import PulseObservation, pulse_observation_of
+from haptogram.machine.terminal import printable_text
 from haptogram.records.frame import Observation
 
 from .frames import LATE, TIMELY, ShownFrame
@@ -48,7 +50,7 @@ class LiveScene:
         if board["kind"] != "board" or "firmware" not in board:
             raise ConfigurationError("the first record of a back door must be of the board")
         self.model = board_model(board)
-        self.firmware = str(board.get("dialect") or board["firmware"])
+        self.firmware = printable_text(str(board.get("dialect") or board["firmware"]))
         self._channels = board.get("channels", ())
         self.shown = 0
         self.ended = False

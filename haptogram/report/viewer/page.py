@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..html import render_html_page, write_html_page
+from haptogram.machine.provenance import UNSTATED
+
+from ..formats.html import render_html_page, write_html_page
 from .scene import Scene
 
 
@@ -24,7 +26,7 @@ def view_page(scene: Scene | None, *, title: str, lead: list[str]) -> str:
     ConfigurationError
         If the extra ``report`` is not installed.
     """
-    return render_html_page("view.html", **_content(scene, title, lead))
+    return render_html_page("view.html", UNSTATED, **_content(scene, title, lead))
 
 
 def write_view(path: Path, scene: Scene, *, title: str, lead: list[str]) -> None:
@@ -35,7 +37,7 @@ def write_view(path: Path, scene: Scene, *, title: str, lead: list[str]) -> None
     ConfigurationError
         Also if *path* cannot be written.
     """
-    write_html_page(path, "view.html", **_content(scene, title, lead))
+    write_html_page(path, "view.html", UNSTATED, **_content(scene, title, lead))
 
 
 def _content(scene: Scene | None, title: str, lead: list[str]) -> dict[str, Any]:

@@ -6,22 +6,34 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.verification import FrameStatus, FrameVerdict
 from haptogram.verification.verdict import WRONG
 from haptogram.verification.watch import Defect, WatchResult
 
-from ..junit import JUnit, JUnitCase, JUnitSuite, write_junit
+from ..formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit
 
 _SUITE: Final = "haptogram.watch"
 
 
-def write_watch_junit(path: Path, result: WatchResult, verdicts: Sequence[FrameVerdict]) -> None:
+def write_watch_junit(
+    path: Path,
+    result: WatchResult,
+    verdicts: Sequence[FrameVerdict],
+    *,
+    provenance: Provenance = UNSTATED,
+    seconds: float | None = None,
+) -> None:
     """Write the result as JUnit XML.
 
     Parameters
     ----------
     verdicts : sequence of FrameVerdict
         Of the latches of which a frame was expected.
+    provenance : Provenance, optional
+        Origin of the result.
+    seconds : float or None
+        How long the board was watched: the time of the case that every latch was seen.
 
     Raises
     ------
@@ -30,9 +42,12 @@ def write_watch_junit(path: Path, result: WatchResult, verdicts: Sequence[FrameV
     """
     cases = [_frame_case(verdict) for verdict in verdicts]
     cases += [_defect_case(result, defect) for defect in Defect]
-    cases.append(_seen_case(result))
+    cases.append(_seen_case(result, seconds))
     properties = {"verdict": str(result.verdict), "latches": str(result.latches)}
-    write_junit(path, JUnitSuite(_SUITE, tuple(cases), properties, str(result)))
+    properties |= dict(provenance.rows())
+    log = "\n".join(result.lines())
+    date = provenance.timestamp
+    write_junit(path, JUnitSuite(_SUITE, tuple(cases), properties, log, date, seconds))
 
 
 def _frame_case(verdict: FrameVerdict) -> JUnitCase:
@@ -52,9 +67,10 @@ def _defect_case(result: WatchResult, defect: Defect) -> JUnitCase:
     return JUnitCase("defects", f"no {defect}", outcome, message, "defect", "\n".join(found))
 
 
-def _seen_case(result: WatchResult) -> JUnitCase:
+def _seen_case(result: WatchResult, seconds: float | None) -> JUnitCase:
     count = sum(result.kinds.values())
     missing = result.missing or ("" if count else "no latch of a client was seen")
     outcome = JUnit.ERROR if missing else JUnit.PASSED
     message = missing or f"{count} latches"
-    return JUnitCase("seen", "every latch was seen", outcome, message, "seen", message)
+    name = "every latch was seen"
+    return JUnitCase("seen", name, outcome, message, "seen", message, seconds=seconds)

@@ -15,10 +15,11 @@ from haptogram.acoustics import Drive, saturated_weights
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus
 from haptogram.evidence.watched_board import WatchedBoard
+from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.verification import FrameStatus, Verdict
 from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
 
-from ..html import write_html_page
+from ..formats.html import write_html_page
 from ..viewer.frames import ShownFrame, judged_frame
 from ..viewer.scene import Scene
 from .words import pattern_text, place_text
@@ -27,11 +28,6 @@ _KEPT: Final = 5_000  # latches of the view: some 3 MB of a page
 _LISTED: Final = 200  # rows of a table that a person reads
 _MM: Final = 1e3
 _TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
-_HEADINGS: Final = {
-    Verdict.PASS: "Nothing is wrong",
-    Verdict.FAIL: "Something is wrong",
-    Verdict.INCONCLUSIVE: "Not verified",
-}
 
 
 class WatchPage:
@@ -55,7 +51,14 @@ class WatchPage:
         self._frames.append(_shown(seen))
         self._rows.append(self._row(seen))
 
-    def write(self, path: Path, result: WatchResult, expected_m: Sequence[FloatArray]) -> None:
+    def write(
+        self,
+        path: Path,
+        result: WatchResult,
+        expected_m: Sequence[FloatArray],
+        *,
+        provenance: Provenance = UNSTATED,
+    ) -> None:
         """Write the page.
 
         Parameters
@@ -64,6 +67,8 @@ class WatchPage:
             The whole run.
         expected_m : sequence of (F, 3) numpy.ndarray
             The foci of each frame that was expected, in the axes of the model.
+        provenance : Provenance, optional
+            Origin of the result.
 
         Raises
         ------
@@ -74,8 +79,9 @@ class WatchPage:
         write_html_page(
             path,
             "watch.html",
+            provenance,
             title=f"Haptogram: {result.verdict}, {result.latches} latches",
-            heading=_HEADINGS[result.verdict],
+            heading=result.lines()[0],
             tone=_TONES[result.verdict],
             lead=self._lead(result),
             patterns=list(result.kinds.items()),
@@ -94,10 +100,7 @@ class WatchPage:
         )
 
     def _lead(self, result: WatchResult) -> list[str]:
-        count = sum(result.kinds.values())
-        sentences = [
-            f"{count} latches of the client were seen; the board is {self._board.dialect}."
-        ]
+        sentences = [f"The board is {self._board.dialect}."]
         sentences += [f"Not judged: {result.missing}."] if result.missing else []
         if not result.expected:
             sentences.append("No focus was expected, so no latch has a verdict.")

@@ -123,10 +123,14 @@ class WatchResult:
         }
 
     def __str__(self) -> str:
-        """Return the summary in lines."""
-        return "\n".join(self._lines())
+        """Return the summary, and how long the searches took."""
+        lines, (median, most) = self.lines(), self.search_ms
+        if most:
+            lines.append(f"  search    {median:.1f} ms a new drive, {most:.0f} ms at most")
+        return "\n".join(lines)
 
-    def _lines(self) -> list[str]:
+    def lines(self) -> list[str]:
+        """Return the summary in lines, the verdict first."""
         kinds = ", ".join(f"{count} {kind}" for kind, count in self.kinds.items())
         lines = [f"{self.verdict}: {sum(self.kinds.values())} latches of the client"]
         lines += [f"  patterns  {kinds}"] if kinds else []
@@ -140,7 +144,4 @@ class WatchResult:
         remarks = dict.fromkeys(text for text in self.remarks if text != self.missing)
         lines += [f"  remark    {text}" for text in [*remarks][:8]]
         lines += [f"  missing   {self.missing}"] if self.missing else []
-        median, most = self.search_ms
-        if most:
-            lines.append(f"  search    {median:.1f} ms a new drive, {most:.0f} ms at most")
         return lines

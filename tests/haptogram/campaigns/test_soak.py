@@ -19,7 +19,7 @@ from haptogram.campaigns.soak.setup import SoakSetup
 from haptogram.campaigns.soak.tally import SoakTally
 from haptogram.cli import board_without_a_line, main
 from haptogram.errors import ConfigurationError
-from haptogram.report.soak import soak_text
+from haptogram.report.soak.text import soak_text
 from haptogram.settings.faults.kinds import FAULT_KINDS
 
 SHORT = SoakSetup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_minutes=0.4 / 60)

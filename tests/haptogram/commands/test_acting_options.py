@@ -88,8 +88,23 @@ CASES = {
         "step_mm": ("--picture a.png --view isosurface", "--picture a.png --view cuts"),
     },
 }
+CASES["soak"], CASES["bench"] = {}, {}
+for _command, _words in {
+    "verify": "",
+    "conform": "",
+    "soak": "--hours 0.1 ",
+    "bench": "",
+    "watch": "unix:board.sock ",
+}.items():
+    CASES[_command]["stamp"] = (f"{_words}--summary a.md", _words.strip())
 #: Values of the options that do not take 5.
-VALUES = {"depth": "0.5", "http": "127.0.0.1:0", "baud": "9600", "clause": "HG-2.3"}
+VALUES = {
+    "depth": "0.5",
+    "http": "127.0.0.1:0",
+    "baud": "9600",
+    "clause": "HG-2.3",
+    "stamp": "2026-11-22",
+}
 ROWS = [
     (command, name, *lines) for command, options in CASES.items() for name, lines in options.items()
 ] + [("conform", "boot_timeout", "--spawn true", "")]

@@ -13,7 +13,9 @@ from haptogram.commands.shell.output_files import INPUTS
 from haptogram.settings.parser import file_name_option
 from sim_device import command as board_command
 
-OUTPUTS = {"csv", "frames", "html", "json", "junit", "picture", "record", "write_baseline"}
+OUTPUTS = {
+    *("csv", "frames", "html", "json", "junit", "picture", "record", "summary", "write_baseline")
+}
 #: Read and written on purpose.
 BOTH = {"resume"}
 #: A file that each input takes: suffix and content.

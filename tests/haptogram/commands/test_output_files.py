@@ -16,13 +16,13 @@ from haptogram.cli import main
 CIRCLE = ["--object", "point", "--array", "6x6", "--virtual-time", "--quiet"]
 #: Every command that writes, with words that make it quick, and its options that name a file.
 WRITERS = {
-    "verify": (CIRCLE, ("--json", "--junit", "--html", "--frames")),
+    "verify": (CIRCLE, ("--json", "--junit", "--html", "--frames", "--summary")),
     "conform": (
         ["--clause", "HG-2.3/1", "--quiet"],
-        ("--json", "--junit", "--html", "--write-baseline"),
+        ("--json", "--junit", "--html", "--summary", "--write-baseline"),
     ),
-    "soak": (["--hours", "0.0001", "--quiet"], ("--json", "--resume")),
-    "bench": (["--seconds", "0.1"], ("--json", "--html", "--picture")),
+    "soak": (["--hours", "0.0001", "--quiet"], ("--json", "--html", "--summary", "--resume")),
+    "bench": (["--seconds", "0.1"], ("--json", "--html", "--summary", "--picture")),
     "field": (["--array", "4x4"], ("--picture",)),
     "modulation": (
         ["am", "--array", "4x4", "--center-mm", "0,0,80"],

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray
-from haptogram.report.html import embed_picture
+from haptogram.report.figures.embedded import embed_picture
 from haptogram.report.run import pictures
 from haptogram.report.run.fieldmap import frame_field_picture
 from haptogram.report.run.series import (

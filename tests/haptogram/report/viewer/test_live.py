@@ -196,7 +196,7 @@ def test_page_may_run_its_own_script_only(server: ViewServer) -> None:
     policy = ask(server, "/").policy
     assert policy is not None
     assert "default-src 'none'" in policy
-    assert policy.count("sha256-") == 2
+    assert policy.count("sha256-") == 3  # the view, the tables, the style
     assert "unsafe" not in policy
 
 

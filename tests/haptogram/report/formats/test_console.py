@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.report.console import WIDTH, console_paragraph, console_table
+from haptogram.report.formats.console import WIDTH, console_paragraph, console_table
 
 WORD = st.text("abcµ", min_size=1, max_size=12)
 

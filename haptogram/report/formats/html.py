@@ -6,9 +6,8 @@ build their tables by the one macro in ``parts.html``.  Every text that goes in 
 
 from __future__ import annotations
 
-import base64
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,40 +18,10 @@ from .extra import require_report_packages
 if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
-    from matplotlib.figure import Figure
+
+    from haptogram.machine.provenance import Provenance
 
 _CODE: Final = re.compile("`([^`]+)`")
-
-
-@dataclass(frozen=True, slots=True)
-class PagePicture:
-    """A picture for a page.
-
-    Attributes
-    ----------
-    png : bytes
-        The picture.
-    title : str
-        What it is a picture of; read aloud in its place.
-    caption : str
-        What to see in it.
-    """
-
-    png: bytes
-    title: str
-    caption: str = ""
-
-    @property
-    def source(self) -> str:
-        """The picture as the address of an image."""
-        return f"data:image/png;base64,{base64.b64encode(self.png).decode('ascii')}"
-
-
-def embed_picture(figure: Figure, title: str, caption: str = "") -> PagePicture:
-    """Return *figure* as a picture for a page."""
-    from .figures import style  # brings numpy along, which a page without pictures does not need
-
-    return PagePicture(style.encode_figure(figure, ".png", style.PAGE_DPI), title, caption)
 
 
 def check_html_page(*, pictures: bool = True) -> None:
@@ -71,13 +40,15 @@ def check_html_page(*, pictures: bool = True) -> None:
     require_report_packages("HTML pages", "jinja2", *(["matplotlib"] if pictures else []))
 
 
-def write_html_page(path: Path, template: str, **content: Any) -> None:
+def write_html_page(path: Path, template: str, provenance: Provenance, **content: Any) -> None:
     """Write one page, as a whole or not at all.
 
     Parameters
     ----------
     template : str
         Name of a file in ``templates/``.
+    provenance : Provenance
+        Origin of the result, for the banner.
     content : Any
         Values for the template.  Every page has a ``title``, a ``heading``, sentences below it
         (``lead``) and a ``tone``: "good", "bad", "doubt" or "plain".
@@ -87,15 +58,42 @@ def write_html_page(path: Path, template: str, **content: Any) -> None:
     ConfigurationError
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
-    page = render_html_page(template, **content)
+    page = render_html_page(template, provenance, **content)
     # A port may be named by bytes that are no text; they become question marks.
     write_file_atomically(path, page.encode("utf-8", errors="replace"))
 
 
-def render_html_page(template: str, **content: Any) -> str:
+def render_html_page(template: str, provenance: Provenance, **content: Any) -> str:
     """Return one page; parameters and errors are those of :func:`write_html_page`."""
     check_html_page(pictures=False)
-    return _environment().get_template(template).render(content)
+    return _environment().get_template(template).render(content, origin=provenance.rows())
+
+
+def setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return name and text of every setting that is set.
+
+    Examples
+    --------
+    >>> setting_rows({"rate_hz": 1000.0, "port": None, "quiet": False, "center_mm": [0.0, 2.5]})
+    [('rate_hz', '1000'), ('quiet', 'no'), ('center_mm', '0, 2.5')]
+    """
+    texts = ((name, _setting_text(value)) for name, value in settings.items())
+    return [(name, text) for name, text in texts if text]
+
+
+def _setting_text(value: Any) -> str:
+    match value:
+        case None:
+            return ""
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:.10g}"
+        case Mapping():
+            return ", ".join(f"{name} {_setting_text(item)}" for name, item in value.items())
+        case list() | tuple():
+            return ", ".join(map(_setting_text, value))
+    return str(value)
 
 
 def _environment() -> Environment:

@@ -1,7 +1,4 @@
-"""JUnit XML, the format that CI servers read: one suite of cases in a file.
-
-No date and no duration is written: the same results give the same bytes.
-"""
+"""JUnit XML, the format that CI servers read: one suite of cases in a file."""
 
 from __future__ import annotations
 
@@ -48,6 +45,8 @@ class JUnitCase:
         The outcome in full; not written for a case that was skipped.
     log : str
         Further output, empty for none.
+    seconds : float or None
+        How long it took; None: it took no time of its own.
     """
 
     group: str
@@ -57,6 +56,7 @@ class JUnitCase:
     kind: str
     text: str
     log: str = ""
+    seconds: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,12 +73,18 @@ class JUnitSuite:
         What is known of the run.
     log : str
         Output of the whole run, empty for none.
+    timestamp : str or None
+        When it began: a date of ISO 8601 in UTC, without a zone; None: not stated.
+    seconds : float or None
+        How long it took; None: not stated.
     """
 
     name: str
     cases: tuple[JUnitCase, ...]
     properties: Mapping[str, str] = field(default_factory=dict)
     log: str = ""
+    timestamp: str | None = None
+    seconds: float | None = None
 
 
 def write_junit(path: Path, suite: JUnitSuite) -> None:
@@ -102,9 +108,11 @@ def _root(suite: JUnitSuite) -> ElementTree.Element:
         "failures": str(outcomes[JUnit.FAILURE]),
         "errors": str(outcomes[JUnit.ERROR]),
     }
-    root = ElementTree.Element("testsuites", {"name": suite.name} | totals)
-    skipped = {"skipped": str(outcomes[JUnit.SKIPPED])}
-    node = ElementTree.SubElement(root, "testsuite", {"name": suite.name} | totals | skipped)
+    time = _time(suite.seconds)
+    root = ElementTree.Element("testsuites", {"name": suite.name} | totals | time)
+    own = {"skipped": str(outcomes[JUnit.SKIPPED])} | time
+    own |= {} if suite.timestamp is None else {"timestamp": suite.timestamp}
+    node = ElementTree.SubElement(root, "testsuite", {"name": suite.name} | totals | own)
     properties = ElementTree.SubElement(node, "properties")
     for name, value in suite.properties.items():
         ElementTree.SubElement(properties, "property", name=_legal(name), value=_legal(value))
@@ -117,7 +125,8 @@ def _root(suite: JUnitSuite) -> ElementTree.Element:
 
 def _add_case(suite: ElementTree.Element, name: str, case: JUnitCase) -> None:
     group = f"{name}.{case.group}"
-    node = ElementTree.SubElement(suite, "testcase", classname=group, name=_legal(case.name))
+    known = {"classname": group, "name": _legal(case.name)} | _time(case.seconds)
+    node = ElementTree.SubElement(suite, "testcase", known)
     outcome = ElementTree.SubElement(node, case.outcome)
     if case.outcome is not JUnit.PASSED:
         outcome.set("message", _legal(case.message))
@@ -127,6 +136,10 @@ def _add_case(suite: ElementTree.Element, name: str, case: JUnitCase) -> None:
         outcome.text = _legal(case.text)
     if case.log:
         ElementTree.SubElement(node, "system-out").text = _legal(case.log)
+
+
+def _time(seconds: float | None) -> dict[str, str]:
+    return {} if seconds is None else {"time": f"{seconds:.3f}"}
 
 
 def _legal(text: str) -> str:

@@ -8,19 +8,21 @@ import pytest
 
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError, missing_extra
-from haptogram.report.html import PagePicture, check_html_page, render_html_page
+from haptogram.machine.provenance import UNSTATED
+from haptogram.report.figures.embedded import PagePicture
+from haptogram.report.formats.html import check_html_page, render_html_page
 
 FRAME = {"title": "t", "heading": "h", "tone": "plain", "lead": []}
 PAGES = [
     template.name
     for template in (files("haptogram.report") / "templates").iterdir()
-    if template.is_file() and template.name not in {"base.html", "parts.html", "style.css"}
+    if template.name.endswith(".html") and template.name not in {"base.html", "parts.html"}
 ]
 
 
 def comparison(**changes):
     content = {"names": ["a"], "rows": [], "totals": [], "tone_of": lambda _: "plain"}
-    return render_html_page("comparison.html", **FRAME, **(content | changes))
+    return render_html_page("comparison.html", UNSTATED, **FRAME, **(content | changes))
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -41,7 +43,7 @@ def test_a_value_that_is_missing_is_an_error_and_no_gap():
     from jinja2 import UndefinedError
 
     with pytest.raises(UndefinedError, match="totals"):
-        render_html_page("comparison.html", **FRAME, names=[], rows=[], tone_of=None)
+        render_html_page("comparison.html", UNSTATED, **FRAME, names=[], rows=[], tone_of=None)
 
 
 def test_a_picture_is_part_of_the_page():
@@ -94,6 +96,6 @@ def test_a_page_without_pictures_needs_no_matplotlib(monkeypatch):
 
 
 def test_what_stands_between_backticks_is_code_and_still_escaped():
-    from haptogram.report.html import _code_spans
+    from haptogram.report.formats.html import _code_spans
 
     assert _code_spans("count it in `<crc>`.") == "count it in <code>&lt;crc&gt;</code>."

@@ -1,0 +1,34 @@
+"""The origin of a result for its files, and its annotations in a job of GitHub."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import TYPE_CHECKING
+
+from haptogram.machine.provenance import Provenance
+from haptogram.machine.terminal import is_github_job
+
+if TYPE_CHECKING:
+    from haptogram.report.formats.job_summary import JobSummary
+
+    from .output_files import Outputs
+
+
+def provenance_of_run(arguments: Namespace) -> Provenance:
+    """Return the origin of the run that *arguments* describe, which begins now.
+
+    Raises
+    ------
+    ConfigurationError
+        If ``--stamp`` is no date.
+    """
+    return Provenance.of_run(arguments.command_line, arguments.stamp)
+
+
+def annotate_job(summary: JobSummary, outputs: Outputs) -> None:
+    """Print the findings of *summary* as annotations, in a job of GitHub."""
+    if is_github_job():
+        from haptogram.report.formats.job_summary import github_annotations
+
+        for line in github_annotations(summary):
+            print(line, file=outputs.text, flush=True)

@@ -1,0 +1,80 @@
+"""The files of a run: each is written as a whole, and one that cannot be does not cost the rest."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from haptogram.errors import ConfigurationError
+from haptogram.machine.terminal import terminal_error_line
+
+from ..shell.job import annotate_job
+from ..shell.output_files import announce_output
+
+if TYPE_CHECKING:
+    from haptogram.evidence.run_record import RunRecord
+    from haptogram.machine.provenance import Provenance
+    from haptogram.settings.verify_config import VerifyConfig
+    from haptogram.verification import RunVerdict
+
+    from ..shell.output_files import Outputs
+
+
+def write_run_files(
+    config: VerifyConfig,
+    verdict: RunVerdict,
+    result: Mapping[str, Any],
+    found: RunRecord,
+    provenance: Provenance,
+    outputs: Outputs,
+) -> bool:
+    """Write every file that was asked for; return False if one could not be written."""
+    from haptogram.report import run as report
+    from haptogram.report.formats.job_summary import write_job_summary
+
+    by_key = {seen.key: seen for seen in found.observations if seen.output is not None}
+    seen = {i.number: by_key[i.key] for i in found.intended if i.key in by_key}
+    is_virtual = config.link.virtual_time
+    seconds = _board_seconds(verdict) if is_virtual else provenance.elapsed_s
+    origin = provenance.of_virtual_time() if is_virtual else provenance
+    summary = report.run_summary(verdict, result)
+    annotate_job(summary, outputs)
+    files = config.outputs
+    writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
+        (files.frames, lambda path: report.write_frame_lines(path, verdict)),
+        (files.json, lambda path: report.write_run_json(path, result)),
+        (
+            files.junit,
+            lambda path: report.write_run_junit(
+                path, verdict, result, provenance=origin, seconds=seconds
+            ),
+        ),
+        (
+            files.html,
+            lambda path: report.write_run_page(
+                path, verdict, result, found.model, observations=seen, provenance=origin
+            ),
+        ),
+        (files.summary, lambda path: write_job_summary(path, summary, origin)),
+    )
+    written = [_is_written(path, write) for path, write in writers if path is not None]
+    return all(written)
+
+
+def _is_written(path: Path, write: Callable[[Path], None]) -> bool:
+    try:
+        write(path)
+    except ConfigurationError as error:
+        print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
+        return False
+    announce_output(path)
+    return True
+
+
+def _board_seconds(verdict: RunVerdict) -> float:
+    """Return the time from the first frame to the last one, on the board's clock."""
+    times = (t for frame in verdict.frames for t in (frame.t_apply_us, frame.t_latch_us))
+    known = [t for t in times if t is not None]
+    return (max(known) - min(known)) / 1e6 if known else 0.0

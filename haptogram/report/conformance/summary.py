@@ -1,0 +1,50 @@
+"""A run of the conformance suite for the page of a CI job."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from haptogram.conformance.causes import failures_by_cause
+from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
+
+from ..formats.job_summary import Finding, JobSummary, Level, SummaryTable
+from .matrix import chapters_of_cases
+from .wording import case_finding, suite_board, suite_counts, suite_verdict
+
+
+def suite_summary(suite: SuiteResult) -> JobSummary:
+    """Return the summary of *suite*: failures by cause, then the cases that were not judged."""
+    return JobSummary(
+        command="conform",
+        sentence=f"{suite_verdict(suite)}: {suite_counts(suite)}",
+        findings=list(_findings(suite)),
+        facts=[
+            f"board {suite_board(suite)}",
+            *([f"cut short: {suite.cut_short}"] if suite.cut_short else []),
+        ],
+        tables=[_chapter_table(suite)],
+    )
+
+
+def _findings(suite: SuiteResult) -> Iterator[Finding]:
+    for result in failures_by_cause(suite.results):
+        level = Level.ERROR if result.is_new_failure else Level.WARNING
+        yield Finding(level, result.case, f"{case_finding(result)}: {result.requirement}")
+    # A board that is gone leaves many cases with one reason.
+    reasons: dict[str, list[CaseResult]] = {}
+    for result in suite.results:
+        if result.behaviour is Behaviour.INCONCLUSIVE and not result.is_failure:
+            reasons.setdefault(result.detail, []).append(result)
+    for reason, cases in reasons.items():
+        name = cases[0].case if len(cases) == 1 else f"{len(cases)} cases"
+        yield Finding(Level.ERROR, name, f"{Behaviour.INCONCLUSIVE}: {reason}")
+
+
+def _chapter_table(suite: SuiteResult) -> SummaryTable:
+    shown = [behaviour for behaviour in Behaviour if suite.count(behaviour)]
+    rows = []
+    for chapter, results in chapters_of_cases(suite.results).items():
+        counts = Counter(result.behaviour for result in results)
+        rows.append([chapter, *(str(counts[behaviour] or "") for behaviour in shown)])
+    return SummaryTable("Chapters of SPEC.md", ["", *map(str, shown)], rows)

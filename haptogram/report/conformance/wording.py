@@ -1,0 +1,32 @@
+"""A run of the conformance suite in words, for all reports alike."""
+
+from __future__ import annotations
+
+from haptogram.conformance.verdict import FAIL, PASS, Behaviour, CaseResult, SuiteResult
+
+
+def suite_verdict(suite: SuiteResult) -> str:
+    """Return PASS, FAIL or INCONCLUSIVE."""
+    return {PASS: "PASS", FAIL: "FAIL"}.get(suite.exit_status, "INCONCLUSIVE")
+
+
+def suite_counts(suite: SuiteResult) -> str:
+    """Return the number of cases, and of those with each verdict."""
+    counts = ", ".join(f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b))
+    return f"{len(suite.results)} cases: {counts}"
+
+
+def suite_board(suite: SuiteResult) -> str:
+    """Return the firmware of the board and its port."""
+    firmware = str(suite.device.get("firmware", "no board"))
+    return f"{firmware} ({suite.settings.get('port', '')})"
+
+
+def case_finding(result: CaseResult) -> str:
+    """Return verdict, evidence, reason and recovery of a case, in a line."""
+    text = f"{result.behaviour} [{result.evidence.upper()}] {result.detail}".strip()
+    if not result.recovers:
+        text += f"; recovery {result.recovery}"
+    if result.expected is not None:
+        text += f" (baseline: {result.expected})"
+    return text

@@ -1,0 +1,1 @@
+"""The report of a soak: text for a terminal, page, summary."""
