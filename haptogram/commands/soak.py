@@ -134,11 +134,12 @@ def _write(
 
     summary = soak_summary(campaign)
     annotate_job(summary, outputs)
-    for path, write in (
+    writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
         (arguments.json, campaign.save),
         (arguments.html, lambda path: write_soak_page(path, campaign, provenance=provenance)),
         (arguments.summary, lambda path: write_job_summary(path, summary, provenance)),
-    ):
+    )
+    for path, write in writers:
         if path is not None:
             write(path)
             announce_output(path)

@@ -8,6 +8,7 @@ import functools
 import os
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from ..acting_options import refuse_idle_options
@@ -248,7 +249,7 @@ def _write(
 
     summary = suite_summary(suite)
     annotate_job(summary, outputs)
-    for path, write in (
+    writers: tuple[tuple[Path | None, Callable[[Path], object]], ...] = (
         (arguments.json, lambda path: write_suite_json(path, suite)),
         (
             arguments.junit,
@@ -260,7 +261,8 @@ def _write(
         ),
         (arguments.summary, lambda path: write_job_summary(path, summary, provenance)),
         (arguments.write_baseline, lambda path: write_baseline(path, suite)),
-    ):
+    )
+    for path, write in writers:
         if path is not None:
             write(path)
             announce_output(path)
