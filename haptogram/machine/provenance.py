@@ -1,4 +1,4 @@
-"""Where a result comes from: its date, version, machine and command line."""
+"""The origin of a result: its date, version, machine and command line."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def soak_conditions(campaign: SoakCampaign) -> Iterator[str]:
 
 
 def soak_memory(campaign: SoakCampaign) -> str:
-    """Return how much more memory the processes hold at the end."""
+    """Return the growth of the memory of the processes."""
     grown = f"{campaign.memory.growth_bytes / 2**20:.1f}"
     return "memory did not grow" if float(grown) <= 0.0 else f"memory grew by {grown} MiB"
 
