@@ -12,7 +12,6 @@ from haptogram.acoustics import Drive, NotSingle, Reconstruction, SingleFocus, s
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model, observation_of
 from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
-from haptogram.evidence.pulse_records import PulseObservation, pulse_observation_of
 from haptogram.machine.terminal import printable_text
 from haptogram.records.frame import Observation
 
