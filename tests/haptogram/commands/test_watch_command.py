@@ -173,7 +173,7 @@ def test_the_page_has_verdict_defects_latches_and_the_view(tmp_path, capsys):
     )
     text = page.read_text()
     assert (status, err) == (1, f"wrote {page}\n")
-    assert "<h1>Something is wrong</h1>" in text
+    assert "<h1>fail: " in text
     assert text.count("<td>off target (S") == 3
     assert text.count('<span class="badge good">not found</span>') == len(Defect)
     assert "(40.0, 170.0, 0.0)" in text  # expected, in the client's axes
