@@ -104,13 +104,10 @@ _STAMPED: Final = Acting(
 
 # --- The commands ------------------------------------------------------------------------------
 
-_VERIFY: Final[Rows] = {
+_VERIFY_RUN: Final[Rows] = {
     **_always(
         "object center_mm rate_hz repeat modulation foci array temperature_c board_temperature_c "
-        "calibration compensate tolerance_mm tolerance_c tolerance_humidity uncertainty_c "
-        "uncertainty_humidity uncertainty_position_mm uncertainty_phase_rad port baud mode lead_ms "
-        "virtual_time fault fault_plan min_verified frames json junit html summary record config "
-        "quiet"
+        "calibration compensate port baud mode lead_ms virtual_time fault fault_plan record"
     ),
     "resolution_mm": _RESOLUTION,
     "radius_mm": _RADIUS,
@@ -129,12 +126,30 @@ _VERIFY: Final[Rows] = {
         lambda s: s.frame_kind == "phases",
     ),
     "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
-    "stamp": _STAMPED,
     "view": Acting(
         "on the virtual board and the wall clock (without --port and --virtual-time; --html holds "
         "the view of any run)",
         lambda s: s.port is None and not s.virtual_time,
     ),
+}
+
+
+def _on_a_run(row: Acting | None) -> Acting:
+    """Return the row of an option that does nothing where a recording is judged."""
+    where = "on a run (a recording has its own; not with --recording)"
+    if row is None:
+        return Acting(where, lambda s: s.recording is None)
+    return Acting(row.where, lambda s: s.recording is None and row.is_there(s))
+
+
+_VERIFY: Final[Rows] = {
+    **{name: _on_a_run(row) for name, row in _VERIFY_RUN.items()},
+    **_always(
+        "tolerance_mm tolerance_c tolerance_humidity uncertainty_c uncertainty_humidity "
+        "uncertainty_position_mm uncertainty_phase_rad min_verified capture channels recording "
+        "frames json junit html summary config quiet"
+    ),
+    "stamp": _STAMPED,
 }
 
 

@@ -149,7 +149,7 @@ class Option:
 
     @property
     def _list_text(self) -> str:
-        if self.kind is str:
+        if self.kind in (str, Path):
             return "a list of texts"
         limits = f"{self.low:.10g} to {self.high:.10g} {self.sign}".rstrip()
         return f"{self.unit}, each {limits}"

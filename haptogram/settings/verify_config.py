@@ -135,6 +135,45 @@ class OutputConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
+class CaptureConfig(Settings):
+    """The captures of drive pins that are judged, and what they are judged by."""
+
+    capture: tuple[Path, ...] = option(
+        (),
+        unit="FILE",
+        help="capture of drive pins (VCD, or .sr of sigrok) of the run at --port, or of the one in "
+        "--recording; may be repeated: captures of all elements are joined",
+        absent="none",
+    )
+    channels: tuple[Path, ...] = option(
+        (),
+        unit="FILE",
+        help="TOML map of the channels of --capture (docs/captures.md); repeated, one for each",
+        absent="none",
+    )
+    recording: Path | None = option(
+        None,
+        unit="FILE",
+        help="judge --capture by the frames of this recording (--record), and run nothing",
+        absent="run",
+    )
+
+    def __post_init__(self) -> None:
+        """Check that there is a map for every capture."""
+        super().__post_init__()
+        if self.recording is not None and not self.capture:
+            raise SettingError("recording", "is what a capture is judged by: name the --capture")
+        if self.capture and len(self.channels) not in (1, len(self.capture)):
+            raise SettingError(
+                "channels",
+                f"names {len(self.channels)} maps for {len(self.capture)} captures, must be one "
+                "for all or one for each",
+            )
+        if self.channels and not self.capture:
+            raise SettingError("channels", "is the map of a capture: name the --capture")
+
+
+@dataclass(frozen=True, kw_only=True)
 class VerifyConfig(Settings):
     """The settings of ``haptogram verify``: one group for each room that takes them.
 
@@ -158,6 +197,7 @@ class VerifyConfig(Settings):
     link: LinkConfig = option_group(LinkConfig)
     limits: LimitConfig = option_group(LimitConfig)
     faults: FaultWords = option_group(FaultWords)
+    captures: CaptureConfig = option_group(CaptureConfig)
     outputs: OutputConfig = option_group(OutputConfig)
 
     def __post_init__(self) -> None:
@@ -170,10 +210,16 @@ class VerifyConfig(Settings):
             raise SettingError(
                 "solver", f"is {solver!r}; the board solves frames of points, by superposition"
             )
-        if self.elements.compensate:
+        if self.elements.compensate and self.captures.recording is None:
             self._check_compensation()
         if self.link.port is not None:
             self._check_port(self.link.port)
+        elif self.captures.capture and self.captures.recording is None:
+            raise SettingError(
+                "capture",
+                "is of a board at --port, or of the run in a --recording; a virtual board writes "
+                "one of its own: haptogram board --capture",
+            )
 
     def _check_modulation(self) -> None:
         """Refuse a modulation that frames of this rate and mode cannot carry."""
@@ -272,7 +318,7 @@ class VerifyConfig(Settings):
 def _for_json(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
-    return list(value) if isinstance(value, tuple) else value
+    return [_for_json(item) for item in value] if isinstance(value, tuple) else value
 
 
 def load_verify_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig:

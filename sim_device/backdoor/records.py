@@ -7,8 +7,9 @@ import dataclasses
 import json
 from typing import Any, Final, TypeAlias
 
-from haptogram.acoustics import Calibration, Drive, Reconstruction
+from haptogram.acoustics import Drive, Reconstruction
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
+from haptogram.records.model import calibration_fields, model_fields
 
 from ..board.events import (
     ClientLeft,
@@ -35,8 +36,6 @@ Record: TypeAlias = dict[str, Any]
 
 def board_record(settings: BoardSettings) -> Record:
     """Return the first record: what the board is, enough to compute its field."""
-    model = settings.model
-    array = model.array
     return {
         "kind": "board",
         "version": VERSION,
@@ -49,30 +48,9 @@ def board_record(settings: BoardSettings) -> Record:
         "queue_depth": settings.queue_depth,
         "transducers": settings.count,
         **({} if settings.wiring is None else dataclasses.asdict(settings.wiring)),
-        "grid_shape": list(array.grid_shape) if array.grid_shape else None,
-        "pitch_m": array.pitch_m,
-        "positions_m": array.positions_m.tolist(),
-        "normals": array.normals.tolist(),
-        "geometry_hash": array.digest(),
-        "calibration": _calibration_record(settings.calibration),
-        "medium": {
-            "sound_speed_m_s": model.medium.sound_speed_m_s,
-            "density_kg_m3": model.medium.density_kg_m3,
-            "absorption_np_m": model.medium.absorption_np_m,
-        },
-        "transducer": {
-            "directivity": repr(model.transducer.directivity),
-            "source_strength_pa_m": model.transducer.source_strength_pa_m,
-            "frequency_hz": model.transducer.frequency_hz,
-        },
+        **model_fields(settings.model),
+        "calibration": calibration_fields(settings.calibration),
     }
-
-
-def _calibration_record(calibration: Calibration | None) -> Record | None:
-    names = ("gain", "phase_rad", "positions_m")
-    if calibration is None:
-        return None
-    return {name: getattr(calibration, name).tolist() for name in names}
 
 
 def latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:

@@ -31,7 +31,7 @@ INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
     **dict.fromkeys(
         ("baseline", "calibration", "compare", "config", "drive", "expect_file", "fault_plan"), bool
     ),
-    **dict.fromkeys(("file", "map"), bool),
+    **dict.fromkeys(("capture", "channels", "file", "map", "recording"), bool),
 }
 
 
@@ -111,7 +111,7 @@ def _inputs(settings: object) -> Iterator[tuple[str, Path]]:
     """Yield the files that the command reads, with their options."""
     for name, is_file in INPUTS.items():
         value = getattr(settings, name, None)
-        for path in value if isinstance(value, list) else [value]:
+        for path in value if isinstance(value, list | tuple) else [value]:
             if path is not None and is_file(str(path)):
                 yield _as_option(name), Path(path)
 

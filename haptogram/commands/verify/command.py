@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import functools
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -33,7 +34,8 @@ from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
 from ..shell.job import provenance_of_run
 from ..shell.output_files import Outputs, announce_interrupt
 from ..shell.recording import is_recorded, recording
-from .files import write_run_files
+from .captures import judged_at_port, run_recorded
+from .files import seen_by_number, write_run_files
 from .options import add_verify_options
 
 if TYPE_CHECKING:
@@ -109,6 +111,8 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     refuse_idle_options("verify", arguments, settings, file, read_table(file) if file else ())
     outputs = Outputs(settings, *(name for name in options_of(OutputConfig) if name != "stamp"))
     provenance = provenance_of_run(settings)
+    if config.captures.recording is not None:
+        return run_recorded(config, outputs, provenance)
     virtual = prepare(config)
     if arguments.view:
         check_html_page(pictures=False)
@@ -131,14 +135,16 @@ def _run(
     writer: RecordingWriter | None,
 ) -> int:
     """Run the job on the board that the settings name; write and print its result."""
+    from haptogram.evidence.recordings.intended import record_intended
     from haptogram.evidence.run_record import measure_run
     from haptogram.report import run as report
-    from haptogram.verification import tolerance_of, uncertainty_of, verify_run
+    from haptogram.verification import Verdict, tolerance_of, uncertainty_of, verify_run
 
     if writer is not None:
         _begin(writer, config, virtual)
     quiet = arguments.quiet
     planned = virtual.plan
+    begin_s = time.time()
     try:
         with (
             open_board() as board,
@@ -180,6 +186,7 @@ def _run(
         environment=None if config.link.virtual_time else report.run_environment(),
     )
     if writer is not None:
+        record_intended(writer, found.model, found.intended)
         _record_verdicts(writer, verdict, result)
     # Before the files: a full disk must not cost the result.
     outputs.print(str(verdict))
@@ -187,9 +194,16 @@ def _run(
         outputs.print(f"  {line}")
     for warning in found.warnings:
         outputs.print(f"  warning   {warning}")
-    if not write_run_files(config, verdict, result, found, provenance, outputs):
+    is_judged = True
+    if config.captures.capture:
+        joined = judged_at_port(config, found, result, begin_s, outputs)
+        is_judged, result = joined is not None, joined or result
+    seen = seen_by_number(found.intended, found.observations)
+    if not write_run_files(config, verdict, result, found.model, seen, provenance, outputs):
         return USAGE
-    status = verdict.exit_status
+    if not is_judged:
+        return USAGE
+    status = Verdict(result["verdict"]).exit_status
     return INTERRUPTED if found.interrupted and status == INCONCLUSIVE else status
 
 

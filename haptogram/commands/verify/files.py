@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +14,9 @@ from ..shell.job import annotate_job
 from ..shell.output_files import announce_output
 
 if TYPE_CHECKING:
-    from haptogram.evidence.run_record import RunRecord
+    from haptogram.acoustics import AcousticModel
     from haptogram.machine.provenance import Provenance
+    from haptogram.records.frame import Intended, Observation
     from haptogram.settings.verify_config import VerifyConfig
     from haptogram.verification import RunVerdict
 
@@ -26,16 +27,18 @@ def write_run_files(
     config: VerifyConfig,
     verdict: RunVerdict,
     result: Mapping[str, Any],
-    found: RunRecord,
+    model: AcousticModel,
+    seen: Mapping[int, Observation],
     provenance: Provenance,
     outputs: Outputs,
 ) -> bool:
-    """Write every file that was asked for; return False if one could not be written."""
+    """Write every file that was asked for; return False if one could not be written.
+
+    *seen* holds the observation of each frame that has one, by its number.
+    """
     from haptogram.report import run as report
     from haptogram.report.formats.job_summary import write_job_summary
 
-    by_key = {seen.key: seen for seen in found.observations if seen.output is not None}
-    seen = {i.number: by_key[i.key] for i in found.intended if i.key in by_key}
     is_virtual = config.link.virtual_time
     seconds = _board_seconds(verdict) if is_virtual else provenance.elapsed_s
     origin = provenance.of_virtual_time() if is_virtual else provenance
@@ -54,13 +57,21 @@ def write_run_files(
         (
             files.html,
             lambda path: report.write_run_page(
-                path, verdict, result, found.model, observations=seen, provenance=origin
+                path, verdict, result, model, observations=seen, provenance=origin
             ),
         ),
         (files.summary, lambda path: write_job_summary(path, summary, origin)),
     )
     written = [_is_written(path, write) for path, write in writers if path is not None]
     return all(written)
+
+
+def seen_by_number(
+    intended: Iterable[Intended], observations: Iterable[Observation]
+) -> dict[int, Observation]:
+    """Return the observations with a drive by the numbers of their frames."""
+    by_key = {seen.key: seen for seen in observations if seen.output is not None}
+    return {frame.number: by_key[frame.key] for frame in intended if frame.key in by_key}
 
 
 def _is_written(path: Path, write: Callable[[Path], None]) -> bool:

@@ -12,7 +12,12 @@ from haptogram.settings.option import options_of
 from haptogram.settings.parser import file_name_option
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
 from haptogram.settings.tolerance import ToleranceConfig, UncertaintyConfig
-from haptogram.settings.verify_config import LinkConfig, OutputConfig, VerifyConfig
+from haptogram.settings.verify_config import (
+    CaptureConfig,
+    LinkConfig,
+    OutputConfig,
+    VerifyConfig,
+)
 
 from ..shell.output_files import FILE_HELP
 
@@ -38,9 +43,18 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
         *("mode", "phase_bits", "lead_ms", "seed"),
         *options_of(FaultWords),
     ),
+    "drive pins": tuple(options_of(CaptureConfig)),
     "result": ("min_verified", *options_of(OutputConfig)),
 }
-_DESCRIPTIONS: Final = {"tolerance and uncertainty": _TOLERANCE, "result": FILE_HELP}
+_PINS: Final = (
+    "Evidence that is not the firmware's own word, for the elements that were captured: "
+    "docs/captures.md."
+)
+_DESCRIPTIONS: Final = {
+    "drive pins": _PINS,
+    "tolerance and uncertainty": _TOLERANCE,
+    "result": FILE_HELP,
+}
 
 
 def add_verify_options(verify: Parser) -> None:

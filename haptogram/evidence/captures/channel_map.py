@@ -40,6 +40,14 @@ class ChannelMapSettings(Settings):
         absent="as the file states it, else estimated",
     )
     active_low: bool = option(False, help="a pin is low while its transducer is driven")
+    skew_ns: float = option(
+        0.0,
+        unit="NS",
+        low=0.0,
+        high=10_000.0,
+        help="largest difference of the delays of two channels: of probes, drivers, and of the "
+        "steps in which the board moves its pins",
+    )
     latch_window_us: float = option(
         200.0,
         unit="US",

@@ -167,7 +167,7 @@ def measure_capture(capture: Capture, mapped: ChannelMap) -> CaptureDrives:
         name: capture.channel(name).pulses(active_low=settings.active_low) for name in elements
     }
     clock = reference.pulses(active_low=active_low)
-    period = _checked_period(capture, mapped, clock[0], sample, rate_hz)
+    period = checked_period(capture, mapped, clock[0], sample, rate_hz)
     scan = _Scan(period, sample, float(capture.end))
     changes, restless = scan.changes(pulses)
     if settings.latch is not None:
@@ -196,10 +196,16 @@ def measure_capture(capture: Capture, mapped: ChannelMap) -> CaptureDrives:
     )
 
 
-def _checked_period(
+def checked_period(
     capture: Capture, mapped: ChannelMap, rises: _Floats, sample: float, rate_hz: float
 ) -> float:
-    """Return the period of the reference in ticks."""
+    """Return the period of the reference in ticks.
+
+    Raises
+    ------
+    ConfigurationError
+        A reference without a carrier, or too low a sampling rate.
+    """
     settings = mapped.settings
     period = carrier_period(rises, sample)
     name = f"{capture.path}: reference {mapped.reference}"

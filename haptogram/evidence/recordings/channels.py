@@ -29,6 +29,8 @@ OUTPUT: Final = "/output"
 RECONSTRUCTION: Final = "/reconstruction"
 FAULTS: Final = "/faults"
 RUN: Final = "/run"
+MODEL: Final = "/model"
+INTENDED: Final = "/intended"
 VERDICT: Final = "/verdict"
 SUMMARY: Final = "/summary"
 
@@ -172,6 +174,25 @@ CHANNELS: Final = {
             latched={"type": "integer"},
             faults=_object("how often each has fired"),
             fault_plan=_text("plan and seed as TOML"),
+        ),
+        _json(
+            MODEL,
+            "device",
+            "array, air and transducers as the judge of the run knows them, as in `/board`",
+            positions_m={"type": "array", "description": "N x 3, metres"},
+            normals={"type": "array", "description": "N x 3, unit vectors"},
+        ),
+        _json(
+            INTENDED,
+            "device",
+            "a frame that the host intended, with the drive that it expects",
+            **_KEY,
+            number={"type": "integer", "description": "place among all frames"},
+            t_apply_us=_whole("device time at which it is due, us; null: as soon as complete"),
+            foci={"type": "array", "description": "x, y, z in metres, amplitude, phase in rad"},
+            phase_codes=_text("base64, u8 for each element"),
+            amplitude_codes=_text("base64, u8 for each element"),
+            drive_of=_whole("number of the frame that has the same drive, instead of the codes"),
         ),
         _json(
             VERDICT,

@@ -2,60 +2,21 @@
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from haptogram.records.frame import FrameKey
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, Verdict, cut_run_text
 
+from .check import CheckOutcome, RunCheck
+from .pins import capture_checks
 from .wording import count_text, frame_text
 
 COMPLETE: Final = "complete"  # name of the check that the run came to its end
 NAMED_FRAMES: Final = 20  # the JSON names all
 
 _Item = TypeVar("_Item")
-
-
-class CheckOutcome(enum.StrEnum):
-    """Outcome of a check."""
-
-    PASSED = "passed"
-    FAILED = "failed"
-    INCONCLUSIVE = "inconclusive"
-    NOT_JUDGED = "not judged"  # no frame was seen that could have answered it
-    NOTED = "noted"  # found, but decides nothing
-
-
-@dataclass(frozen=True, slots=True)
-class RunCheck:
-    """One check and its outcome.
-
-    Attributes
-    ----------
-    name : str
-        Name of the fault, as in the counts of the run.
-    statement : str
-        The sentence that is true if the check passed.
-    outcome : Outcome
-        Whether the sentence is true.
-    message : str
-        The finding in one line.
-    details : tuple of str
-        The frames that the finding concerns, at most `NAMED_FRAMES` of them.
-    """
-
-    name: str
-    statement: str
-    outcome: CheckOutcome
-    message: str
-    details: tuple[str, ...] = ()
-
-    @property
-    def decisive(self) -> bool:
-        """True if the outcome decides the verdict of the run."""
-        return self.outcome in (CheckOutcome.FAILED, CheckOutcome.INCONCLUSIVE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +56,13 @@ _FAULTS: Final = (
         "latched",
     ),
 )
+
+
+def checks_of_result(run: RunVerdict, result: Mapping[str, Any]) -> list[RunCheck]:
+    """Return the checks of a run, and those of the captures of its drive pins."""
+    own = run_checks(run, result["cut_short"]) if result.get("run_judged", True) else []
+    captures = result.get("captures")
+    return [*own, *([] if captures is None else capture_checks(captures))]
 
 
 def run_checks(run: RunVerdict, cut_short: str | None = None) -> list[RunCheck]:

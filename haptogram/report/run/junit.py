@@ -17,7 +17,8 @@ from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.verification import RunVerdict
 
 from ..formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit
-from .checks import COMPLETE, CheckOutcome, RunCheck, run_checks
+from .check import CheckOutcome, RunCheck
+from .checks import COMPLETE, checks_of_result
 
 _OUTCOMES: Final = {
     CheckOutcome.PASSED: JUnit.PASSED,
@@ -54,7 +55,7 @@ def write_run_junit(
     ConfigurationError
         If *path* cannot be written.
     """
-    checks = run_checks(run, result["cut_short"])
+    checks = checks_of_result(run, result)
     cases = tuple(_case(check, seconds if check.name == COMPLETE else None) for check in checks)
     properties = dict(_flat("", _known(result))) | dict(provenance.rows())
     date = provenance.timestamp

@@ -21,8 +21,10 @@ from ..figures.embedded import PagePicture, embed_picture
 from ..formats.html import check_html_page, setting_rows, write_html_page
 from ..viewer.run_scene import run_scene
 from . import pictures, prose
-from .checks import NAMED_FRAMES, CheckOutcome, run_checks
+from .check import CheckOutcome
+from .checks import NAMED_FRAMES, checks_of_result
 from .fieldmap import FieldPicture, frame_field_picture
+from .pins import capture_figures, sentence_of_result
 from .series import plotted_relative_error, worst_frames_of_run
 from .wording import NOTHING, figure_text, timeliness_text
 
@@ -78,15 +80,15 @@ def write_run_page(
         path,
         "run.html",
         provenance,
-        title=f"Haptogram: {run.verdict}, {result['frames']['sent']} frames",
-        heading=run.sentence,
-        tone=_TONES[run.verdict],
+        title=f"Haptogram: {result['verdict']}, {result['frames']['sent']} frames",
+        heading=sentence_of_result(run, result),
+        tone=_TONES[Verdict(result["verdict"])],
         lead=[*prose.run_summary_sentences(result), *effect],
         key_figures=_key_figures(result),
         faults=_faults(result["faults"]) if "faults" in result else None,
         troubles=_troubles(result["troubles"]),
         scene=run_scene(run, model, seen).embedded() if run.frames else None,
-        checks=run_checks(run, result["cut_short"]),
+        checks=checks_of_result(run, result),
         tones=_CHECK_TONES,
         pictures=list(_pictures(run, model, shown)),
         worst=[_worst_row(frame) for frame in worst_frames_of_run(run, _WORST)],
@@ -105,7 +107,9 @@ def write_run_page(
 def _key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
     late, pressure, force = result["lateness_us"], result["pressure_rms_pa"], result["force_mn"]
+    captures = result.get("captures")
     return [
+        *(() if captures is None else capture_figures(captures)),
         ("error across the beam, median", figure_text(lateral["p50"], 4), "mm"),
         ("error across the beam, 99th percentile", figure_text(lateral["p99"], 4), "mm"),
         ("error across the beam, largest", figure_text(lateral["max"], 4), "mm"),

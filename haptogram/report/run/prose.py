@@ -8,6 +8,7 @@ from typing import Any, Final
 from haptogram.records.frame import Evidence
 from haptogram.verification import Tolerance, cut_run_text, tolerance_text
 
+from .pins import capture_sentences
 from .wording import count_text, host_delay_text
 
 _EVIDENCE: Final = {
@@ -50,6 +51,11 @@ _LIMITS: Final = (
 def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the outcome of the run, sentence by sentence."""
     frames = result["frames"]
+    if "captures" in result:
+        yield from capture_sentences(result["captures"])
+    if not result.get("run_judged", True):
+        yield from [f"Why: {'; '.join(result['reasons'])}."] if result["reasons"] else []
+        return
     yield (
         f"{count_text(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
         f"{frames['verified']} verified, {frames['on_target']} of them on target"

@@ -8,7 +8,9 @@ from typing import Any, Final
 from haptogram.verification import RunVerdict
 
 from ..formats.job_summary import Finding, JobSummary, Level
-from .checks import CheckOutcome, run_checks
+from .check import CheckOutcome
+from .checks import checks_of_result
+from .pins import sentence_of_result
 from .wording import faults_and_troubles_text
 
 _FRAMES: Final = 3  # named in a finding; the facts name more
@@ -21,7 +23,7 @@ _LEVELS: Final = {
 
 def run_summary(run: RunVerdict, result: Mapping[str, Any]) -> JobSummary:
     """Return the summary of *run*, of which *result* is the dictionary for JSON."""
-    checks = [c for c in run_checks(run, result["cut_short"]) if c.outcome in _LEVELS]
+    checks = [c for c in checks_of_result(run, result) if c.outcome in _LEVELS]
     checks.sort(key=lambda check: not check.decisive)
     findings = [
         Finding(
@@ -31,7 +33,9 @@ def run_summary(run: RunVerdict, result: Mapping[str, Any]) -> JobSummary:
         )
         for check in checks
     ]
-    sentence, *lines = str(run).splitlines()
+    sentence = sentence_of_result(run, result)
+    lines = str(run).splitlines()[1:] if result.get("run_judged", True) else []
+    lines += result["captures"]["text"].splitlines()[1:] if "captures" in result else []
     warnings = [f"warning: {text}" for text in result["warnings"]]
     facts = [line.strip() for line in lines] + [*faults_and_troubles_text(result), *warnings]
     return JobSummary("verify", sentence, findings, facts)

@@ -10,9 +10,14 @@ import pytest
 from haptogram.cli import COMMANDS, command_parser, main
 from haptogram.commands.acting_options import ACTING
 
+RECORDED = "--recording run.mcap --capture pins.vcd --channels map.toml"
 #: For every option that does not always act: a command line where it acts and one where not.
 CASES = {
-    "verify": {
+    "verify": dict.fromkeys(
+        (name for name, row in ACTING["verify"].items() if row is not None),
+        ("", RECORDED),
+    )
+    | {
         "resolution_mm": ("--object circle", "--object point"),
         "radius_mm": ("--object line", "--object shape.stl"),
         "unit": ("--object shape.stl", "--object circle"),
@@ -25,6 +30,8 @@ CASES = {
         "phase_bits": ("--mode sequence", "--mode points"),
         "seed": ("", "--port /dev/absent"),
         "view": ("", "--virtual-time"),
+        "compensate": ("--calibration elements.csv", RECORDED),
+        "mode": ("--modulation lm", RECORDED),
     },
     "view": {
         "http": ("board.jsonl", "board.jsonl --html a.html"),
@@ -100,6 +107,8 @@ for _command, _words in {
 #: Values of the options that do not take 5.
 VALUES = {
     "depth": "0.5",
+    "object": "circle",
+    "fault": "line.drop",
     "http": "127.0.0.1:0",
     "baud": "9600",
     "clause": "HG-2.3",

@@ -1,0 +1,160 @@
+"""The verdict by captures of the drive pins: of a run at a port, or of one in a recording."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from haptogram.errors import ConfigurationError
+from haptogram.machine.terminal import terminal_error_line
+
+from ..shell.exit_status import USAGE
+from .files import seen_by_number, write_run_files
+
+if TYPE_CHECKING:
+    from haptogram.acoustics import AcousticModel
+    from haptogram.evidence.run_record import RunRecord
+    from haptogram.machine.provenance import Provenance
+    from haptogram.records.frame import Intended
+    from haptogram.records.pins import PinRecord
+    from haptogram.settings.verify_config import CaptureConfig, VerifyConfig
+    from haptogram.verification.pins.joined import CaptureVerdict
+
+    from ..shell.output_files import Outputs
+
+_PATIENCE_S: Final = 120.0  # of a run that is over, for an analyser that still writes
+_QUIET_S: Final = 1.0  # in which a file that is complete does not change
+_POLL_S: Final = 0.1
+
+
+def judge_captures(
+    config: VerifyConfig, model: AcousticModel, intended: Sequence[Intended]
+) -> CaptureVerdict:
+    """Return the verdict of the captures on the frames of a run.
+
+    Raises
+    ------
+    ConfigurationError
+        A capture or a map that cannot be read, or that does not suit the run.
+    """
+    from haptogram.verification import tolerance_of, uncertainty_of
+    from haptogram.verification.pins.joined import verify_captures
+
+    return verify_captures(
+        _records(config.captures),
+        intended,
+        model=model,
+        min_verified=config.least_verified,
+        tolerance=tolerance_of(config.tolerance),
+        uncertainty=uncertainty_of(config.uncertainty, at_port=True),
+    )
+
+
+def _records(config: CaptureConfig) -> list[PinRecord]:
+    from haptogram.evidence.captures.channel_map import ChannelMap
+    from haptogram.evidence.captures.files import read_capture
+    from haptogram.evidence.captures.pin_record import pin_record
+
+    maps = [ChannelMap.from_file(path) for path in config.channels]
+    every = maps * len(config.capture) if len(maps) == 1 else maps
+    return [
+        pin_record(read_capture(path), mapped)
+        for path, mapped in zip(config.capture, every, strict=True)
+    ]
+
+
+def judged_at_port(
+    config: VerifyConfig,
+    found: RunRecord,
+    result: dict[str, object],
+    since_s: float,
+    outputs: Outputs,
+) -> dict[str, object] | None:
+    """Return *result* with the verdict of the captures of a run at a port, and print that.
+
+    None: a capture did not come, or cannot be judged; that was said, and the result stands.
+    """
+    from haptogram.report import run as report
+
+    try:
+        _wait_for_captures(config.captures, since_s)
+        verdict = judge_captures(config, found.model, found.intended)
+    except ConfigurationError as error:
+        print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
+        return None
+    outputs.print(f"drive pins\n{verdict}")
+    return report.with_captures(result, verdict, is_run_judged=True)
+
+
+def _wait_for_captures(config: CaptureConfig, since_s: float) -> None:
+    """Wait until every capture was written after *since_s*, and is complete.
+
+    Raises
+    ------
+    ConfigurationError
+        One that does not come.
+    """
+    end_s = time.monotonic() + _PATIENCE_S
+    for path in config.capture:
+        told = False
+        while not _is_complete(path, since_s):
+            if time.monotonic() > end_s:
+                raise ConfigurationError(
+                    f"--capture {path}: not written within {_PATIENCE_S:g} s of the end of the "
+                    "run; record the run (--record) and judge the capture by --recording later"
+                )
+            if not told:
+                print(f"waiting for {path}: end the capture", file=sys.stderr, flush=True)
+                told = True
+            time.sleep(_POLL_S)
+
+
+def _is_complete(path: Path, since_s: float) -> bool:
+    """Return True if *path* is newer than *since_s*, and has not changed for a while."""
+    try:
+        status = path.stat()
+    except OSError:
+        return False
+    return status.st_mtime >= since_s and time.time() - status.st_mtime >= _QUIET_S
+
+
+def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance) -> int:
+    """Judge captures by the frames of a recording, and return the exit status."""
+    from haptogram.evidence.recordings.intended import recorded_run
+    from haptogram.evidence.recordings.reader import Recording
+    from haptogram.report import run as report
+    from haptogram.verification import verify_run
+
+    path = config.captures.recording
+    if path is None:
+        raise ConfigurationError("no --recording to judge by")
+    recording = Recording(path)
+    recorded = recorded_run(recording)
+    verdict = judge_captures(config, recorded.model, recorded.intended)
+    # Frames of which only some elements were captured: none has a field to judge.
+    run = verdict.run or verify_run(
+        recorded.intended, [], model=recorded.model, unseen=verdict.no_field
+    )
+    result = report.run_result_dict(
+        run,
+        configuration=config.result_options(),
+        seed=config.limits.seed,
+        board={
+            "is": f"the board of {path}",
+            "transducers": recorded.model.array.count,
+            "sound_speed_m_s": recorded.model.medium.sound_speed_m_s,
+        },
+        warnings=[recording.note] if recording.note else [],
+        cut_short=None,
+        host=None,
+        environment=None,
+    )
+    result = report.with_captures(result, verdict, is_run_judged=verdict.run is not None)
+    outputs.print(str(verdict))
+    seen = seen_by_number(recorded.intended, verdict.observations)
+    if not write_run_files(config, run, result, recorded.model, seen, provenance, outputs):
+        return USAGE
+    return verdict.exit_status

@@ -1,0 +1,133 @@
+"""The pins of a capture, counted by the board's own carrier: what a verdict is made from."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.errors import ConfigurationError
+from haptogram.records.pins import PinPulses, PinRecord
+
+from .capture import Capture, ChannelEdges
+from .channel_map import ChannelMap
+from .measure import checked_period
+
+_Floats: TypeAlias = NDArray[np.float64]
+#: Pulses of the reference that make one point of its clock: the mean of so many has no samples.
+_BLOCK: Final = 64
+_FULL_DUTY: Final = 0.5
+_WIDER: Final = 0.1  # by which a duty may exceed half a period before a pin counts as inverted
+
+
+def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
+    """Return the pulses of the mapped channels of *capture*, in periods of its reference.
+
+    Raises
+    ------
+    ConfigurationError
+        A channel that is missing, a reference without a carrier, too low a sampling rate.
+    """
+    settings = mapped.settings
+    elements = mapped.joined(capture)
+    rate_hz = settings.sample_rate_hz or capture.sample_rate_hz
+    sample = 1.0 / (rate_hz * capture.tick_s)
+    reference = elements.get(mapped.reference)
+    if reference is not None and len(elements) == 1:
+        raise ConfigurationError(
+            f"{mapped.path}: {mapped.reference} is the only element and its own reference, which "
+            "shows no phase; capture the clock of the carrier, or another element"
+        )
+    active_low = settings.active_low and reference is not None
+    rises, _ = capture.channel(mapped.reference).pulses(active_low=active_low)
+    period = checked_period(capture, mapped, rises, sample, rate_hz)
+    clock = _CarrierClock(rises, period, sample, is_steady=reference is None)
+    pins = {}
+    silent = all(len(capture.channel(name).times) == 0 for name in elements)
+    for name, element in elements.items():
+        edges = capture.channel(name)
+        begins, ends = edges.pulses(active_low=settings.active_low)
+        pulses = clock.periods(begins), clock.periods(ends)
+        defects = () if silent else tuple(_defects(edges, *pulses, settings.active_low))
+        pins[element] = PinPulses(name, *pulses, defects)
+    latches = None
+    if settings.latch is not None:
+        latches = clock.periods(capture.channel(settings.latch).pulses()[0])
+    return PinRecord(
+        name=str(capture.path),
+        pins=pins,
+        end=float(clock.periods(np.array([float(capture.end)]))[0]),
+        period_s=clock.period * capture.tick_s,
+        carrier_hz=settings.carrier_hz,
+        sample_rate_hz=rate_hz,
+        reference=mapped.reference,
+        reference_element=reference,
+        latches=latches,
+        skew_rad=math.tau * settings.skew_ns * 1e-9 * settings.carrier_hz,
+        cut=capture.cut,
+    )
+
+
+def _defects(edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool) -> list[str]:
+    """Return what is wrong with a pin while others pulse."""
+    found = []
+    if not len(edges.times):
+        level = "high" if edges.first_level else "low"
+        is_driven = edges.first_level is not active_low
+        found.append(f"stuck {level}" if is_driven else f"dead: {level} all the time")
+    elif len(rises) and np.median(falls - rises) > _FULL_DUTY + _WIDER:
+        found.append(f"duty of {np.median(falls - rises):.2f}: inverted polarity")
+    if edges.undefined:
+        found.append(f"{edges.undefined} times undefined (x or z)")
+    return found
+
+
+class _CarrierClock:
+    """Ticks of an analyser in periods of the carrier.
+
+    Parameters
+    ----------
+    rises : (P,) numpy.ndarray
+        Ticks at which the reference rises.
+    period, sample : float
+        Ticks of a period, and of a sample.
+    is_steady : bool
+        Whether no latch moves the reference: then its edges are the clock, wherever it wanders.
+
+    Attributes
+    ----------
+    period : float
+        Mean length of a period in ticks.
+    """
+
+    def __init__(self, rises: _Floats, period: float, sample: float, *, is_steady: bool) -> None:
+        self.period = period
+        self._ticks, self._counts = np.array([rises[0]]), np.zeros(1)
+        if is_steady:
+            self._ticks, self._counts = _blocks(rises, period, sample)
+            if len(self._ticks) > 1:
+                self.period = float(np.ptp(self._ticks) / np.ptp(self._counts))
+
+    def periods(self, ticks: _Floats) -> _Floats:
+        """Return times in periods since the capture began."""
+        inside = np.interp(ticks, self._ticks, self._counts)
+        before = np.minimum(ticks - self._ticks[0], 0.0) / self.period
+        after = np.maximum(ticks - self._ticks[-1], 0.0) / self.period
+        first = self._ticks[0] / self.period - self._counts[0]
+        counted: _Floats = inside + before + after + first
+        return counted
+
+
+def _blocks(rises: _Floats, period: float, sample: float) -> tuple[_Floats, _Floats]:
+    """Return tick and number of period of the reference, each the mean of a block of pulses."""
+    steps = np.rint(np.diff(rises) / period)
+    whole = np.abs(np.diff(rises) - steps * period) < 0.1 * period
+    counts = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 0.0))])
+    kept = np.concatenate([[True], whole & (steps > 0)])  # no glitch is a pulse of the clock
+    ticks, counts = rises[kept] + sample / 2.0, counts[kept]
+    block = min(_BLOCK, max(1, len(ticks) // 4))
+    starts = np.arange(0, len(ticks), block)
+    sizes = np.diff(np.append(starts, len(ticks)))
+    return np.add.reduceat(ticks, starts) / sizes, np.add.reduceat(counts, starts) / sizes

@@ -1,0 +1,125 @@
+"""The frames that a run intended, in its recording: what a capture of its pins is judged by."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, Drive
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.backdoor import board_model
+from haptogram.records.frame import Focus, FrameKey, Intended
+from haptogram.records.model import model_fields
+
+from .channels import INTENDED, MODEL
+from .reader import Recording
+from .writer import RecordingWriter
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedRun:
+    """What a recording says of its run.
+
+    Attributes
+    ----------
+    model : AcousticModel
+        Array and air.
+    intended : list of Intended
+        The frames, in order.
+    """
+
+    model: AcousticModel
+    intended: list[Intended]
+
+
+def record_intended(
+    writer: RecordingWriter, model: AcousticModel, intended: Sequence[Intended]
+) -> None:
+    """Write array, air and frames of a run; a drive that comes again is written once."""
+    writer.document(MODEL, writer.last_ns, model_fields(model))
+    first: dict[Drive, int] = {}
+    for frame in intended:
+        fields = _fields(frame)
+        if frame.drive in first:
+            fields["drive_of"] = first[frame.drive]
+        else:
+            first[frame.drive] = frame.number
+            fields |= _codes(frame.drive)
+        writer.document(INTENDED, (frame.t_apply_us or 0) * 1000, fields)
+
+
+def recorded_run(recording: Recording) -> RecordedRun:
+    """Return array, air and frames of the run in a recording.
+
+    Raises
+    ------
+    ConfigurationError
+        A recording without them, or one that cannot be read.
+    """
+    model: AcousticModel | None = None
+    frames: list[Intended] = []
+    drives: dict[int, Drive] = {}
+    for entry in recording.entries((MODEL, INTENDED)):
+        fields = entry.fields
+        if entry.topic == MODEL:
+            model = board_model(fields)
+            continue
+        number = fields["number"]
+        drives[number] = drive = drives.get(fields.get("drive_of", -1)) or _drive(fields)
+        frames.append(_intended(fields, drive))
+    if model is None or not frames:
+        what = recording.run.get("command", "another program")
+        raise ConfigurationError(
+            f"{recording.path}: the recording (of {what}) does not hold the frames that were "
+            "intended; haptogram verify --record writes one that does, at the end of its run"
+        )
+    return RecordedRun(model, frames)
+
+
+def _fields(frame: Intended) -> dict[str, Any]:
+    key = frame.key
+    return {
+        "session": key.session,
+        "sequence": key.sequence,
+        "loop": key.loop,
+        "index": key.index,
+        "number": frame.number,
+        "t_apply_us": frame.t_apply_us,
+        "foci": [[*focus.position_m, focus.amplitude, focus.phase_rad] for focus in frame.foci],
+        "commanded_bits": frame.phase_bits,
+        "board_computed": frame.board_computed,
+        "solver": frame.solver,
+    }
+
+
+def _codes(drive: Drive) -> dict[str, Any]:
+    return {
+        "phase_codes": base64.b64encode(drive.phase_codes.tobytes()).decode("ascii"),
+        "amplitude_codes": base64.b64encode(drive.amplitude_codes.tobytes()).decode("ascii"),
+        "phase_bits": drive.phase_bits,
+    }
+
+
+def _drive(fields: dict[str, Any]) -> Drive:
+    phases, amplitudes = (
+        np.frombuffer(base64.b64decode(fields[name]), dtype=np.uint8)
+        for name in ("phase_codes", "amplitude_codes")
+    )
+    return Drive(phases, amplitudes, fields["phase_bits"])
+
+
+def _intended(fields: dict[str, Any], drive: Drive) -> Intended:
+    return Intended(
+        number=fields["number"],
+        key=FrameKey(*(fields[name] for name in ("session", "sequence", "loop", "index"))),
+        t_apply_us=fields["t_apply_us"],
+        foci=tuple(Focus.at(focus[:3], focus[3], focus[4]) for focus in fields["foci"]),
+        drive=drive,
+        phase_bits=fields["commanded_bits"],
+        board_computed=fields["board_computed"],
+        solver=fields["solver"],
+    )

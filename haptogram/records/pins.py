@@ -1,0 +1,95 @@
+"""Drive pins as an analyser saw them: the pulses of each element, in periods of the carrier.
+
+Times in periods of the board's own carrier have no analyser's clock in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PinPulses:
+    """The pulses of one pin.
+
+    Attributes
+    ----------
+    channel : str
+        Channel of the capture.
+    rises, falls : (P,) numpy.ndarray of float
+        Begin and end of each whole pulse, in periods of the carrier, ascending.
+    defects : tuple of str
+        What is wrong with the pin whatever was intended: dead, stuck, inverted.
+    """
+
+    channel: str
+    rises: NDArray[np.float64]
+    falls: NDArray[np.float64]
+    defects: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PinRecord:
+    """A capture of drive pins.
+
+    Attributes
+    ----------
+    name : str
+        The capture, for messages.
+    pins : mapping of int to PinPulses
+        By element.
+    end : float
+        Periods of the carrier in the capture.
+    period_s : float
+        Period of the carrier on the analyser's clock, in seconds.
+    carrier_hz : float
+        Carrier that is meant.
+    sample_rate_hz : float
+        Sampling rate of the analyser.
+    reference : str
+        Channel that the times are counted by.
+    reference_element : int or None
+        Its element; None: it is the clock of the carrier.
+    latches : (L,) numpy.ndarray of float or None
+        Times of the latch pin, in periods; None: it was not captured.
+    skew_rad : float
+        Largest difference of the delays of two channels, as a phase of the carrier.
+    cut : str
+        Why the capture ends early; empty: it does not.
+    notes : tuple of str
+        Its limits, in words.
+    """
+
+    name: str
+    pins: Mapping[int, PinPulses]
+    end: float
+    period_s: float
+    carrier_hz: float
+    sample_rate_hz: float
+    reference: str
+    reference_element: int | None = None
+    latches: NDArray[np.float64] | None = None
+    skew_rad: float = 0.0
+    cut: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def samples(self) -> float:
+        """Samples in a period of the carrier."""
+        return self.period_s * self.sample_rate_hz
+
+    @property
+    def duration_s(self) -> float:
+        """Length in seconds of the analyser's clock."""
+        return self.end * self.period_s
+
+    @property
+    def drift_ppm(self) -> float:
+        """Carrier against the one that is meant, on the analyser's clock."""
+        return (1.0 / (self.period_s * self.carrier_hz) - 1.0) * 1e6

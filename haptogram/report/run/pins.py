@@ -1,0 +1,110 @@
+"""The verdict by captures of drive pins: its checks, its sentences, its place in the result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from haptogram.verification import RunVerdict, Verdict
+from haptogram.verification.pins.joined import CaptureVerdict
+from haptogram.verification.pins.pin_verdict import PIN_CHECKS
+
+from .check import CheckOutcome, RunCheck
+from .wording import count_text
+
+_ORDER: Final = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.PASS)
+
+
+def with_captures(
+    result: Mapping[str, Any], captures: CaptureVerdict, *, is_run_judged: bool
+) -> dict[str, Any]:
+    """Return the *result* of a run with the verdict of its captures: the worse of both counts.
+
+    Parameters
+    ----------
+    is_run_judged : bool
+        Whether the run has a verdict of its own, beside its captures.
+    """
+    own = Verdict(result["verdict"]) if is_run_judged else Verdict.PASS
+    verdict = next(v for v in _ORDER if v in (own, captures.verdict))
+    reasons = [*captures.reasons, *(result["reasons"] if is_run_judged else ())]
+    evidence = result["evidence"] if is_run_judged else []
+    kinds = {*([evidence] if isinstance(evidence, str) else evidence), "external"}
+    return {
+        **result,
+        "verdict": str(verdict),
+        "reasons": list(dict.fromkeys(reasons)),
+        "evidence": kinds.pop() if len(kinds) == 1 else sorted(kinds),
+        "run_judged": is_run_judged,
+        "captures": captures.as_dict() | {"text": str(captures)},
+    }
+
+
+def sentence_of_result(run: RunVerdict, result: Mapping[str, Any]) -> str:
+    """Return the verdict and its reason: of a run, and of the captures of its pins."""
+    if "captures" not in result:
+        return run.sentence
+    captured = f"of {len(result['captures']['elements'])} elements every captured pin is right"
+    every = f"every focus is on target, and {captured}" if result["run_judged"] else captured
+    return f"{result['verdict'].upper()}: {'; '.join(result['reasons']) or every}"
+
+
+def capture_checks(captures: Mapping[str, Any]) -> Iterator[RunCheck]:
+    """Yield the checks of the ``captures`` of a result."""
+    several = len(captures["captures"]) > 1
+    for one in captures["captures"]:
+        for name, statement in PIN_CHECKS.items():
+            where = f"{one['capture']}: " if several else ""
+            yield _check(one, name, f"drive pins: {where}{statement}")
+
+
+def _check(one: Mapping[str, Any], name: str, statement: str) -> RunCheck:
+    found = one["findings"].get(name, ())
+    if found:
+        message = found[0] if len(found) == 1 else f"{len(found)} findings"
+        return RunCheck(f"pins_{name}", statement, CheckOutcome.FAILED, message, tuple(found))
+    if name == "alignment":
+        missing = one["reasons"] if one["verdict"] == str(Verdict.INCONCLUSIVE) else ()
+        if missing:
+            text = "; ".join(missing)
+            return RunCheck(f"pins_{name}", statement, CheckOutcome.INCONCLUSIVE, text)
+        frames = one["frames"]
+        text = f"{frames['judged']} of {count_text(frames['intended'], 'frame')}"
+        return RunCheck(f"pins_{name}", statement, CheckOutcome.PASSED, text)
+    if not one["frames"]["judged"]:
+        return RunCheck(f"pins_{name}", statement, CheckOutcome.NOT_JUDGED, "no frame was judged")
+    if name in one["not_judged"]:
+        why = one["not_judged"][name]
+        return RunCheck(f"pins_{name}", statement, CheckOutcome.NOT_JUDGED, why)
+    text = f"none of {count_text(len(one['elements']), 'captured element')}"
+    return RunCheck(f"pins_{name}", statement, CheckOutcome.PASSED, text)
+
+
+def capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what the captures show, sentence by sentence."""
+    seen, count = len(captures["elements"]), captures["elements_of_array"]
+    yield (
+        f"The drive pins of {seen} of {count} elements were captured"
+        + (f"; nothing is known of the other {count - seen}." if seen < count else ".")
+    )
+    for one in captures["captures"]:
+        frames = one["frames"]
+        yield (
+            f"{one['capture']}: {frames['judged']} of {count_text(frames['intended'], 'frame')} "
+            f"judged; {one['sample_rate_hz'] / 1e6:g} Msamples/s show no phase error below "
+            f"{one['smallest_phase_error_deg']:.2f} degrees; carrier {one['carrier_hz']:.2f} Hz "
+            f"({one['carrier_drift_ppm']:+.1f} ppm on the analyser's clock)."
+        )
+    if captures["no_field"]:
+        yield f"By the pins alone there is no field and no focus: {captures['no_field']}."
+
+
+def capture_figures(captures: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Yield the key figures of the captures: what, value, unit."""
+    errors = [one["phase_error_deg"] for one in captures["captures"]]
+    known = [error for error in errors if error is not None]
+    limits = [one["phase_limit_deg"] for one in captures["captures"]]
+    if known and not math.isnan(max(known)):
+        yield "phase error at the pins that are right, largest", f"{max(known):.2f}", "degrees"
+    yield "phase error at a pin that passes", f"{max(limits):.2f}", "degrees"

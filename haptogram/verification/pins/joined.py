@@ -1,0 +1,264 @@
+"""Several captures of a repeating object, joined to drives of the whole array, and the verdict."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, Drive
+from haptogram.acoustics.arrays import ComplexArray
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Evidence, Intended, Observation
+from haptogram.records.pins import PinRecord
+
+from ..run import verify_run
+from ..run_verdict import RunVerdict
+from ..tolerance import Tolerance, Uncertainty
+from ..verdict import Verdict
+from .judge import verify_pins
+from .pin_verdict import PinVerdict, pin_lines
+
+_TURN: Final = 256
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureVerdict:
+    """The verdict by all captures of a run; true if it passed, and only then.
+
+    Attributes
+    ----------
+    verdict : Verdict
+        pass, fail or inconclusive: of the captured elements, and of the field where all were.
+    reasons : tuple of str
+        Why it is no pass.
+    pins : tuple of PinVerdict
+        One for each capture.
+    array_count : int
+        Elements of the array.
+    run : RunVerdict or None
+        The whole verdict with field and focus; None: see *no_field*.
+    no_field : str
+        Why there is none.
+    observations : tuple of Observation
+        Drives of the whole array that the captures show, where there is a whole verdict.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    pins: tuple[PinVerdict, ...]
+    array_count: int
+    run: RunVerdict | None
+    no_field: str = ""
+    observations: tuple[Observation, ...] = ()
+
+    def __bool__(self) -> bool:
+        """Return True if everything that was captured passed."""
+        return self.verdict is Verdict.PASS
+
+    @property
+    def exit_status(self) -> int:
+        """0 pass, 1 fail, 3 inconclusive."""
+        return self.verdict.exit_status
+
+    @property
+    def elements(self) -> tuple[int, ...]:
+        """Elements that were captured."""
+        return tuple(sorted({element for pins in self.pins for element in pins.elements}))
+
+    @property
+    def scope(self) -> str:
+        """What was captured, in words."""
+        return f"{len(self.elements)} of {self.array_count} elements"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the verdict for JSON, without that of the field."""
+        return {
+            "verdict": str(self.verdict),
+            "reasons": list(self.reasons),
+            "evidence": str(Evidence.EXTERNAL),
+            "elements": list(self.elements),
+            "elements_of_array": self.array_count,
+            "no_field": self.no_field or None,
+            "captures": [pins.as_dict() for pins in self.pins],
+        }
+
+    def __str__(self) -> str:
+        """Return a summary that fits a screen."""
+        return "\n".join(_summary(self))
+
+
+def verify_captures(
+    records: Sequence[PinRecord],
+    intended: Sequence[Intended],
+    *,
+    model: AcousticModel,
+    min_verified: float = 0.9,
+    tolerance: Tolerance | None = None,
+    uncertainty: Uncertainty | None = None,
+) -> CaptureVerdict:
+    """Judge captures of drive pins against the frames of a run.
+
+    Parameters
+    ----------
+    records : sequence of PinRecord
+        The captures. Each may show other elements, and another pass of an object that repeats.
+    intended : sequence of Intended
+        Frames of the run.
+    model : AcousticModel
+        Array and air.
+    min_verified : float
+        Share of the frames that must be judged, 0 to 1.
+    tolerance : Tolerance, optional
+        Misses of the focus that pass; by default none.
+    uncertainty : Uncertainty, optional
+        How well array and air are known.
+
+    Raises
+    ------
+    ConfigurationError
+        Frames without a time or too short, an element that the array lacks, no capture.
+    """
+    if not records:
+        raise ConfigurationError("no capture to judge by")
+    frames = sorted(intended, key=lambda frame: frame.t_apply_us or 0)
+    pins = tuple(verify_pins(record, frames, model=model) for record in records)
+    no_field = _why_no_field(pins, frames, model)
+    run, observations = None, tuple[Observation, ...]()
+    if not no_field:
+        observations = tuple(joined_observations(pins, frames, model.array.count))
+        run = verify_run(
+            frames,
+            observations,
+            model=model,
+            min_verified=min_verified,
+            unseen="the frame is not in the captures with all elements",
+            tolerance=tolerance,
+            uncertainty=uncertainty,
+        )
+    wrong = [line for one in pins for line in one.reasons if one.verdict is Verdict.FAIL]
+    missing = [line for one in pins for line in one.reasons if one.verdict is Verdict.INCONCLUSIVE]
+    judged = np.any([one.judged for one in pins], axis=0)
+    if not missing and judged.sum() < min_verified * len(frames):
+        missing.append(
+            f"{int(judged.sum())} of {len(frames)} frames were judged; {100.0 * min_verified:g} % "
+            "must be (--min-verified)"
+        )
+    if run is not None and run.verdict is not Verdict.PASS:
+        (wrong if run.verdict is Verdict.FAIL else missing).extend(run.reasons)
+    verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
+    return CaptureVerdict(
+        verdict, (*wrong, *missing), pins, model.array.count, run, no_field, observations
+    )
+
+
+def _why_no_field(
+    pins: Sequence[PinVerdict], frames: Sequence[Intended], model: AcousticModel
+) -> str:
+    """Return why field and focus cannot be judged; empty: they can."""
+    count = model.array.count
+    captured = {element for one in pins for element in one.elements}
+    if len(captured) < count:
+        return (
+            f"{count - len(captured)} of {count} elements were not captured; captures of all of "
+            "them, each of a pass of the object, are joined"
+        )
+    if any(one.verdict is Verdict.INCONCLUSIVE for one in pins):
+        return "a capture does not show the run"
+    bits = max(frame.phase_bits for frame in frames)
+    for one in pins:
+        if one.limits.samples < 2.0 ** (bits + 1) * 0.999:
+            needed_hz = one.limits.sample_rate_hz / one.limits.samples * 2.0 ** (bits + 1)
+            return (
+                f"{one.limits.sample_rate_hz / 1e6:g} Msamples/s do not tell the {bits}-bit phases "
+                f"apart; {needed_hz / 1e6:.4g} do"
+            )
+    return ""
+
+
+def joined_observations(
+    pins: Sequence[PinVerdict], frames: Sequence[Intended], count: int
+) -> list[Observation]:
+    """Return what the captures show of each frame, the elements of frames with one drive joined.
+
+    A drive that was seen right, within what the samples tell, is the intended one; another one
+    has the nearest codes.
+    """
+    passes: dict[tuple[Drive, Any], list[int]] = defaultdict(list)
+    for place, frame in enumerate(frames):
+        passes[frame.drive, frame.foci].append(place)
+    found = []
+    for same in passes.values():
+        filled = _every_element(pins, same, frames[same[0]], count)
+        if filled is None:
+            continue
+        for place in same:
+            codes, latches = filled.copy(), []
+            for one in pins:
+                if one.judged[place]:
+                    _fill(codes, one, place, frames[place].drive)
+                    latches.append(one.late_us.get(place, 0.0))
+            if latches:
+                found.append(_observation(frames[place], codes, max(latches)))
+    return found
+
+
+def _every_element(
+    pins: Sequence[PinVerdict], same: Sequence[int], frame: Intended, count: int
+) -> np.ndarray | None:
+    """Return (2, N) phase and amplitude codes from any pass; None: an element was never seen."""
+    codes = np.full((2, count), -1, np.int64)
+    for one in pins:
+        seen = [place for place in same if one.judged[place]]
+        # The worst pass counts: what is wrong once is wrong.
+        for place in sorted(seen, key=lambda p: -int(one.right[p].sum())):
+            _fill(codes, one, place, frame.drive)
+    return None if (codes < 0).any() else codes
+
+
+def _fill(codes: np.ndarray, one: PinVerdict, place: int, meant: Drive) -> None:
+    elements = np.array(one.elements)
+    right = one.right[place]
+    phases, amplitudes = _nearest_codes(one.weights[place])
+    wanted = meant.phase_codes.astype(np.int64) << (8 - meant.phase_bits)
+    codes[0, elements] = np.where(right, wanted[elements], phases)
+    codes[1, elements] = np.where(right, meant.amplitude_codes[elements], amplitudes)
+
+
+def _nearest_codes(weights: ComplexArray) -> tuple[np.ndarray, np.ndarray]:
+    phases = np.rint(np.angle(weights) / (2.0 * np.pi) * _TURN).astype(np.int64) % _TURN
+    sizes = np.rint(np.abs(weights) * FULL_AMPLITUDE).astype(np.int64)
+    return phases, np.clip(sizes, 0, FULL_AMPLITUDE)
+
+
+def _observation(frame: Intended, codes: np.ndarray, late_us: float) -> Observation:
+    drive = Drive(codes[0].astype(np.uint8), codes[1].astype(np.uint8))
+    due_us = frame.t_apply_us or 0
+    return Observation(
+        key=frame.key,
+        t_latch_us=due_us + round(late_us),
+        late=late_us > 0.0,
+        evidence=Evidence.EXTERNAL,
+        drive=drive,
+    )
+
+
+def _summary(verdict: CaptureVerdict) -> Iterator[str]:
+    what = "; ".join(verdict.reasons[:2]) or "every captured pin does what was intended"
+    more = len(verdict.reasons) - 2
+    if more > 0:
+        what += f"; and {more} more"
+    yield f"{str(verdict.verdict).upper()}: {verdict.scope}: {what}"
+    for one in verdict.pins:
+        if len(verdict.pins) > 1:
+            yield f"  {one.name}: {one.verdict}, {one.scope}"
+        yield from pin_lines(one)
+    if verdict.run is None:
+        yield f"  field     not judged: {verdict.no_field}"
+    else:
+        yield from (line for line in str(verdict.run).splitlines()[1:] if "evidence" not in line)
+    yield "  evidence  external: a capture of the drive pins"

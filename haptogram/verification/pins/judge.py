@@ -1,0 +1,312 @@
+"""From a capture of drive pins and the frames of a run to a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import AcousticModel
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Intended
+from haptogram.records.pins import PinRecord
+
+from ..verdict import Verdict
+from .element_faults import exchanged_orders, fault_of_pin, grouped_faults
+from .pin_verdict import PinLimits, PinVerdict
+from .run_drives import Bools, RunDrives
+from .shown_frames import FIT_SHARE, CaptureLimits, ShownFrames, shown_frames
+
+_HALF: Final = 0.5
+_LATE_PERIODS: Final = 2.0  # one for the boundary that is awaited, one for where its pulse lies
+_TORN_PERIODS: Final = 1.25  # a period, and what a pulse that a latch cut may seem to be off
+_MOST_DRIFT_PPM: Final = 1000.0
+_SILENT_PERIODS: Final = 2.5
+_SAMPLES_OF_8_BITS: Final = 512.0  # of a period: one is half a step
+
+
+def verify_pins(
+    record: PinRecord,
+    intended: Sequence[Intended],
+    *,
+    model: AcousticModel,
+) -> PinVerdict:
+    """Judge the pins of a capture against the frames of a run.
+
+    Parameters
+    ----------
+    record : PinRecord
+        The capture.
+    intended : sequence of Intended
+        Frames of the run, in the order of their times.
+    model : AcousticModel
+        The array.
+
+    Raises
+    ------
+    ConfigurationError
+        Frames without a time or too short, an element that the array lacks, or a capture in which
+        nothing sounds.
+    """
+    for element, pin in record.pins.items():
+        if element >= model.array.count:
+            raise ConfigurationError(
+                f"channel {pin.channel} is element {element}; the array has the elements 0 to "
+                f"{model.array.count - 1}"
+            )
+    run = RunDrives.of(intended, sorted(record.pins), record.carrier_hz)
+    return _PinJudge(record, run, model, shown_frames(record, run)).judge()
+
+
+@dataclass
+class _PinJudge:
+    """One capture against one run."""
+
+    record: PinRecord
+    run: RunDrives
+    model: AcousticModel
+    shown: ShownFrames
+    findings: dict[str, list[str]] = field(default_factory=dict)
+    not_judged: dict[str, str] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    events: list[str] = field(default_factory=list)
+
+    def judge(self) -> PinVerdict:
+        """Return the verdict."""
+        shown, seen = self.shown, self.shown.seen & ~self.shown.lost
+        fits = self._check_fit(seen)
+        alone = self._name_faults(seen) if fits else seen
+        judged = seen if fits else np.zeros_like(seen)
+        torn = self._check_torn()
+        mute = self._mute()
+        self._check_carrier()
+        self._note_events()
+        inside = (shown.starts >= -1.0) & (shown.ends <= self.record.end + 1.0)
+        counts = {
+            "intended": self.run.count,
+            "captured": int(inside.sum()),
+            "judged": int(judged.sum()),
+            "right": int((shown.right.all(axis=1) & alone & judged).sum()),
+            "lost": int(shown.lost.sum()),
+            "late": len(self._late_frames),
+            "torn": torn,
+        }
+        return self._conclude(judged, counts, mute)
+
+    @cached_property
+    def _late_frames(self) -> NDArray[np.intp]:
+        return np.flatnonzero((self.shown.late > _LATE_PERIODS) & self.shown.seen)
+
+    @property
+    def _period_us(self) -> float:
+        return 1e6 / self.record.carrier_hz
+
+    # --- frames ----------------------------------------------------------------------------------
+
+    def _check_torn(self) -> int:
+        """Find the latches of which some pins are late; return how many there are."""
+        steps, lost = self.shown.steps, self.shown.lost
+        usable = steps.is_inside & ~lost[:, None]
+        after = np.where(usable, steps.after, -np.inf).max(axis=1)
+        before = np.where(usable, steps.before, np.inf).min(axis=1)
+        apart = after - before
+        torn = np.flatnonzero((usable.sum(axis=1) > 1) & (apart > _TORN_PERIODS))
+        us = self._period_us
+        for frame in torn:
+            first = before[frame]
+            behind = [
+                str(self.run.elements[e])
+                for e in np.flatnonzero(usable[frame])
+                if steps.after[frame, e] - first > _TORN_PERIODS
+            ]
+            shown = ", ".join(behind[:4]) + (", ..." if len(behind) > 4 else "")
+            self._find(
+                "torn",
+                f"frame {frame}: {len(behind)} of {int(usable[frame].sum())} pins (element "
+                f"{shown}) latch {apart[frame] * us:.0f} us or more after the first, may be "
+                f"{us:.0f} us",
+            )
+        if not usable.any(axis=1).any():
+            self.not_judged["torn"] = "no two drives that the pins tell apart follow each other"
+        elif len(self.run.elements) < 2:
+            self.not_judged["torn"] = "one pin cannot be torn"
+        return len(torn)
+
+    def _note_events(self) -> None:
+        for frame in np.flatnonzero(self.shown.lost):
+            self.events.append(f"{frame}: not latched; the pins kept the drive before")
+        for frame in self._late_frames:
+            late_us = self.shown.late[frame] * self._period_us
+            self.events.append(f"{frame}: latched {late_us:.0f} us after most others")
+
+    def _mute(self) -> float | None:
+        """Return in how many periods the output fell silent at the end; None: it did not."""
+        shown = np.flatnonzero(self.shown.seen)
+        last_frame = np.abs(self.shown.drives.weights[shown[-1]]) if len(shown) else np.zeros(1)
+        stops = {}
+        for place, element in enumerate(self.run.elements):
+            pin = self.record.pins[element]
+            if (
+                len(shown)
+                and len(pin.rises)
+                and last_frame[place] > self.shown.drives.limit_amplitude
+            ):
+                rows = np.flatnonzero(np.diff(pin.rises, prepend=-np.inf) < _SILENT_PERIODS)
+                if len(rows):
+                    stops[element] = float(pin.falls[rows[-1]])
+        still = [e for e, stop in stops.items() if stop > self.record.end - _SILENT_PERIODS]
+        if (
+            not stops
+            or len(still) == len(stops)
+            or self.shown.ends[-1] > self.record.end + self.run.gap
+        ):
+            self.not_judged["mute"] = "the capture ends before the output fell silent"
+            return None
+        if still:
+            self._find("mute", f"{_listed(still)} go on after the others fell silent")
+            return None
+        first, last = min(stops.values()), max(stops.values())
+        allowed = 1.0 + 2.0 / self.record.samples
+        if last - first > allowed:
+            behind = [e for e, stop in stops.items() if stop - first > allowed]
+            us = (last - first) * self._period_us
+            self._find("mute", f"{_listed(behind)} fall silent {us:.0f} us after the first")
+        return max(0.0, last - first - 1.0)
+
+    # --- pins ------------------------------------------------------------------------------------
+
+    def _check_fit(self, judged: Bools) -> bool:
+        """Return True if the pins show this run, be it in another order of the elements."""
+        drives, right = self.shown.drives, self.shown.right
+        if not judged.any():
+            self.missing.append("no frame of the run is in the capture as a whole")
+            return False
+        if right[judged].mean() >= FIT_SHARE:
+            return True
+        texts = {e: fault_of_pin(drives, e, judged) for e in range(len(self.run.elements))}
+        named = [t for t in texts.values() if t.startswith(("does what", "opposite sign"))]
+        if len(named) >= FIT_SHARE * len(texts) and len(named) > 1:
+            return True
+        share = 100.0 * float(right[judged].mean())
+        self.missing.append(
+            f"the capture does not show this run: {share:.0f} % of the drives at its pins are the "
+            "intended ones; another run, another map, or nearly every pin is wrong"
+        )
+        return False
+
+    def _name_faults(self, judged: Bools) -> Bools:
+        """Name what is wrong; return the frames that single pins were judged in."""
+        drives, right = self.shown.drives, self.shown.right
+        count = len(self.run.elements)
+        mixed = judged & (right.mean(axis=1) < _HALF) & (count > 2)
+        if mixed.sum() > _HALF * judged.sum():
+            mixed = np.zeros_like(judged)  # most frames: then it is the pins
+        for frame in np.flatnonzero(mixed):
+            wrong = int((~right[frame]).sum())
+            silent = (np.abs(drives.weights[frame]) == 0.0).all()
+            what = "silent" if silent else f"{wrong} of {count} pins show another drive"
+            self._find("frames", f"frame {frame}: {what}")
+        alone: Bools = np.asarray(judged & ~mixed)
+        faults: dict[str, list[tuple[int, str, str]]] = {"phases": [], "amplitudes": []}
+        others = []
+        for place, element in enumerate(self.run.elements):
+            pin = self.record.pins[element]
+            for text in pin.defects:
+                faults.setdefault("pins", []).append((element, pin.channel, text))
+            if pin.defects or right[alone, place].all():
+                continue
+            text = fault_of_pin(drives, place, alone)
+            if text.startswith("does what element"):
+                others.append((element, int(text.split()[3])))
+            kind = "pins" if text.startswith(("dead", "inverted")) else "phases"
+            kind = "amplitudes" if text.startswith(("amplitude", "silent")) else kind
+            faults.setdefault(kind, []).append((element, pin.channel, text))
+        order = exchanged_orders(self.model.array, others, count)
+        if order is not None:
+            exchanged = {element for element, _ in others}
+            faults["phases"] = [f for f in faults["phases"] if f[0] not in exchanged]
+            self._find(
+                "phases",
+                f"{len(others)} of {count} pins show the drives of other elements: {order}, in the "
+                "map, the wiring or the board",
+            )
+        for kind, found in faults.items():
+            for line in grouped_faults(found):
+                self._find(kind, line)
+        return alone
+
+    def _check_carrier(self) -> None:
+        drift = self.record.drift_ppm
+        if abs(drift) > _MOST_DRIFT_PPM:
+            hz = 1.0 / self.record.period_s
+            self._find(
+                "carrier",
+                f"{hz:.2f} Hz on the analyser's clock, {drift:+.0f} ppm of "
+                f"{self.record.carrier_hz:g} Hz; {_MOST_DRIFT_PPM:g} pass",
+            )
+
+    # --- the end ---------------------------------------------------------------------------------
+
+    def _find(self, check: str, text: str) -> None:
+        self.findings.setdefault(check, []).append(text)
+
+    def _conclude(self, judged: Bools, counts: dict[str, int], mute: float | None) -> PinVerdict:
+        if self.record.cut:
+            self.missing.append(f"the capture was cut off: {self.record.cut}")
+        wrong = [line for lines in self.findings.values() for line in lines]
+        reasons = (
+            [wrong[0] + (f"; and {len(wrong) - 1} more" if len(wrong) > 1 else "")] if wrong else []
+        )
+        verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if self.missing else Verdict.PASS
+        record, drives, late = self.record, self.shown.drives, self.shown.late
+        right = self.shown.right & self.shown.seen[:, None]
+        errors, sizes = drives.every_error()
+        sounding = right & np.isfinite(errors)
+        limits = CaptureLimits.of(record)
+        return PinVerdict(
+            name=record.name,
+            verdict=verdict,
+            reasons=tuple(reasons + self.missing),
+            findings={name: tuple(lines) for name, lines in self.findings.items()},
+            not_judged=self.not_judged,
+            elements=self.run.elements,
+            array_count=self.model.array.count,
+            counts=counts,
+            limits=PinLimits(
+                record.sample_rate_hz,
+                record.samples,
+                limits.resolution_rad,
+                float(drives.limit_rad[right].max()) if right.any() else limits.phase_rad,
+                limits.amplitude,
+            ),
+            phase_error_rad=float(np.abs(errors[sounding]).max()) if sounding.any() else None,
+            amplitude_error=float(sizes[right].max()) if right.any() else None,
+            mute_periods=mute,
+            carrier_hz=1.0 / record.period_s,
+            drift_ppm=record.drift_ppm,
+            weights=drives.weights,
+            right=right,
+            judged=judged,
+            late_us={int(f): round(float(late[f]) * self._period_us, 1) for f in self._late_frames},
+            events=tuple(self.events),
+            notes=tuple(self._notes()),
+        )
+
+    def _notes(self) -> Iterator[str]:
+        record = self.record
+        yield from record.notes
+        needed_hz = record.carrier_hz * _SAMPLES_OF_8_BITS
+        if record.sample_rate_hz < needed_hz * 0.999:
+            yield (
+                f"{record.sample_rate_hz / 1e6:g} Msamples/s cannot show an error of one step of 8 "
+                f"bits; {needed_hz / 1e6:g} Msamples/s can"
+            )
+
+
+def _listed(elements: Sequence[int]) -> str:
+    shown = ", ".join(map(str, elements[:8])) + (", ..." if len(elements) > 8 else "")
+    return f"element{'s' if len(elements) > 1 else ''} {shown}"

@@ -1,0 +1,146 @@
+"""When each pin went from the drive of one frame to that of the next.
+
+Every pulse is nearer to the old drive or to the new one; the step between the two is where the
+fewest pulses disagree, so that a glitch is no latch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.records.pins import PinRecord
+
+from .run_drives import Bools, RunDrives, fundamentals
+
+#: Drives nearer than that are not told apart pulse by pulse: samples, and a share of full drive.
+_SAMPLES: Final = 8.0
+_LEAST_DISTANCE: Final = 0.06
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PinSteps:
+    """The steps of E pins at the begin of F frames, in periods after the frame was due.
+
+    Attributes
+    ----------
+    after, before : (F, E) numpy.ndarray
+        Centre of the last old and of the first new pulse; NaN: the two drives look alike.
+    old_share : (F, E) numpy.ndarray
+        Share of the frame's pulses that are old.
+    is_inside : (F, E) numpy.ndarray of bool
+        Whether there were old and new pulses.
+    """
+
+    after: FloatArray
+    before: FloatArray
+    old_share: FloatArray
+    is_inside: Bools
+
+    @property
+    def middle(self) -> FloatArray:
+        """(F, E) the middle between the last old and the first new pulse."""
+        middle: FloatArray = (self.after + self.before) / 2.0
+        return middle
+
+
+def pin_steps(
+    record: PinRecord,
+    run: RunDrives,
+    starts: FloatArray,
+    ends: FloatArray,
+    before: NDArray[np.int64],
+    turn_rad: float | FloatArray,
+    *,
+    early: float = 0.0,
+    slack: float = 4.0,
+) -> PinSteps:
+    """Return the steps of every pin.
+
+    Parameters
+    ----------
+    starts, ends : (F,) numpy.ndarray
+        When the frames are due and over, in periods of the capture.
+    before : (F,) numpy.ndarray of int
+        Frame whose drive was there before each; -1: none.
+    turn_rad : float or (F,) numpy.ndarray
+        Phase of the pins against the drives.
+    early : float
+        Share of the frame before that belongs to the search.
+    slack : float
+        Periods by which the search begins and ends earlier.
+    """
+    lead = np.full(run.count, min(slack, run.gap / 4.0))
+    if early:
+        lead = lead + early * np.diff(starts, prepend=starts[0] - run.gap)
+    lows, highs = starts - lead, np.append(starts[1:] - lead[1:], ends[-1] - lead[-1])
+    is_seen = (lows >= 0.0) & (highs <= record.end)
+    shape = run.count, len(run.elements)
+    after, first = np.full(shape, np.nan), np.full(shape, np.nan)
+    share, inside = np.full(shape, np.nan), np.zeros(shape, np.bool_)
+    turns = np.exp(1j * np.broadcast_to(turn_rad, (run.count,)))
+    for place, element in enumerate(run.elements):
+        wanted = run.weights[:, place] * turns
+        old = np.where(before >= 0, run.weights[before, place], 0.0) * turns
+        far = np.abs(wanted - old) > max(_LEAST_DISTANCE, _SAMPLES * np.pi / record.samples)
+        told = is_seen & far
+        centres, vectors = fundamentals(record.pins[element])
+        _of_pin(
+            centres,
+            vectors,
+            lows,
+            highs,
+            told,
+            old,
+            wanted,
+            (after[:, place], first[:, place], share[:, place], inside[:, place]),
+        )
+    after -= starts[:, None]
+    first -= starts[:, None]
+    return PinSteps(after, first, share, inside)
+
+
+def _of_pin(
+    centres: FloatArray,
+    vectors: ComplexArray,
+    lows: FloatArray,
+    highs: FloatArray,
+    told: Bools,
+    old: ComplexArray,
+    wanted: ComplexArray,
+    found: tuple[FloatArray, FloatArray, FloatArray, Bools],
+) -> None:
+    """Write the steps of one pin into its columns of *found*."""
+    after, first, share, inside = found
+    begins, ends = np.searchsorted(centres, lows), np.searchsorted(centres, highs)
+    frames = np.flatnonzero(told & (ends > begins))
+    if not len(frames):
+        return
+    sizes = (ends - begins)[frames]
+    groups = np.repeat(np.arange(len(frames)), sizes)
+    offsets = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    pulses = np.arange(len(groups)) - offsets[groups] + begins[frames][groups]
+    these, meant = vectors[pulses], frames[groups]
+    is_old = np.abs(these - old[meant]) < np.abs(these - wanted[meant])
+    votes = np.where(is_old, 1, -1)
+    sums = np.cumsum(votes)
+    sums = sums - (sums[offsets] - votes[offsets])[groups]  # within each frame
+    tops = np.maximum.reduceat(sums, offsets)
+    is_top = sums == tops[groups]
+    last = np.minimum.reduceat(np.where(is_top, np.arange(len(sums)), len(sums)), offsets)
+    none = tops <= 0  # no pulse is old
+    lasting = np.where(none, offsets - 1, last)
+    number = lasting - offsets + 1
+    some_old, some_new = number > 0, number < sizes
+    after[frames] = np.where(some_old, centres[pulses[np.maximum(lasting, 0)]], lows[frames])
+    following = np.minimum(lasting + 1, len(pulses) - 1)
+    first[frames] = np.where(some_new, centres[pulses[following]], highs[frames])
+    share[frames] = number / sizes
+    begun, ended = np.abs(old[frames]) == 0.0, np.abs(wanted[frames]) == 0.0
+    after[frames[begun]] = np.maximum(after[frames], first[frames] - 1.0)[begun]
+    first[frames[ended]] = (after[frames] + 1.0)[ended]
+    inside[frames] = (some_old | begun) & (some_new | ended) & (after[frames] < highs[frames] - 1.5)

@@ -1,0 +1,216 @@
+"""The verdict by the drive pins of a capture: what was seen, what is wrong, what was not seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics.arrays import ComplexArray
+from haptogram.records.frame import Evidence
+
+from ..verdict import Verdict
+from .run_drives import Bools
+
+#: Kinds of findings, and the sentence that is true if there is none.
+PIN_CHECKS: Final = {
+    "alignment": "the capture shows this run",
+    "pins": "no captured pin is dead, stuck or inverted",
+    "phases": "S1: every captured phase is the intended one, as far as samples tell",
+    "amplitudes": "S5: every captured amplitude is the intended one, as far as samples tell",
+    "frames": "no frame is shown by pins that most others contradict",
+    "torn": "all captured pins latch within one period of the carrier",
+    "mute": "all captured pins fall silent within one period of the carrier",
+    "carrier": "the carrier is the one that is meant",
+}
+_NAMED: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class PinLimits:
+    """What a capture can show.
+
+    Attributes
+    ----------
+    sample_rate_hz, samples : float
+        Sampling rate, and samples in a period of the carrier.
+    resolution_rad : float
+        Phase error that one sample makes: no smaller one shows.
+    phase_rad, amplitude : float
+        Largest errors that pass (S1, S5).
+    """
+
+    sample_rate_hz: float
+    samples: float
+    resolution_rad: float
+    phase_rad: float
+    amplitude: float
+
+
+@dataclass(frozen=True, slots=True)
+class PinVerdict:
+    """The verdict on the captured pins of a run; true if it passed, and only then.
+
+    Attributes
+    ----------
+    name : str
+        The capture.
+    verdict : Verdict
+        pass, fail or inconclusive, of the captured elements.
+    reasons : tuple of str
+        Why it is no pass.
+    findings : dict of str to tuple of str
+        What is wrong, by the checks of :data:`PIN_CHECKS`.
+    not_judged : dict of str to str
+        Checks that the capture could not answer, and why.
+    elements : tuple of int
+        Captured elements.
+    array_count : int
+        Elements of the array.
+    counts : dict of str to int
+        Frames: intended, captured, judged, right, lost, late, silent, torn.
+    limits : PinLimits
+        What the capture can show.
+    phase_error_rad, amplitude_error : float or None
+        Largest error of a pin that is right.
+    mute_periods : float or None
+        Time in which the pins fell silent at the end, at least; None: that was not captured.
+    carrier_hz, drift_ppm : float
+        Carrier on the analyser's clock, and its distance from the one that is meant.
+    events : tuple of str
+        Frames that were lost or late, in words.
+    weights : (F, E) numpy.ndarray of complex
+        Drives that were seen, on the phase of those that were meant; NaN: not seen.
+    right : (F, E) numpy.ndarray of bool
+        Whether they are the intended ones.
+    judged : (F,) numpy.ndarray of bool
+        Frames that the capture shows as a whole.
+    late_us : dict of int to float
+        How much later than most a frame was latched, of those that were late.
+    notes : tuple of str
+        Limits of the capture.
+    """
+
+    name: str
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    findings: dict[str, tuple[str, ...]]
+    not_judged: dict[str, str]
+    elements: tuple[int, ...]
+    array_count: int
+    counts: dict[str, int]
+    limits: PinLimits
+    phase_error_rad: float | None
+    amplitude_error: float | None
+    mute_periods: float | None
+    carrier_hz: float
+    drift_ppm: float
+    weights: ComplexArray
+    right: Bools
+    judged: Bools
+    late_us: dict[int, float] = field(default_factory=dict)
+    events: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        """Return True if the captured pins passed."""
+        return self.verdict is Verdict.PASS
+
+    @property
+    def exit_status(self) -> int:
+        """0 pass, 1 fail, 3 inconclusive."""
+        return self.verdict.exit_status
+
+    @property
+    def scope(self) -> str:
+        """What was captured, in words."""
+        return f"{len(self.elements)} of {self.array_count} elements"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the verdict for JSON; angles are in degrees."""
+        seen = np.isfinite(self.weights).all(axis=1)
+        return {
+            "capture": self.name,
+            "verdict": str(self.verdict),
+            "reasons": list(self.reasons),
+            "evidence": str(Evidence.EXTERNAL),
+            "elements": list(self.elements),
+            "elements_of_array": self.array_count,
+            "frames": dict(self.counts),
+            "frames_seen": _ranges(np.flatnonzero(seen)),
+            "findings": {name: list(lines) for name, lines in self.findings.items()},
+            "not_judged": dict(self.not_judged),
+            "sample_rate_hz": self.limits.sample_rate_hz,
+            "smallest_phase_error_deg": math.degrees(self.limits.resolution_rad),
+            "phase_limit_deg": math.degrees(self.limits.phase_rad),
+            "phase_error_deg": _degrees(self.phase_error_rad),
+            "amplitude_limit": self.limits.amplitude,
+            "amplitude_error": self.amplitude_error,
+            "mute_periods": self.mute_periods,
+            "carrier_hz": self.carrier_hz,
+            "carrier_drift_ppm": self.drift_ppm,
+            "late_us": {str(frame): late for frame, late in self.late_us.items()},
+            "events": list(self.events),
+            "notes": list(self.notes),
+        }
+
+
+def _degrees(angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else math.degrees(angle_rad)
+
+
+def _ranges(numbers: np.ndarray) -> list[list[int]]:
+    """Return whole numbers as ranges, first and last of each."""
+    if not len(numbers):
+        return []
+    parts = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return [[int(part[0]), int(part[-1])] for part in parts]
+
+
+def pin_lines(pins: PinVerdict) -> Iterator[str]:
+    """Yield what a capture shows, in lines."""
+    counts, limits = pins.counts, pins.limits
+    unseen = pins.array_count - len(pins.elements)
+    rest = f"; the other {unseen} elements are not verified" if unseen else ""
+    yield (
+        f"  captured  {counts['captured']} of {counts['intended']} frames, {counts['right']} "
+        f"right, {counts['lost']} lost, {counts['late']} late{rest}"
+    )
+    phase = (
+        "not judged"
+        if pins.phase_error_rad is None
+        else (
+            f"off by {math.degrees(pins.phase_error_rad):.2f} degrees at most where they are right"
+        )
+    )
+    yield (
+        f"  phases    {phase}; {math.degrees(limits.phase_rad):.2f} pass, and "
+        f"{limits.sample_rate_hz / 1e6:.6g} Msamples/s show no error below "
+        f"{math.degrees(limits.resolution_rad):.2f}"
+    )
+    if pins.amplitude_error is not None:
+        yield (
+            f"  amplitude off by {pins.amplitude_error:.4f} at most where they are right; "
+            f"{limits.amplitude:.4f} pass"
+        )
+    if pins.mute_periods is not None:
+        yield f"  mute      all pins within {pins.mute_periods + 1.0:.1f} periods of the carrier"
+    yield (
+        f"  carrier   {pins.carrier_hz:.2f} Hz, {pins.drift_ppm:+.1f} ppm on the analyser's clock"
+    )
+    lines = [line for lines in pins.findings.values() for line in lines]
+    yield from _shown([f"  wrong     {line}" for line in lines])
+    yield from _shown([f"  frame     {line}" for line in pins.events])
+    for check, why in pins.not_judged.items():
+        yield f"  not seen  {check}: {why}"
+    for note in pins.notes:
+        yield f"  note      {note}"
+
+
+def _shown(lines: list[str]) -> Iterator[str]:
+    yield from lines[:_NAMED]
+    if len(lines) > _NAMED:
+        yield f"  ... and {len(lines) - _NAMED} more, in the JSON file"

@@ -1,0 +1,166 @@
+"""The drive of each pin in each frame, from all of its pulses there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.records.pins import PinRecord
+
+from .run_drives import Bools, RunDrives, fundamentals
+
+#: Periods after a latch until no pulse of the old drive is left, and before the next one.
+SETTLED: Final = 2.0
+_BEFORE_NEXT: Final = 1.0
+_LEAST_WINDOW: Final = 1.0
+_MOST_ERRORS: Final = 4.0  # standard errors of a mean that jitter may make
+_DEGREES_OF_MODE: Final = 360  # bins in which the phase is sought that most pins share
+_FEWEST: Final = 3  # pins among which a majority tells which one is wrong
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PinWeights:
+    """The drives of E pins in F frames.
+
+    Attributes
+    ----------
+    weights : (F, E) numpy.ndarray of complex
+        A e^{+j phi} on the capture's own phase; 0: no pulse; NaN: the frame is not in the capture,
+        or too short.
+    jitter_rad : (F, E) numpy.ndarray
+        Standard error of the phase, from how its pulses scatter.
+    """
+
+    weights: ComplexArray
+    jitter_rad: FloatArray
+
+
+def pin_weights(
+    record: PinRecord, run: RunDrives, lows: FloatArray, highs: FloatArray
+) -> PinWeights:
+    """Return the mean drive of each pin from *lows* to *highs* (F, E), in periods."""
+    shape = run.count, len(run.elements)
+    weights, jitter = np.full(shape, np.nan + 0j, np.complex128), np.zeros(shape)
+    begin, end = lows, highs
+    for place, element in enumerate(run.elements):
+        lows, highs = begin[:, place], end[:, place]
+        is_seen = (lows >= 0.0) & (highs <= record.end) & (highs - lows >= _LEAST_WINDOW)
+        least = np.maximum(np.floor(np.where(is_seen, highs - lows, 1.0)), 1.0)
+        centres, vectors = fundamentals(record.pins[element])
+        sums = np.concatenate([[0.0], np.cumsum(vectors.astype(np.complex128))])
+        sizes = np.concatenate([[0.0], np.cumsum(np.abs(vectors).astype(np.float64))])
+        begins, ends = np.searchsorted(centres, lows), np.searchsorted(centres, highs)
+        ends = np.maximum(ends, begins)
+        total, size = sums[ends] - sums[begins], sizes[ends] - sizes[begins]
+        some = ends > begins
+        spans = np.zeros(run.count)
+        spans[some] = centres[ends[some] - 1] - centres[begins[some]]
+        periods = np.maximum(np.rint(spans) + 1.0, least)
+        weights[:, place] = np.where(is_seen, total / periods, np.nan)
+        same = np.clip(np.abs(total) / np.maximum(size, 1e-12), 1e-6, 1.0)
+        spread = np.sqrt(-2.0 * np.log(same))
+        jitter[:, place] = _MOST_ERRORS * spread / np.sqrt(np.maximum(ends - begins, 1))
+    return PinWeights(weights, jitter)
+
+
+def frame_weights(
+    record: PinRecord, run: RunDrives, starts: FloatArray, ends: FloatArray
+) -> PinWeights:
+    """Return the drives between *starts* and *ends* (F,), without the latches at both."""
+    shape = run.count, len(run.elements)
+    lows = np.broadcast_to((starts + SETTLED)[:, None], shape)
+    return pin_weights(record, run, lows, np.broadcast_to((ends - _BEFORE_NEXT)[:, None], shape))
+
+
+def turns_of_reference(
+    record: PinRecord, run: RunDrives, starts: FloatArray, ends: FloatArray
+) -> FloatArray:
+    """Return the (F,) phase by which the element that is the reference differs from its drive."""
+    if record.reference_element is None:
+        return np.zeros(run.count)
+    found = frame_weights(record, run, starts, ends).weights
+    place = run.elements.index(record.reference_element)
+    return _filled(np.angle(found[:, place] * np.conj(run.weights[:, place])))
+
+
+def common_turns(
+    record: PinRecord, run: RunDrives, weights: ComplexArray, limit_rad: float
+) -> FloatArray:
+    """Return the (F,) phase that the pins of a frame share, against their drives.
+
+    That of a carrier clock is one for the whole capture, unless most pins of a frame share
+    another one: a phase that all elements have does not move the focus. With fewer than three pins
+    and no clock, the element that is the reference is taken to be right.
+    """
+    product = weights * np.conj(run.weights)
+    sounding = np.isfinite(product) & (np.abs(product) > 0.0)
+    errors = np.where(sounding, np.angle(product), np.nan)
+    if record.reference_element is None:
+        turn = _shared_phase(errors[sounding], limit_rad)
+        common = np.full(run.count, turn)
+    else:
+        common = _filled(errors[:, run.elements.index(record.reference_element)])
+    if len(run.elements) < _FEWEST:
+        return common
+    agreeing = _agreeing(errors, common, limit_rad)
+    doubtful = (2 * agreeing.sum(axis=1) < sounding.sum(axis=1)) & (sounding.sum(axis=1) >= _FEWEST)
+    for frame in np.flatnonzero(doubtful):
+        shared = _shared_phase(errors[frame][sounding[frame]], limit_rad)
+        near = np.abs(wrapped_angles(errors[frame] - shared)) <= 2.0 * limit_rad
+        if near.sum() > max(agreeing[frame].sum(), _FEWEST - 1):
+            common[frame] = shared
+    # The mean of those that agree: the phase of the reference alone is known to a sample only.
+    agreeing = _agreeing(errors, common, limit_rad)
+    rest = np.where(agreeing, np.exp(1j * (errors - common[:, None])), 0.0)
+    if record.reference_element is None:
+        shift = np.full(run.count, np.angle(rest.sum()))
+        own = common != common[0]
+        shift[own] = np.angle(rest.sum(axis=1))[own]
+    else:
+        shift = np.angle(rest.sum(axis=1))
+    moved: FloatArray = common + np.where(agreeing.any(axis=1), shift, 0.0)
+    return moved
+
+
+def _agreeing(errors: FloatArray, common: FloatArray, limit_rad: float) -> Bools:
+    with np.errstate(invalid="ignore"):
+        near: Bools = np.abs(wrapped_angles(errors - common[:, None])) <= 2.0 * limit_rad
+    return near
+
+
+def _shared_phase(errors: FloatArray, limit_rad: float) -> float:
+    """Return the phase near which most of *errors* (K,) lie."""
+    if not len(errors):
+        return 0.0
+    bins = np.rint(errors / (2.0 * np.pi) * _DEGREES_OF_MODE).astype(np.int64) % _DEGREES_OF_MODE
+    counts = np.bincount(bins, minlength=_DEGREES_OF_MODE).astype(np.float64)
+    width = max(1, int(np.ceil(limit_rad / (2.0 * np.pi) * _DEGREES_OF_MODE)))
+    near = sum(np.roll(counts, shift) for shift in range(-width, width + 1))
+    centre = 2.0 * np.pi * float(np.argmax(near)) / _DEGREES_OF_MODE
+    rest = wrapped_angles(errors - centre)
+    close = np.abs(rest) <= 2.0 * limit_rad + 2.0 * np.pi / _DEGREES_OF_MODE
+    return centre + float(rest[close].mean()) if close.any() else centre
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    """Return *values* (F,) with those that are NaN taken from the nearest that is not."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return np.zeros(len(values))
+    places = np.arange(len(values))
+    right = np.clip(np.searchsorted(known, places), 0, len(known) - 1)
+    left = np.maximum(right - 1, 0)
+    nearer = np.where(
+        np.abs(known[left] - places) <= np.abs(known[right] - places), known[left], known[right]
+    )
+    filled: FloatArray = values[nearer]
+    return filled
+
+
+def wrapped_angles(angles: FloatArray) -> FloatArray:
+    """Return *angles* in -pi to pi."""
+    wrapped: FloatArray = (angles + np.pi) % (2.0 * np.pi) - np.pi
+    return wrapped

@@ -1,0 +1,122 @@
+"""The intended drives of a run at the pins that were captured, frame by frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import phase_step_rad
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Intended
+from haptogram.records.pins import PinPulses
+
+Bools: TypeAlias = NDArray[np.bool_]
+
+#: Periods that a frame lasts at least: a latch takes one, and a phase needs two.
+LEAST_PERIODS: Final = 4.0
+_CODES: Final = 256
+
+
+@dataclass(frozen=True, eq=False)
+class RunDrives:
+    """F frames of a run at E elements; times in periods of the carrier since the first frame.
+
+    Attributes
+    ----------
+    starts : (F,) numpy.ndarray
+        When each frame is due, ascending.
+    phases, amplitudes : (F, N) numpy.ndarray of uint8
+        Codes of the whole array, phases of 8 bits.
+    elements : tuple of int
+        Elements that were captured.
+    allowed_rad : (F,) numpy.ndarray
+        By how much a board that computes the drive may differ.
+    """
+
+    starts: FloatArray
+    phases: NDArray[np.uint8]
+    amplitudes: NDArray[np.uint8]
+    elements: tuple[int, ...]
+    allowed_rad: FloatArray
+
+    @classmethod
+    def of(cls, intended: Sequence[Intended], elements: Sequence[int], carrier_hz: float) -> Self:
+        """Return the drives of *intended* at *elements*.
+
+        Raises
+        ------
+        ConfigurationError
+            No frames, frames without a time, or frames that are too short.
+        """
+        due = [frame.t_apply_us for frame in intended]
+        times_us = np.array([t for t in due if t is not None], dtype=np.float64)
+        if not len(due) or len(times_us) < len(due):
+            raise ConfigurationError(
+                f"{len(due) - len(times_us)} of {len(due)} frames have no time to apply; pins are "
+                "joined with frames by their times"
+            )
+        starts = (times_us - times_us[0]) * 1e-6 * carrier_hz
+        shortest = float(np.diff(starts).min(initial=np.inf))
+        if shortest < LEAST_PERIODS:
+            raise ConfigurationError(
+                f"a frame of {shortest / carrier_hz * 1e6:g} us is too short to be told from pins, "
+                f"must be {LEAST_PERIODS / carrier_hz * 1e6:g} us at least: "
+                f"{carrier_hz / LEAST_PERIODS:g} frames/s"
+            )
+        phases = np.stack([f.drive.phase_codes << (8 - f.drive.phase_bits) for f in intended])
+        amplitudes = np.stack([frame.drive.amplitude_codes for frame in intended])
+        computed = np.array([frame.board_computed for frame in intended], dtype=np.float64)
+        return cls(
+            starts,
+            phases.astype(np.uint8),
+            amplitudes,
+            tuple(elements),
+            computed * phase_step_rad(8),
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return len(self.starts)
+
+    @cached_property
+    def gap(self) -> float:
+        """Periods that most frames last; a run of one frame takes 40."""
+        return float(np.median(np.diff(self.starts))) if self.count > 1 else 40.0
+
+    @cached_property
+    def ends(self) -> FloatArray:
+        """(F,) when each frame is over."""
+        return np.append(self.starts[1:], self.starts[-1] + self.gap)
+
+    @cached_property
+    def weights(self) -> ComplexArray:
+        """(F, E) weights A e^{+j phi}."""
+        return self.weights_of(list(self.elements))
+
+    def weights_of(self, elements: Sequence[int]) -> ComplexArray:
+        """Return the (F, E) weights of these elements."""
+        turns = np.exp(2j * math.pi / _CODES * np.arange(_CODES)).astype(np.complex64)
+        places = list(elements)
+        found: ComplexArray = turns[self.phases[:, places]] * (
+            self.amplitudes[:, places] / np.float32(_CODES - 1)
+        )
+        return found
+
+
+def fundamentals(pulses: PinPulses) -> tuple[FloatArray, ComplexArray]:
+    """Return centre (P,) in periods and fundamental (P,) of each pulse.
+
+    A pulse from a to b has (e^{jb} - e^{ja}) / 2j: A e^{+j phi} as in a drive.
+    """
+    centres = (pulses.rises + pulses.falls) / 2.0
+    sizes = np.sin(np.pi * np.minimum(pulses.falls - pulses.rises, 1.0))
+    turns = np.exp(2j * np.pi * np.remainder(centres, 1.0))
+    return centres, (sizes * turns).astype(np.complex64)

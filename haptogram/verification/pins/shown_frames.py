@@ -1,0 +1,190 @@
+"""The frames that the pins of a capture show: which, when, and with which drives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.records.pins import PinRecord
+
+from .alignment import Alignment, align_by_onset, align_run, rates_of
+from .element_faults import PinDrives
+from .latch_steps import PinSteps, pin_steps
+from .pin_weights import SETTLED, common_turns, frame_weights, pin_weights
+from .run_drives import Bools, RunDrives
+
+#: Share of the captured drives that are right in a capture of this run.
+FIT_SHARE: Final = 0.5
+_HALF: Final = 0.5
+_EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
+_ROUNDING_RAD: Final = 1e-4
+_SHIFTS: Final = (0, -1, 1, -2, 2, -3, 3)  # frames by which a correlation may be off
+_GOOD_SHARE: Final = 0.98  # of right drives: no other shift is tried
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureLimits:
+    """The largest errors that the samples of a capture may hide.
+
+    Attributes
+    ----------
+    resolution_rad : float
+        Phase of one sample: two edges are known to one sample together.
+    phase_rad : float
+        Phase error that passes, without jitter.
+    amplitude : float
+        Error of an amplitude that passes: half a step, and a sample of width.
+    """
+
+    resolution_rad: float
+    phase_rad: float
+    amplitude: float
+
+    @classmethod
+    def of(cls, record: PinRecord) -> CaptureLimits:
+        """Return the limits of a capture."""
+        resolution = math.tau / record.samples
+        return cls(
+            resolution,
+            resolution + record.skew_rad + _ROUNDING_RAD,
+            _HALF / FULL_AMPLITUDE + math.pi / record.samples,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ShownFrames:
+    """F frames of a run at E pins; times in periods of the carrier.
+
+    Attributes
+    ----------
+    starts, ends : (F,) numpy.ndarray
+        When each frame is due and over in the capture.
+    drives : PinDrives
+        What each pin shows of each frame.
+    steps : PinSteps
+        When each pin latched each frame.
+    lost : (F,) numpy.ndarray of bool
+        Frames during which the pins kept the drive of the one before.
+    late : (F,) numpy.ndarray
+        By how much later than most a frame was latched; 0: not known.
+    """
+
+    starts: FloatArray
+    ends: FloatArray
+    drives: PinDrives
+    steps: PinSteps
+    lost: Bools
+    late: FloatArray
+
+    @cached_property
+    def seen(self) -> Bools:
+        """(F,) whether all pins show the frame for long enough."""
+        seen: Bools = np.asarray(np.isfinite(self.drives.weights).all(axis=1))
+        return seen
+
+    @cached_property
+    def right(self) -> Bools:
+        """(F, E) whether a pin does what was intended."""
+        return self.drives.all_right()
+
+
+def shown_frames(record: PinRecord, run: RunDrives) -> ShownFrames:
+    """Return what a capture shows of a run."""
+    limits = CaptureLimits.of(record)
+    found = _best_alignment(record, run, limits)
+    starts, ends = found.starts(run), found.ends(run)
+    lost, before = _lost_frames(_drives(record, run, found, limits), limits)
+    weights = frame_weights(record, run, starts, ends).weights
+    turns = common_turns(record, run, weights, limits.phase_rad)
+    steps = pin_steps(record, run, starts, ends, before, turns)
+    drives = _drives(record, run, found, limits, steps, before)
+    return ShownFrames(starts, ends, drives, steps, lost, _lateness(steps, lost))
+
+
+def _best_alignment(record: PinRecord, run: RunDrives, limits: CaptureLimits) -> Alignment:
+    """Return the alignment in which most drives are right."""
+    tried: list[tuple[float, Alignment]] = []
+    for rate in rates_of(record, run):
+        first = align_run(record, run, rate)
+        for shift in _SHIFTS:
+            moved = first.shifted(shift * run.gap)
+            share = _share_right(_drives(record, run, moved, limits))
+            tried.append((share, moved))
+            if share > _GOOD_SHARE:
+                return moved
+    most, best = max(tried, key=lambda pair: pair[0])
+    onset = align_by_onset(record, run) if most < FIT_SHARE else None
+    return best if onset is None else onset
+
+
+def _share_right(drives: PinDrives) -> float:
+    """Return the share of drives that are right, less where fewer frames are seen."""
+    seen = np.isfinite(drives.weights).all(axis=1)
+    if not seen.any():
+        return 0.0
+    return float(drives.all_right()[seen].mean()) * math.sqrt(float(seen.mean()))
+
+
+def _drives(
+    record: PinRecord,
+    run: RunDrives,
+    found: Alignment,
+    limits: CaptureLimits,
+    steps: PinSteps | None = None,
+    before: NDArray[np.int64] | None = None,
+) -> PinDrives:
+    """Return the drives from when each pin has latched, by *steps* or else when it is due."""
+    starts, ends = found.starts(run), found.ends(run)
+    shape = run.count, len(run.elements)
+    lows = np.broadcast_to(starts[:, None], shape) + SETTLED
+    highs = np.broadcast_to(ends[:, None], shape) - 1.0
+    highs[-1] = (starts[-1] + ends[-1]) / 2.0  # the host may have muted the board by then
+    if steps is not None:
+        lows += np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
+        highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
+    means = pin_weights(record, run, lows, highs)
+    turns = common_turns(record, run, means.weights, limits.phase_rad)
+    jitter = np.minimum(means.jitter_rad, limits.phase_rad)
+    return PinDrives(
+        run,
+        means.weights * np.exp(-1j * turns)[:, None],
+        np.arange(-1, run.count - 1) if before is None else before,
+        limits.phase_rad + jitter + run.allowed_rad[:, None],
+        limits.amplitude,
+    )
+
+
+def _lost_frames(drives: PinDrives, limits: CaptureLimits) -> tuple[Bools, NDArray[np.int64]]:
+    """Return the (F,) frames that the pins do not show, and the one shown before each."""
+    run, weights = drives.run, drives.weights
+    lost = np.zeros(run.count, np.bool_)
+    before = np.full(run.count, -1, np.int64)
+    shown = -1
+    for frame in range(run.count):
+        before[frame] = shown
+        seen = weights[frame]
+        if shown >= 0 and np.isfinite(seen).all():
+            old, new = run.weights[shown], run.weights[frame]
+            told = np.abs(old - new) > 4.0 * limits.phase_rad
+            near_old = np.abs(seen - old) < np.abs(seen - new) / 4.0
+            lost[frame] = told.any() and near_old[told].mean() > _HALF
+        if not lost[frame]:
+            shown = frame
+    return lost, before
+
+
+def _lateness(steps: PinSteps, lost: Bools) -> FloatArray:
+    """Return by how many periods each frame was latched after it was due."""
+    late = np.where(steps.is_inside, steps.middle, np.nan)
+    late[lost] = np.nan
+    known = np.isfinite(late).any(axis=1)
+    found = np.zeros(len(lost))
+    found[known] = np.nanquantile(late[known], _EARLY_PINS, axis=1)
+    return found

@@ -1,0 +1,195 @@
+"""Verdicts by the pins of the virtual board: every fault of its output, and no healthy board."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.captures.channel_map import ChannelMap
+from haptogram.evidence.captures.files import read_capture
+from haptogram.evidence.captures.pin_record import pin_record
+from haptogram.settings.faults.kinds import FAULT_KINDS, is_transducer_fault
+from haptogram.verification import Verdict
+from haptogram.verification.pins.joined import verify_captures
+from pin_captures import MAP, captured_run
+
+
+def model_of(array):
+    grid = TransducerArray.parse(array, pitch_m=0.01)
+    return AcousticModel(grid, Medium.air(20.0), Transducer())
+
+
+def some_pins(*elements):
+    return {"elements": {f"e{n}": n for n in elements}}
+
+
+def judged(run, array="4x4", **keys):
+    mapped = ChannelMap.of("map.toml", {**MAP, **keys})
+    record = pin_record(read_capture(run.path), mapped)
+    return verify_captures([record], run.intended, model=model_of(array))
+
+
+def judged_record(run, record, array="4x4"):
+    return verify_captures([record], run.intended, model=model_of(array))
+
+
+@pytest.mark.parametrize("array", ["2x1", "5x3", "8x8"])
+@pytest.mark.parametrize("mode", ["phases", "drives", "points"])
+@pytest.mark.parametrize("rate_hz", [4e6, 24e6])
+def test_no_healthy_board_fails(array, mode, rate_hz, tmp_path):
+    run = captured_run(
+        tmp_path / "pins.vcd", array=array, mode=mode, capture_rate_hz=rate_hz, capture_ppm=37.0
+    )
+    for keys in ({}, {"reference": "e0"}, some_pins(0, 1)):
+        found = judged(run, array, **keys)
+        (pins,) = found.pins
+        assert not pins.findings, str(found)
+        assert pins.verdict is Verdict.PASS, str(found)
+        assert pins.counts["right"] == pins.counts["intended"] == 12
+        assert pins.counts["lost"] == pins.counts["late"] == 0
+        sample_ppm = 1e6 / (rate_hz * 12e-3)  # of the length of the capture
+        assert pins.drift_ppm == pytest.approx(-37.0, abs=1.0 + sample_ppm)
+        whole = len(pins.elements) == found.array_count
+        assert (found.run is not None) == (whole and rate_hz > 20e6)
+        assert bool(found) or (found.run is not None and array == "2x1")  # two tell no focus
+
+
+NAMES = {
+    "device.off": "dead",
+    "device.dead": "dead",
+    "device.stuck": "stuck at a phase",
+    "device.delayed": "phase off by +90.0 degrees in every frame",
+    "device.intermittent": "silent in",
+    "device.garbage": "phase off in",
+    "device.wrong": "shows the drive of the frame before",
+    "device.slow": "phase off in",
+}
+
+
+@pytest.mark.parametrize("kind", [kind for kind in FAULT_KINDS if is_transducer_fault(kind)])
+def test_every_fault_of_the_output_is_named_or_lies_outside_of_the_capture(kind, tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", faults=[f"{kind} transducer=3"])
+    whole = judged(run)
+    part = judged(run, **some_pins(1, 2, 3, 7, 12))
+    outside = judged(run, **some_pins(1, 2, 7, 12))
+    assert outside.verdict is Verdict.PASS
+    assert "4 of 16 elements" in str(outside)
+    assert "the other 12 elements are not verified" in str(outside)
+    assert "field     not judged: 12 of 16 elements were not captured" in str(outside)
+    if kind == "device.ok":
+        assert whole.verdict is part.verdict is Verdict.PASS
+        return
+    for found in (whole, part):
+        assert found.verdict is Verdict.FAIL
+        ((line,),) = found.pins[0].findings.values()
+        assert line.startswith("element 3 (e3): ")
+        assert NAMES[kind] in line
+    assert whole.run.verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize("late_us", [75.0, 150.0])
+def test_a_torn_latch_is_a_failure_of_its_own(late_us, tmp_path):
+    late = [late_us if pin >= 8 else 0.0 for pin in range(16)]
+    run = captured_run(tmp_path / "pins.vcd", late_us=late)
+    (pins,) = judged(run).pins
+    assert pins.verdict is Verdict.FAIL
+    assert pins.counts["torn"] == 12
+    assert "8 of 16 pins (element 8, 9, 10, 11, ...) latch" in pins.findings["torn"][0]
+    assert pins.right.all()  # what they latched is right
+    assert set(pins.findings) == {"torn", "mute"}
+
+
+def test_a_mirrored_map_is_named(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", array="5x3")
+    shown = np.arange(15).reshape(5, 3)[::-1].ravel()
+    mapped = {"elements": {f"e{pin}": int(element) for element, pin in enumerate(shown)}}
+    (line,) = judged(run, "5x3", **mapped).pins[0].findings["phases"]
+    assert "show the drives of other elements: x mirrored" in line
+
+
+def test_two_wires_that_were_exchanged_are_named(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    elements = {f"e{n}": n for n in range(16)} | {"e3": 9, "e9": 3}
+    lines = judged(run, elements=elements).pins[0].findings["phases"]
+    assert lines == (
+        "element 3 (e9): does what element 9 should",
+        "element 9 (e3): does what element 3 should",
+    )
+
+
+def changed(record, element, **change):
+    pins = {**record.pins, element: dataclasses.replace(record.pins[element], **change)}
+    return dataclasses.replace(record, pins=pins)
+
+
+def test_inverted_pins_and_carriers_that_are_off_are_named(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", mode="drives")
+    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    pin = record.pins[4]
+    inverted = changed(record, 4, rises=pin.falls[:-1], falls=pin.rises[1:])
+    (pins,) = judged_record(run, inverted).pins
+    assert any("element 4 (e4)" in line for line in pins.findings["pins"])
+    fast = dataclasses.replace(record, period_s=record.period_s / 1.002)
+    (line,) = judged_record(run, fast).pins[0].findings["carrier"]
+    assert "+2000 ppm of 40000 Hz" in line
+
+
+def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    pin = record.pins[4]
+    more = np.arange(1.0, 4.0)
+    longer = changed(
+        record,
+        4,
+        rises=np.concatenate([pin.rises, pin.rises[-1] + more]),
+        falls=np.concatenate([pin.falls, pin.falls[-1] + more]),
+    )
+    (line,) = judged_record(run, longer).pins[0].findings["mute"]
+    assert line.startswith("element 4 fall")
+
+
+def test_captures_of_parts_of_a_repeating_object_are_joined(tmp_path):
+    runs = [captured_run(tmp_path / f"{n}.vcd", seed=5, capture_ppm=20.0 * n) for n in range(4)]
+    records = [
+        pin_record(
+            read_capture(run.path),
+            ChannelMap.of("map.toml", {**MAP, **some_pins(*range(4 * n, 4 * n + 4))}),
+        )
+        for n, run in enumerate(runs)
+    ]
+    found = verify_captures(records, runs[0].intended, model=model_of("4x4"))
+    assert found.verdict is Verdict.PASS
+    assert found.run.counts["on_target"] == 12
+    assert {str(frame.evidence) for frame in found.run.frames} == {"external"}
+    three = verify_captures(records[:3], runs[0].intended, model=model_of("4x4"))
+    assert three.run is None
+    assert three.scope == "12 of 16 elements"
+
+
+def test_another_run_and_an_element_too_many_are_refused_in_words(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    other = captured_run(tmp_path / "other.vcd", seed=2)
+    found = judged(dataclasses.replace(run, path=other.path))
+    assert found.verdict is Verdict.INCONCLUSIVE
+    assert "the capture does not show this run" in found.reasons[0]
+    with pytest.raises(ConfigurationError, match="e9 is element 9; the array has the elements 0"):
+        judged(run, "3x3")
+    with pytest.raises(ConfigurationError, match="no time to apply"):
+        judged(
+            dataclasses.replace(
+                run, intended=[dataclasses.replace(f, t_apply_us=None) for f in run.intended]
+            )
+        )
+
+
+def test_a_capture_that_was_cut_off_passes_nothing(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    data = run.path.read_bytes()
+    run.path.write_bytes(data[: len(data) // 2])
+    found = judged(run)
+    assert found.verdict is Verdict.INCONCLUSIVE
+    assert 3 < found.pins[0].counts["right"] < 9
+    assert any("cut off" in reason for reason in found.reasons)
