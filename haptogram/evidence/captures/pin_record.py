@@ -1,4 +1,4 @@
-"""The pins of a capture, counted by the board's own carrier: what a verdict is made from."""
+"""The pins of a capture, counted by the board's own carrier: the evidence of a verdict."""
 
 from __future__ import annotations
 

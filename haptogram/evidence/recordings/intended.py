@@ -22,7 +22,7 @@ from .writer import RecordingWriter
 
 @dataclass(frozen=True, slots=True)
 class RecordedRun:
-    """What a recording says of its run.
+    """The run in a recording.
 
     Attributes
     ----------

@@ -82,7 +82,7 @@ def _check(one: Mapping[str, Any], name: str, statement: str) -> RunCheck:
 
 
 def capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what the captures show, sentence by sentence."""
+    """Yield the verdict of the captures, sentence by sentence."""
     seen, count = len(captures["elements"]), captures["elements_of_array"]
     yield (
         f"The drive pins of {seen} of {count} elements were captured"

@@ -1,4 +1,4 @@
-"""Where a run lies in a capture: neither knows the clock of the other.
+"""The place of a run in a capture: neither knows the clock of the other.
 
 The drives of the run are correlated with those at the pins, over every shift; then the moments at
 which pins change their drive give offset and rate of the two clocks to a fraction of a period.
@@ -53,12 +53,12 @@ class Alignment:
         return replace(self, offset=self.offset + periods)
 
     def starts(self, run: RunDrives) -> FloatArray:
-        """Return (F,) when each frame is due in the capture."""
+        """Return (F,) the times at which frames are due in the capture."""
         times: FloatArray = self.offset + self.rate * run.starts
         return times
 
     def ends(self, run: RunDrives) -> FloatArray:
-        """Return (F,) when each frame is over in the capture."""
+        """Return (F,) the times at which frames are over in the capture."""
         times: FloatArray = self.offset + self.rate * run.ends
         return times
 
@@ -74,7 +74,7 @@ def rates_of(record: PinRecord, run: RunDrives) -> list[float]:
 
 
 def align_run(record: PinRecord, run: RunDrives, rate: float) -> Alignment:
-    """Return where the run fits best, if its clock has this *rate*."""
+    """Return the place at which the run fits best, if its clock has this *rate*."""
     cell = float(np.clip(_SHARE_OF_FRAME * run.gap, *_CELLS))
     cell = max(cell, (record.end + run.ends[-1]) / _MOST_CELLS)
     seen = _cells_of_pins(record, cell, run)

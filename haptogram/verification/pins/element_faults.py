@@ -1,4 +1,4 @@
-"""What is wrong with a pin over all frames of a capture, by name."""
+"""Faults of a pin over all frames of a capture, by name."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class PinDrives:
 
 
 def fault_of_pin(drives: PinDrives, place: int, judged: Bools) -> str:
-    """Return in words what is wrong with a pin in the (F,) *judged* frames.
+    """Return the fault of a pin in words, by the (F,) *judged* frames.
 
     At least one of them is not right.
     """

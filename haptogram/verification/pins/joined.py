@@ -72,7 +72,7 @@ class CaptureVerdict:
 
     @property
     def scope(self) -> str:
-        """What was captured, in words."""
+        """Extent of the captures, in words."""
         return f"{len(self.elements)} of {self.array_count} elements"
 
     def as_dict(self) -> dict[str, Any]:
@@ -183,7 +183,7 @@ def _why_no_field(
 def joined_observations(
     pins: Sequence[PinVerdict], frames: Sequence[Intended], count: int
 ) -> list[Observation]:
-    """Return what the captures show of each frame, the elements of frames with one drive joined.
+    """Return an observation of each captured frame, elements of frames with one drive joined.
 
     A drive that was seen right, within what the samples tell, is the intended one; another one
     has the nearest codes.

@@ -1,4 +1,4 @@
-"""When each pin went from the drive of one frame to that of the next.
+"""The moments at which each pin went from the drive of one frame to that of the next.
 
 Every pulse is nearer to the old drive or to the new one; the step between the two is where the
 fewest pulses disagree, so that a glitch is no latch.

@@ -1,4 +1,4 @@
-"""The verdict by the drive pins of a capture: what was seen, what is wrong, what was not seen."""
+"""The verdict by the drive pins of a capture: limits, findings, and the checks not judged."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _NAMED: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class PinLimits:
-    """What a capture can show.
+    """Limits of a capture.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class PinVerdict:
 
     @property
     def scope(self) -> str:
-        """What was captured, in words."""
+        """Extent of the capture, in words."""
         return f"{len(self.elements)} of {self.array_count} elements"
 
     def as_dict(self) -> dict[str, Any]:
@@ -171,7 +171,7 @@ def _ranges(numbers: np.ndarray) -> list[list[int]]:
 
 
 def pin_lines(pins: PinVerdict) -> Iterator[str]:
-    """Yield what a capture shows, in lines."""
+    """Yield the verdict of a capture in lines."""
     counts, limits = pins.counts, pins.limits
     unseen = pins.array_count - len(pins.elements)
     rest = f"; the other {unseen} elements are not verified" if unseen else ""

@@ -1,4 +1,4 @@
-"""The frames that the pins of a capture show: which, when, and with which drives."""
+"""The frames that the pins of a capture show, with their times and drives."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class ShownFrames:
 
 
 def shown_frames(record: PinRecord, run: RunDrives) -> ShownFrames:
-    """Return what a capture shows of a run."""
+    """Return the frames of a run that a capture shows."""
     limits = CaptureLimits.of(record)
     found = _best_alignment(record, run, limits)
     starts, ends = found.starts(run), found.ends(run)
