@@ -10,17 +10,23 @@ from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
+    DriveKind,
     Error,
     ErrorCode,
     Feature,
     Flag,
+    GetGeometry,
     Hello,
     Message,
     Mute,
     MuteReply,
     Ping,
     Play,
+    ReadDrive,
+    ReadTrace,
     SetConfig,
+    Stop,
+    TraceMode,
     UploadChunk,
 )
 
@@ -28,7 +34,7 @@ from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.capabilities import UPLOADS, requests_of_board
-from ...client.playback import store_phases
+from ...client.playback import PERIOD_US, play_now, store_phases
 from ...client.stream_kinds import refused_requests, valid_requests
 from ...client.wire import Received
 from ...outcome import check
@@ -49,6 +55,31 @@ def _remembered(board: BoardClient) -> Iterator[Message]:
     for message in valid_requests(board, _SEQUENCE):
         if not isinstance(message, _IDEMPOTENT):
             yield message
+
+
+def _largest(board: BoardClient) -> Iterator[Message]:
+    """Yield the requests whose replies are as long as the board makes them."""
+    yield GetGeometry(0, 0xFFFF)
+    for feature, kind in (
+        (Feature.READ_LATCHED, DriveKind.LATCHED),
+        (Feature.READ_RADIATED, DriveKind.RADIATED),
+    ):
+        if board.has(feature):
+            yield ReadDrive(kind, 0, 0xFFFF)
+    if board.has(Feature.TRACE_RING):
+        yield ReadTrace(0, 0xFFFF)
+
+
+def _fill_ring(board: BoardClient) -> None:
+    """Latch so often that the ring fills a frame, at most a thousand times."""
+    if not board.has(Feature.TRACE_RING | Feature.CONFIG | Feature.SEQUENCE_PHASES):
+        return
+    board.configure(trace_mode=TraceMode.RING)
+    board.arm()
+    period_us = max(PERIOD_US // 4, -(-1_000_000 // board.identity.max_playback_rate_hz))
+    play_now(board, _SEQUENCE, loops=100, period_us=period_us)
+    board.wire.idle(250 * period_us)
+    board.link.ask(Stop())
 
 
 def _flags(message: Message) -> int:
@@ -73,7 +104,9 @@ def _is_again(board: BoardClient, wire: bytes, seq: int, first: Received, after:
 
 def _judge_kept(board: BoardClient, betweens: dict[str, Between]) -> None:
     """FAILED unless every request gets its reply again behind each of *betweens*."""
-    for message in [*_remembered(board), *refused_requests(board)]:
+    messages = [*_remembered(board), *refused_requests(board)]
+    _fill_ring(board)
+    for message in [*messages, *_largest(board)]:
         board.arm()
         wire, seq = board.link.request_wire(message, flags=_flags(message))
         since = board.link.mark()

@@ -6,18 +6,21 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import Flag, Mute, MuteReply, Phases, Points
+from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, Points, TraceMode
 
 from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
+from ...client.latching import board_latches, watch_board_latches
 from ...client.stream_kinds import StreamKind, stream_kinds
-from ...outcome import SELF_REPORTED, CaseEndedError, fail, not_observed
+from ...outcome import SELF_REPORTED, CaseEndedError, check, fail, not_observed
 
 _STALE: Final = 0x0F0F
 _AHEAD_US: Final = 400_000
 _DEEPEST: Final = 512
 _LOW_FLAGS: Final = (1, 2, 4, 8, 15)
 _LONGEST: Final = 4000
+#: Counters of steps 13 to 16 of HG-3.8: the frames have a margin (HG-9.3/1).
+_WITH_MARGIN: Final = ("dropped_order", "dropped_full", "dropped_future", "dropped_late")
 
 #: Given board, kind and the t_apply of the last queued frame: the frames that have to be dropped.
 Frames: TypeAlias = Callable[[BoardClient, StreamKind, int], Iterable[bytes]]
@@ -165,9 +168,12 @@ def _judge(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
     wires = list(drop.frames(board, kind, last_us))
     with board.counting(**{drop.counter: len(wires)}, latched=0):
         board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
-        queued = board.status().queued
-        if queued != waiting:
-            fail(f"{waiting} frames wait, then {queued}")
+        found = board.status()
+        if found.queued != waiting:
+            fail(f"{waiting} frames wait, then {found.queued}")
+        due = len(wires) if drop.counter in _WITH_MARGIN else 0
+        if found.margins != due:
+            fail(f"margins tell of {found.margins} frames, {due} reached step 13 of HG-3.8")
     board.link.call(Mute(), MuteReply)
 
 
@@ -195,8 +201,11 @@ PRODUCT: Final = tuple(_case(drop) for drop in DROPS)
 def low_flags_are_ignored(board: BoardClient) -> None:
     board.arm()
     lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
+    traced = board.has(Feature.CONFIG | Feature.TRACE)
+    mode = watch_board_latches(board) if traced else TraceMode.OFF
+    since = board.link.mark()
     for kind in stream_kinds(board):
-        with board.counting(latched=2 * len(lows)):
+        with board.counting(latched=2 * len(lows), late=0):
             start_us = board.clock.soon_us(bytes(len(lows) * len(kind.make().serialize())))
             for place, low in enumerate(lows):
                 t_us = start_us + 1000 * place
@@ -207,6 +216,8 @@ def low_flags_are_ignored(board: BoardClient) -> None:
                 past_us, flags = start_us - 1_000_000, Flag.IMMEDIATE | low
                 board.link.send(board.link.stream_wire(kind.make(), past_us, flags=flags))
                 board.clock.wait_latched(4000)
+    late = sum(latch.late for latch in board_latches(board, since, mode))
+    check(late == 0, f"{late} traces say LATE; no frame was late, some had flags or a time past")
 
 
 @case(

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Feature, Flag, GetStatus, Hello, Message, Mute, Play
+from haptogram_protocol.messages import (
+    Arm,
+    Feature,
+    Flag,
+    GetStatus,
+    Hello,
+    Message,
+    Mute,
+    Play,
+    Status,
+)
 
 from ....case import case
 from ....client.board_client import BoardClient
 from ....client.playback import store_phases
 from ....client.stream_kinds import valid_requests
-from ....outcome import SELF_REPORTED, check
+from ....outcome import SELF_REPORTED, check, fail
 
 _SEQUENCE: Final = 13
 _AHEAD_US: Final = 400_000
@@ -32,6 +42,31 @@ def margins_outlive_requests(board: BoardClient) -> None:
     for message in every:  # which one was it?
         check(_margins_behind(board, [message]), f"{message.TYPE.name} changes the margins")
     check(False, "margins of 3 frames are gone after every request but GET_STATUS")
+
+
+@case(
+    "HG-9.3/1",
+    "the margins begin anew with STATUS as with STATUS_REPLY: of frames before it nothing is left",
+    variant="status",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def both_restart_margins(board: BoardClient) -> None:
+    board.configure(status_period_ms=board.quick_status_ms)
+    board.arm()
+    board.status()
+    since = board.link.mark()
+    t_us = board.clock.device_us() + _AHEAD_US
+    board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+    timeout_us = 3000 * board.quick_status_ms
+    first = board.link.await_event(Status, since, timeout_us)
+    second = board.link.await_event(Status, board.link.mark(), timeout_us)
+    if first is None or second is None:
+        fail(f"no STATUS within {timeout_us // 1000} ms")
+    # The frame may have come behind the first one; it is told of once.
+    told = [status.margins for _, status in board.link.events(Status, since)]
+    told.append(board.status().margins)
+    check(sum(told) == 1, f"one frame was sent; the margins of STATUS tell of {told} frames")
 
 
 def _margins_behind(board: BoardClient, messages: list[Message]) -> bool:

@@ -53,7 +53,7 @@ def every_type_at_once(board: BoardClient) -> None:
             board.link.send(board.link.stream_wire(good, t_us + 1000 * number))
         for past_us in (0, 1, 2**30, -(2**30)):
             waiting = board.status().queued
-            with board.counting(flushed=waiting, latched=1):
+            with board.counting(flushed=waiting, latched=1, late=0):
                 board.link.send(
                     board.link.stream_wire(kind.make(), t_us - past_us, flags=Flag.IMMEDIATE)
                 )
