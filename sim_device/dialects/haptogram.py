@@ -254,16 +254,16 @@ class BoardDialect:
         if isinstance(message, Points):
             _demand(len(message.points) <= self.board.settings.max_points, "too many points")
             return message.points
-        _demand(message.bank == 0, f"bank {message.bank}, there is 0")
         if isinstance(message, Drives):
-            _demand(message.bits is PhaseFormat.BITS_8, f"drives of {message.bits} bits")
             _demand(len(message.data) == 2 * count, "not 2 N codes", "bad_length")
+            _demand(message.bits is PhaseFormat.BITS_8, f"drives of {message.bits} bits")
+            _demand(message.bank == 0, f"bank {message.bank}, there is 0")
             return split_register_codes(message.data)
         known = message.bits in self.board.settings.phase_formats
-        _demand(known, f"phases of {message.bits} bits")
-        return full_amplitude_registers(
-            unpack_phases(message.data, message.bits, count), message.bits
-        )
+        _demand(known, f"phases of {message.bits} bits")  # without bits there is no right length
+        codes = unpack_phases(message.data, message.bits, count)
+        _demand(message.bank == 0, f"bank {message.bank}, there is 0")
+        return full_amplitude_registers(codes, message.bits)
 
     def _greet(self, hello: Hello, request: RequestReceived) -> None:
         self.board.open_session(hello.nonce)

@@ -94,9 +94,11 @@ def _requests(board: BoardClient) -> list[Message]:
 )
 def every_type_has_a_session(board: BoardClient) -> None:
     requests, session = _requests(board), board.link.session
-    with board.counting(stale_session=2 * len(requests), frames=2 * len(requests), requests=0):
+    others = [0, *(session ^ 1 << bit for bit in range(16))]
+    number = len(others) * len(requests)
+    with board.counting(stale_session=number, frames=number, requests=0):
         for message in requests:
-            for wrong in (session ^ 0x0100, 0):
+            for wrong in others:
                 seq = board.link.next_seq()
                 board.link.refused(
                     message, ErrorCode.STALE_SESSION, session, session=wrong, seq=seq

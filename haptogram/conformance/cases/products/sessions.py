@@ -132,6 +132,21 @@ def _plays_still(board: BoardClient, name: str) -> None:
 
 
 @case(
+    "HG-4.6/2",
+    "nonces that differ from the open one in a single bit each open a session, DISARMED",
+    variant="nonces",
+)
+def every_bit_of_a_nonce_counts(board: BoardClient) -> None:
+    for bit in range(16):
+        board.arm()
+        nonce = board.link.session ^ 1 << bit
+        if nonce:
+            reply = board.hello(nonce)
+            check(reply.nonce == nonce, f"HELLO with {nonce:#06x} opens {reply.nonce:#06x}")
+            check(reply.state is OutputState.DISARMED, f"bit {bit} of the nonce is not seen")
+
+
+@case(
     "HG-4.6/1",
     "a HELLO of the open nonce of any number leaves numbers, remembered reply, playback, upload",
     variant="effects",

@@ -19,6 +19,7 @@ _AHEAD_US: Final = 400_000
 _DEEPEST: Final = 512
 _LOW_FLAGS: Final = (1, 2, 4, 8, 15)
 _LONGEST: Final = 4000
+_BEFORE_US: Final = 2  # a carrier boundary
 #: Counters of steps 13 to 16 of HG-3.8: the frames have a margin (HG-9.3/1).
 _WITH_MARGIN: Final = ("dropped_order", "dropped_full", "dropped_future", "dropped_late")
 
@@ -53,7 +54,8 @@ class Drop:
 
 
 def _stale(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    for session in (board.link.session ^ _STALE, 0):
+    one_bit_off = (board.link.session ^ 1 << bit for bit in range(16))
+    for session in (board.link.session ^ _STALE, 0, *one_bit_off):
         for seq in (board.link.stream_next, board.link.stream_next - 1):
             yield board.link.stream_wire(kind.make(), session=session, seq=seq)
 
@@ -122,6 +124,7 @@ def _beyond(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
 
 
 def _overflowing(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
+    yield board.link.stream_wire(kind.make(), last_us + 1)  # for the latch of the last one
     yield board.link.stream_wire(kind.make(), last_us + 1000)
     yield board.link.stream_wire(kind.make(), last_us + 2 * board.identity.max_horizon_us)
 
@@ -145,7 +148,7 @@ def fill_queue(board: BoardClient, number: int, ahead_us: int = 5 * _AHEAD_US) -
     good = board.shortest_stream()
     size = len(board.link.stream_wire(good, 0, seq=0))
     start_us = board.clock.soon_us(bytes(size * number)) + ahead_us
-    times = [start_us + 1000 * place for place in range(number)]
+    times = [start_us + 1000 * place - _BEFORE_US for place in range(number)]
     if times[-1] + 1000 > board.clock.device_us() + board.identity.max_horizon_us:
         not_observed(f"this line takes too long to fill a queue of {number} frames")
     board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))

@@ -76,6 +76,31 @@ def flushed_frames_are_not_late(board: BoardClient) -> None:
             board.link.ask(Stop())
 
 
+@case(
+    "HG-5.7/6",
+    "of a late frame and two for later, sent at once, the late one alone is told and counted late",
+    variant="first",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def late_is_of_one_frame(board: BoardClient) -> None:
+    mode = watch_board_latches(board)
+    board.configure(late_window_us=_WINDOW_US, trace_mode=mode)
+    board.arm()
+    kinds = stream_kinds(board)
+    for kind in kinds if board.thorough else kinds[:1]:
+        since, first = board.link.mark(), board.link.stream_next
+        with board.counting(late=1, latched=3):
+            late_us = board.clock.device_us() - 1000
+            soon_us = board.clock.soon_us(bytes(3 * len(kind.make().serialize()) + 60))
+            times = (late_us, soon_us, soon_us + 1000)
+            board.link.send(*(board.link.stream_wire(kind.make(), t_us) for t_us in times))
+            board.clock.require_in_time(soon_us)
+            board.clock.wait_until(soon_us + 2000)
+        late = [x.late for x in board_latches(board, since, mode) if x.index >= first]
+        check(late == [True, False, False], f"{kind.name}, late, and two for later: LATE {late}")
+
+
 def _arriving_at(board: BoardClient, t_us: int, wires: bytes) -> None:
     """Send bytes that arrive at a device time, as far as the host's clock tells it."""
     start_us = t_us - board.wire.line_us(len(wires))

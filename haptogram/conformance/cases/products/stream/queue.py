@@ -95,7 +95,7 @@ def every_type_late(board: BoardClient) -> None:
 
 @case(
     "HG-5.7/5",
-    "windows of 20, 66 and 100 ms: frames within are latched, frames at 1.5 times are dropped",
+    "windows of 20, 66, 100 ms: frames 0.4 times so late, at the very border, 1.5 times so late",
     variant="windows",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
@@ -104,9 +104,12 @@ def every_window(board: BoardClient) -> None:
     for window_us in (20_000, 66_000, _WINDOW_US):
         board.configure(late_window_us=window_us)
         board.arm()
-        for share in (0.4, 1.5):
+        around_us = [window_us + off_us for off_us in range(-3, 4)]
+        for late_us in (round(0.4 * window_us), *around_us, round(1.5 * window_us)):
             before = board.status().counters
-            t_us = board.clock.device_us() - round(share * window_us)
+            wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
+            board.clock.device_us()
+            t_us = board.clock.device_estimate_us() + wire_us - late_us
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
             board.clock.wait_latched(4000)
             found = board.status()
@@ -177,6 +180,33 @@ def _queue_some(board: BoardClient, kind: StreamKind, most: int, sent: dict[int,
     board.link.send(*wires)
     board.clock.require_in_time(start_us)
     board.clock.wait_until(start_us + len(messages) * _STEP_US)
+
+
+@case(
+    "HG-5.7/4",
+    "frames at the very border of the horizon wait or are dropped, by their margin",
+    variant="border",
+    evidence=SELF_REPORTED,
+)
+def the_horizon_is_sharp(board: BoardClient) -> None:
+    horizon_us = board.identity.max_horizon_us
+    wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
+    for off_us in range(-3, 4):
+        board.arm()
+        board.clock.device_us()
+        before = board.status().counters
+        t_us = board.clock.device_estimate_us() + wire_us + horizon_us + off_us
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        found = board.status()
+        dropped = (found.counters.dropped_future - before.dropped_future) & 0xFFFFFFFF
+        within = found.margin_min_us <= horizon_us
+        due = (int(within), int(not within))
+        check(
+            (found.queued, dropped) == due,
+            f"a frame {found.margin_min_us} us ahead, the horizon is {horizon_us} us: queued "
+            f"{found.queued}, dropped {dropped}",
+        )
+        board.link.ask(Mute())
 
 
 @case(

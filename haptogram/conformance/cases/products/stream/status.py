@@ -1,4 +1,4 @@
-"""HG-9.3: the arrival margins behind every request."""
+"""HG-9.1, HG-9.3: what STATUS tells of the stream, behind every request and playback."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from haptogram_protocol.messages import (
     Message,
     Mute,
     Play,
+    PlaybackEnded,
     Status,
+    signed_difference,
 )
 
 from ....case import case
 from ....client.board_client import BoardClient
-from ....client.playback import store_phases
+from ....client.latching import latch_now
+from ....client.playback import play_now, store_phases
 from ....client.stream_kinds import valid_requests
 from ....outcome import SELF_REPORTED, check, fail
 
@@ -42,6 +45,31 @@ def margins_outlive_requests(board: BoardClient) -> None:
     for message in every:  # which one was it?
         check(_margins_behind(board, [message]), f"{message.TYPE.name} changes the margins")
     check(False, "margins of 3 frames are gone after every request but GET_STATUS")
+
+
+@case(
+    "HG-9.1/2",
+    "a playback moves last_latch_us and not last_seq, which is of the last stream frame",
+    variant="playback",
+    needs=Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+)
+def last_seq_is_of_the_stream(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=3)
+    board.arm()
+    index = latch_now(board, board.flat_phases())
+    first = board.status()
+    since = board.link.mark()
+    play_now(board, _SEQUENCE, loops=3)
+    timeout_us = 200_000 + 2 * board.wire.limits.slack_us
+    check(board.link.await_event(PlaybackEnded, since, timeout_us) is not None, "no PLAYBACK_ENDED")
+    second = board.status()
+    check(second.last_seq == index, f"after a playback last_seq is {second.last_seq}, not {index}")
+    apart_us = signed_difference(second.last_latch_us, first.last_latch_us, 32)
+    check(apart_us > 0, f"a playback of 9 frames moved last_latch_us by {apart_us} us")
+    latch_now(board, board.flat_phases())
+    third = board.status()
+    check(third.last_seq == index + 1, f"last_seq is {third.last_seq}, not {index + 1}")
 
 
 @case(
