@@ -20,14 +20,14 @@ from haptogram_protocol.messages import (
     UploadChunk,
 )
 
-from ...case import case
-from ...client import malformed_frames
-from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS, requests_of_board, session_for
-from ...client.playback import store_phases
-from ...client.stream_kinds import host_types, refused_requests, stream_kinds, valid_requests
-from ...client.wire import Received
-from ...outcome import SELF_REPORTED, check
+from ....case import case
+from ....client import malformed_frames
+from ....client.board_client import BoardClient
+from ....client.capabilities import UPLOADS, requests_of_board, session_for
+from ....client.playback import store_phases
+from ....client.stream_kinds import host_types, refused_requests, stream_kinds, valid_requests
+from ....client.wire import Received
+from ....outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 9
 _LONG: Final = 3000

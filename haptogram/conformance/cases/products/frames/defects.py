@@ -22,11 +22,11 @@ from haptogram_protocol.messages import (
     UploadChunk,
 )
 
-from ...case import case
-from ...client.board_client import BoardClient
-from ...client.playback import store_phases
-from ...client.stream_kinds import refused_requests, stream_kinds, valid_requests
-from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ....case import case
+from ....client.board_client import BoardClient
+from ....client.playback import store_phases
+from ....client.stream_kinds import refused_requests, stream_kinds, valid_requests
+from ....outcome import SELF_REPORTED, CaseEndedError, check
 
 _SEQUENCE: Final = 15
 

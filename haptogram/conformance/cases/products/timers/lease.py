@@ -9,14 +9,14 @@ from haptogram_protocol.framing import MAX_ENCODED_BYTES
 from haptogram_protocol.messages import Feature, Message, Ping
 from haptogram_protocol.state import MuteReason
 
-from ...case import Depth, case
-from ...client import malformed_frames
-from ...client.board_client import BoardClient
-from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
-from ...client.stream_kinds import stream_kinds, valid_requests
-from ...judge.timers import EXACT_US, muted_by_timer
-from ...outcome import check, fail
+from ....case import Depth, case
+from ....client import malformed_frames
+from ....client.board_client import BoardClient
+from ....client.latching import latch_now
+from ....client.playback import play_now, store_phases
+from ....client.stream_kinds import stream_kinds, valid_requests
+from ....judge.timers import EXACT_US, muted_by_timer
+from ....outcome import check, fail
 
 _MS: Final = 1000
 _SEQUENCE: Final = 14

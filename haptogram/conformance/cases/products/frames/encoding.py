@@ -19,12 +19,12 @@ from haptogram_protocol.messages import (
     TraceMode,
 )
 
-from ...case import case
-from ...client import malformed_frames
-from ...client.board_client import BoardClient
-from ...client.latching import FULL, latch_now
-from ...client.wire import Received
-from ...outcome import SELF_REPORTED, check, fail, not_observed
+from ....case import case
+from ....client import malformed_frames
+from ....client.board_client import BoardClient
+from ....client.latching import FULL, latch_now
+from ....client.wire import Received
+from ....outcome import SELF_REPORTED, check, fail, not_observed
 
 _AROUND: Final = range(-4, 5)  # bytes around a full piece
 _PIECES: Final = 3  # full pieces in a row
