@@ -8,7 +8,6 @@ from functools import partial
 from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import (
-    Drives,
     Feature,
     Message,
     PhaseFormat,
@@ -17,12 +16,12 @@ from haptogram_protocol.messages import (
     Points,
     Stop,
     UploadKind,
-    unpack_phases,
+    drive_codes,
 )
 
 from ..outcome import check
 from .board_client import BoardClient
-from .latching import FULL, latch_now
+from .latching import latch_now
 from .playback import PERIOD_US, period_of, play_now
 from .stream_kinds import StreamKind, random_point, stream_kinds
 from .uploads import upload_to_board
@@ -116,15 +115,5 @@ def _play(board: BoardClient, points: int = 0) -> None:
 
 
 def registers_of(board: BoardClient, message: Message) -> tuple[bytes, bytes] | None:
-    """Return the phase and amplitude codes that a message leads to; None where the board computes.
-
-    Codes of fewer than 8 bits are widened (HG-5.2/7).
-    """
-    if isinstance(message, Drives):
-        half = len(message.data) // 2
-        return message.data[:half], message.data[half:]
-    if isinstance(message, Phases):
-        bits, count = int(message.bits), board.identity.transducers
-        codes = unpack_phases(message.data, bits, count)
-        return bytes(code << (8 - bits) for code in codes), bytes([FULL]) * count
-    return None
+    """Return the phase and amplitude codes of a message; None where the board computes them."""
+    return drive_codes(message, board.identity.transducers)

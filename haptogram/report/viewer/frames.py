@@ -15,8 +15,10 @@ from haptogram.acoustics.model.drive import MAX_PHASE_BITS
 from haptogram.records.frame import Observation
 from haptogram.verification import FrameStatus
 
-LATCHED: Final = "latched"  # the status of a frame that nobody judged
-STATUSES: Final = (*map(str, FrameStatus), LATCHED)
+#: The statuses of a frame that nobody judged: its latch was seen, or only the frame on the line.
+LATCHED: Final = "latched"
+SENT: Final = "sent"
+STATUSES: Final = (*map(str, FrameStatus), LATCHED, SENT)
 TIMELY, LATE, EARLY = range(3)
 _MOST_TEXTS: Final = 500  # of one page; the JSON file has all
 
@@ -84,7 +86,7 @@ class ShownFrame:
     @property
     def is_odd(self) -> bool:
         """True if the frame was judged and is not simply on target, in time."""
-        return self.status not in (FrameStatus.ON_TARGET, LATCHED) or self.timing != TIMELY
+        return self.status not in (FrameStatus.ON_TARGET, LATCHED, SENT) or self.timing != TIMELY
 
 
 def judged_frame(field: Callable[[str], Any], text: str) -> ShownFrame:

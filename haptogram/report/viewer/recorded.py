@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -12,9 +13,10 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model, observation_of
 from haptogram.evidence.recordings.channels import VERDICT
 from haptogram.evidence.recordings.reader import Recording
+from haptogram.evidence.recordings.sent_frames import SentFrame, model_of_answers, sent_frames
 from haptogram.records.frame import FrameKey
 
-from .frames import ShownFrame, judged_frame
+from .frames import SENT, ShownFrame, judged_frame
 from .live import LiveScene
 from .scene import Scene
 
@@ -27,18 +29,15 @@ def recorded_scene(path: Path) -> tuple[Scene, list[str]]:
     Raises
     ------
     ConfigurationError
-        A file that is no recording, or one without a record of the board.
+        A file that is no recording, or one that does not tell the array of the board.
     """
     recording = Recording(path)
     board = recording.board
+    judged = _judged_frames(recording)
     if board is None:
-        raise ConfigurationError(
-            f"{path}: the recording has no record of its board, and so no array; a recording of a "
-            "virtual board has one"
-        )
-    frames = _judged_frames(recording)
-    if frames:
-        scene, lead = _judged_scene(board_model(board), frames, path)
+        scene, lead = _scene_of_the_line(recording, judged)
+    elif judged:
+        scene, lead = _scene(board_model(board), list(judged.values()), path, "judged frames")
     else:
         live = LiveScene(board, _MOST_FRAMES)
         live.take(record for record in recording.records() if record["kind"] != "board")
@@ -47,15 +46,53 @@ def recorded_scene(path: Path) -> tuple[Scene, list[str]]:
     return scene, [f"{recording.run.get('command', '')}: {lead[0]}", *end]
 
 
-def _judged_scene(
-    model: AcousticModel, frames: list[ShownFrame], path: Path
+def _scene(
+    model: AcousticModel, frames: list[ShownFrame], path: Path, what: str
 ) -> tuple[Scene, list[str]]:
     more = f", the first {_MOST_FRAMES} of {path.name}" if len(frames) == _MOST_FRAMES else ""
     scene = Scene.of(model, frames, counters=Counter(frame.status for frame in frames))
-    return scene, [f"{model.array.count} transducers, {len(frames)} judged frames{more}."]
+    return scene, [f"{model.array.count} transducers, {len(frames)} {what}{more}."]
 
 
-def _judged_frames(recording: Recording) -> list[ShownFrame]:
+def _scene_of_the_line(
+    recording: Recording, judged: dict[FrameKey, ShownFrame]
+) -> tuple[Scene, list[str]]:
+    """Return the scene of a board whose output nobody recorded, with the drives that were sent."""
+    path = recording.path
+    model = model_of_answers(recording)
+    if model is None:
+        raise ConfigurationError(
+            f"{path}: the recording has neither a record of its board nor an answer that tells its "
+            "array, and so no array"
+        )
+    sent = sent_frames(recording, model.array.count)
+    if judged:
+        for frame in sent:
+            known = judged.get(frame.key)
+            if known is not None and known.latched_us is not None:
+                judged[frame.key] = replace(known, drive=frame.drive)
+        frames, what = list(judged.values()), "judged frames"
+    else:
+        frames, what = (
+            [_sent_frame(*each) for each in enumerate(islice(sent, _MOST_FRAMES))],
+            "frames",
+        )
+    scene, lead = _scene(model, frames, path, what)
+    lead[0] += " Drives are those that the host sent: nobody recorded what was radiated."
+    return scene, lead
+
+
+def _sent_frame(number: int, frame: SentFrame) -> ShownFrame:
+    return ShownFrame(
+        number=number,
+        status=SENT,
+        due_us=frame.due_us,
+        target_m=frame.focus_m,
+        drive=frame.drive,
+    )
+
+
+def _judged_frames(recording: Recording) -> dict[FrameKey, ShownFrame]:
     """Return the first frames that have a verdict, with the drive that was seen of each."""
     judged: dict[FrameKey, ShownFrame] = {}
     for entry in islice(recording.entries((VERDICT,)), _MOST_FRAMES):
@@ -69,4 +106,4 @@ def _judged_frames(recording: Recording) -> list[ShownFrame]:
         seen = observation_of(record)
         if seen.key in judged:
             judged[seen.key] = judged[seen.key].observed(seen)
-    return list(judged.values())
+    return judged

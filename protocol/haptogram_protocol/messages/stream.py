@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from ..documented import DocumentedEnum
 from ..errors import LocalProtocolError, RemoteProtocolError
 from ..record import Record, record, repeated, tail, wire
 from .header import Message, MessageType
+
+_FULL: Final = 255  # amplitude code
 
 
 class PhaseFormat(DocumentedEnum):
@@ -128,3 +130,33 @@ class Points(Message):
 
     TYPE: ClassVar[MessageType] = MessageType.POINTS
     points: tuple[FocalPoint, ...] = repeated(FocalPoint, "focal points", least=1)
+
+
+def drive_codes(message: Message, transducers: int) -> tuple[bytes, bytes] | None:
+    r"""Return the phase and amplitude codes of 8 bits that a frame asks for.
+
+    Codes of fewer bits are widened (HG-5.2/7).
+
+    Returns
+    -------
+    tuple of (N,) bytes, or None
+        None for a message that holds no drive, and for POINTS, whose drive the board computes.
+
+    Raises
+    ------
+    RemoteProtocolError
+        As :func:`unpack_phases`.
+
+    Examples
+    --------
+    >>> drive_codes(Phases(PhaseFormat.BITS_6, 0, pack_phases(bytes([1, 2]), 6)), 2)
+    (b'\x04\x08', b'\xff\xff')
+    """
+    if isinstance(message, Drives):
+        half = len(message.data) // 2
+        return message.data[:half], message.data[half:]
+    if isinstance(message, Phases):
+        bits = int(message.bits)
+        codes = unpack_phases(message.data, bits, transducers)
+        return bytes(code << (8 - bits) for code in codes), bytes([_FULL]) * transducers
+    return None

@@ -96,7 +96,8 @@ class Timeline {
   }
 }
 
-const RANKS = { "on target": [0, "good"], latched: [0, "good"], "not verified": [1, "open"], cancelled: [1, "open"],
+const RANKS = { "on target": [0, "good"], latched: [0, "good"], sent: [0, "open"],
+  "not verified": [1, "open"], cancelled: [1, "open"],
   lost: [2, "lost"] };
 
 // How much attention a frame wants, and its colour: 0 none, 1 late or not judged, 2 wrong or lost.

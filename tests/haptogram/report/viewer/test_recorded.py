@@ -9,6 +9,7 @@ import pytest
 
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
+from haptogram.evidence.recordings.writer import RecordingWriter
 from haptogram.report.viewer.frames import STATUSES
 from haptogram.report.viewer.recorded import recorded_scene
 
@@ -62,6 +63,52 @@ def test_no_more_drives_are_kept_than_frames_are_shown(
     first = unpack(scene.pack())[1]
     np.testing.assert_array_equal(first["phases"], whole["phases"][:5])
     assert lead == ["verify: 36 transducers, 5 judged frames, the first 5 of run.mcap."]
+
+
+@pytest.fixture(scope="module")
+def at_a_port(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run on a board at a port, whose recording has bytes and verdicts, and no back door."""
+    path = tmp_path_factory.mktemp("port") / "run.mcap"
+    port = ["--port", "haptogram://?array=6x6&clock=virtual&seed=3"]
+    assert main(["verify", *port, "--object", "circle", "--quiet", "--record", str(path)]) == 0
+    return path
+
+
+def test_a_recording_of_a_port_shows_verdicts_and_the_drives_that_were_sent(
+    at_a_port: Path, tmp_path: Path
+) -> None:
+    seen = tmp_path / "seen.mcap"
+    main(["verify", *SMALL, "--record", str(seen)])
+    scene, lead = recorded_scene(at_a_port)
+    header, columns = unpack(scene.pack())
+    expected = unpack(recorded_scene(seen)[0].pack())[1]
+    for name in ("phases", "amplitudes", "positions_mm", "target_mm", "status"):
+        np.testing.assert_array_equal(columns[name], expected[name])
+    assert header["counters"] == {"on target": len(columns["number"])}
+    assert lead[0].startswith(f"verify: 36 transducers, {len(columns['number'])} judged frames. D")
+    assert lead[0].endswith("nobody recorded what was radiated.")
+
+
+def test_frames_of_a_port_that_nobody_judged_are_those_that_were_sent(
+    at_a_port: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged = unpack(recorded_scene(at_a_port)[0].pack())[1]
+    monkeypatch.setattr("haptogram.report.viewer.recorded.VERDICT", "/none")
+    scene, lead = recorded_scene(at_a_port)
+    header, columns = unpack(scene.pack())
+    assert header["counters"] == {"sent": len(judged["number"])}
+    np.testing.assert_array_equal(columns["phases"], judged["phases"])
+    np.testing.assert_array_equal(np.diff(columns["due_us"]), np.diff(judged["due_us"]))
+    assert header["texts"] == {}
+    assert " frames. Drives are those that the host sent" in lead[0]
+
+
+def test_a_recording_that_does_not_tell_the_array_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path) as writer:
+        writer.to_board(0, b"frames of somebody")
+    with pytest.raises(ConfigurationError, match="neither a record of its board nor an answer"):
+        recorded_scene(path)
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
