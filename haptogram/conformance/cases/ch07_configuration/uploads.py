@@ -197,6 +197,28 @@ def refuses_stray_chunks(board: BoardClient) -> None:
 
 
 @case(
+    "HG-7.3/4",
+    "chunks of 0, 1, 2 and max_chunk bytes at every edge: those that end within the size are taken",
+    variant="edges",
+)
+def takes_what_fits(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    size = frame if kind is UploadKind.CORRECTION else 3 * frame
+    for offset in (0, 1, size // 2, size - 1, size, size + 1, 1 << 16, 1 << 31, _LARGEST):
+        for length in (0, 1, 2, board.identity.max_chunk):
+            begin_upload(board, kind, target, bytes(size), int(kind is UploadKind.POINTS))
+            answer = board.link.ask(UploadChunk(offset, bytes(length)))
+            name = f"{length} bytes at {offset} of {size}"
+            if offset + length > size:
+                error = board.link.error_in(answer, UploadChunk.TYPE, ErrorCode.BAD_VALUE)
+                check(error.detail == 0, f"{name}: the detail is {error.detail}, not 0")
+                continue
+            reply = board.link.reply_in(answer, UploadChunkReply, UploadChunk.TYPE)
+            due = length if offset == 0 else 0
+            check(reply.received == due, f"{name}: {reply.received} bytes without a gap, not {due}")
+
+
+@case(
     "HG-7.4/1",
     "until the commit the old sequence plays, then the new one, whole",
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,

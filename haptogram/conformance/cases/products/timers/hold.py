@@ -1,4 +1,4 @@
-"""HG-6.10, HG-12.3: the hold runs from the last latch, whatever else comes."""
+"""HG-6.10, HG-6.11, HG-12.3: the hold runs from the last latch, whatever else comes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Final
 from haptogram_protocol.messages import (
     Arm,
     Feature,
+    Play,
     PlaybackEnded,
+    PlayReply,
     Stop,
     StopReply,
 )
@@ -15,12 +17,12 @@ from haptogram_protocol.state import MuteReason
 
 from ....case import Depth, case
 from ....client.board_client import BoardClient
-from ....client.latching import latch_now
+from ....client.latching import FULL, latch_now, read_back_radiated
 from ....client.playback import play_now, store_phases
 from ....client.stream_kinds import stream_kinds, valid_requests
 from ....judge.refused_requests import refused_by_link
 from ....judge.timers import check_mute_time, muted_by_timer
-from ....outcome import check, fail, inconclusive
+from ....outcome import SELF_REPORTED, check, fail, inconclusive
 from ..stream_types import DROPS, Drop, fill_queue
 from .restarts import SLOW_US, STORED, TIMER_MS, play_later, strangers, wait_for
 
@@ -164,3 +166,55 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
         board.link.ask(Arm())
         header, _ = muted_by_timer(board, since, 3 * TIMER_MS * _MS, MuteReason.HOLD_EXPIRED)
         check_mute_time(board, start_us, header, TIMER_MS, f"hold_ms behind {name}")
+
+
+# --- Latches that end its ramp -----------------------------------------------------------------
+
+
+@case(
+    "HG-6.11/4",
+    "in a ramp of the hold every latch restores the output: at once, queued, late, played",
+    variant="latches",
+    needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_latch_ends_its_ramp(board: BoardClient) -> None:
+    ways = ["at once", "queued", "queued, with others behind it", "late"]
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=2)
+        ways += ["played", "played later"]
+    for way in ways:
+        board.hello()
+        board.configure(hold_ms=60, ramp_ms=2000, late_window_us=100_000)
+        board.arm()
+        latch_now(board, board.flat_phases())
+        start_us = board.clock.unwrap(board.status().last_latch_us)
+        at_us = board.clock.on_carrier(start_us + 300 * _MS)  # an eighth of the ramp has passed
+        if way.startswith("queued"):
+            number = 3 if "others" in way else 1
+            times = [at_us + 4_000_000 * place for place in range(number)]
+            frames = [board.link.stream_wire(board.flat_phases(), t_us) for t_us in times]
+            board.link.send(*frames)
+        if way == "played later":
+            play = Play(STORED, 9_000_000, 0, min(9000, board.identity.max_unattended_ms))
+            board.link.call(play, PlayReply, time_us=at_us)
+        wait_for(board, at_us - 60 * _MS)
+        faded = read_back_radiated(board).loudest
+        if board.clock.device_us() < at_us:
+            check(faded < FULL, f"{way}: no ramp of the hold begins")
+        board.clock.wait_until(at_us + board.clock.lead_us)
+        if way == "at once":
+            latch_now(board, board.flat_phases())
+        elif way == "late":
+            late_us = board.clock.device_us() - 20 * _MS
+            board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
+            board.clock.wait_latched(1000)
+        elif way == "played":
+            play_now(board, STORED, loops=0, period_us=SLOW_US)
+            board.clock.wait_latched()
+        latched_us = board.clock.unwrap(board.status().last_latch_us)
+        if board.clock.device_us() - latched_us > 50 * _MS:
+            inconclusive("the host was held up after the latch")
+        loudest = read_back_radiated(board).loudest
+        check(loudest == FULL, f"a frame {way} leaves the ramp of the hold: {loudest} is radiated")

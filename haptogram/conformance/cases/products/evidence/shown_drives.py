@@ -18,14 +18,14 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ...case import Depth, case
-from ...client.board_client import BoardClient
-from ...client.drive_paths import drive_paths, registers_of
-from ...client.latching import ShownDrive, board_latches, full_drive, latch_now, read_back
-from ...client.playback import play_now, store_phases
-from ...client.stream_kinds import stream_kinds
-from ...client.uploads import upload_to_board
-from ...outcome import SELF_REPORTED, check
+from ....case import Depth, case
+from ....client.board_client import BoardClient
+from ....client.drive_paths import drive_paths, registers_of
+from ....client.latching import ShownDrive, board_latches, full_drive, latch_now, read_back
+from ....client.playback import play_now, store_phases
+from ....client.stream_kinds import stream_kinds
+from ....client.uploads import upload_to_board
+from ....outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
 _SEQUENCE: Final = 14

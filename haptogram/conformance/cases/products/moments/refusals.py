@@ -24,14 +24,14 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ...case import case
-from ...client.board_client import BoardClient
-from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
-from ...client.stream_kinds import stream_kinds
-from ...client.uploads import send_chunks
-from ...judge.held_state import Held, changes, read_held
-from ...judge.refused_requests import (
+from ....case import case
+from ....client.board_client import BoardClient
+from ....client.latching import latch_now
+from ....client.playback import play_now, store_phases
+from ....client.stream_kinds import stream_kinds
+from ....client.uploads import send_chunks
+from ....judge.held_state import Held, changes, read_held
+from ....judge.refused_requests import (
     FOREIGN,
     PENDING,
     STORED,
@@ -43,8 +43,8 @@ from ...judge.refused_requests import (
     refused_now,
     refused_plays,
 )
-from ...outcome import SELF_REPORTED, check, fail
-from .stream_types import fill_queue
+from ....outcome import SELF_REPORTED, check, fail
+from ..stream_types import fill_queue
 
 _FRAMES: Final = 3
 _AHEAD_US: Final = 8_000_000  # queued frames and a waiting playback are due then
