@@ -79,6 +79,21 @@ def test_elements_with_any_normals_agree_with_the_reference(kind, seed, count, o
     assert_agrees(kind(model), drives, points)
 
 
+@pytest.mark.parametrize("kind", ENGINES)
+@given(seed=seeds, count=st.integers(64, 200), loss=st.sampled_from([0.0, 0.15]))
+@settings(max_examples=20)
+def test_many_elements_of_a_small_bowl_agree_with_the_reference(kind, seed, count, loss):
+    """Near by and many: the loop that does without double precision for each pair."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-0.03, 0.03, (count, 3)) * [1.0, 1.0, 0.3]
+    normals = [0.0, 0.0, 0.06] - places
+    array = TransducerArray.from_positions(places + 5.0, normals)
+    model = AcousticModel(array, Medium(343.2, 1.2, loss), Transducer(CircularPiston(2e-3)))
+    points = 5.0 + rng.uniform([-0.04, -0.04, 0.02], [0.04, 0.04, 0.06], (300, 3))
+    weights = np.exp(2j * np.pi * rng.random(count))
+    assert_agrees(kind(model), weights, points)
+
+
 @given(
     seed=seeds,
     side=st.integers(1, 7),
