@@ -11,7 +11,8 @@ from haptogram.acoustics.arrays import ComplexArray
 from haptogram.records.frame import Evidence
 
 POWER_UP: Final = "power-up"
-OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame"})  # what boards latch without a client
+#: What boards latch without a client; a silencer is on its way to what the client asked for.
+OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame", "silencer"})
 #: What codecs count of a frame that is not whole: bytes of it were lost, or changed.
 TORN_KINDS: Final = frozenset(
     {

@@ -43,6 +43,7 @@ from .foci import MAX_FOCI_OF_PATTERN, Foci, read_foci
 from .memory import Memory
 from .refusals import Limits, segment_refusal, silencer_refusal
 from .segments import Sampling
+from .silencer import Pace
 
 __all__ = ["Device", "Output", "Patterns"]
 
@@ -100,6 +101,11 @@ class Device:
     counters : Counter
         Counts ``refused_...``, each error by name, ``sequences_impossible`` and
         ``sequences_empty``, and those of :class:`~sim_device.dialects.autd3.memory.Memory`.
+
+    Attributes
+    ----------
+    pace : Pace
+        How its silencer moves phases and intensities, if it has one.
     """
 
     def __init__(self, counters: Counter[str]) -> None:
@@ -108,7 +114,7 @@ class Device:
         self._power_up()
 
     def _power_up(self) -> None:
-        self._limits = Limits()
+        self._limits, self.pace = Limits(), Pace()
         self._sequences: Memory[Patterns, FociStart] = Memory(
             Patterns("clear", bytes(2 * CHANNELS)), _FOCUS_BYTES, self._counters
         )
@@ -170,7 +176,9 @@ class Device:
     def _silence(self, operation: Silencer, _: int) -> ErrorCode:
         limits = Limits.of(operation, self._limits)
         error = silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
-        self._limits = self._limits if error else limits
+        if not error:
+            self._limits = limits
+            self.pace = Pace(operation.update_rate, operation.intensity, operation.phase)
         return error
 
     def _write_gain(self, operation: Gain, now_ns: int) -> ErrorCode:

@@ -5,8 +5,7 @@ A pulse lies symmetrically around its phase: the FPGA computes 512 steps of a pe
 
 Checked, all 249 channels, against ``pyautd3_emulator`` 38.0.1 (its phases, pulse widths and output
 voltage); the source is shinolab/autd3-firmware 03314c4, ``pwm_preconditioner.sv``. The table that
-PulseWidthEncoder would change, phase correction and output mask are not emulated, nor is the
-silencer, which moves phases and intensities within up to a millisecond: here they jump.
+PulseWidthEncoder would change, phase correction and output mask are not emulated.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.autd3 import link
 
 from ..emulation import Emulation
+from .silenced import SilencedUnit
 from .unit import PERIOD_US, PERIODS_BETWEEN_LATCHES, Autd3Unit
 
 __all__ = ["AUTD3", "Devices"]
@@ -41,6 +42,11 @@ class Devices(Settings):
         high=1_000_000,
         help="time between latches that sequences and modulation make by themselves",
     )
+    silencer: str = option(
+        "jumps",
+        choices=("jumps", "moves"),
+        help="whether phases and intensities jump, or move as the silencer says",
+    )
 
 
 def _layout(options: Devices) -> BoardLayout:
@@ -57,7 +63,7 @@ def _layout(options: Devices) -> BoardLayout:
 AUTD3: Final = Emulation(
     dialect=link.AUTD3,
     end=lambda _: link.Autd3Board(),
-    unit=lambda options, now_us: Autd3Unit(
+    unit=lambda options, now_us: (SilencedUnit if options.silencer == "moves" else Autd3Unit)(
         now_us,
         devices=options.devices,
         system_ns=options.system_ns,
