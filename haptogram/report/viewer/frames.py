@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -10,7 +11,7 @@ from typing import Any, Final, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import Drive
+from haptogram.acoustics import Drive, NotSingle, Reconstruction, SingleFocus
 from haptogram.acoustics.model.drive import MAX_PHASE_BITS
 from haptogram.records.frame import Observation
 from haptogram.verification import FrameStatus
@@ -114,6 +115,20 @@ def judged_frame(field: Callable[[str], Any], text: str) -> ShownFrame:
         force_n=field("force_n"),
         text=text,
     )
+
+
+def found_fields(field: Reconstruction | None) -> dict[str, Any]:
+    """Return what a reconstruction says of a frame, as fields of :class:`ShownFrame`."""
+    if isinstance(field, NotSingle):
+        return {"pressure_pa": field.pressure_rms_pa}
+    if not isinstance(field, SingleFocus):
+        return {}
+    return {
+        "found_m": field.position_m,
+        "bound_mm": [1e3 * bound if math.isfinite(bound) else None for bound in field.bound_m],
+        "pressure_pa": field.pressure_rms_pa,
+        "force_n": field.force_n,
+    }
 
 
 def odd_texts(frames: Iterable[ShownFrame]) -> dict[str, str]:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from itertools import islice
 from typing import Any, Final
 
-from haptogram.acoustics import Drive, NotSingle, Reconstruction, SingleFocus, saturated_weights
+from haptogram.acoustics import Drive, NotSingle, Reconstruction, saturated_weights
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model, observation_of
 from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
 from haptogram.machine.terminal import printable_text
 from haptogram.records.frame import Observation
 
-from .frames import LATE, TIMELY, ShownFrame
+from .frames import LATE, TIMELY, ShownFrame, found_fields
 from .scene import Scene
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
@@ -131,7 +130,7 @@ class LiveScene:
                 latched_us=t_latch_us,
                 received_us=received_us,
                 drive=drive,
-                **_found(field),
+                **found_fields(field),
             )
         )
         self.shown += 1
@@ -148,16 +147,3 @@ class LiveScene:
     def _told(self) -> dict[str, Any]:
         counted = {name: count for name, count in self._counters.items() if count}
         return counted | {"board": self.firmware, "state": self._state or "as at power-up"}
-
-
-def _found(field: Reconstruction | None) -> dict[str, Any]:
-    if isinstance(field, NotSingle):
-        return {"pressure_pa": field.pressure_rms_pa}
-    if not isinstance(field, SingleFocus):
-        return {}
-    return {
-        "found_m": field.position_m,
-        "bound_mm": [1e3 * bound if math.isfinite(bound) else None for bound in field.bound_m],
-        "pressure_pa": field.pressure_rms_pa,
-        "force_n": field.force_n,
-    }

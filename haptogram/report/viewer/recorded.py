@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
 
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, Reconstructor, SingleFocus
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model, observation_of
 from haptogram.evidence.recordings.channels import VERDICT
@@ -16,11 +17,12 @@ from haptogram.evidence.recordings.reader import Recording
 from haptogram.evidence.recordings.sent_frames import SentFrame, model_of_answers, sent_frames
 from haptogram.records.frame import FrameKey
 
-from .frames import SENT, ShownFrame, judged_frame
+from .frames import SENT, ShownFrame, found_fields, judged_frame
 from .live import LiveScene
 from .scene import Scene
 
 _MOST_FRAMES: Final = 20_000  # of one page: 10 MB
+_MOST_SEARCHES: Final = 20  # in vain: of a drive without a focus each takes a tenth of a second
 
 
 def recorded_scene(path: Path) -> tuple[Scene, list[str]]:
@@ -73,23 +75,28 @@ def _scene_of_the_line(
                 judged[frame.key] = replace(known, drive=frame.drive)
         frames, what = list(judged.values()), "judged frames"
     else:
-        frames, what = (
-            [_sent_frame(*each) for each in enumerate(islice(sent, _MOST_FRAMES))],
-            "frames",
-        )
+        frames, what = list(_sent_frames(model, islice(sent, _MOST_FRAMES))), "frames"
     scene, lead = _scene(model, frames, path, what)
     lead[0] += " Drives are those that the host sent: nobody recorded what was radiated."
     return scene, lead
 
 
-def _sent_frame(number: int, frame: SentFrame) -> ShownFrame:
-    return ShownFrame(
-        number=number,
-        status=SENT,
-        due_us=frame.due_us,
-        target_m=frame.focus_m,
-        drive=frame.drive,
-    )
+def _sent_frames(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ShownFrame]:
+    """Yield the frames that nobody saw latched, with the focus of the drive that was sent."""
+    reconstructor, searches = Reconstructor(model), _MOST_SEARCHES
+    for number, frame in enumerate(sent):
+        field = None
+        if frame.drive is not None and searches:
+            field = reconstructor.reconstruct(frame.drive)
+            searches -= not isinstance(field, SingleFocus)
+        yield ShownFrame(
+            number=number,
+            status=SENT,
+            due_us=frame.due_us,
+            target_m=frame.focus_m,
+            drive=frame.drive,
+            **found_fields(field),
+        )
 
 
 def _judged_frames(recording: Recording) -> dict[FrameKey, ShownFrame]:

@@ -276,12 +276,18 @@ class Picture {
 // Low and high corner of what there is to see: elements, targets and foci, and some air around.
 function boundsOf(scene) {
   const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
-  for (const name of ["positions_mm", "target_mm", "found_mm"]) {
-    scene.column(name).forEach((value, at) => {
-      if (Number.isNaN(value)) return;
-      low[at % 3] = Math.min(low[at % 3], value);
-      high[at % 3] = Math.max(high[at % 3], value);
-    });
+  const widen = (values) => values.forEach((value, at) => {
+    if (Number.isNaN(value)) return;
+    low[at % 3] = Math.min(low[at % 3], value);
+    high[at % 3] = Math.max(high[at % 3], value);
+  });
+  const [positions, normals] = [scene.column("positions_mm"), scene.column("normals")];
+  const places = ["target_mm", "found_mm"].map((name) => scene.column(name));
+  widen(positions);
+  if (places.some((place) => place.some((value) => !Number.isNaN(value)))) places.forEach(widen);
+  else { // no focus is known: as far before the array as it is wide
+    const reach = Math.max(50, ...low.map((value, axis) => high[axis] - value));
+    widen(positions.map((value, at) => value + reach * normals[at]));
   }
   const margin = 0.1 * Math.max(20, ...low.map((value, axis) => high[axis] - value));
   return { low: low.map((value) => value - margin), high: high.map((value) => value + margin) };

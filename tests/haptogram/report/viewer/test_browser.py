@@ -144,6 +144,17 @@ def page(tmp_path: Path, open_page: Callable[..., Any]) -> Any:
     return open_page(_scene_page(tmp_path, _run_of_four()))
 
 
+def test_a_scene_without_a_focus_reaches_before_the_array(
+    tmp_path: Path, open_page: Callable[..., Any]
+) -> None:
+    drive = Drive(np.zeros(24, np.uint8), np.full(24, 255, np.uint8))
+    scene = Scene.of(_MODELS["facing down, pistons"], [ShownFrame(number=0, drive=drive)])
+    page = open_page(_scene_page(tmp_path, scene))
+    bounds = page.evaluate("() => haptogramViewer.picture.bounds")
+    assert bounds["low"][2] < 250.0 - 50.0  # the array lies at 250 mm and looks down
+    assert bounds["high"][2] < 270.0
+
+
 def _table(page: Any) -> dict[str, str]:
     rows = page.locator("[data-part=frame] tr").all()
     return {row.locator("th").inner_text(): row.locator("td").inner_text() for row in rows}

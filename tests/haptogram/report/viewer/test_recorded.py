@@ -99,6 +99,7 @@ def test_frames_of_a_port_that_nobody_judged_are_those_that_were_sent(
     assert header["counters"] == {"sent": len(judged["number"])}
     np.testing.assert_array_equal(columns["phases"], judged["phases"])
     np.testing.assert_array_equal(np.diff(columns["due_us"]), np.diff(judged["due_us"]))
+    np.testing.assert_allclose(columns["found_mm"], judged["target_mm"], atol=1.0)
     assert header["texts"] == {}
     assert " frames. Drives are those that the host sent" in lead[0]
 
