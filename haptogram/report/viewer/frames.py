@@ -118,7 +118,7 @@ def judged_frame(field: Callable[[str], Any], text: str) -> ShownFrame:
 
 
 def found_fields(field: Reconstruction | None) -> dict[str, Any]:
-    """Return what a reconstruction says of a frame, as fields of :class:`ShownFrame`."""
+    """Return focus, bounds and pressure of a reconstruction, as fields of :class:`ShownFrame`."""
     if isinstance(field, NotSingle):
         return {"pressure_pa": field.pressure_rms_pa}
     if not isinstance(field, SingleFocus):
