@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 #include "board/board.h"
+#include "board/mute_watch.h"
 
 enum { USAGE = 2, CHUNK = 4096, LONGEST_WAIT_MS = 1000, STORE_BYTES = 96 << 20 };
 
@@ -215,13 +216,18 @@ static void write_output(struct board *board, int master)
 
 static void read_input(struct board *board, int master, int64_t origin_us)
 {
+    static struct mute_watch watch;
     uint8_t data[CHUNK];
-    ssize_t length = read(master, data, sizeof data);
+    ssize_t i, length = read(master, data, sizeof data);
 
     if (length < 0 && !would_block())
         die("read");
-    if (length > 0)
-        board_receive(board, data, (size_t)length, monotonic_us() - origin_us);
+    if (length <= 0)
+        return;
+    for (i = 0; i < length; i++)
+        if (mute_watch_take(&watch, data[i]))
+            board_mute_ahead(board); /* as an interrupt finds it, before the frames ahead of it */
+    board_receive(board, data, (size_t)length, monotonic_us() - origin_us);
 }
 
 static void serve(struct board *board, int master)

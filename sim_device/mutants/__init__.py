@@ -19,6 +19,7 @@ from . import (
     identity,
     latching,
     output,
+    overtaking,
     points,
     readiness,
     repetition,
@@ -37,6 +38,7 @@ _PARTS: Final = (
     readiness,
     points,
     output,
+    overtaking,
 )
 
 MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(

@@ -14,6 +14,7 @@ from haptogram_protocol.messages import (
     Disarm,
     DriveKind,
     Drives,
+    Error,
     ErrorCode,
     Flag,
     FocalPoint,
@@ -26,7 +27,9 @@ from haptogram_protocol.messages import (
     Phases,
     Ping,
     Play,
+    PlaybackEnded,
     Points,
+    Pong,
     ReadDrive,
     ReadTrace,
     SetConfig,
@@ -88,6 +91,34 @@ def test_a_hardware_fault_switches_off_until_disarm(c_board):
         (status,) = messages(c_board(2000, frame(GetStatus(), seq + 10)))
         reasons = {OutputState.FAULT: MuteReason.FAULT, OutputState.DISARMED: MuteReason.DISARM}
         assert status.reason is reasons[state]  # HG-6.2/3
+
+
+@pytest.mark.parametrize("session", [SESSION, 0])
+def test_a_mute_that_overtakes_switches_off_for_good_what_came_before_it(c_board, session):
+    sequence = bytes(COUNT)
+    c_board(1000, frame(Hello(1, 0, SESSION, 0), 1, session=0))
+    begin = UploadBegin(UploadKind.PHASES, 0, 1, COUNT, zlib.crc32(sequence))
+    for seq, message in enumerate((begin, UploadChunk(0, sequence), UploadCommit(1), Arm()), 2):
+        c_board(1000, frame(message, seq))
+    c_board(1004, frame(Play(1, 1000, 0, 500), 6, flags=0x10))
+    silent = c_board.overtake(4000)
+    assert silent == b""  # the reply comes first, with the frame
+    t_us = (BOOT_US + 4000) & 0xFFFFFFFF
+    due = [
+        (frame(Arm(), 7), Error(Arm.TYPE, ErrorCode.BAD_STATE, OutputState.MUTED)),
+        (frame(Ping(9), 8), Pong(9, t_us, t_us)),
+        (frame(Phases(PhaseFormat.BITS_8, 0, sequence), FIRST_STREAM_SEQ, flags=0x10), None),
+    ]
+    for data, answer in due:
+        assert messages(c_board(4000, data)) == ([] if answer is None else [answer])
+    reply, *events = messages(c_board(4000, frame(Mute(), 9, session=session)))
+    changed = [] if session else [StateChanged(OutputState.MUTED, MuteReason.MUTE)]
+    assert (reply.state, events) == (OutputState.MUTED, [*changed, PlaybackEnded(1, 3, 3)])
+    (status,) = messages(c_board(9000, frame(GetStatus(), 10)))
+    counters = status.counters
+    assert (counters.latched, counters.dropped_state, counters.accepted) == (3, 1, 0)
+    (armed,) = messages(c_board(9000, frame(Arm(), 11)))  # what comes behind MUTE counts again
+    assert armed.state is OutputState.ARMED
 
 
 def test_what_waits_for_the_line_is_bounded_and_trace_gives_way(programs):

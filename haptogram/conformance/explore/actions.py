@@ -187,6 +187,7 @@ class Generator:
         for slot in range(slots):
             number = self._random.choice((0, 1, 1, 2, 2, 3, 6))
             batch = [self._action(slot) for _ in range(number)]
+            batch.sort(key=lambda action: not action.text.startswith(Mute.TYPE.name))
             made += [action for action in batch if not action.ends_slot]
             made += [action for action in batch if action.ends_slot][:1]
         return made

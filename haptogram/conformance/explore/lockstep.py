@@ -24,6 +24,7 @@ from haptogram_protocol.messages import (
     Hello,
     HelloReply,
     Message,
+    MessageType,
     SetConfig,
     StatusReply,
     UploadBegin,
@@ -149,6 +150,8 @@ class Lockstep:
             size = len(wire) + sum(len(data) for _, data in found)
             if self._board.wire.line_us(size) > SLOT_US // _SHARE:
                 break
+            if found and _is_mute(wire):
+                break  # it may overtake what is sent with it: HG-3.8/2
             found.append((action, wire))
         return found
 
@@ -241,6 +244,13 @@ class Lockstep:
         return difference(
             Said.of(ours, base[0]), Said.of(_frames_in(theirs), base[1]), tolerance_us
         )
+
+
+def _is_mute(wire: bytes) -> bool:
+    return any(
+        isinstance(body, bytes) and body[0] == MessageType.MUTE
+        for body in FrameDecoder().feed(wire)
+    )
 
 
 def _frames_in(data: bytes) -> list[tuple[Header, Message]]:

@@ -75,6 +75,12 @@ void board_receive(struct board *board, const uint8_t *data, size_t length, int6
     }
 }
 
+void board_mute_ahead(struct board *board)
+{
+    shutdown_by_mute(board);
+    board->muting.ahead = 1;
+}
+
 static int64_t earlier(int64_t a, int64_t b)
 {
     return a < b ? a : b;

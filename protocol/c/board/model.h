@@ -77,6 +77,14 @@ struct playback {
     uint64_t played;
 };
 
+/* A MUTE that is carried out, and not answered yet: with what it led to. */
+struct muting {
+    int ahead; /* 1: the frames that come next arrived before it (HG-3.8/4) */
+    int changed; /* 1: it changed the output state */
+    int played; /* 1: it ended a playback */
+    struct hg_playback_ended ended;
+};
+
 struct margins {
     uint32_t count;
     int64_t least_us, total_us;
@@ -113,6 +121,7 @@ struct board {
 
     uint8_t state, reason;
     int sounding; /* 1: a drive was latched since the output was last off */
+    struct muting muting;
     struct timer lease, hold;
     int64_t shown_us; /* when the machine last got a drive to radiate */
     int fading;       /* 1: in a ramp then */

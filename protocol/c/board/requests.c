@@ -19,7 +19,7 @@ static void reply_state(struct board *board, const struct request *request)
 
 static void arm(struct board *board, const struct request *request)
 {
-    if (!output_enter(board, ARM, HG_REASON_NONE)) {
+    if (board->muting.ahead || !output_enter(board, ARM, HG_REASON_NONE)) {
         link_refuse(board, request, HG_ERROR_BAD_STATE, board->state);
         return;
     }
@@ -29,13 +29,9 @@ static void arm(struct board *board, const struct request *request)
 
 static void mute(struct board *board, const struct request *request)
 {
-    uint8_t before = board->state;
-
-    output_enter(board, MUTE, HG_REASON_MUTE);
+    shutdown_by_mute(board);
     reply_state(board, request); /* HG-4.11/5: the reply precedes the events */
-    if (!request->in_session && board->state != before)
-        output_send_state(board); /* HG-6.8/2: MUTE of another session */
-    shutdown_output(board);
+    shutdown_mute_answered(board, request->in_session);
 }
 
 static void disarm(struct board *board, const struct request *request)

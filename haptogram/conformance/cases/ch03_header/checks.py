@@ -5,27 +5,37 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.messages import (
+    RESPONSE_OFFSET,
+    Arm,
+    Error,
     ErrorCode,
     Feature,
+    Flag,
     Hello,
     HelloReply,
+    Message,
     Mute,
     MuteReply,
     Phases,
     Ping,
+    Play,
     Pong,
     UploadCommit,
 )
+from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...client.latching import is_board_silent
+from ...client.playback import PERIOD_US, store_phases
+from ...outcome import SELF_REPORTED, check, fail, not_observed
 
 _STALE: Final = 0x0F0F
 _UNKNOWN_REQUEST: Final = 0x7D
 _UNKNOWN_STREAM: Final = 0x3D
 _DEEPEST: Final = 512  # a queue deeper than this is not filled: it would take seconds
 _STEP_US: Final = 1000
+_SEQUENCE: Final = 4
 
 
 @case("HG-3.8/1", "requests with two defects are refused for the one that is checked first")
@@ -101,6 +111,7 @@ def queue_in_order(board: BoardClient) -> None:
         beyond_us = times[-1] + 2 * board.identity.max_horizon_us
         for t_us in (times[-1], times[0] - 10 * 1_000_000, times[-1] + _STEP_US, beyond_us):
             board.link.send(board.link.stream_wire(good, t_us))
+        board.link.barrier()  # or MUTE may overtake them
         board.clock.require_in_time(times[0])
         board.link.call(Mute(), MuteReply)
 
@@ -118,6 +129,79 @@ def takes_frames_as_they_come(board: BoardClient) -> None:
     board.link.reply_in(board.link.answer_to(Ping.TYPE, second, since), Pong, Ping.TYPE)
     numbers = [p.header.seq for p in board.link.responses(since) if p.header is not None]
     check(numbers == [first, second], f"sent were {first}, {second}; answered {numbers}")
+
+
+def _answer(board: BoardClient, message: Message, seq: int, since: int) -> Message:
+    found = board.link.answer_to(message.TYPE, seq, since).message
+    if found is None:
+        fail(f"the answer to {message.TYPE.name} cannot be read")
+    return found
+
+
+@case(
+    "HG-3.8/4",
+    "ARM, a stream frame, PLAY, ARM and MUTE at once: off behind it, each frame done or refused",
+    evidence=SELF_REPORTED,
+)
+def nothing_before_mute_sounds_behind_it(board: BoardClient) -> None:
+    plays = board.has(Feature.SEQUENCE_PHASES)
+    if plays:
+        store_phases(board, _SEQUENCE, frames=2)
+    for session in (board.link.session, 0):
+        for sounds in (False, True):
+            board.arm()
+            if not sounds:
+                board.disarm()
+            play = Play(_SEQUENCE, PERIOD_US, 0, min(1000, board.identity.max_unattended_ms))
+            ahead: list[tuple[Message, int]] = [(Arm(), 0), (Ping(7), 0)]
+            ahead += [(play, Flag.IMMEDIATE)] if plays else []
+            ahead.append((Arm(), 0))
+            before = board.status().counters
+            since = board.link.mark()
+            wires = [board.link.request_wire(message, flags=flags) for message, flags in ahead]
+            frame = board.link.stream_wire(board.flat_phases())
+            mute, mute_seq = board.link.request_wire(Mute(), session=session)
+            first, *others = (wire for wire, _ in wires)
+            board.link.send(first, frame, *others, mute)
+            state = _answer(board, Mute(), mute_seq, since)
+            check(state == MuteReply(OutputState.MUTED), f"MUTE behind other frames: {state}")
+            for (message, _), (_, seq) in zip(ahead, wires, strict=True):
+                _check_overtaken(message, _answer(board, message, seq, since))
+            board.clock.wait_latched()
+            _check_silence(board)
+            counted = board.counted_since(before)
+            found = counted["accepted"], counted["dropped_state"]
+            check(
+                found in ((1, 0), (0, 1)),
+                f"a stream frame, ... and MUTE at once: accepted and dropped_state count {found}",
+            )
+
+
+def _check_overtaken(message: Message, answer: Message) -> None:
+    """FAILED unless a request before a MUTE was carried out, or refused for being overtaken."""
+    name = message.TYPE.name
+    if isinstance(answer, Error):
+        refused = (answer.code, answer.detail) == (ErrorCode.BAD_STATE, OutputState.MUTED)
+        check(
+            refused and not isinstance(message, Ping),
+            f"{name} right before MUTE is refused with code {answer.code}, detail {answer.detail}",
+        )
+        return
+    due = message.TYPE + RESPONSE_OFFSET
+    check(due == answer.TYPE, f"{name} right before MUTE is answered by {answer.TYPE.name}")
+
+
+def _check_silence(board: BoardClient) -> None:
+    found = board.status()
+    got = found.state, found.reason, found.queued
+    check(got == (OutputState.MUTED, MuteReason.MUTE, 0), f"behind MUTE: {got}")
+    latched = found.counters.latched
+    if board.has(Feature.READ_RADIATED):
+        check(is_board_silent(board), "behind MUTE the board radiates")
+    board.wire.idle(5 * PERIOD_US)
+    behind = board.status()
+    check(behind.counters.latched == latched, "what arrived before MUTE is latched behind it")
+    check(behind.state is OutputState.MUTED, f"5 ms behind MUTE: {behind.state.name}")
 
 
 @case("HG-3.8/3", "MUTE with any session, flags, payload and number is carried out")

@@ -165,6 +165,22 @@ def does_mute_again(board: BoardClient) -> None:
     board.link.call(Ping(1), Pong)  # the number of a MUTE of no session is not used up
 
 
+@case(
+    "HG-4.10/1",
+    "PING and MUTE at once: PING is answered, although the number of MUTE is newer",
+    variant="behind",
+)
+def mute_uses_no_number_before_it(board: BoardClient) -> None:
+    for number in range(8):
+        ping, first = board.link.request_wire(Ping(number))
+        mute, second = board.link.request_wire(Mute())
+        since = board.link.mark()
+        board.link.send(ping, mute)
+        answer = board.link.answer_to(Ping.TYPE, first, since)
+        board.link.reply_in(answer, Pong, Ping.TYPE)
+        board.link.answer_to(Mute.TYPE, second, since)
+
+
 @case("HG-4.10/1", "UPLOAD_CHUNK is carried out each time", variant="chunk")
 def does_chunks_again(board: BoardClient) -> None:
     board.need_any(_UPLOADS)

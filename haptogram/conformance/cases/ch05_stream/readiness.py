@@ -141,6 +141,7 @@ def counts_what_it_accepts(board: BoardClient) -> None:
     _check_accepted(first, board.status(), 7, queued=0)
     t_us = board.clock.soon_us(bytes(3000)) + 50_000
     board.link.send(*(board.link.stream_wire(good, t_us + 1000 * number) for number in range(2)))
+    board.link.barrier()  # or MUTE may overtake them
     board.link.ask(Mute())
     _check_accepted(first, board.status(), 9, queued=0)
 

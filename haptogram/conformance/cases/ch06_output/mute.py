@@ -77,6 +77,7 @@ def _check_flush(board: BoardClient, message: Message) -> None:
     with board.counting(flushed=3, latched=0):
         for number in range(3):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))
+        board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
         board.link.ask(message)
         board.clock.require_in_time(t_us)
         board.arm()

@@ -77,7 +77,7 @@ static void start_board(void)
 }
 
 /* Take a frame, at the time of its arrival, or let time pass if none waits: the board lives in the
-   order of arrivals and events, however late this loop is. */
+   order of arrivals and events, however late this loop is.  A MUTE that waits overtakes it. */
 static void turn(void)
 {
     const uint8_t *data;
@@ -88,6 +88,8 @@ static void turn(void)
         board_advance(&board, clock_now_us());
         return;
     }
+    if (line_is_muted())
+        board_mute_ahead(&board);
     board_receive(&board, data, length, t_us);
     line_taken(length);
 }

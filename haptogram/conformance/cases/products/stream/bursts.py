@@ -63,6 +63,8 @@ def flushed_frames_are_not_late(board: BoardClient) -> None:
             else:
                 board.clock.wait_latched(1000)
             counted = board.counted_since(before)
+            if name.startswith("MUTE") and counted["dropped_state"] == 1:
+                continue  # MUTE has overtaken the frame: HG-3.8/4
             if counted["dropped_late"]:
                 inconclusive("the host was held up and sent its frames too late")
             found = counted["late"], counted["flushed"], counted["latched"]
