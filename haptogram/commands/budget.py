@@ -144,14 +144,14 @@ def _one_frame(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
     ]
     lines = [
         f"one frame of {config.transducers} {asked.name} at {config.rate_hz:g} Hz: "
-        f"a period of {period_us:g} us"
+        f"a period of {period_us:g} µs"
     ]
     lines += [
-        f"  {name:<8}{ns / 1e3:9.1f} us {100 * ns / 1e3 / period_us:6.1f} %  {what}"
+        f"  {name:<8}{ns / 1e3:9.1f} µs {100 * ns / 1e3 / period_us:6.1f} %  {what}"
         for name, ns, what in rows
     ]
     verdict = "fits" if asked.highest_hz >= config.rate_hz else "does not fit"
-    lines.append(f"  {'sum':<8}{asked.latency_ns(wake_ns) / 1e3:9.1f} us: the shortest lead")
+    lines.append(f"  {'sum':<8}{asked.latency_ns(wake_ns) / 1e3:9.1f} µs: the shortest lead")
     lines.append(
         f"  {config.rate_hz:g} Hz {verdict}: the line is "
         f"{100 * config.rate_hz / asked.line_hz:.1f} % full, the host "
@@ -175,7 +175,7 @@ def _all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
             f"{budget.decode_ns / 1e3:>8.1f}{budget.latency_ns(wake_ns) / 1e3:>9.1f}"
             f"{budget.highest_hz:>11.0f} Hz  {limit}"
         )
-    return "\n".join([*lines, "times in us; highest rate: stages overlap, the slowest decides"])
+    return "\n".join([*lines, "times in µs; highest rate: stages overlap, the slowest decides"])
 
 
 def _answers(baudrate: int) -> str:
@@ -187,6 +187,6 @@ def _answers(baudrate: int) -> str:
     lines = ["", "an answer (PING, PONG), at most:     round trip   the board's clock is known to"]
     for name, timer_ms in _TIMERS_MS.items():
         trip_us = line_round_trip_ns(ping, pong, baudrate, timer_ms * 1_000_000) / 1e3
-        lines.append(f"  {name:<36}{trip_us:>9.1f} us{trip_us / 2:>15.1f} us")
+        lines.append(f"  {name:<36}{trip_us:>9.1f} µs{trip_us / 2:>15.1f} µs")
     note = "frames to the board do not wait for that timer; the lead covers the clock's uncertainty"
     return "\n".join([*lines, note])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -90,6 +90,25 @@ class RunVerdict:
         """The verdict and its reason, for every report alike."""
         every = "every focus" if self.counts["verified"] == self.due else "every verified focus"
         return f"{self.verdict.upper()}: {'; '.join(self.reasons) or f'{every} is on target'}"
+
+    @property
+    def odd_frames(self) -> list[FrameVerdict]:
+        """Frames that are not on target, or not in time."""
+        return [f for f in self.frames if f.status not in NOTHING_WRONG or _untimely(f)]
+
+    def findings(self) -> Iterator[tuple[str, list[FrameVerdict]]]:
+        """Yield a line for each odd frame; of many, one for all with the same thing wrong."""
+        odd = self.odd_frames
+        if len(odd) <= _NAMED_FRAMES:
+            yield from ((frame_verdict_line(frame), [frame]) for frame in odd)
+            return
+        groups: dict[tuple[str, ...], list[FrameVerdict]] = defaultdict(list)
+        for frame in odd:
+            groups[_what_is_wrong(frame)].append(frame)
+        for what, frames in sorted(groups.items(), key=lambda group: -len(group[1])):
+            is_group = len(frames) > 1
+            line = _group_line(what, frames) if is_group else frame_verdict_line(frames[0])
+            yield line, frames
 
     def raise_for_verdict(self) -> None:
         """Raise unless the run passed.
@@ -195,8 +214,10 @@ def _summary(run: RunVerdict) -> Iterator[str]:
     if result["pressure_rms_pa"]["mean"] is not None and result["force_mn"]["mean"] is not None:
         yield _field_line(result)
     yield f"  evidence  {result['evidence'] or 'none: no latch was seen'}"
-    odd = [f for f in run.frames if f.status not in NOTHING_WRONG or _untimely(f)]
-    yield from (f"  {line}" for line in _named(odd))
+    groups = list(run.findings())
+    yield from (f"  {line}" for line, _ in groups[:_NAMED_FRAMES])
+    if left := sum(len(frames) for _, frames in groups[_NAMED_FRAMES:]):
+        yield f"  ... and {left} frames more, in the JSON file"
 
 
 def cut_run_text(counts: Mapping[str, int]) -> str:
@@ -258,21 +279,6 @@ def _several_line(result: dict[str, Any]) -> str:
         f"output without loss), {result['pressure_rms_pa']['mean']:.0f} Pa RMS at the first on "
         "average"
     )
-
-
-def _named(odd: Sequence[FrameVerdict]) -> Iterator[str]:
-    """Yield a line for each frame; if there are many, one for all with the same thing wrong."""
-    if len(odd) <= _NAMED_FRAMES:
-        yield from map(frame_verdict_line, odd)
-        return
-    groups: dict[tuple[str, ...], list[FrameVerdict]] = defaultdict(list)
-    for frame in odd:
-        groups[_what_is_wrong(frame)].append(frame)
-    ordered = sorted(groups.items(), key=lambda group: -len(group[1]))
-    for what, frames in ordered[:_NAMED_FRAMES]:
-        yield _group_line(what, frames) if len(frames) > 1 else frame_verdict_line(frames[0])
-    if left := sum(len(frames) for _, frames in ordered[_NAMED_FRAMES:]):
-        yield f"... and {left} frames more, in the JSON file"
 
 
 def _what_is_wrong(frame: FrameVerdict) -> tuple[str, ...]:

@@ -195,6 +195,11 @@ class FrameVerdict:
         return _frame_text(self)
 
     @property
+    def is_wrong(self) -> bool:
+        """True if what was latched is not what was asked for."""
+        return self.status in WRONG
+
+    @property
     def is_silence(self) -> bool:
         """True if the frame was to radiate nothing: there is no focus to miss."""
         return set(self.criteria) == {"S5"}
@@ -245,7 +250,7 @@ def frame_verdict_line(frame: FrameVerdict) -> str:
     """Return the faults of one frame, with their size, in a line."""
     parts = [f"frame {frame.number}: {frame.status}"]
     if (frame.late or frame.early) and frame.lateness_us is not None:
-        parts.append(f"{abs(frame.lateness_us)} us {'late' if frame.late else 'early'}")
+        parts.append(f"{abs(frame.lateness_us)} µs {'late' if frame.late else 'early'}")
     if frame.latches > 1:
         parts.append(f"latched {frame.latches} times")
     parts += [*frame.faults, *frame_measures(frame)]

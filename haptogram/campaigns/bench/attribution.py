@@ -25,6 +25,8 @@ from haptogram.driver.line.link import BURST_NS
 from haptogram.driver.timing.realtime import TickLog
 
 Times = NDArray[np.int64]
+#: Latenesses from which on frames are counted, in microseconds.
+MISS_LIMITS_US: Final = (100.0, 1000.0)
 
 
 class Cause(enum.StrEnum):

@@ -56,8 +56,8 @@ class BenchChange:
         word = "slower" if difference > 0 else "faster"
         blame = ", as the control loop: the machine changed" if self.machine else ""
         return (
-            f"{self.stage} {self.level}: {self.before_us:.1f} -> {self.after_us:.1f} us, "
-            f"{abs(difference):.1f} us {word} (noise {self.noise_us:.1f}){blame}"
+            f"{self.stage} {self.level}: {self.before_us:.1f} -> {self.after_us:.1f} µs, "
+            f"{abs(difference):.1f} µs {word} (noise {self.noise_us:.1f}){blame}"
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.campaigns.bench.attribution import (
+    MISS_LIMITS_US,
     LatenessMisses,
     LatenessParts,
     attribute_lateness,
@@ -35,7 +36,6 @@ from haptogram_protocol.messages import unwrap
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
-_LIMITS_US: Final = (100.0, 1000.0)
 _RADIUS_M: Final = 0.03
 _HEIGHT_M: Final = 0.12
 _REVOLUTIONS_HZ: Final = 5.0
@@ -226,7 +226,7 @@ def _misses(parts: LatenessParts, stalled: NDArray[np.bool_]) -> dict[str, list[
             count_late_frames(
                 some.total_ns, attribute_lateness(some), limit_us=limit_us, stalled=stalled
             )
-            for limit_us in _LIMITS_US
+            for limit_us in MISS_LIMITS_US
         ]
         for place, some in (("at_port", parts.at_port()), ("at_board", parts))
     }

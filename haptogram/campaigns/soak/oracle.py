@@ -76,7 +76,7 @@ class SoakOracle:
         """Take note that a stream frame came, undamaged and for the first time."""
         late_us = -signed_difference(t_apply_us, t_rx_us, 32)
         if late_us > 0 and cause is None:
-            self._tally.violate("late without a cause", f"frame {index}, by {late_us} us")
+            self._tally.violate("late without a cause", f"frame {index}, by {late_us} µs")
         if late_us > self.config.late_window_us:
             self._tally.totals["dropped_late"] += 1
             self._blame(cause, "dropped_late")
@@ -104,7 +104,7 @@ class SoakOracle:
         due = self._due.popleft()
         if (latch.t_latch_us, latch.late) != (due.t_latch_us, due.late):
             moved_us = latch.t_latch_us - due.t_latch_us
-            self._tally.violate("latched at a wrong time", f"frame {index}, by {moved_us} us")
+            self._tally.violate("latched at a wrong time", f"frame {index}, by {moved_us} µs")
         if not self._show.is_drive(index, latch.drive):
             self._tally.violate("torn latch", f"frame {index} is not the drive that was sent")
 
@@ -149,12 +149,12 @@ class SoakOracle:
         """Compare what is heard at *now_us* with what the timers say."""
         if not self.is_sounding:
             if not silent:
-                self._tally.violate("sounds when it is off", f"at {now_us} us")
+                self._tally.violate("sounds when it is off", f"at {now_us} µs")
         elif silent and now_us < self.fades_at_us - _TOLERANCE_US:
-            self._tally.violate("muted too early", f"{self.fades_at_us - now_us} us before")
+            self._tally.violate("muted too early", f"{self.fades_at_us - now_us} µs before")
             self.is_sounding = False
         elif not silent and now_us > self.silent_at_us + _TOLERANCE_US:
-            self._tally.violate("muted too late", f"{now_us - self.silent_at_us} us after the end")
+            self._tally.violate("muted too late", f"{now_us - self.silent_at_us} µs after the end")
             self.is_sounding = False
         elif silent:
             self._run_out(now_us)

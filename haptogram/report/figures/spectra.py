@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
-from haptogram.report.figures.style import BLACK, BLUE, GREEN, VERMILION, new_figure
+from haptogram.report.figures.style import BLACK, BLUE, GREEN, VERMILION, figure_legend, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +64,7 @@ def draw_spectrum(
         _mark(right, None if rate_hz is None else rate_hz / 2.0, GREEN, ":", "half the frame rate")
         for axes in (left, right):
             axes.set_ylim(0.0, 1.05 * axes.get_ylim()[1])
-        _legend(figure)
+        figure_legend(figure, columns=5)
         figure.suptitle(title)
     return figure
 
@@ -72,10 +72,3 @@ def draw_spectrum(
 def _mark(axes: Axes, at_hz: float | None, colour: str, style: str, label: str) -> None:
     if at_hz is not None and at_hz <= axes.get_xlim()[1]:
         axes.axvline(at_hz, color=colour, linewidth=1.0, linestyle=style, zorder=1.0, label=label)
-
-
-def _legend(figure: Figure) -> None:
-    found = [axes.get_legend_handles_labels() for axes in figure.axes]
-    handles = [handle for part, _ in found for handle in part]
-    labels = [label for _, part in found for label in part]
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))

@@ -116,6 +116,23 @@ def figure_title(title: str, detail: str) -> str:
     return f"{title}\n{detail}" if title else detail
 
 
+def figure_legend(figure: Figure, columns: int = 4) -> None:
+    """Draw one legend below all panels, with each label once."""
+    found = [axes.get_legend_handles_labels() for axes in figure.axes]
+    entries = {
+        label: handle
+        for handles, labels in found
+        for handle, label in zip(handles, labels, strict=True)
+    }
+    if entries:
+        figure.legend(
+            list(entries.values()),
+            list(entries),
+            loc="outside lower center",
+            ncols=min(columns, len(entries)),
+        )
+
+
 def draw_mark(axes: Axes, x_mm: float, y_mm: float, kind: str, size: float | None = None) -> None:
     """Mark the target (a cross), the fitted focus (an x) or the peak (a ring)."""
     marker, normal, colour = _MARKS[kind]

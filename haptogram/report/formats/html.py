@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from haptogram.machine.files import write_file_atomically
 
 from .extra import require_report_packages
+from .mathml import equation_mathml
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -98,6 +99,7 @@ def _setting_text(value: Any) -> str:
 
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 
     environment = Environment(
         loader=PackageLoader("haptogram.report"),
@@ -108,6 +110,7 @@ def _environment() -> Environment:
         undefined=StrictUndefined,
     )
     environment.filters["code_spans"] = _code_spans
+    environment.filters["equation"] = lambda text: Markup(equation_mathml(text))
     return environment
 
 

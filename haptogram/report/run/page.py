@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,11 +11,8 @@ from haptogram.acoustics import AcousticModel
 from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.records.frame import Observation
 from haptogram.verification import (
-    FrameStatus,
-    FrameVerdict,
     RunVerdict,
     Verdict,
-    consequence_text,
 )
 
 from ..figures.embedded import PagePicture, embed_picture
@@ -24,11 +22,10 @@ from . import pictures, prose
 from .check import CheckOutcome
 from .checks import NAMED_FRAMES, checks_of_result
 from .fieldmap import FieldPicture, frame_field_picture
+from .frame_rows import FRAME_HEAD, frame_place_text, frame_rows
 from .pins import capture_figures, sentence_of_result
-from .series import plotted_relative_error, worst_frames_of_run
-from .wording import NOTHING, figure_text, timeliness_text
+from .wording import NOTHING, figure_text
 
-_WORST: Final = 10
 _BITS: Final = 8
 _TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
 _CHECK_TONES: Final = {
@@ -76,6 +73,7 @@ def write_run_page(
     seen = observations or {}
     drives = {number: one.output for number, one in seen.items() if one.output is not None}
     shown = frame_field_picture(run, model, drives, bits)
+    frames, more = frame_rows(run)
     write_html_page(
         path,
         "run.html",
@@ -91,9 +89,12 @@ def write_run_page(
         checks=checks_of_result(run, result),
         tones=_CHECK_TONES,
         pictures=list(_pictures(run, model, shown)),
-        worst=[_worst_row(frame) for frame in worst_frames_of_run(run, _WORST)],
+        findings=list(islice(run.findings(), NAMED_FRAMES)),
+        frame_head=FRAME_HEAD,
+        frames=frames,
+        more_frames=more,
+        judged=any(frame.criteria for frame in run.frames),
         criteria=prose.CRITERIA,
-        missing=_missing_frames(run),
         evidence=list(prose.run_evidence_sentences(result)),
         limits=list(prose.run_limits_sentences(result)),
         warnings=result["warnings"],
@@ -108,7 +109,7 @@ def _key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
     late, pressure, force = result["lateness_us"], result["pressure_rms_pa"], result["force_mn"]
     captures = result.get("captures")
-    return [
+    rows = [
         *(() if captures is None else capture_figures(captures)),
         ("error across the beam, median", figure_text(lateral["p50"], 4), "mm"),
         ("error across the beam, 99th percentile", figure_text(lateral["p99"], 4), "mm"),
@@ -133,6 +134,7 @@ def _key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         ("latched after its time, 99.9th percentile", figure_text(late["p99.9"], 0), "µs"),
         ("latched after its time, largest", figure_text(late["max"], 0), "µs"),
     ]
+    return [row for row in rows if row[1] != NOTHING]
 
 
 def _total(result: Mapping[str, Any]) -> float | None:
@@ -143,47 +145,13 @@ def _faults(faults: Mapping[str, Any]) -> dict[str, Any]:
     """Return the planned faults, and how often those of each name fired."""
     fired = faults["fired"] or {}
     rows = [(plan, fired.get(plan.split()[0], NOTHING)) for plan in faults["plan"]]
-    return {"rows": rows, "seed": faults["seed"]}
+    return {"rows": rows, "seed": faults["seed"], "counted": faults["fired"] is not None}
 
 
 def _troubles(troubles: Mapping[str, Mapping[str, int]]) -> list[tuple[str, int, int]]:
     """Return the counters of frames that were damaged, lost or out of time, on each side."""
     board, host = troubles.get("board", {}), troubles.get("host", {})
     return [(name, board.get(name, 0), host.get(name, 0)) for name in sorted({*board, *host})]
-
-
-def _worst_row(frame: FrameVerdict) -> tuple[str, ...]:
-    failed = [name for name, passed in frame.criteria.items() if not passed]
-    faults = [*frame.faults, *([f"{', '.join(failed)} failed"] if failed else [])]
-    return (
-        str(frame.number),
-        _place(frame),
-        figure_text(frame.lateral_error_mm, 4),
-        figure_text(frame.axial_error_mm, 4),
-        figure_text(plotted_relative_error(frame)),
-        str(frame.status),
-        "; ".join(faults) or NOTHING,
-    )
-
-
-def _missing_frames(run: RunVerdict) -> dict[str, Any]:
-    """Return a row for each lost or late frame, as far as a person reads, and how many more."""
-    odd = [frame for frame in run.frames if frame.status is FrameStatus.LOST or frame.late]
-    rows = [
-        (
-            frame.number,
-            _place(frame),
-            NOTHING if frame.t_apply_us is None else frame.t_apply_us,
-            timeliness_text(frame) if frame.late else str(frame.status),
-            NOTHING if frame.consequence is None else consequence_text(frame.consequence),
-        )
-        for frame in odd[: 5 * NAMED_FRAMES]
-    ]
-    return {"rows": rows, "more": len(odd) - len(rows)}
-
-
-def _place(frame: FrameVerdict) -> str:
-    return ", ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in frame.target_m)
 
 
 def _circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, str]]]:
@@ -207,6 +175,13 @@ def _pictures(
         "Intended and measured foci over the array.",
         "The colour is the error of a focus over the largest one that the rounding of the phases "
         "can make, on the axis where that is worst; beyond 1 it is off target.",
+    )
+    yield embed_picture(
+        pictures.draw_run_misses(run, model),
+        "The misses over time and over the object.",
+        "Left, on the board's clock from the first frame on: the distance of each focus from its "
+        "target, and the largest one that the rounding of the phases can make. Right: as seen from "
+        "above the array.",
     )
     yield embed_picture(
         pictures.draw_run_errors(run, model),
@@ -241,8 +216,9 @@ def _field_caption(shown: FieldPicture | None) -> str:
         "bits, and not what was latched"
     )
     return (
-        f"Frame {shown.frame.number}, target {_place(shown.frame)} mm. Above: the plane z = target "
-        "and the vertical plane through the target; below: close-ups of the white frames. "
+        f"Frame {shown.frame.number}, target {frame_place_text(shown.frame)} mm. Above: the plane "
+        "z = target and the vertical plane through the target; below: close-ups of the white "
+        "frames. "
         f"Calculated from {source}. The peak need not sit on the focus: diffraction shifts it, "
         "mostly towards the array."
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
-_LEAST_ERROR_MM: Final = 1e-5  # a smaller one is drawn as this
-_LEAST_RATIO: Final = 1e-3  # likewise
+LEAST_ERROR_MM: Final = 1e-5  # a smaller one is drawn as this
+LEAST_RATIO: Final = 1e-3  # likewise
 _AXES: Final = "xyz"
 
 
@@ -54,7 +55,7 @@ def foci_panel(figure: Figure, axes: Any, run: RunVerdict, model: AcousticModel)
     seen = [(point, error) for point, error in found if error is not None]
     if seen:
         _measured(figure, axes, seen, size)
-    _troubled(axes, frames)
+    mark_troubled_frames(axes, frames)
     _equal_scales(axes, np.concatenate([elements, targets, *(p[None] for p, _ in seen)]))
     figure.legend(loc="outside lower center", ncols=4)
     axes.view_init(elev=17.0, azim=-58.0)
@@ -65,11 +66,11 @@ def _measured(figure: Figure, axes: Any, seen: list[tuple[FloatArray, float]], s
 
     points = np.array([point for point, _ in seen])
     errors = np.array([error for _, error in seen])
-    norm = LogNorm(vmin=_LEAST_RATIO, vmax=1.0)
+    norm = LogNorm(vmin=LEAST_RATIO, vmax=1.0)
     dots = axes.scatter(
         *points.T,
         s=size,
-        c=np.maximum(errors, _LEAST_RATIO),
+        c=np.maximum(errors, LEAST_RATIO),
         norm=norm,
         cmap=ERROR_MAP,
         linewidths=0,
@@ -88,7 +89,7 @@ def _measured(figure: Figure, axes: Any, seen: list[tuple[FloatArray, float]], s
     )
 
 
-def _troubled(axes: Any, frames: list[FrameVerdict]) -> None:
+def mark_troubled_frames(axes: Any, frames: list[FrameVerdict], axes_count: int = 3) -> None:
     """Mark the frames that are wrong or lost, each kind with a sign of its own."""
     signs = {
         FrameStatus.OFF_TARGET: "x",
@@ -99,9 +100,9 @@ def _troubled(axes: Any, frames: list[FrameVerdict]) -> None:
     for status, marker in signs.items():
         points = plotted_targets_mm([frame for frame in frames if frame.status is status])
         if len(points):
-            axes.scatter(
-                *points.T, s=36, c=VERMILION, marker=marker, depthshade=False, label=str(status)
-            )
+            style = {"depthshade": False} if axes_count == 3 else {}
+            places = points.T[:axes_count]
+            axes.scatter(*places, s=36, c=VERMILION, marker=marker, label=str(status), **style)
 
 
 def _equal_scales(axes: Any, points: FloatArray) -> None:
@@ -129,7 +130,7 @@ def error_panel(axes: Axes, series: ErrorSeries) -> None:
     if not len(series.errors_mm):
         empty_panel(axes, f"no {series.name} error\nwas measured")
         return
-    errors = np.maximum(series.errors_mm, _LEAST_ERROR_MM)
+    errors = np.maximum(series.errors_mm, LEAST_ERROR_MM)
     least, most = series.bounds_mm.min(), series.bounds_mm.max()
     low = 10.0 ** np.floor(np.log10(errors.min()))
     high = 2.0 * max(float(errors.max()), float(most))
@@ -228,13 +229,17 @@ def along_panel(axes: Axes, run: RunVerdict, measure: str, factor: float, label:
     if np.ptp(values) < 0.02 * abs(float(values.mean())):  # else noise fills the axis
         axes.set_ylim(0.9 * float(values.min()), 1.1 * float(values.max()))
     for kind, colour in (("lost", VERMILION), ("late", GREY)):
-        _rug(axes, run, kind, colour)
+        frames_rug(axes, run, kind, colour, lambda frame: frame.number)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="best")
 
 
-def _rug(axes: Axes, run: RunVerdict, kind: str, colour: str) -> None:
+def frames_rug(
+    axes: Axes, run: RunVerdict, kind: str, colour: str, place: Callable[[FrameVerdict], float]
+) -> None:
     """Mark the frames that were lost or late at the foot of the panel."""
     chosen = [
-        frame.number
+        place(frame)
         for frame in run.frames
         if (frame.late if kind == "late" else frame.status is FrameStatus.LOST)
     ]
@@ -248,7 +253,6 @@ def _rug(axes: Axes, run: RunVerdict, kind: str, colour: str) -> None:
             markersize=8.0,
             label=kind,
         )
-        axes.legend(loc="best")
 
 
 def object_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:

@@ -5,28 +5,43 @@ Raises ConfigurationError where matplotlib is missing (extra ``report``).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from haptogram.acoustics import AcousticModel
-from haptogram.verification import RunVerdict
+from haptogram.verification import FrameVerdict, RunVerdict
 
-from ..figures.style import new_figure
+from ..figures.style import BLACK, BLUE, ERROR_MAP, GREY, VERMILION, figure_legend, new_figure
 from .fieldmap import FieldPicture
 from .panels import (
+    LEAST_ERROR_MM,
+    LEAST_RATIO,
     along_panel,
     empty_panel,
     error_panel,
     foci_panel,
+    frames_rug,
     lateness_panel,
     map_panel,
+    mark_troubled_frames,
     object_panel,
 )
-from .series import plotted_error_series
+from .series import (
+    plotted_bounds_mm,
+    plotted_error_series,
+    plotted_focus_mm,
+    plotted_relative_error,
+    plotted_targets_mm,
+    thinned_frames_of_run,
+)
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _WIDTH_IN: Final = 8.0
+_MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
 
 
 def draw_run_foci(run: RunVerdict, model: AcousticModel) -> Figure:
@@ -82,3 +97,101 @@ def draw_run_lateness(run: RunVerdict, model: AcousticModel) -> Figure:
     with new_figure(_WIDTH_IN, 3.2) as figure:
         lateness_panel(figure.subplots(), run, max(1.0, 1e6 / model.frequency_hz))
     return figure
+
+
+# --- Misses over time and over the object ---------------------------------------------------------
+
+
+def draw_run_misses(run: RunVerdict, model: AcousticModel) -> Figure:
+    """Draw the errors of the foci over time, each with its bound, and over the object."""
+    with new_figure(_WIDTH_IN, 4.6) as figure:
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.35, 1.0))
+        upper = figure.add_subplot(grid[0, 0])
+        lower = figure.add_subplot(grid[1, 0], sharex=upper)
+        frames = [f for f in thinned_frames_of_run(run.frames, _MOST_POINTS) if _time_us(f)]
+        for axes, axis, name in ((upper, 0, "across"), (lower, 1, "along")):
+            _time_panel(axes, run, frames, model, axis, f"{name} the beam (mm)")
+        upper.tick_params(labelbottom=False)
+        lower.set_xlabel("time (s)")
+        right = figure.add_subplot(grid[:, 1])
+        _object_panel(figure, right, run)
+        figure_legend(figure)
+    return figure
+
+
+def _time_us(frame: FrameVerdict) -> int | None:
+    return frame.t_apply_us if frame.t_latch_us is None else frame.t_latch_us
+
+
+def _time_panel(
+    axes: Axes,
+    run: RunVerdict,
+    frames: list[FrameVerdict],
+    model: AcousticModel,
+    axis: int,
+    label: str,
+) -> None:
+    """Draw the error in one direction (0 across, 1 along) and its bound, over time."""
+    rows = []
+    for frame in frames:
+        bounds = plotted_bounds_mm(model, frame)
+        error = (frame.lateral_error_mm, frame.axial_error_mm)[axis]
+        if bounds is not None and bounds[axis] is not None and error is not None:
+            rows.append((_time_us(frame), abs(error), bounds[axis], frame.is_wrong))
+    if not rows:
+        empty_panel(axes, f"no error {label.partition(' (')[0]} was measured")
+        return
+    table = np.array(rows, dtype=np.float64)
+    begin_us = min(time for time in map(_time_us, run.frames) if time is not None)
+    times_s = (table[:, 0] - begin_us) / 1e6
+    errors = np.maximum(table[:, 1], LEAST_ERROR_MM)
+    wrong = table[:, 3] > 0.0
+    size = 2.5 if len(table) > 100 else 5.0
+    axes.plot(times_s, table[:, 2], "-", color=GREY, lw=1.0, label="bound of quantisation")
+    axes.plot(times_s[~wrong], errors[~wrong], ".", color=BLUE, ms=size, label="error")
+    if wrong.any():
+        axes.plot(
+            times_s[wrong],
+            errors[wrong],
+            "x",
+            color=VERMILION,
+            ms=5.0,
+            label="error of a wrong frame",
+        )
+    for kind, colour in (("lost", VERMILION), ("late", BLACK)):
+        frames_rug(axes, run, kind, colour, lambda f: ((_time_us(f) or begin_us) - begin_us) / 1e6)
+    axes.set(yscale="log", ylabel=label)
+    axes.margins(x=0.02, y=0.15)
+
+
+def _object_panel(figure: Figure, axes: Any, run: RunVerdict) -> None:
+    """Draw the error over its bound at every focus, seen from above."""
+    from matplotlib.colors import LogNorm
+
+    frames = thinned_frames_of_run(run.frames, _MOST_POINTS)
+    found = [(plotted_focus_mm(f), plotted_relative_error(f)) for f in frames]
+    seen = [(place, error) for place, error in found if error is not None]
+    targets = plotted_targets_mm(frames)
+    if not len(targets):
+        empty_panel(axes, "no frame was sent")
+        return
+    if seen:
+        places = np.array([place for place, _ in seen])
+        ratios = np.maximum([error for _, error in seen], LEAST_RATIO)
+        dots = axes.scatter(
+            places[:, 0],
+            places[:, 1],
+            s=float(np.clip(8000.0 / len(frames), 4.0, 60.0)),
+            c=ratios,
+            norm=LogNorm(vmin=LEAST_RATIO, vmax=1.0),
+            cmap=ERROR_MAP,
+            linewidths=0,
+        )
+        extend = "max" if ratios.max() > 1.0 else "neither"
+        figure.colorbar(
+            dots, ax=axes, label="error / bound of quantisation", format="%g", extend=extend
+        )
+    mark_troubled_frames(axes, frames, axes_count=2)
+    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08)

@@ -31,7 +31,7 @@ def _when(frame: FrameVerdict) -> str:
     place = f"(sequence {frame.key.sequence}, loop {frame.key.loop}, index {frame.key.index})"
     if frame.key.sequence == 0:
         place = f"(stream index {frame.key.index})"
-    due = "as soon as complete" if frame.t_apply_us is None else f"due at {frame.t_apply_us} us"
+    due = "as soon as complete" if frame.t_apply_us is None else f"due at {frame.t_apply_us} µs"
     return f"{place}, {due}"
 
 
@@ -58,7 +58,7 @@ def timeliness_text(frame: FrameVerdict) -> str:
     """Return the time by which a frame was latched early or late."""
     if frame.lateness_us is None:
         return NOTHING
-    return f"{abs(frame.lateness_us)} us {'early' if frame.lateness_us < 0 else 'late'}"
+    return f"{abs(frame.lateness_us)} µs {'early' if frame.lateness_us < 0 else 'late'}"
 
 
 def focus_place_text(frame: FrameVerdict) -> str:

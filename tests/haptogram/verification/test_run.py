@@ -285,7 +285,7 @@ def test_a_late_frame_is_named_but_does_not_fail():
     assert run.verdict is Verdict.PASS
     (late,) = run.as_dict()["late"]
     assert (late["number"], late["lateness_us"], late["status"]) == (1, 400, "on target")
-    assert "frame 1: on target; 400 us late" in str(run)
+    assert "frame 1: on target; 400 µs late" in str(run)
 
 
 def test_progress_counts_to_the_end():

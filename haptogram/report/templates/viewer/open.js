@@ -9,6 +9,8 @@ async function openViewer() {
   try {
     if (embedded) show(root, await unpackEmbedded(embedded.textContent.trim()), false);
     else await follow(root);
+    followAddress(root);
+    addEventListener("hashchange", () => followAddress(root));
   } catch (error) {
     root.dataset.ready = "false";
     tell(root, `This browser cannot show the view: ${error.message}`);
@@ -17,6 +19,14 @@ async function openViewer() {
 
 function show(root, scene, isLive) {
   window.haptogramViewer = new Viewer(root, scene, isLive); // for tests and for the curious
+}
+
+// An address that ends in #view-12 shows frame 12.
+function followAddress(root) {
+  const number = /^#view-(\d+)$/.exec(location.hash)?.[1];
+  if (!number || !window.haptogramViewer) return;
+  window.haptogramViewer.showNumber(Number(number));
+  root.scrollIntoView();
 }
 
 function tell(root, text) {

@@ -122,12 +122,17 @@ class Viewer {
       const number = scene.column("number")[frame];
       const button = document.createElement("button");
       button.textContent = `${number}: ${scene.status(frame)}`;
-      button.addEventListener("click", () => this.#jump(scene.column("number").indexOf(number)));
+      button.addEventListener("click", () => this.showNumber(number));
       const item = document.createElement("li");
       item.append(button);
       list.append(item);
     }
     fillTable(this.part("counters"), Object.entries(scene.header.counters));
+  }
+
+  // Show the frame of this number, if there is one.
+  showNumber(number) {
+    this.#jump(this.scene.column("number").indexOf(number));
   }
 
   #jump(frame) {

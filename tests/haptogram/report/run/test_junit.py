@@ -75,7 +75,7 @@ def test_a_fault_fails_its_case_and_names_the_frame(
     suite = written(tmp_path, make_run(model, targets(5), {3: change}))
     failure = outcome(suite, name)
     assert failure.tag == "failure"
-    assert "frame 3 (stream index 3), due at 3000 us" in (failure.text or "")
+    assert "frame 3 (stream index 3), due at 3000 µs" in (failure.text or "")
     assert suite.get("failures") == "1"
 
 
@@ -96,7 +96,7 @@ def test_lost_and_late_frames_are_named_but_decide_nothing(
     assert "frame 2" in (lost.text or "")
     assert "mm away" in (lost.text or "")
     assert "frame 4" in (late.text or "")
-    assert "latched 400 us late" in (late.text or "")
+    assert "latched 400 µs late" in (late.text or "")
 
 
 def test_lost_frames_that_leave_too_few_are_an_error(tmp_path: Path, model: AcousticModel) -> None:

@@ -70,7 +70,7 @@ def test_a_page_holds_everything_in_itself(
     tmp_path: Path, good_run: RunVerdict, model: AcousticModel
 ) -> None:
     outline = written(tmp_path, good_run, model)
-    assert len(outline.pictures) == 5
+    assert len(outline.pictures) == 6
     assert all(png.startswith(b"\x89PNG") for png in outline.pictures)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
@@ -127,7 +127,7 @@ def test_lost_and_late_frames_are_named_with_what_that_did(
 ) -> None:
     run = make_run(model, targets(6), {2: lose, 4: delay})
     texts = written(tmp_path, run, model).texts
-    assert "400 us late" in texts
+    assert "400 µs late" in texts
     assert "1 lost and 1 late; each is named below." in texts
     effects = [text for text in texts if re.fullmatch(r"the focus .* mm away.* Pa .* Pa", text)]
     assert len(effects) == 2
@@ -139,7 +139,7 @@ def test_a_wrong_frame_is_named_with_its_fault(tmp_path: Path, model: AcousticMo
     page = " | ".join(written(tmp_path, run, model).texts)
     assert run.sentence in page
     assert "elements 3 (0, 3), 4 (0, 4), 5 (0, 5) dead" in page
-    assert "latched 50 us early" in page
+    assert "latched 50 µs early" in page
 
 
 @pytest.mark.usefixtures("no_pictures")

@@ -36,7 +36,7 @@ def test_a_frame_is_described_with_all_that_is_known_of_it() -> None:
         note="odd",
     )
     assert frame_text(frame) == (
-        "frame 3 (stream index 65539), due at 1000 us: wrong drive; latched 400 us late; "
+        "frame 3 (stream index 65539), due at 1000 µs: wrong drive; latched 400 µs late; "
         "latched 2 times; element 5 dead; S3, S5 failed; "
         "focus 0.500 mm across, -1.250 mm along the beam; "
         "the focus stayed 4.0 mm away: 100 Pa instead of 2000 Pa; odd"

@@ -1,0 +1,95 @@
+"""The frames of a run in tables of its page: those that need a look, and the largest errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, consequence_text
+
+from .series import plotted_relative_error, worst_frames_of_run
+from .wording import NOTHING, figure_text, timeliness_text
+
+_LARGEST: Final = 10
+_LISTED: Final = 100  # that a person reads
+_TONES: Final = {
+    FrameStatus.ON_TARGET: "good",
+    FrameStatus.LOST: "doubt",
+    FrameStatus.NOT_VERIFIED: "doubt",
+    FrameStatus.CANCELLED: "plain",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRow:
+    """A frame in words.
+
+    Attributes
+    ----------
+    number : int
+        Number of the frame.
+    tone, status, timing : str
+        Colour of the status, the status, and the time by which it was late or early, if it was.
+    cells : tuple of str
+        Target, time and errors.
+    faults, consequence : str
+        Faults of the frame, and what it did to the focus.
+    """
+
+    number: int
+    tone: str
+    status: str
+    timing: str
+    cells: tuple[str, ...]
+    faults: str
+    consequence: str
+
+
+FRAME_HEAD: Final = (
+    "frame",
+    "status",
+    "target x, y, z (mm)",
+    "due (µs, board's clock)",
+    "across (mm)",
+    "along (mm)",
+    "error / bound",
+    "found",
+)
+
+
+def frame_rows(run: RunVerdict) -> tuple[list[FrameRow], int]:
+    """Return rows of the wrong, lost and late frames, and how many more there are.
+
+    Those with the largest errors follow.
+    """
+    odd = sorted(run.odd_frames, key=lambda frame: (not frame.is_wrong, frame.number))
+    named = {frame.number for frame in odd}
+    largest = [f for f in worst_frames_of_run(run, _LARGEST) if f.number not in named]
+    return [_row(frame) for frame in [*odd[:_LISTED], *largest]], max(0, len(odd) - _LISTED)
+
+
+def frame_place_text(frame: FrameVerdict) -> str:
+    """Return the target of *frame* in mm."""
+    return ", ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in frame.target_m)
+
+
+def _row(frame: FrameVerdict) -> FrameRow:
+    failed = [name for name, passed in frame.criteria.items() if not passed]
+    faults = [*frame.faults, *([f"{', '.join(failed)} failed"] if failed else [])]
+    faults += [f"latched {frame.latches} times"] if frame.latches > 1 else []
+    faults += [frame.note] if frame.note else []
+    return FrameRow(
+        frame.number,
+        _TONES.get(frame.status, "bad"),
+        str(frame.status),
+        timeliness_text(frame) if frame.late or frame.early else "",
+        (
+            frame_place_text(frame),
+            NOTHING if frame.t_apply_us is None else str(frame.t_apply_us),
+            figure_text(frame.lateral_error_mm, 4),
+            figure_text(frame.axial_error_mm, 4),
+            figure_text(plotted_relative_error(frame)),
+        ),
+        "; ".join(faults),
+        "" if frame.consequence is None else consequence_text(frame.consequence),
+    )
