@@ -25,6 +25,8 @@ from . import (
     repetition,
     replies,
     session,
+    single_moments,
+    single_types,
 )
 from .mutant import Mutant, mutants_by_name
 
@@ -39,6 +41,8 @@ _PARTS: Final = (
     points,
     output,
     overtaking,
+    single_types,
+    single_moments,
 )
 
 MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(

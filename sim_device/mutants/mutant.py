@@ -34,6 +34,8 @@ class Mutant:
         One sentence about the error.
     parts : BoardAssembly
         The board.
+    array : str
+        Array of which the frames are long enough to show it; empty: any.
     """
 
     name: str
@@ -41,12 +43,13 @@ class Mutant:
     evidence: Evidence
     docstring: str
     parts: BoardAssembly
+    array: str = ""
 
     @classmethod
-    def of(cls, part: Part, clause: str, evidence: Evidence) -> Self:
+    def of(cls, part: Part, clause: str, evidence: Evidence, array: str = "") -> Self:
         """Return the mutant whose wrong part is *part*, named after it."""
         name = re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", "-", part.__name__).lower()
-        return cls(name, clause, evidence, inspect.getdoc(part) or "", _parts(part))
+        return cls(name, clause, evidence, inspect.getdoc(part) or "", _parts(part), array)
 
 
 def mutants_by_name(mutants: Iterable[Mutant]) -> dict[str, Mutant]:

@@ -28,10 +28,10 @@ HIDDEN = sorted(MUTANTS.keys() - VISIBLE)
 CODES = bytes(range(3, 19))
 
 
-def behaviours(clause, mutant=""):
+def behaviours(clause, array, mutant=""):
     """Return how a board does in the cases of one clause, in virtual time."""
     sim_device.register_url_handler()
-    url = "haptogram://?clock=virtual&array=4x4&baud=3000000" + (
+    url = f"haptogram://?clock=virtual&array={array}&baud=3000000" + (
         f"&mutant={mutant}" if mutant else ""
     )
     access = VirtualAccess(
@@ -42,8 +42,8 @@ def behaviours(clause, mutant=""):
 
 
 @functools.cache
-def healthy(clause):
-    return tuple(behaviours(clause))
+def healthy(clause, array):
+    return tuple(behaviours(clause, array))
 
 
 def latch_of(open_host, url):
@@ -57,10 +57,10 @@ def latch_of(open_host, url):
 
 @pytest.mark.parametrize("name", VISIBLE)
 def test_a_mutant_fails_its_clause_and_the_healthy_board_does_not(name):
-    clause = MUTANTS[name].clause
-    assert Behaviour.OK in healthy(clause)
-    assert Behaviour.FAILED not in healthy(clause)
-    assert Behaviour.FAILED in behaviours(clause, name)
+    clause, array = MUTANTS[name].clause, MUTANTS[name].array or "4x4"
+    assert Behaviour.OK in healthy(clause, array)
+    assert Behaviour.FAILED not in healthy(clause, array)
+    assert Behaviour.FAILED in behaviours(clause, array, name)
 
 
 @pytest.mark.parametrize("name", HIDDEN)

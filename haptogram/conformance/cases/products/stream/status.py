@@ -22,11 +22,14 @@ from ....case import case
 from ....client.board_client import BoardClient
 from ....client.latching import latch_now
 from ....client.playback import play_now, store_phases
-from ....client.stream_kinds import valid_requests
+from ....client.stream_kinds import stream_kinds, valid_requests
 from ....outcome import SELF_REPORTED, check, fail
+from ..stream_types import DROPS, frames_to_drop
 
 _SEQUENCE: Final = 13
 _AHEAD_US: Final = 400_000
+#: Counters of steps 13 to 16 of HG-3.8.
+_WITH_MARGIN: Final = ("dropped_order", "dropped_full", "dropped_future", "dropped_late")
 
 
 @case(
@@ -70,6 +73,26 @@ def last_seq_is_of_the_stream(board: BoardClient) -> None:
     latch_now(board, board.flat_phases())
     third = board.status()
     check(third.last_seq == index + 1, f"last_seq is {third.last_seq}, not {index + 1}")
+
+
+@case(
+    "HG-9.3/1",
+    "frames dropped for order, room, horizon or lateness have a margin, those before step 13 none",
+    variant="drops",
+    evidence=SELF_REPORTED,
+)
+def every_drop_has_its_margin(board: BoardClient) -> None:
+    kind = stream_kinds(board)[0]
+    for drop in DROPS:
+        _, wires = frames_to_drop(board, drop, kind)
+        board.status()  # margins begin anew
+        board.link.send(*wires)
+        found, due = board.status().margins, len(wires) if drop.counter in _WITH_MARGIN else 0
+        check(
+            found == due,
+            f"{len(wires)} frames {drop.summary}: the margins tell of {found}, {due} have one",
+        )
+        board.link.ask(Mute())
 
 
 @case(

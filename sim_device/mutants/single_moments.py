@@ -1,0 +1,178 @@
+"""Boards that are wrong at one moment, in one slot, in one width of a time.  SPEC.md 5 and 9."""
+# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive
+from haptogram.records.frame import Evidence
+from haptogram_protocol.messages import Config
+
+from ..board.board import Board
+from ..board.counters import Drop
+from ..board.output import OutputStage
+from ..board.stream_queue import QueueEntry, StreamFrame, StreamQueue
+from ..dialects.haptogram import BoardDialect
+from .mutant import Mutant
+
+_FULL: Final = 255
+_MS: Final = 1000
+
+
+class SlotKeepsAmplitudes(StreamQueue):
+    """Sets the amplitudes of PHASES only in a slot of its queue that PHASES never took before."""
+
+    def __init__(self, depth: int) -> None:
+        super().__init__(depth)
+        self._slots: dict[int, Any] = {}
+        self._set: set[int] = set()
+        self._next = 0
+
+    def push(self, entry: QueueEntry) -> int:
+        """Queue *entry*, in the next slot."""
+        slot, self._next = self._next, (self._next + 1) % self._depth
+        full = bool((entry.drive.amplitude_codes == _FULL).all())
+        if full and slot in self._set:
+            drive = Drive(entry.drive.phase_codes, self._slots[slot], entry.drive.phase_bits)
+            entry = dataclasses.replace(entry, drive=drive)
+        elif full:
+            self._set.add(slot)
+        self._slots[slot] = np.array(entry.drive.amplitude_codes)
+        return super().push(entry)
+
+
+class TwoOnOneBoundary(OutputStage):
+    """Latches a frame that comes at the moment of a latch on the same carrier boundary."""
+
+    def boundary_us(self, t_us: int) -> int:
+        """Return the next carrier boundary, free or not."""
+        carrier_us = self.settings.carrier_us
+        return -(-max(t_us, self.now_us) // carrier_us) * carrier_us
+
+
+class LateWindowOf16Bits(Board):
+    """Takes the late window modulo 65536 us."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        if dropped is not None or frame.t_apply_us is None:
+            return dropped
+        late_us = self.now_us - frame.t_apply_us
+        return Drop.LATE if late_us > self.config.late_window_us & 0xFFFF else None
+
+
+class LateSticks(Board):
+    """Calls the frame behind a late one late as well, if it comes a millisecond ahead or more."""
+
+    _late = False
+
+    def _latch_stream(self) -> None:
+        entry = self._queue.head
+        assert entry is not None  # it is due
+        waits = entry.t_apply_us - entry.t_received_us >= _MS
+        late = entry.late or (self._late and waits)
+        self._queue._entries[0] = dataclasses.replace(entry, late=late)
+        super()._latch_stream()
+        self._late = entry.late
+
+
+class TimesOf24Bits(BoardDialect):
+    """Takes the times of stream frames modulo 2^24 us, which is less than its horizon."""
+
+    def _unwrap(self, t_wire_us: int | None) -> int | None:
+        t_us = super()._unwrap(t_wire_us)
+        if t_us is None:
+            return None
+        ahead_us = (t_us - self.board.now_us) & 0xFFFFFF
+        return self.board.now_us + ahead_us - (ahead_us >> 23 << 24)
+
+
+class HorizonExclusive(Board):
+    """Drops a frame that is exactly max_horizon_us ahead."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        at_us = None if frame.t_apply_us is None else frame.t_apply_us - self.now_us
+        exact = dropped is None and at_us == self.settings.max_horizon_us
+        return Drop.FUTURE if exact else dropped
+
+
+class FullQueueReplaces(Board):
+    """Lets a frame replace the last one of a full queue on its carrier boundary."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        if dropped is not Drop.FULL or frame.t_apply_us is None:
+            return dropped
+        last = self._queue._entries[-1]
+        same = last.t_latch_us == self.output.boundary_us(frame.t_apply_us)
+        return None if same else dropped
+
+
+class FullQueueHasNoMargin(Board):
+    """Leaves frames that meet a full queue out of the margins."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        kept = dataclasses.astuple(self.margins)
+        dropped = super()._refuse(frame)
+        if dropped is Drop.FULL:
+            self.margins.count, self.margins.least_us, self.margins.total_us = kept
+        return dropped
+
+
+class SessionClearsMargins(Board):
+    """Begins the margins anew with a session."""
+
+    def open_session(self, nonce: int) -> None:
+        """Begin a session."""
+        super().open_session(nonce)
+        self.margins.take()
+
+
+class ConfigurationClearsMargins(Board):
+    """Begins the margins anew with a configuration."""
+
+    def configure(self, config: Config) -> None:
+        """Put *config* in force."""
+        super().configure(config)
+        self.margins.take()
+
+
+class StatusKeepsMargins(BoardDialect):
+    """Goes on with the old margins after STATUS; only STATUS_REPLY begins them anew."""
+
+    def _send_status(self, t_us: int) -> None:
+        margins = self.board.margins
+        kept = margins.count, margins.least_us, margins.total_us
+        super()._send_status(t_us)
+        margins.count, margins.least_us, margins.total_us = kept
+
+
+class LastSeqOfPlayback(Board):
+    """Counts the frames of a sequence in last_seq."""
+
+    def _latch_playback(self) -> None:
+        super()._latch_playback()
+        self.last_stream_index += 1
+
+
+_SELF: Final = Evidence.SELF_REPORTED
+
+MUTANTS: Final = (
+    Mutant.of(SlotKeepsAmplitudes, "HG-5.2/6", _SELF),
+    Mutant.of(TwoOnOneBoundary, "HG-5.8/3", _SELF),
+    Mutant.of(LateWindowOf16Bits, "HG-5.7/6", _SELF),
+    Mutant.of(LateSticks, "HG-5.7/6", _SELF),
+    Mutant.of(TimesOf24Bits, "HG-5.7/4", _SELF),
+    Mutant.of(HorizonExclusive, "HG-5.7/4", _SELF),
+    Mutant.of(FullQueueReplaces, "HG-5.7/3", _SELF),
+    Mutant.of(FullQueueHasNoMargin, "HG-9.3/1", _SELF),
+    Mutant.of(SessionClearsMargins, "HG-9.3/1", _SELF),
+    Mutant.of(ConfigurationClearsMargins, "HG-9.3/1", _SELF),
+    Mutant.of(StatusKeepsMargins, "HG-9.3/1", _SELF),
+    Mutant.of(LastSeqOfPlayback, "HG-9.1/2", _SELF),
+)
