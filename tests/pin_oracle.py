@@ -153,7 +153,7 @@ def write_sr(path, found, analyser, total_s):
     data = np.zeros((total, unit), np.uint8)
     for number, (edges, level) in enumerate(found.values()):
         flips = np.zeros(total, np.int8)
-        flips[edges] = 1
+        flips[edges[edges < total]] = 1
         levels = (np.cumsum(flips) + int(level)) % 2
         data[:, number // 8] |= (levels << (number % 8)).astype(np.uint8)
     meta = configparser.ConfigParser()

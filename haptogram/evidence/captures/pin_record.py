@@ -18,6 +18,7 @@ from .measure import checked_period
 _Floats: TypeAlias = NDArray[np.float64]
 #: Pulses of the reference that make one point of its clock: the mean of so many has no samples.
 _BLOCK: Final = 64
+_SPIKE: Final = 1.5  # samples: a shorter pulse is taken for a disturbance of the capture
 _FULL_DUTY: Final = 0.5
 _WIDER: Final = 0.1  # by which a duty may exceed half a period before a pin counts as inverted
 
@@ -41,14 +42,15 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
             "shows no phase; capture the clock of the carrier, or another element"
         )
     active_low = settings.active_low and reference is not None
-    rises, _ = capture.channel(mapped.reference).pulses(active_low=active_low)
+    pulses = capture.channel(mapped.reference).pulses(active_low=active_low)
+    rises, _ = _without_spikes(*pulses, sample)
     period = checked_period(capture, mapped, rises, sample, rate_hz)
     clock = _CarrierClock(rises, period, sample, is_steady=reference is None)
     pins = {}
     silent = all(len(capture.channel(name).times) == 0 for name in elements)
     for name, element in elements.items():
         edges = capture.channel(name)
-        begins, ends = edges.pulses(active_low=settings.active_low)
+        begins, ends = _without_spikes(*edges.pulses(active_low=settings.active_low), sample)
         pulses = clock.periods(begins), clock.periods(ends)
         defects = () if silent else tuple(_defects(edges, *pulses, settings.active_low))
         pins[element] = PinPulses(name, *pulses, defects)
@@ -68,6 +70,18 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
         skew_rad=math.tau * settings.skew_ns * 1e-9 * settings.carrier_hz,
         cut=capture.cut,
     )
+
+
+def _without_spikes(rises: _Floats, falls: _Floats, sample: float) -> tuple[_Floats, _Floats]:
+    """Return pulses without spikes and dips of one sample: no amplitude that shows is so small."""
+    spike = _SPIKE * sample
+    apart = np.concatenate([[True], rises[1:] - falls[:-1] > spike])
+    lasting = np.concatenate([apart[1:], [True]])
+    if not len(rises):
+        return rises, falls
+    rises, falls = rises[apart], falls[lasting]
+    wide = falls - rises > spike
+    return rises[wide], falls[wide]
 
 
 def _defects(edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool) -> list[str]:
