@@ -87,13 +87,18 @@ def turns_of_reference(
 
 
 def common_turns(
-    record: PinRecord, run: RunDrives, weights: ComplexArray, limit_rad: float
+    record: PinRecord,
+    run: RunDrives,
+    weights: ComplexArray,
+    limit_rad: float,
+    *,
+    each: bool = True,
 ) -> FloatArray:
     """Return the (F,) phase that the pins of a frame share, against their drives.
 
     That of a carrier clock is one for the whole capture, unless most pins of a frame share
     another one: a phase that all elements have does not move the focus. With fewer than three pins
-    and no clock, the element that is the reference is taken to be right.
+    and no clock, or unless *each* frame may have its own, the reference is taken to be right.
     """
     product = weights * np.conj(run.weights)
     sounding = np.isfinite(product) & (np.abs(product) > 0.0)
@@ -103,14 +108,14 @@ def common_turns(
         common = np.full(run.count, turn)
     else:
         common = _filled(errors[:, run.elements.index(record.reference_element)])
-    if len(run.elements) < _FEWEST:
+    if len(run.elements) < _FEWEST or not each:
         return common
     agreeing = _agreeing(errors, common, limit_rad)
     doubtful = (2 * agreeing.sum(axis=1) < sounding.sum(axis=1)) & (sounding.sum(axis=1) >= _FEWEST)
     for frame in np.flatnonzero(doubtful):
         shared = _shared_phase(errors[frame][sounding[frame]], limit_rad)
         near = np.abs(wrapped_angles(errors[frame] - shared)) <= 2.0 * limit_rad
-        if near.sum() > max(agreeing[frame].sum(), _FEWEST - 1):
+        if near.sum() > max(agreeing[frame].sum(), 1):
             common[frame] = shared
     # The mean of those that agree: the phase of the reference alone is known to a sample only.
     agreeing = _agreeing(errors, common, limit_rad)

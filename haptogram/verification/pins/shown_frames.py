@@ -100,7 +100,7 @@ def shown_frames(record: PinRecord, run: RunDrives) -> ShownFrames:
     limits = CaptureLimits.of(record)
     found = _best_alignment(record, run, limits)
     starts, ends = found.starts(run), found.ends(run)
-    lost, before = _lost_frames(_drives(record, run, found, limits), limits)
+    lost, before = _lost_frames(_drives(record, run, found, limits, each=False), limits)
     weights = frame_weights(record, run, starts, ends).weights
     turns = common_turns(record, run, weights, limits.phase_rad)
     steps = pin_steps(record, run, starts, ends, before, turns)
@@ -139,6 +139,8 @@ def _drives(
     limits: CaptureLimits,
     steps: PinSteps | None = None,
     before: NDArray[np.int64] | None = None,
+    *,
+    each: bool = True,
 ) -> PinDrives:
     """Return the drives from when each pin has latched, by *steps* or else when it is due."""
     starts, ends = found.starts(run), found.ends(run)
@@ -150,7 +152,7 @@ def _drives(
         lows += np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
         highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
     means = pin_weights(record, run, lows, highs)
-    turns = common_turns(record, run, means.weights, limits.phase_rad)
+    turns = common_turns(record, run, means.weights, limits.phase_rad, each=each)
     jitter = np.minimum(means.jitter_rad, limits.phase_rad)
     return PinDrives(
         run,
