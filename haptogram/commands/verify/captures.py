@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import time
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from haptogram.records.frame import Intended
     from haptogram.records.pins import PinRecord
     from haptogram.settings.verify_config import CaptureConfig, VerifyConfig
+    from haptogram.verification import RunVerdict
     from haptogram.verification.pins.joined import CaptureVerdict
 
     from ..shell.output_files import Outputs
@@ -126,7 +128,6 @@ def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance)
     from haptogram.evidence.recordings.intended import recorded_run
     from haptogram.evidence.recordings.reader import Recording
     from haptogram.report import run as report
-    from haptogram.verification import verify_run
 
     path = config.captures.recording
     if path is None:
@@ -134,10 +135,7 @@ def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance)
     recording = Recording(path)
     recorded = recorded_run(recording)
     verdict = judge_captures(config, recorded.model, recorded.intended)
-    # Frames of which only some elements were captured: none has a field to judge.
-    run = verdict.run or verify_run(
-        recorded.intended, [], model=recorded.model, unseen=verdict.no_field
-    )
+    run = verdict.run or _without_field(verdict, recorded.model)
     result = report.run_result_dict(
         run,
         configuration=config.result_options(),
@@ -158,3 +156,15 @@ def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance)
     if not write_run_files(config, run, result, recorded.model, seen, provenance, outputs):
         return USAGE
     return verdict.exit_status
+
+
+def _without_field(verdict: CaptureVerdict, model: AcousticModel) -> RunVerdict:
+    """Return the run as frames without a field, each with what its captured pins show."""
+    from haptogram.verification import verify_run
+
+    run = verify_run(verdict.frames, [], model=model, unseen=verdict.no_field)
+    frames = [
+        dataclasses.replace(frame, note=verdict.frame_note(place))
+        for place, frame in enumerate(run.frames)
+    ]
+    return dataclasses.replace(run, frames=frames)

@@ -46,6 +46,8 @@ class CaptureVerdict:
         Why there is none.
     observations : tuple of Observation
         Drives of the whole array that the captures show, where there is a whole verdict.
+    frames : tuple of Intended
+        The frames, in the order of their times.
     """
 
     verdict: Verdict
@@ -55,6 +57,7 @@ class CaptureVerdict:
     run: RunVerdict | None
     no_field: str = ""
     observations: tuple[Observation, ...] = ()
+    frames: tuple[Intended, ...] = ()
 
     def __bool__(self) -> bool:
         """Return True if everything that was captured passed."""
@@ -74,6 +77,21 @@ class CaptureVerdict:
     def scope(self) -> str:
         """Extent of the captures, in words."""
         return f"{len(self.elements)} of {self.array_count} elements"
+
+    def frame_note(self, place: int) -> str:
+        """Return the finding of the captured pins on the frame at this *place*."""
+        shown = [one for one in self.pins if one.judged[place]]
+        if not shown:
+            return "no capture shows the frame"
+        wrong = [
+            str(element)
+            for one in shown
+            for element, right in zip(one.elements, one.right[place], strict=True)
+            if not right
+        ]
+        count = len({element for one in shown for element in one.elements})
+        what = f"{len(wrong)} are wrong: {', '.join(wrong[:8])}" if wrong else "they are right"
+        return f"{count} of {self.array_count} elements were captured, and {what}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for JSON, without that of the field."""
@@ -152,7 +170,14 @@ def verify_captures(
         (wrong if run.verdict is Verdict.FAIL else missing).extend(run.reasons)
     verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
     return CaptureVerdict(
-        verdict, (*wrong, *missing), pins, model.array.count, run, no_field, observations
+        verdict,
+        (*wrong, *missing),
+        pins,
+        model.array.count,
+        run,
+        no_field,
+        observations,
+        tuple(frames),
     )
 
 
@@ -167,7 +192,7 @@ def _why_no_field(
             f"{count - len(captured)} of {count} elements were not captured; captures of all of "
             "them, each of a pass of the object, are joined"
         )
-    if any(one.verdict is Verdict.INCONCLUSIVE for one in pins):
+    if not all(one.judged.any() for one in pins):
         return "a capture does not show the run"
     bits = max(frame.phase_bits for frame in frames)
     for one in pins:

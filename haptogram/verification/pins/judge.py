@@ -81,8 +81,8 @@ class _PinJudge:
         fits = self._check_fit(seen)
         alone = self._name_faults(seen) if fits else seen
         judged = seen if fits else np.zeros_like(seen)
-        torn = self._check_torn()
-        mute = self._mute()
+        torn = self._check_torn() if fits else 0
+        mute = self._mute() if fits else None
         self._check_carrier()
         self._note_events()
         inside = (shown.starts >= -1.0) & (shown.ends <= self.record.end + 1.0)

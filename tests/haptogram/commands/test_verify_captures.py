@@ -1,0 +1,175 @@
+"""``haptogram verify --capture``: by a recording and at a port, its files, and its refusals."""
+
+import json
+import shutil
+import threading
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+pytest.importorskip("mcap")
+
+from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.cli import main
+from haptogram.evidence.recordings.intended import record_intended, recorded_run
+from haptogram.evidence.recordings.reader import Recording
+from haptogram.evidence.recordings.writer import RecordingWriter
+from pin_captures import captured_run
+
+MAP = 'reference = "carrier"\nlatch = "latch"\nelements = "e{}"\n'
+PART = 'reference = "carrier"\n[elements]\ne1 = 1\ne2 = 2\ne9 = 9\n'
+JUDGED = "verify --recording run.mcap --capture pins.vcd --channels"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("map.toml").write_text(MAP)
+    Path("part.toml").write_text(PART)
+
+
+def captured(**options):
+    """Write pins.vcd and run.mcap of one run, and return the run."""
+    run = captured_run(Path("pins.vcd"), **options)
+    grid = TransducerArray.parse(options.get("array", "4x4"), pitch_m=0.01)
+    model = AcousticModel(grid, Medium.air(20.0), Transducer())
+    with RecordingWriter(Path("run.mcap"), command="verify") as writer:
+        record_intended(writer, model, run.intended)
+    return run
+
+
+def test_a_recording_gives_back_the_frames_and_the_array():
+    run = captured(mode="drives")
+    recorded = recorded_run(Recording(Path("run.mcap")))
+    assert recorded.intended == run.intended
+    assert recorded.model.array.digest() == TransducerArray.parse("4x4", pitch_m=0.01).digest()
+    assert recorded.model.wavenumber == AcousticModel.default(4, 4).wavenumber
+
+
+@pytest.mark.parametrize(("fault", "status"), [(None, 0), ("device.delayed transducer=9", 1)])
+def test_a_part_of_the_pins_is_judged_and_the_rest_is_counted(fault, status, capsys):
+    captured(faults=[fault] if fault else [])
+    files = "--json run.json --junit run.xml --html run.html --frames run.txt --summary run.md"
+    assert main([*f"{JUDGED} part.toml {files}".split()]) == status
+    said = capsys.readouterr().out
+    assert said.startswith(f"{'FAIL' if status else 'PASS'}: 3 of 16 elements: ")
+    assert "the other 13 elements are not verified" in said
+    result = json.loads(Path("run.json").read_text())
+    assert result["verdict"] == ("fail" if status else "pass")
+    assert result["evidence"] == "external"
+    assert result["frames"]["not_verified"] == 12  # no field is known
+    assert result["captures"]["elements"] == [1, 2, 9]
+    assert result["captures"]["captures"][0]["frames"]["right"] == (0 if status else 12)
+    suite = ElementTree.parse("run.xml").getroot().find("testsuite")
+    assert int(suite.get("failures")) == status
+    assert int(suite.get("errors")) == 0
+    page = Path("run.html").read_text()
+    assert "The drive pins of 3 of 16 elements were captured" in page
+    assert ("degrees in every frame" in page) is bool(status)
+    assert "3 of 16 elements" in Path("run.md").read_text() or status
+    lines = Path("run.txt").read_text().splitlines()
+    assert len(lines) == 12
+    assert all("3 of 16 elements were captured, and " in line for line in lines)
+
+
+def test_all_pins_give_the_whole_verdict(capsys):
+    captured()
+    assert main([*f"{JUDGED} map.toml --json run.json".split()]) == 0
+    result = json.loads(Path("run.json").read_text())
+    assert result["frames"]["on_target"] == 12
+    assert result["captures"]["no_field"] is None
+    assert "the smallest miss that shows" in capsys.readouterr().out
+
+
+def test_captures_of_several_passes_are_joined(capsys):
+    for number, elements in enumerate((range(9), range(9, 16))):
+        captured(seed=7)
+        Path("pins.vcd").rename(f"{number}.vcd")
+        rows = "".join(f"e{n} = {n}\n" for n in elements)
+        Path(f"{number}.toml").write_text(f'reference = "carrier"\n[elements]\n{rows}')
+    words = "verify --recording run.mcap --capture 0.vcd --channels 0.toml"
+    assert main([*words.split()]) == 0
+    assert "7 of 16 elements were not captured" in capsys.readouterr().out
+    assert main([*f"{words} --capture 1.vcd --channels 1.toml".split()]) == 0
+    assert "12 sent, 12 latched, 12 verified" in capsys.readouterr().out
+
+
+BAD = {
+    "--recording": ("name the --capture", 2),
+    "--capture pins.vcd": ("names 0 maps for 1 captures", 2),
+    "--capture pins.vcd --channels map.toml": ("haptogram board --capture", 2),
+    "--channels map.toml": ("name the --capture", 2),
+    f"{JUDGED} map.toml --port x": ("--port acts only on a run", 2),
+    f"{JUDGED} none.toml": ("none.toml", 2),
+    f"{JUDGED} clock.toml": ("no channel 'D0'", 2),
+    f"{JUDGED} far.toml": ("the array has the elements 0 to 15", 2),
+    f"{JUDGED} alone.toml": ("capture the clock of the carrier", 2),
+    "verify --recording run.mcap --capture empty.vcd --channels map.toml": ("no edge on any", 2),
+    "verify --recording run.mcap --capture slow.vcd --channels map.toml": (
+        "for 8-bit phases at 2.048e+07 Hz",
+        2,
+    ),
+    "verify --recording empty.vcd --capture pins.vcd --channels map.toml": ("is no recording", 2),
+    "verify --recording bytes.mcap --capture pins.vcd --channels map.toml": (
+        "does not hold the frames that were intended",
+        2,
+    ),
+}
+
+
+@pytest.mark.parametrize(("words", "told", "status"), [(w, *rest) for w, rest in BAD.items()])
+def test_bad_input_is_one_line(words, told, status, capsys):
+    captured(frames=3, capture_rate_hz=0.5e6)
+    shutil.copy("pins.vcd", "slow.vcd")
+    captured(frames=3)
+    Path("clock.toml").write_text('reference = "D0"\nelements = "e{}"\n')
+    Path("far.toml").write_text('reference = "carrier"\n[elements]\ne1 = 99\n')
+    Path("alone.toml").write_text('reference = "e1"\n[elements]\ne1 = 1\n')
+    header = Path("pins.vcd").read_text().split("$dumpvars")[0]
+    Path("empty.vcd").write_text(f"{header}#1000\n")
+    RecordingWriter(Path("bytes.mcap"), command="board").close()
+    line = words if words.startswith("verify") else f"verify {words}"
+    line = f"{line} run.mcap" if line.endswith("--recording") else line
+    assert main([*line.split(), "--quiet"]) == status
+    said = capsys.readouterr()
+    assert told in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+
+
+def test_another_run_and_a_cut_off_file_are_inconclusive(capsys):
+    captured(seed=2)
+    shutil.copy("pins.vcd", "other.vcd")
+    captured()
+    words = "verify --recording run.mcap --capture other.vcd --channels map.toml"
+    assert main([*words.split()]) == 3
+    assert "the capture does not show this run" in capsys.readouterr().out
+    data = Path("pins.vcd").read_bytes()
+    Path("pins.vcd").write_bytes(data[: len(data) // 2])
+    assert main([*f"{JUDGED} map.toml".split()]) == 3
+    assert "cut off" in capsys.readouterr().out
+
+
+def test_a_capture_of_a_run_at_a_port_is_awaited(capsys):
+    """The board in this program has no pins, and the capture is of another run: it is told."""
+    captured(frames=3)
+    job = "--object point --array 4x4 --repeat 40 --rate-hz 1000 --quiet --json run.json"
+    port = "--port haptogram://?clock=virtual&array=4x4 --capture new.vcd --channels map.toml"
+
+    def write_later():
+        time.sleep(1.0)
+        shutil.copyfile("pins.vcd", "new.vcd")
+
+    analyser = threading.Thread(target=write_later)
+    analyser.start()
+    assert main(["verify", *job.split(), *port.split()]) == 3
+    analyser.join()
+    said = capsys.readouterr()
+    assert "waiting for new.vcd: end the capture" in said.err
+    assert said.out.startswith("PASS: ")  # by its own word
+    assert "INCONCLUSIVE: 16 of 16 elements" in said.out
+    result = json.loads(Path("run.json").read_text())
+    assert result["verdict"] == "inconclusive"
+    assert result["evidence"] == ["external", "self-reported"]

@@ -1,0 +1,109 @@
+"""Verdicts on captures of our own analyser: drives, disturbances and faults that were put there."""
+
+import numpy as np
+import pytest
+
+from haptogram.acoustics import AcousticModel, Drive, Medium, Transducer, TransducerArray
+from haptogram.evidence.captures.channel_map import ChannelMap
+from haptogram.evidence.captures.files import read_capture
+from haptogram.evidence.captures.pin_record import pin_record
+from haptogram.records.frame import Focus, FrameKey, Intended
+from haptogram.verification import Verdict
+from haptogram.verification.pins.joined import verify_captures
+from pin_oracle import Analyser, Board, edges_of, write_sr, write_vcd
+
+MODEL = AcousticModel(TransducerArray.grid(4, 4, pitch_m=0.01), Medium.air(20.0), Transducer())
+
+
+def judged(board, analyser, path, random, pins=range(16), reference="clk"):
+    """Capture the pins of *board* and judge them against what it was told."""
+    count = len(board.turns)
+    phases = np.rint(board.turns * 256).astype(np.uint8)
+    amplitudes = np.rint(board.amplitudes * 255).astype(np.uint8)
+    found = edges_of(board, analyser, list(pins), random)
+    total_s = count * board.period_ms * 1e-3 + (analyser.end_ms - analyser.begin_ms) * 1e-3
+    write = write_sr if path.suffix == ".sr" else write_vcd
+    write(path, found, analyser, total_s)
+    keys = {"reference": reference, "elements": {f"p{pin}": pin for pin in pins}}
+    record = pin_record(read_capture(path), ChannelMap.of("map.toml", keys))
+    intended = [
+        Intended(
+            number,
+            FrameKey.of_stream(1, 65_520 + number),
+            4_285_000_000 + round(number * board.period_ms * 1e3),
+            (Focus((0.0, 0.0, 0.1)),),
+            Drive(phases[number], amplitudes[number]),
+            8,
+        )
+        for number in range(count)
+    ]
+    return verify_captures([record], intended, model=MODEL, min_verified=0.0).pins[0]
+
+
+def drawn(seed, frames=10):
+    random = np.random.default_rng(seed)
+    codes = random.integers(0, 256, (frames, 16))
+    if seed % 2:  # an object with small steps
+        codes = (codes[0] + np.cumsum(random.integers(-6, 7, (frames, 16)), axis=0)) % 256
+    amplitudes = random.integers(20, 256, (frames, 16))
+    amplitudes[:, 5] = 0  # an element that never sounds
+    amplitudes[frames // 2] = 0  # and a silent frame
+    board = Board(codes / 256, amplitudes / 255, offset_turn=random.random())
+    return random, board
+
+
+@pytest.mark.parametrize("suffix", [".vcd", ".sr"])
+@pytest.mark.parametrize("reference", ["clk", "p0"])
+@pytest.mark.parametrize("seed", range(4))
+def test_disturbances_of_the_analyser_are_no_faults_of_the_board(seed, reference, suffix, tmp_path):
+    random, board = drawn(seed)
+    analyser = Analyser(
+        rate_hz=[8e6, 24e6, 50e6, 12.5e6][seed],
+        ppm=[-100.0, 0.0, 100.0, 37.0][seed],
+        jitter_ns=[0.0, 20.0, 5.0, 5.0][seed],
+        glitches=seed,
+        begin_ms=[-0.5, 1.3, -3.0, 1.3][seed],
+        end_ms=[0.5, -1.3, 3.0, 0.5][seed],
+    )
+    pins = judged(board, analyser, tmp_path / f"pins{suffix}", random, reference=reference)
+    assert pins.findings == {}
+    assert pins.verdict is Verdict.PASS
+    assert pins.counts["right"] == 10 - sum(b in (1.3, -1.3) for b in (analyser.begin_ms,)) * 2 - (
+        2 if analyser.end_ms < 0 else 0
+    )
+    assert pins.counts["lost"] == pins.counts["late"] == 0
+
+
+FAULTS = {
+    "dead": ({"low": (3,)}, "element 3 (p3): dead"),
+    "stuck high": ({"high": (3,)}, "element 3 (p3): stuck high"),
+    "inverted": ({"inverted": (3,)}, "element 3 (p3): "),
+    "shifted": ({"shifted": {3: 0.25}}, "element 3 (p3): phase off by +"),
+    "one step": ({"shifted": {3: 1 / 256}}, "element 3 (p3): phase off by +1."),
+    "stuck": ({"stuck": {3: 0.4}}, "element 3 (p3): "),
+    "silent": ({"drop": {3: 0.6}}, "element 3 (p3): silent in"),
+    "torn": ({"pin_late_ms": dict.fromkeys(range(6), 0.1)}, "pins (element "),
+}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_fault_is_found_in_spite_of_disturbances(fault, seed, tmp_path):
+    wrong, told = FAULTS[fault]
+    random, board = drawn(seed)
+    for name, value in wrong.items():
+        setattr(board, name, value)
+    analyser = Analyser(ppm=-60.0, jitter_ns=5.0, glitches=2)
+    pins = judged(board, analyser, tmp_path / "pins.vcd", random)
+    assert pins.verdict is Verdict.FAIL
+    assert any(told in line for lines in pins.findings.values() for line in lines), pins.findings
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_lost_and_late_frames_are_named(seed, tmp_path):
+    random, board = drawn(seed)
+    board.lost, board.late_ms = (3,), {7: 0.4}
+    pins = judged(board, Analyser(ppm=50.0), tmp_path / "pins.vcd", random)
+    assert pins.findings == {}
+    assert pins.events[0] == "3: not latched; the pins kept the drive before"
+    assert pins.late_us == {7: pytest.approx(400.0, abs=30.0)}
