@@ -19,6 +19,7 @@ from haptogram_protocol.messages import EVENT_RANGE, RESPONSE_RANGE, Header, Mes
 from ..outcome import fail, inconclusive
 from .recording import Recording, TransferDirection
 
+_LOOK_NS: Final = 5_000_000  # longest wait at a wall clock before the host looks at it again
 _RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 _HOUR_US: Final = 3_600_000_000
 _FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be judged
@@ -131,7 +132,8 @@ class RawFrameWire:
     heard : int
         Bytes since :meth:`begin_case`.
     held_up_us : int
-        The longest time since :meth:`begin_case` in which the host neither sent nor listened.
+        The longest time since :meth:`begin_case` in which the host neither sent nor listened, and
+        did not compute either: others had the processor, which the board may have missed too.
     """
 
     def __init__(self, transport: Transport, limits: WaitLimits, *, baudrate: int) -> None:
@@ -142,7 +144,7 @@ class RawFrameWire:
         self.heard = 0
         self._transport = transport
         self.held_up_us = 0
-        self._left_us = self.now_us()  # when the host last sent or listened
+        self._leave(self.now_us())
         self._partial = b""
         self._zeros = 2  # delimiters since the last piece
         self._deadline_us = self.now_us() + limits.case_us
@@ -151,7 +153,8 @@ class RawFrameWire:
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""
         self.received, self.heard = [], 0
-        self.held_up_us, self._left_us = 0, self.now_us()
+        self.held_up_us = 0
+        self._leave(self.now_us())
         self.recording = Recording()
         self._deadline_us = self.now_us() + self.limits.case_us
 
@@ -193,7 +196,7 @@ class RawFrameWire:
                 raise LinkLostError(f"the port took no byte for {patience_us / 1e6:g} s")
             if rest:
                 self._read(self._transport.now_ns() + (_RETRY_NS if not written else 0))
-        self._left_us = self.now_us()
+        self._leave(self.now_us())
 
     # --- in ------------------------------------------------------------------------------------
 
@@ -240,21 +243,29 @@ class RawFrameWire:
             self.idle(duration_us)
             return
         time.sleep(duration_us / 1e6)
-        self._left_us = self.now_us()
+        self._leave(self.now_us())
 
     def _read(self, deadline_ns: int) -> None:
         if self.now_us() > self._deadline_us:
             inconclusive(f"the case was not over after {self.limits.case_us / 1e6:g} s")
         self._come_back()
+        if self.limits.slack_us:  # in short waits, each of which shows whether it lasted too long
+            deadline_ns = min(deadline_ns, self._transport.now_ns() + _LOOK_NS)
         data = self._transport.read_available(deadline_ns)
-        self._left_us = max(self._left_us, min(deadline_ns // 1000, self.now_us()))
         if data:
-            self._left_us = self.now_us()
+            self._leave(self.now_us())
             self._take(data)
+        else:
+            self._leave(min(deadline_ns // 1000, self.now_us()))
 
     def _come_back(self) -> None:
-        """Note how long the host neither sent nor listened since its last wait."""
-        self.held_up_us = max(self.held_up_us, self.now_us() - self._left_us)
+        """Note how long the host neither sent, listened nor computed since its last wait."""
+        computed_us = (time.process_time_ns() - self._left_cpu_ns) // 1000
+        self.held_up_us = max(self.held_up_us, self.now_us() - self._left_us - computed_us)
+
+    def _leave(self, t_us: int) -> None:
+        """Note that the host listened, or sent, until now."""
+        self._left_us, self._left_cpu_ns = t_us, time.process_time_ns()
 
     def _take(self, data: bytes) -> None:
         now_us = self.now_us()

@@ -103,6 +103,7 @@ def starts_ten_seconds_before_the_wrap(board: BoardClient) -> None:
     needs_reset=True,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
 )
 def counts_beyond_32_bits(board: BoardClient) -> None:
     board.prepare()

@@ -40,7 +40,7 @@ def sends_status(board: BoardClient) -> None:
     board.link.barrier()
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) >= 8, f"{len(times)} STATUS in 8.4 periods, due are 8")
-    check_status_steps(times, period_ms)
+    check_status_steps(board, times, period_ms)
     board.configure(status_period_ms=0)
     since = board.link.mark()
     board.wire.idle(200 * _MS)

@@ -48,7 +48,7 @@ def timers_are_exact(board: BoardClient) -> None:
     board.wire.idle(6 * period_ms * _MS + board.wire.limits.slack_us)
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) >= 5, f"status_period_ms = {period_ms}: {len(times)} STATUS in 6 periods")
-    check_status_steps(times, period_ms)
+    check_status_steps(board, times, period_ms)
 
 
 @case("HG-12.2/1", "without a frame the board is muted host_timeout_ms later", needs=Feature.CONFIG)

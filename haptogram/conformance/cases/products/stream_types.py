@@ -1,4 +1,4 @@
-"""HG-3.2, HG-3.4, HG-3.6, HG-3.7, HG-5.5, HG-5.7: dropped stream frames, at every format."""
+"""HG-3.2, HG-3.4, HG-3.7, HG-5.5, HG-5.7: dropped stream frames, at every format."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, Points, TraceMode
 
-from ...case import Case, Depth, case
+from ...case import Case, case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, watch_board_latches
 from ...client.stream_kinds import StreamKind, stream_kinds
@@ -153,7 +153,7 @@ def fill_queue(board: BoardClient, number: int, ahead_us: int = 5 * _AHEAD_US) -
     return times[-1]
 
 
-def _judge(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
+def judge_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
     """FAILED unless every frame of one kind is dropped, counted once and not answered."""
     waiting, wires = frames_to_drop(board, drop, kind)
     with board.counting(**{drop.counter: len(wires)}, latched=0):
@@ -184,7 +184,7 @@ def _case(drop: Drop) -> Case:
     def body(board: BoardClient) -> None:
         for kind in stream_kinds(board):
             try:
-                _judge(board, drop, kind)
+                judge_drop(board, drop, kind)
             except CaseEndedError as error:
                 raise CaseEndedError(error.behaviour, f"{kind.name}: {error}") from None
 
@@ -221,25 +221,3 @@ def low_flags_are_ignored(board: BoardClient) -> None:
                 board.clock.wait_latched(4000)
     late = sum(latch.late for latch in board_latches(board, since, mode))
     check(late == 0, f"{late} traces say LATE; no frame was late, some had flags or a time past")
-
-
-@case(
-    "HG-3.6/1",
-    "frames are dropped and counted by the same rules before 2^32 us and after",
-    variant="sides",
-    evidence=SELF_REPORTED,
-    needs_reset=True,
-    depth=Depth.DEFAULT,
-)
-def both_sides_of_the_wrap(board: BoardClient) -> None:
-    board.prepare()
-    for side in ("before", "after"):
-        kind = stream_kinds(board)[0]
-        for drop in DROPS:
-            try:
-                _judge(board, drop, kind)
-            except CaseEndedError as error:
-                text = f"{side} 2^32 us, frames {drop.summary}: {error}"
-                raise CaseEndedError(error.behaviour, text) from None
-        if side == "before":
-            board.clock.wait_until(2**32 + 100_000)

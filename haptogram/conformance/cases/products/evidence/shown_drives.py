@@ -58,6 +58,7 @@ def _shaded(board: BoardClient, **changes: Any) -> Iterator[None]:
     variant="paths",
     needs=Feature.CONFIG | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
     for feature, mode in _MODES:

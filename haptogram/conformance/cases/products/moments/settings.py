@@ -91,6 +91,7 @@ def stored_points_take_the_new_speed(board: BoardClient) -> None:
     variant="traces",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def trace_modes_are_in_force_at_once(board: BoardClient) -> None:
     events = {

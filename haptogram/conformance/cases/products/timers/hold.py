@@ -24,7 +24,7 @@ from ....judge.refused_requests import refused_by_link
 from ....judge.timers import check_mute_time, muted_by_timer
 from ....outcome import SELF_REPORTED, check, fail, inconclusive
 from ..stream_types import DROPS, Drop, fill_queue
-from .restarts import SLOW_US, STORED, TIMER_MS, play_later, strangers, wait_for
+from .restarts import SLOW_US, STORED, TIMER_MS, play_later, wait_for
 
 _MS: Final = 1000
 
@@ -92,8 +92,6 @@ def _ask_all(board: BoardClient) -> None:
     for refusal in refused_by_link(board):
         board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
     board.hello(board.link.session)
-    board.link.send(*strangers(board))
-    board.link.barrier()
 
 
 @case(
@@ -104,7 +102,7 @@ def _ask_all(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def nothing_else_ends_its_ramp(board: BoardClient) -> None:
-    hold_ms, ramp_ms = 60, _hold_ms(board)
+    hold_ms, ramp_ms = 60, min(2000, _hold_ms(board))
     board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
     board.arm()
     since = board.link.mark()
@@ -113,6 +111,8 @@ def nothing_else_ends_its_ramp(board: BoardClient) -> None:
     wait_for(board, start_us + (hold_ms + 20) * _MS)
     _ask_all(board)
     board.configure(hold_ms=10_000, ramp_ms=1)
+    if board.clock.device_us() > start_us + (hold_ms + ramp_ms - 20) * _MS:
+        inconclusive("the line or the host is too slow to send everything within the ramp")
     header, _ = muted_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
     check_mute_time(board, start_us, header, hold_ms + ramp_ms, "hold and ramp")
 
@@ -143,6 +143,7 @@ def playback_restarts_the_hold(board: BoardClient) -> None:
     "PLAY, a playback that waits, STOP and ARM leave the hold of the last latch as it runs",
     variant="stop",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
 )
 def stop_leaves_the_hold(board: BoardClient) -> None:
     store_phases(board, STORED, frames=2)

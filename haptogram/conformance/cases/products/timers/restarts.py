@@ -9,7 +9,6 @@ from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     Feature,
     Hello,
-    Message,
     Play,
     PlayReply,
     SetConfig,
@@ -21,7 +20,6 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ....case import Depth, case
-from ....client import malformed_frames
 from ....client.board_client import BoardClient
 from ....client.latching import latch_now
 from ....client.playback import play_now, store_phases
@@ -35,43 +33,28 @@ _LEASE_MS: Final = 240
 _STEP_MS: Final = 170  # between frames that each have to renew that lease
 _TRIES: Final = 3
 STORED: Final = 2  # sequence that is played
-TIMER_MS: Final = 300  # of a timer that strangers do not renew
+TIMER_MS: Final = 300  # of a timer that nothing renews
 SLOW_US: Final = 9_000_000  # period of a playback of which one frame is seen
-_STRANGER: Final = 0x0440
 
 
-# --- Frames that renew nothing -----------------------------------------------------------------
+# --- What renews nothing -----------------------------------------------------------------------
 
 
-def strangers(board: BoardClient) -> Iterator[bytes]:
-    """Yield frames of every type that are damaged or of another session, and HELLO once more."""
-    messages = [kind.make() for kind in stream_kinds(board)]
-    messages += list(valid_requests(board, STORED))
-    for message in messages:
-        for session in (board.link.session ^ _STRANGER, 0):
-            yield encode_frame(_body(board, message, session))
-        body = _body(board, message, board.link.session)
-        yield malformed_frames.malformed_frame(malformed_frames.with_wrong_crc(body))
-        yield malformed_frames.malformed_frame(body[:8])
-    yield b"\x00" + malformed_frames.noise_bytes(board.random, 40) + b"\x00"
+def hello_again(board: BoardClient) -> bytes:
+    """Return the HELLO of the open session once more, which has no effect but its reply."""
     again = board.hello_message(board.link.session).serialize()
-    yield encode_frame(board.link.body(Hello.TYPE, again, seq=board.link.next_seq(), session=0))
-
-
-def _body(board: BoardClient, message: Message, session: int) -> bytes:
-    """Return a frame whose number no good frame has used."""
-    seq = board.link.stream_next if message.TYPE < 0x40 else board.link.next_seq()
-    return board.link.body(message.TYPE, message.serialize(), seq=seq, session=session)
+    body = board.link.body(Hello.TYPE, again, seq=board.link.next_seq(), session=0)
+    return encode_frame(body)
 
 
 @case(
     "HG-12.2/1",
-    "no latch, damaged frame, frame of another session or HELLO again renews lease and unattended",
-    variant="strangers",
+    "no latch, of queue or playback, and no HELLO again renews lease or unattended time",
+    variant="latches",
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def strangers_renew_nothing(board: BoardClient) -> None:
+def latches_renew_no_lease(board: BoardClient) -> None:
     ramp_ms = TIMER_MS if board.has(Feature.AMPLITUDE) else 0
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=2)
@@ -85,13 +68,12 @@ def strangers_renew_nothing(board: BoardClient) -> None:
             play_now(board, STORED, loops=0, unattended_ms=TIMER_MS, period_us=50 * _MS)
         else:
             _queue_over(board, TIMER_MS + ramp_ms)
-        wires = b"".join(strangers(board))
         start_us = board.clock.device_us()
         for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
             wait_for(board, start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
-            board.wire.send(wires)
+            board.wire.send(hello_again(board))
         header, _ = muted_by_timer(board, since, 3 * (TIMER_MS + ramp_ms) * _MS, reason)
-        check_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, strangers")
+        check_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, latches")
 
 
 def _queue_over(board: BoardClient, length_ms: int) -> None:
@@ -123,6 +105,7 @@ def play_later(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
     "from PLAY on, also before its start, unattended_ms stands for host_timeout_ms; STOP ends that",
     variant="waiting",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
 )
 def waits_unattended(board: BoardClient) -> None:
     store_phases(board, STORED, frames=2)
@@ -248,8 +231,7 @@ def nothing_else_restarts_status(board: BoardClient) -> None:
                 board.link.ask(message)
             board.wire.idle(period_ms * _MS // 40)
         board.hello(board.link.session)
-        board.link.send(*strangers(board))
     board.link.barrier()
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) > 4, f"{len(times)} STATUS in 6 periods")
-    check_status_steps(times, period_ms)
+    check_status_steps(board, times, period_ms)

@@ -20,13 +20,16 @@ from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import board_latches, latch_now, read_back
 from ....client.playback import play_now, store_phases
+from ....client.stream_kinds import stream_kinds
 from ....judge.timers import check_mute_time, check_status_steps, muted_by_timer
-from ....outcome import SELF_REPORTED, check, fail
+from ....outcome import SELF_REPORTED, CaseEndedError, check, fail
+from ..stream_types import DROPS, judge_drop
 
 _MS: Final = 1000
 _WRAP_US: Final = 2**32
 _SEQUENCE: Final = 4
 _FRAMES: Final = 6
+_PLAYS: Final = Feature.CONFIG | Feature.TRACE | Feature.SEQUENCE_PHASES
 
 
 def _wait_before_wrap(board: BoardClient, before_us: int) -> int:
@@ -40,6 +43,29 @@ def _wait_before_wrap(board: BoardClient, before_us: int) -> int:
     while (left_us := wrap_us - before_us - board.clock.device_us()) > 0:
         board.wire.idle(min(left_us, _WRAP_US // 2 - 1_000_000))
     return wrap_us
+
+
+@case(
+    "HG-3.6/1",
+    "frames are dropped by the same rules on both sides of 2^32 us; a playback starts across it",
+    variant="sides",
+    needs_reset=True,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def both_sides_of_the_wrap(board: BoardClient) -> None:
+    board.prepare()
+    kind = stream_kinds(board)[0]
+    for side in ("before", "after"):
+        for drop in DROPS:
+            try:
+                judge_drop(board, drop, kind)
+            except CaseEndedError as error:
+                text = f"{side} 2^32 us, frames {drop.summary}: {error}"
+                raise CaseEndedError(error.behaviour, text) from None
+        if side == "before" and board.has(_PLAYS):
+            _play_across(board)
+        board.clock.wait_until(_WRAP_US + 100 * _MS)
 
 
 def _play_across(board: BoardClient) -> None:
@@ -62,21 +88,6 @@ def _play_across(board: BoardClient) -> None:
         if board.wire.limits.slack_us:
             return  # at a wall clock the next wrap is 71 minutes away
         board.disarm()
-
-
-@case(
-    "HG-3.6/1",
-    "a playback whose start is behind 2^32 us is played at its times, and one that crosses it",
-    variant="playback",
-    needs=Feature.CONFIG | Feature.TRACE | Feature.SEQUENCE_PHASES,
-    needs_reset=True,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
-def playback_crosses_the_wrap(board: BoardClient) -> None:
-    board.prepare()
-    board.need(Feature.CONFIG | Feature.TRACE | Feature.SEQUENCE_PHASES)
-    _play_across(board)
 
 
 # --- Timers ------------------------------------------------------------------------------------
@@ -154,4 +165,4 @@ def timers_cross_the_wrap(board: BoardClient) -> None:
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     if len(times) < 5:
         fail(f"{len(times)} STATUS in 6 periods across {wrap_us} us")
-    check_status_steps(times, period_ms, f"across {wrap_us} us")
+    check_status_steps(board, times, period_ms, f"across {wrap_us} us")
