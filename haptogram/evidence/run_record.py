@@ -29,19 +29,18 @@ from haptogram.settings.array import ArrayConfig
 from haptogram.settings.shape import UNITS_M, ModulationConfig, ShapeConfig
 from haptogram.settings.verify_config import PaceConfig, VerifyConfig
 from haptogram.verification import Cut, check_frame_tolerance, tolerance_of
-from haptogram_protocol.messages import Counters, HelloReply, StateChanged
+from haptogram_protocol.messages import GROWING_COUNTERS, Counters, HelloReply, StateChanged
 
 if TYPE_CHECKING:
     from haptogram.acoustics.solvers.several import Method
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 
-#: A run keeps its frames, with what was seen of them: some 6 kB each.
 #: Length of a mesh that can be displayed, and felt as one.
 LEAST_MESH_M: Final = 1e-3
 MOST_MESH_M: Final = 2.0
+#: A run keeps its frames, with what was seen of them: some 6 kB each.
 MOST_FRAMES: Final = 200_000
-_NO_TROUBLE: Final = frozenset({"frames", "latched", "requests"})
 _OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
 
 
@@ -317,7 +316,7 @@ def _troubles(
     driver: Driver, before: Counters, expected: Iterable[str]
 ) -> dict[str, dict[str, int]]:
     """Return what both sides of the line counted that should not have been."""
-    fine = _NO_TROUBLE.union(expected)
+    fine = GROWING_COUNTERS.union(expected)
     after = driver.status().counters
     by_board = {
         name: (getattr(after, name) - getattr(before, name)) % (1 << 32) for name in Counters.WIRE

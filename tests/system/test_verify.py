@@ -57,6 +57,7 @@ def test_in_virtual_time_every_frame_is_on_target(tmp_path: Path, words: list[st
     assert (status, result["verdict"]) == (0, "pass")
     assert result["frames"]["verified"] == result["frames"]["sent"] == 63
     assert result["lateness_us"]["max"] < 25.0
+    assert result["troubles"] == {}
 
 
 @pytest.mark.parametrize(

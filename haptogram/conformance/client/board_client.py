@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
+    GROWING_COUNTERS,
     PHASE_FORMAT_BIT,
     VERSION_MAJOR,
     VERSION_MINOR,
@@ -52,8 +53,8 @@ from .board_clock import BoardClock
 from .request_client import RequestClient
 from .wire import RawFrameWire
 
-#: Counters that grow in normal operation.
-_HARMLESS: Final = frozenset({"frames", "accepted", "requests", "latched", "late", "trace_dropped"})
+#: Counters that grow although a host did nothing wrong.
+_HARMLESS: Final = GROWING_COUNTERS | {"late", "trace_dropped"}
 #: Counters of what became of the frames that `frames` counts: HG-3.9/2.
 PARTS_OF_FRAMES: Final = (
     "accepted",

@@ -83,7 +83,7 @@ from .session import (
     Pong,
     StateChanged,
 )
-from .status import Counters, GetStatus, Status, StatusReply
+from .status import GROWING_COUNTERS, Counters, GetStatus, Status, StatusReply
 from .stream import (
     Drives,
     FocalPoint,
@@ -202,6 +202,7 @@ def build_body(message: Message, *, flags: int, seq: int, time_us: int, session:
 __all__ = [
     "EVENT_RANGE",
     "FIRST_STREAM_SEQ",
+    "GROWING_COUNTERS",
     "MAX_TRANSDUCERS",
     "MESSAGES",
     "MUST_UNDERSTAND",

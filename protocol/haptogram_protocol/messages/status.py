@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from ..record import Record, nested, record, wire
 from ..state import MuteReason, OutputState
@@ -44,6 +44,10 @@ class Counters(Record):
     repeated: int = wire("I", "requests, HELLO among them, answered again from memory")
     trace_dropped: int = wire("I", "trace events that found no room on the line")
     timeouts: int = wire("I", "mutes by a timer")
+
+
+#: Counters that grow while nothing is wrong.
+GROWING_COUNTERS: Final = frozenset({"frames", "accepted", "requests", "latched"})
 
 
 @record
