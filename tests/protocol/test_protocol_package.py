@@ -24,9 +24,11 @@ PURE = {
     "dataclasses",
     "enum",
     "functools",
+    "math",
     "operator",
     "re",
     "struct",
+    "types",
     "typing",
     "zlib",
 }

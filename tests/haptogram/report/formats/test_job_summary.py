@@ -86,10 +86,10 @@ def test_a_title_cannot_end_its_property() -> None:
 
 
 def test_github_shows_ten_annotations_and_the_last_says_how_many_follow() -> None:
-    findings = [Finding(Level.ERROR, f"HG-2.{n}/1", "x") for n in range(14)]
+    findings = [Finding(Level.ERROR, f"case {n}", "x") for n in range(14)]
     lines = list(github_annotations(JobSummary("conform", "FAIL", findings)))
     assert len(lines) == 10
-    assert lines[0] == "::error title=haptogram conform%3A HG-2.0/1::x"
+    assert lines[0] == "::error title=haptogram conform%3A case 0::x"
     assert lines[-1].endswith("::5 more")
 
 
