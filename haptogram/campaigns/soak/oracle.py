@@ -85,6 +85,7 @@ class SoakOracle:
             self._blame(cause, "late")
         first_us = t_rx_us - min(late_us, 0)
         boundary_us = -(-first_us // self._carrier_us) * self._carrier_us
+        self._tally.totals["accepted"] += 1
         self._due.append(_Due(session, index, boundary_us, late_us > 0))
 
     def _blame(self, cause: SoakHit | None, name: str) -> None:

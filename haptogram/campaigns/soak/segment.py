@@ -309,7 +309,10 @@ def _compare_counters(counters: dict[str, int], tally: SoakTally) -> None:
         **{name: totals[f"the board: {name}"] for name in ("crc", "cobs", "short", "oversize")},
         **{
             name: totals[name]
-            for name in ("latched", "late", "dropped_late", "flushed", "gap", "duplicate")
+            for name in (
+                *("accepted", "latched", "late", "dropped_late"),
+                *("flushed", "gap", "duplicate"),
+            )
         },
         "repeated": totals["repeated"],
         "timeouts": totals["muted by a timer"],
