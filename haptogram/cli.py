@@ -30,10 +30,12 @@ if TYPE_CHECKING:
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import Transport
     from .evidence.boards import BoardUnderTest
+    from .evidence.dialect_run import DialectBoards
     from .evidence.recordings.replay import ReplayBoard
     from .evidence.recordings.tap import RecordedBoards
     from .evidence.recordings.writer import RecordingWriter
     from .settings.board import BoardConfig
+    from .settings.board_url import PortConfig
     from .settings.verify_config import VerifyConfig
 
 _ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -170,7 +172,12 @@ def command_parser(name: str) -> Parser:
 def _add_options(name: str, parser: Parser) -> None:
     """Let the module of a command describe it, given what only this module knows of boards."""
     parts = {
-        "verify": (_prepare_simulator, board_in_virtual_time),
+        "verify": (
+            _prepare_simulator,
+            board_in_virtual_time,
+            board_behind_url,
+            boards_of_dialect,
+        ),
         "conform": (access_in_program,),
         "soak": (board_without_a_line,),
         "replay": (replayed_board,),
@@ -195,25 +202,88 @@ def _prepare_simulator(config: VerifyConfig) -> BoardConfig:
         import sim_device
 
         sim_device.register_url_handler()
-        return read_board_url(config.link.port).board
+        board = read_board_url(config.link.port).board
+        if config.link.dialect is None and board.dialect is not None:
+            raise ConfigurationError(
+                f"port {config.link.port} is a board of another dialect: give --dialect "
+                f"{board.dialect} as well"
+            )
+        return board
     return config.virtual_board()
 
 
 @contextlib.contextmanager
 def board_in_virtual_time(config: BoardConfig) -> Iterator[BoardUnderTest]:
     """Make a virtual board in this program, behind the same bytes as any other."""
+    from .settings.board_url import PortConfig
+
+    reconstruct = config.dialect is None  # else whoever knows the frames does
+    port = PortConfig(board=config, clock="virtual", reconstruct=reconstruct)
+    with _board_in_program(port, "virtual board, in virtual time") as board:
+        yield board
+
+
+@contextlib.contextmanager
+def board_behind_url(url: str) -> Iterator[BoardUnderTest]:
+    """Make the virtual board in this program that *url* describes, whose back door is at hand.
+
+    Raises
+    ------
+    ConfigurationError
+        For a URL that gives the back door to somebody else.
+    """
+    import dataclasses
+
+    from .settings.board_url import read_board_url
+
+    port = read_board_url(url)
+    if port.backdoor is not None:
+        raise ConfigurationError(
+            f"port {url}: backdoor writes {port.backdoor}, and verify judges by the back door "
+            "itself: leave backdoor out"
+        )
+    with _board_in_program(dataclasses.replace(port, reconstruct=False), url) as board:
+        yield board
+
+
+@contextlib.contextmanager
+def _board_in_program(config: PortConfig, label: str) -> Iterator[BoardUnderTest]:
     from sim_device.protocol_haptogram import open_port
 
     from .driver.line.port import PyserialTransport
     from .evidence.boards import InProcessBoard
-    from .settings.board_url import PortConfig
 
-    with contextlib.closing(
-        open_port(PortConfig(board=config, clock="virtual", reconstruct=True))
-    ) as port:
+    with contextlib.closing(open_port(config)) as port:
         model = port.simulation.settings.truth
-        transport = PyserialTransport(port, "virtual board")
-        yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model)
+        transport = PyserialTransport(port, label)
+        yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model, label)
+
+
+def boards_of_dialect(config: VerifyConfig) -> DialectBoards:
+    """Return the boards of the dialect that *config* names, of ours or of another package.
+
+    Raises
+    ------
+    ConfigurationError
+        For a dialect, an option of it or an array that is refused.
+    """
+    from sim_device.assembly import ForeignParts
+    from sim_device.blueprint import blueprint_of
+
+    from .evidence.dialect_run import DialectBoards
+    from .settings.board import BoardConfig
+
+    pitch_mm = config.array.pitch_mm
+    blueprint = blueprint_of(BoardConfig.of(**config.dialect_options(), pitch_mm=pitch_mm))
+    settings, parts = blueprint.settings, blueprint.parts
+    if settings.wiring is None or not isinstance(parts, ForeignParts):
+        raise ConfigurationError(f"dialect is {config.link.dialect!r}, whose boards have no wiring")
+    return DialectBoards(
+        parts.emulation.dialect,
+        settings.model.array,
+        settings.wiring.channels,
+        settings.calibration,
+    )
 
 
 def access_in_program(

@@ -107,7 +107,7 @@ _STAMPED: Final = Acting(
 _VERIFY_RUN: Final[Rows] = {
     **_always(
         "object center_mm rate_hz repeat modulation foci array temperature_c board_temperature_c "
-        "calibration compensate port baud mode lead_ms virtual_time fault fault_plan record"
+        "calibration compensate port dialect baud virtual_time fault fault_plan record"
     ),
     "resolution_mm": _RESOLUTION,
     "radius_mm": _RADIUS,
@@ -121,9 +121,19 @@ _VERIFY_RUN: Final[Rows] = {
         "on a grid: without --port, or with --array NXxNY",
         lambda s: _has_grid(s) and (s.port is None or s.array is not None),
     ),
+    "dialect_option": Acting("with --dialect", lambda s: s.dialect is not None),
+    **dict.fromkeys(
+        ("mode", "lead_ms"),
+        Acting(
+            "on Haptogram's own wire (without --dialect: other boards are given phases, and no "
+            "times)",
+            lambda s: s.dialect is None,
+        ),
+    ),
     "phase_bits": Acting(
-        "on frames of phases (--mode phases, and sequence without amplitudes)",
-        lambda s: s.frame_kind == "phases",
+        "on frames of phases (--mode phases, and sequence without amplitudes) of Haptogram's own "
+        "wire",
+        lambda s: s.frame_kind == "phases" and s.dialect is None,
     ),
     "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
     "view": Acting(

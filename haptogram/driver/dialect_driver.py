@@ -76,6 +76,8 @@ class DialectReport:
         Services for a real-time loop that the system refused.
     """
 
+    skipped = ()  # no frame has a time that it could miss
+
     frames: int
     lateness_us: NDArray[np.float64]
     late_ticks: int
@@ -258,6 +260,11 @@ class DialectDriver:
     def url(self) -> str:
         """URL of the port."""
         return self._line.url
+
+    @property
+    def phase_steps(self) -> int:
+        """Steps of a period that the boards have."""
+        return self._display.steps
 
     def check_rate(self, rate_hz: float) -> None:
         """Refuse a rate that the line cannot carry.

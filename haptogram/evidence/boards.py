@@ -173,6 +173,8 @@ class InProcessBoard:
         Lets time pass up to a time of the port's clock.
     model : AcousticModel
         What it radiates with.
+    label : str
+        Description of the board for the report.
     """
 
     def __init__(
@@ -181,9 +183,10 @@ class InProcessBoard:
         records: Callable[[], Sequence[Mapping[str, Any]]],
         wait_until_ns: Callable[[int], None],
         model: AcousticModel,
+        label: str = "virtual board, in virtual time",
     ) -> None:
         self._records, self._wait_until_ns = records, wait_until_ns
-        self.label = "virtual board, in virtual time"
+        self.label = label
         self.port = port
         self.model = model
 
@@ -238,6 +241,9 @@ def _last_ns(driver: Driver, now_ns: int) -> int:
 
 class PortBoard:
     """A board at a port, judged by its own word: trace events, trace ring, or a last read-back.
+
+    One of another dialect has no word, and is neither prepared nor finished: all that there is of
+    it is what left the host.
 
     Parameters
     ----------

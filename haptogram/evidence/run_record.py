@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
+from haptogram.driver.dialect_driver import DialectReport
 from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, Driver
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.line.port import open_transport
@@ -20,6 +21,7 @@ from haptogram.driver.stream import StreamReport
 from haptogram.errors import ConfigurationError, DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
 from haptogram.evidence.recordings.tap import RecordingTransport
+from haptogram.machine.terminal import printable_text
 from haptogram.objects import shapes as tactile
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.records.frame import STREAM, Focus, Intended, Observation
@@ -56,9 +58,9 @@ class RunRecord:
         Array and air that it radiated into, as far as anybody knows.
     intended, observations
         To be joined by their keys.
-    identity : HelloReply
-        What the board said of itself.
-    report : StreamReport, PlayReport or None
+    about : dict
+        What the board said of itself; of another dialect, what is known of its boards.
+    report : StreamReport, PlayReport, DialectReport or None
         The host's side; None if the run did not come to its end.
     cut : Cut or None
         How the run ended before its end.
@@ -79,10 +81,10 @@ class RunRecord:
 
     board: str
     model: AcousticModel
-    identity: HelloReply
+    about: dict[str, object]
     intended: Sequence[Intended] = ()
     observations: Sequence[Observation] = ()
-    report: StreamReport | PlayReport | None = None
+    report: StreamReport | PlayReport | DialectReport | None = None
     cut: Cut | None = None
     interrupted: bool = False
     unseen: str | None = None
@@ -208,7 +210,7 @@ def measure_run(
     own_array = config.link.port is not None and config.array.array is None
     file = config.elements.calibration
     elements = None if file is None else Calibration.from_file(file)
-    tap = None if writer is None else _tapped(board, config.link.baud, writer)
+    tap = None if writer is None else recorded_port(board, config.link.baud, writer)
     driver = Driver(
         tap or board.port,
         baudrate=config.link.baud,
@@ -220,12 +222,12 @@ def measure_run(
         keep=MOST_FRAMES,
     )
     known = board.model or driver.model
-    found = RunRecord(board.label, known, driver.identity, warnings=driver.warnings)
+    found = RunRecord(board.label, known, _about(driver.identity), warnings=driver.warnings)
     found.intended = driver.intended
     total = shown.count * config.pace.repeat
     try:
         if elements is not None:
-            _calibrate(found, elements, driver)
+            note_calibration(found, elements, driver.model)
         check_frame_tolerance(found.model, shown.points_m, tolerance_of(config.tolerance))
         with _cut_short(found, driver, board, total, faulty=faulty):
             before = driver.status().counters
@@ -249,15 +251,26 @@ def measure_run(
     return found
 
 
-def _tapped(board: BoardUnderTest, baudrate: int, writer: RecordingWriter) -> RecordingTransport:
+def _about(identity: HelloReply) -> dict[str, object]:
+    return {
+        "firmware": printable_text(identity.firmware),
+        "protocol": f"{identity.major}.{identity.minor}",
+        "transducers": identity.transducers,
+        "carrier_hz": identity.carrier_hz,
+    }
+
+
+def recorded_port(
+    board: BoardUnderTest, baudrate: int, writer: RecordingWriter
+) -> RecordingTransport:
     """Return the open port of *board*, written down."""
     port = board.port
     transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
     return RecordingTransport(transport, writer, board.records if board.is_in_process else None)
 
 
-def _calibrate(found: RunRecord, elements: Calibration, driver: Driver) -> None:
-    """Let the judge know the elements, and the reader that the host does not.
+def note_calibration(found: RunRecord, elements: Calibration, assumed: AcousticModel) -> None:
+    """Let the judge know the elements, and the reader that the host, which *assumed* none, did not.
 
     Raises
     ------
@@ -265,9 +278,9 @@ def _calibrate(found: RunRecord, elements: Calibration, driver: Driver) -> None:
         The calibration is not of this array.
     """
     found.model = found.model.calibrated(elements)
-    if driver.model.calibration is None:
+    if assumed.calibration is None:
         found.warnings.append(
-            f"{elements.name}: {elements.describe(driver.model.array)}; the host does not "
+            f"{elements.name}: {elements.describe(assumed.array)}; the host does not "
             "compensate for that"
         )
 
@@ -330,13 +343,26 @@ def _troubles(
 
 
 def _frames(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
+    solver = cast("Method", config.solver_of_host)
+    mode = cast("Mode", config.frame_kind)
+    return driver.frames(targets_of_run(config, shown), mode=mode, solver=solver)
+
+
+def targets_of_run(
+    config: VerifyConfig, shown: FocusFrames
+) -> Sequence[Focus] | Sequence[Sequence[Focus]]:
+    """Return the focus, or the foci, of each frame of one pass.
+
+    Raises
+    ------
+    ConfigurationError
+        If the object has fewer points than a frame has foci.
+    """
     foci = [
         Focus.at(point, amplitude / config.drive.foci)
         for point, amplitude in zip(shown.points_m, shown.amplitudes, strict=True)
     ]
-    targets = foci if config.drive.foci == 1 else _at_once(foci, config.drive.foci)
-    solver = cast("Method", config.solver_of_host)
-    return driver.frames(targets, mode=cast("Mode", config.frame_kind), solver=solver)
+    return foci if config.drive.foci == 1 else _at_once(foci, config.drive.foci)
 
 
 def _display(

@@ -15,8 +15,8 @@ from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError, VerificationError
 from haptogram.evidence.backdoor import why_backdoor_incomplete
+from haptogram.evidence.dialects.watched_board import WatchedBoard
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.evidence.watched_board import WatchedBoard
 from haptogram.machine.closing import ClosedByWith
 from haptogram.settings.arguments import check_whole
 from haptogram.verification import Tolerance, Verdict

@@ -140,7 +140,8 @@ class VirtualBoard:
         board = cls.__new__(cls)
         file = config.calibration
         elements = None if file is None else Calibration.from_file(file)
-        board._power_up(config, elements)  # noqa: SLF001  its own class
+        # The field of another dialect's boards is rebuilt by whoever knows the frames.
+        board._power_up(config, elements, reconstruct=config.dialect is None)  # noqa: SLF001  its own class
         return board
 
     def _power_up(

@@ -31,7 +31,13 @@ _RENAMED: Final = {"link_baud": "baud", "report": "html"}
 class PaceConfig(Settings):
     """Rate, number and lead of the frames."""
 
-    rate_hz: float = option(1000.0, unit="HZ", low=1.0, high=40_000.0, help="points per second")
+    rate_hz: float = option(
+        1000.0,
+        unit="HZ",
+        low=1.0,
+        high=40_000.0,
+        help="points per second; with --dialect by default what its line carries, 1000 at most",
+    )
     repeat: int = option(
         1, unit="N", low=1, high=1_000_000, help="how often the object is displayed"
     )
@@ -77,8 +83,22 @@ class LinkConfig(Settings):
         help="a board on any pyserial URL (/dev/ttyUSB0, /dev/pts/7, socket://...)",
         absent="a virtual board on a pty, in a process of its own",
     )
+    dialect: str | None = option(
+        None,
+        unit="NAME",
+        help="wire of other boards, such as sonicsurface: they are given phases, as fast as their "
+        "line carries (docs/dialects.md)",
+        absent="Haptogram's own",
+    )
+    dialect_option: tuple[str, ...] = option(
+        (), unit="NAME=VALUE", help="option of the dialect, such as boards=2; may be repeated"
+    )
     baud: int = option(
-        DEFAULT_BAUD, unit="BAUD", low=LEAST_BAUD, high=MAX_BAUD, help="rate of the line"
+        DEFAULT_BAUD,
+        unit="BAUD",
+        low=LEAST_BAUD,
+        high=MAX_BAUD,
+        help="rate of the line; with --dialect by default that of its boards",
     )
     virtual_time: bool = option(
         False, help="no wall clock at all: the same inputs give the same result, byte for byte"
@@ -212,6 +232,12 @@ class VerifyConfig(Settings):
             )
         if self.elements.compensate and self.captures.recording is None:
             self._check_compensation()
+        if self.captures.capture and self.captures.recording is None and self.link.dialect:
+            raise SettingError(
+                "capture",
+                f"is judged by frames of Haptogram's own wire, not of {self.link.dialect}: give "
+                "what the pins show to haptogram capture",
+            )
         if self.link.port is not None:
             self._check_port(self.link.port)
         elif self.captures.capture and self.captures.recording is None:
@@ -298,16 +324,24 @@ class VerifyConfig(Settings):
 
     def virtual_board(self) -> BoardConfig:
         """Return the virtual board that is started here; a driver paces its line."""
+        own: dict[str, Any] = {
+            "array": self.array.virtual_array,
+            "baud": self.link.baud if self.link.virtual_time else None,
+        }
         return BoardConfig.of(
-            array=self.array.virtual_array,
+            **(own if self.link.dialect is None else self.dialect_options() | {"baud": None}),
             pitch_mm=self.array.pitch_mm,
             temperature_c=self.air_over_board_c,
             calibration=self.elements.calibration,
             seed=self.limits.seed,
-            baud=self.link.baud if self.link.virtual_time else None,
             fault=self.faults.fault,
             fault_plan=self.faults.fault_plan,
         )
+
+    def dialect_options(self) -> dict[str, Any]:
+        """Return the options of a virtual board that say which boards of which dialect it is."""
+        given = {} if self.array.array is None else {"array": self.array.array}
+        return given | {"dialect": self.link.dialect, "dialect_option": self.link.dialect_option}
 
     def result_options(self) -> dict[str, Any]:
         """Return the options that decide the result, for the report: JSON types, no output path."""

@@ -184,7 +184,15 @@ def _conclude(
         )
     if run.too_few:
         needed = f"{100.0 * min_verified:g} %"
-        missing.append(f"{counts['verified']} of {run.due} frames were verified; {needed} must be")
+        only = {frame.evidence for frame in frames} == {Evidence.WIRE}
+        missing.append(
+            f"{counts['verified']} of {run.due} frames were verified; {needed} must be"
+            + (
+                ": what left the host is all that was seen, and nothing of the board"
+                if only
+                else ""
+            )
+        )
     verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
     return dataclasses.replace(run, verdict=verdict, reasons=(*wrong, *missing))
 

@@ -7,10 +7,9 @@ import contextlib
 import functools
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import (
     DeviceError,
@@ -20,7 +19,7 @@ from haptogram.errors import (
     WrongProtocolError,
 )
 from haptogram.machine.provenance import Provenance
-from haptogram.machine.terminal import printable_text, terminal_error_line
+from haptogram.machine.terminal import terminal_error_line
 from haptogram.settings.option import options_of
 from haptogram.settings.verify_config import (
     OutputConfig,
@@ -34,6 +33,16 @@ from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
 from ..shell.job import provenance_of_run
 from ..shell.output_files import Outputs, announce_interrupt
 from ..shell.recording import is_recorded, recording
+from .boards import (
+    BehindUrl,
+    InVirtualTime,
+    OfDialect,
+    Prepare,
+    ProgramBoards,
+    RunBoards,
+    Show,
+    given_settings,
+)
 from .captures import judged_at_port, run_recorded
 from .files import seen_by_number, write_run_files
 from .options import add_verify_options
@@ -53,14 +62,6 @@ class _BrokenByPlanError(HaptogramError):
     """The planned faults let no session come up: nothing could be judged."""
 
 
-#: Returns the settings of the virtual board, checked before anything starts.
-Prepare: TypeAlias = "Callable[[VerifyConfig], BoardConfig]"
-InProcess: TypeAlias = "Callable[[BoardConfig], AbstractContextManager[BoardUnderTest]]"
-OpenBoard: TypeAlias = "Callable[[], AbstractContextManager[BoardUnderTest]]"
-#: Shows a back door in a browser, if that is wanted.
-Show: TypeAlias = "Callable[[Path], None]"
-
-_LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
 _EXAMPLES: Final = """\
 examples:
   haptogram verify
@@ -73,6 +74,8 @@ examples:
       a mesh, uploaded once and played on the board's clock
   haptogram verify --object point --modulation am --mode points --repeat 200
       a standing focus, modulated by 200 Hz, for a second
+  haptogram verify --dialect sonicsurface --port /dev/ttyUSB0 --object circle
+      a board of another maker; it tells nothing, so that the evidence is the wire
   haptogram verify --fault "line.flip ber=1e-5" --fault "device.stuck column=3 from=2s"
       what a bad line and a broken column do to the focus
 """
@@ -81,26 +84,27 @@ examples:
 def set_up(
     parser: Parser,
     prepare: Prepare,
-    in_process: InProcess,
+    in_virtual_time: InVirtualTime,
+    behind_url: BehindUrl,
+    of_dialect: OfDialect,
 ) -> None:
-    """Describe the command and add its options; *in_process* makes boards."""
+    """Describe the command and add its options; the others make boards."""
+    made = ProgramBoards(prepare, in_virtual_time, behind_url, of_dialect)
     parser.description = (
         "Display a tactile object point by point and verify, frame by frame, where the "
         "focus of what the board latched really is."
     )
     parser.epilog = _EXAMPLES + "\n" + EXIT_STATUS
     parser.rename(link_baud="baud", report="html")
-    parser.set_defaults(run=functools.partial(run, prepare=prepare, in_process=in_process))
+    parser.set_defaults(run=functools.partial(run, made=made))
     add_verify_options(parser)
 
 
-def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) -> int:
+def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     """Check the settings, run the job, and return the exit status."""
     from haptogram.report.formats.html import check_html_page
 
-    names = options_of(VerifyConfig)
-    given = {name: value for name, value in vars(arguments).items() if name in names}
-    config = load_verify_config(arguments.config, given)
+    config = load_verify_config(arguments.config, given_settings(arguments))
     settings = argparse.Namespace(
         **config.values(),
         frame_kind=config.frame_kind,
@@ -113,33 +117,32 @@ def run(arguments: argparse.Namespace, prepare: Prepare, in_process: InProcess) 
     provenance = provenance_of_run(settings)
     if config.captures.recording is not None:
         return run_recorded(config, outputs, provenance)
-    virtual = prepare(config)
+    boards = RunBoards.of(config, arguments, made)
+    boards.virtual  # noqa: B018  it checks, before anything starts
     if arguments.view:
         check_html_page(pictures=False)
     with (
         _live_view(wanted=arguments.view) as show,
-        recording(config.outputs.record, "verify", config.result_options()) as writer,
+        recording(config.outputs.record, "verify", boards.config.result_options()) as writer,
     ):
-        open_board = functools.partial(_board, config, virtual, in_process, show)
-        status = _run(arguments, config, virtual, open_board, outputs, provenance, writer)
+        status = _run(arguments, boards, show, outputs, provenance, writer)
         return status if is_recorded("verify", writer) else USAGE
 
 
 def _run(
     arguments: argparse.Namespace,
-    config: VerifyConfig,
-    virtual: BoardConfig,
-    open_board: OpenBoard,
+    boards: RunBoards,
+    show: Show,
     outputs: Outputs,
     provenance: Provenance,
     writer: RecordingWriter | None,
 ) -> int:
     """Run the job on the board that the settings name; write and print its result."""
     from haptogram.evidence.recordings.intended import record_intended
-    from haptogram.evidence.run_record import measure_run
     from haptogram.report import run as report
     from haptogram.verification import Verdict, tolerance_of, uncertainty_of, verify_run
 
+    config, virtual = boards.config, boards.virtual
     if writer is not None:
         _begin(writer, config, virtual)
     quiet = arguments.quiet
@@ -147,14 +150,12 @@ def _run(
     begin_s = time.time()
     try:
         with (
-            open_board() as board,
+            boards.open(show) as board,
             _bar("displaying", quiet=quiet) as progress,
             _bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming(planned, board),
         ):
-            found = measure_run(
-                config, board, progress, settling, faulty=bool(planned.faults), writer=writer
-            )
+            found = _measured(boards, board, progress, settling, writer)
     except _BrokenByPlanError as error:
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return INCONCLUSIVE
@@ -186,7 +187,8 @@ def _run(
         environment=None if config.link.virtual_time else report.run_environment(),
     )
     if writer is not None:
-        record_intended(writer, found.model, found.intended)
+        if boards.dialect is None:  # captures are judged by frames of Haptogram's own boards
+            record_intended(writer, found.model, found.intended)
         _record_verdicts(writer, verdict, result)
     # Before the files: a full disk must not cost the result.
     outputs.print(str(verdict))
@@ -205,6 +207,23 @@ def _run(
         return USAGE
     status = Verdict(result["verdict"]).exit_status
     return INTERRUPTED if found.interrupted and status == INCONCLUSIVE else status
+
+
+def _measured(
+    boards: RunBoards,
+    board: BoardUnderTest,
+    progress: Progress | None,
+    settling: Progress | None,
+    writer: RecordingWriter | None,
+) -> RunRecord:
+    from haptogram.evidence.dialect_run import measure_dialect_run
+    from haptogram.evidence.run_record import measure_run
+
+    config = boards.config
+    if boards.dialect is not None:
+        return measure_dialect_run(config, boards.dialect, board, progress, settling, writer=writer)
+    faulty = bool(boards.virtual.plan.faults)
+    return measure_run(config, board, progress, settling, faulty=faulty, writer=writer)
 
 
 def _record_verdicts(
@@ -243,35 +262,6 @@ def _live_view(*, wanted: bool) -> Iterator[Show]:
             if sys.stderr.isatty():
                 print("the view stays; Ctrl-C ends it", file=sys.stderr)
                 view.wait()
-
-
-@contextlib.contextmanager
-def _board(
-    config: VerifyConfig, virtual: BoardConfig, in_process: InProcess, show: Show
-) -> Iterator[BoardUnderTest]:
-    """Give the board at a port, else the *virtual* one, and clean up after it."""
-    from haptogram.evidence.boards import PortBoard, ProcessBoard
-    from haptogram.evidence.virtual_board import VirtualBoard
-
-    if config.link.port is not None:
-        yield PortBoard(
-            config.link.port,
-            baudrate=config.link.baud,
-            rate_hz=config.pace.rate_hz,
-            board_computes=config.frame_kind == "points",
-        )
-    elif config.link.virtual_time:
-        with in_process(virtual) as board:
-            yield board
-    else:
-        with VirtualBoard.of(virtual) as process:
-            show(process.backdoor)
-            try:
-                yield ProcessBoard(process)
-            except LinkError as error:
-                if (fate := process.how_it_ended(_LAST_MOMENTS_S)) is None:
-                    raise
-                raise LinkError(f"{error}; {fate}") from error
 
 
 @contextlib.contextmanager
@@ -328,14 +318,8 @@ def _bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
 
 
 def _board_dict(found: RunRecord) -> dict[str, object]:
-    return {
-        "is": found.board,
-        "firmware": printable_text(found.identity.firmware),
-        "protocol": f"{found.identity.major}.{found.identity.minor}",
-        "transducers": found.identity.transducers,
-        "carrier_hz": found.identity.carrier_hz,
-        "sound_speed_m_s": found.model.medium.sound_speed_m_s,
-    }
+    speed_m_s = found.model.medium.sound_speed_m_s
+    return {"is": found.board, **found.about, "sound_speed_m_s": speed_m_s}
 
 
 def _faults_dict(planned: FaultPlan, fired: dict[str, int] | None) -> dict[str, object] | None:
@@ -348,15 +332,18 @@ def _faults_dict(planned: FaultPlan, fired: dict[str, int] | None) -> dict[str, 
 
 def _host_dict(found: RunRecord) -> dict[str, object] | None:
     """Return how the host's side went, if the run came to its end."""
+    from haptogram.driver.dialect_driver import DialectReport
     from haptogram.driver.stream import StreamReport
 
-    if not isinstance(found.report, StreamReport):
+    report = found.report
+    if not isinstance(report, StreamReport | DialectReport):
         return None
-    lateness = found.report.lateness_us
-    return {
-        "skipped": list(found.report.skipped),
-        "late_ticks": found.report.late_ticks,
-        "tick_lateness_us_max": float(lateness.max()),
-        "write_stalls": found.report.write_stalls,
-        "clock_uncertainty_us": found.report.clock_uncertainty_us,
+    about: dict[str, object] = {
+        "skipped": list(report.skipped),
+        "late_ticks": report.late_ticks,
+        "tick_lateness_us_max": float(report.lateness_us.max()),
     }
+    if isinstance(report, StreamReport):
+        about["write_stalls"] = report.write_stalls
+        about["clock_uncertainty_us"] = report.clock_uncertainty_us
+    return about

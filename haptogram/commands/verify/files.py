@@ -69,8 +69,14 @@ def write_run_files(
 def seen_by_number(
     intended: Iterable[Intended], observations: Iterable[Observation]
 ) -> dict[int, Observation]:
-    """Return the observations with a drive by the numbers of their frames."""
-    by_key = {seen.key: seen for seen in observations if seen.output is not None}
+    """Return the latches with a drive by the numbers of their frames.
+
+    What is only known to have left the host is no latch.
+    """
+    from haptogram.records.frame import Evidence
+
+    latches = (seen for seen in observations if seen.evidence is not Evidence.WIRE)
+    by_key = {seen.key: seen for seen in latches if seen.output is not None}
     return {frame.number: by_key[frame.key] for frame in intended if frame.key in by_key}
 
 

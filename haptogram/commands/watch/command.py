@@ -136,7 +136,7 @@ class _Run:
         text: TextIO,
         records: Records,
     ) -> None:
-        from haptogram.evidence.watched_board import WatchedBoard
+        from haptogram.evidence.dialects.watched_board import WatchedBoard
         from haptogram.records.frame import Evidence
         from haptogram.report.watch import WatchPage
         from haptogram.verification.watch import Watch

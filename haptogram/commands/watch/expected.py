@@ -13,7 +13,7 @@ from haptogram.settings.tolerance import ToleranceConfig
 from haptogram.settings.verify_config import config_from_options
 
 if TYPE_CHECKING:
-    from haptogram.evidence.watched_board import WatchedBoard
+    from haptogram.evidence.dialects.watched_board import WatchedBoard
     from haptogram.verification.watch import Expectation
 
 _HEADERS: Final = (["x", "y", "z"], ["frame", "x", "y", "z"])

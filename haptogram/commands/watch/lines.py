@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, TextIO
 from haptogram.machine.terminal import paint_terminal_verdicts
 
 if TYPE_CHECKING:
-    from haptogram.evidence.watched_board import WatchedBoard
+    from haptogram.evidence.dialects.watched_board import WatchedBoard
     from haptogram.verification.watch import WatchedLatch
 
 _PERIOD_S: Final = 0.1  # between lines on a terminal

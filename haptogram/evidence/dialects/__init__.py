@@ -1,1 +1,1 @@
-"""Boards of other dialects: their latches as observations, and one run on them."""
+"""Latches of boards of other dialects: of frames, and of clients that do not say what they mean."""

@@ -112,6 +112,8 @@ def _lost(run: RunVerdict) -> RunCheck:
     """Lost frames decide a run only where they leave too few that are verified."""
     lost = [frame for frame in run.frames if frame.status is FrameStatus.LOST]
     statement = "no frame is lost"
+    if not lost and run.due and not run.counts["latched"]:
+        return RunCheck("lost", statement, CheckOutcome.NOT_JUDGED, "nobody could see a latch")
     if not lost:
         return RunCheck(
             "lost", statement, CheckOutcome.PASSED, "every frame that was due was seen latched"

@@ -88,7 +88,7 @@ def write_run_page(
         scene=run_scene(run, model, seen).embedded() if run.frames else None,
         checks=checks_of_result(run, result),
         tones=_CHECK_TONES,
-        pictures=list(_pictures(run, model, shown)),
+        pictures=list(_pictures(run, model, shown, result["board"].get("phase_steps"))),
         findings=list(islice(run.findings(), NAMED_FRAMES)),
         frame_head=FRAME_HEAD,
         frames=frames,
@@ -168,7 +168,7 @@ def _circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, str]]
 
 
 def _pictures(
-    run: RunVerdict, model: AcousticModel, shown: FieldPicture | None
+    run: RunVerdict, model: AcousticModel, shown: FieldPicture | None, steps: int | None
 ) -> Iterator[PagePicture]:
     yield embed_picture(
         pictures.draw_run_foci(run, model),
@@ -190,7 +190,9 @@ def _pictures(
         "which differs from target to target. Smaller errors than 10 nm are drawn as 10 nm.",
     )
     yield embed_picture(
-        pictures.draw_run_field(shown, model), "Pressure around one focus.", _field_caption(shown)
+        pictures.draw_run_field(shown, model),
+        "Pressure around one focus.",
+        _field_caption(shown, steps),
     )
     yield embed_picture(
         pictures.draw_run_along_object(run),
@@ -205,12 +207,14 @@ def _pictures(
     )
 
 
-def _field_caption(shown: FieldPicture | None) -> str:
+def _field_caption(shown: FieldPicture | None, steps: int | None) -> str:
+    """Return the caption; *steps* are those of boards whose steps are no bits."""
     if shown is None:
         return "There is none: no frame was sent."
+    of_board = f"{steps} steps a period" if steps else f"{shown.phase_bits} bits"
     source = (
         "the drive that was latched, or seen to be radiated in its place, with phases of "
-        f"{shown.phase_bits} bits"
+        f"{of_board}"
         if shown.latched
         else f"the ideal drive of its target, at full amplitude with phases of {shown.phase_bits} "
         "bits, and not what was latched"

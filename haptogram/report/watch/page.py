@@ -14,7 +14,7 @@ import numpy as np
 from haptogram.acoustics import Drive, saturated_weights
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus
-from haptogram.evidence.watched_board import WatchedBoard
+from haptogram.evidence.dialects.watched_board import WatchedBoard
 from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.verification import FrameStatus, Verdict
 from haptogram.verification.watch import Defect, WatchedLatch, WatchResult

@@ -8,7 +8,7 @@ import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, Placed, SeveralFoci, Vortex
-from haptogram.evidence.watched_board import WatchedBoard
+from haptogram.evidence.dialects.watched_board import WatchedBoard
 
 _MM: Final = 1e3
 

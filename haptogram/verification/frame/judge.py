@@ -27,7 +27,7 @@ from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observa
 
 from ..faults import name_drive_faults
 from ..tolerance import Tolerance, Uncertainty
-from ..verdict import FrameStatus, FrameVerdict
+from ..verdict import WRONG, FrameStatus, FrameVerdict
 from . import criteria
 from .ideal_drive import IdealFrameDrive
 from .several import judge_several
@@ -42,7 +42,7 @@ _BYTES_PER_ELEMENT: Final = 160  # of a target: phases, pressures, the responses
 _ANY: Final = FrameKey(0, 0, 0, 0)
 _ITS_OWN: Final = ("number", "key", "t_apply_us", "t_latch_us", "late", "early")
 _ON_THE_WIRE: Final = (
-    "the bytes that left the host are the right drive; nobody saw what the board latched"
+    "the bytes that left the host are the drive for this target; nobody saw what the board latched"
 )
 _EXACT_RAD: Final = 1e-7  # positions that are whole micrometres, but for the arithmetic
 
@@ -139,8 +139,8 @@ class FrameJudge:
             _without_identity(intended),
             dataclasses.replace(observation, key=_ANY, t_latch_us=0, late=False),
         )
-        if observation.evidence is Evidence.WIRE and found.status is FrameStatus.ON_TARGET:
-            found = dataclasses.replace(found, status=FrameStatus.NOT_VERIFIED, note=_ON_THE_WIRE)
+        if observation.evidence is Evidence.WIRE and found.status not in WRONG:
+            return dataclasses.replace(seen, note=_ON_THE_WIRE)
         return dataclasses.replace(found, **{name: getattr(seen, name) for name in _ITS_OWN})
 
     def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:

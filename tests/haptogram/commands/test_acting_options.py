@@ -28,10 +28,12 @@ CASES = {
         "solver": ("--foci 2", ""),
         "pitch_mm": ("--array 8x8", "--array array.csv"),
         "phase_bits": ("--mode sequence", "--mode points"),
+        "mode": ("", "--dialect sonicsurface"),
+        "lead_ms": ("", "--dialect sonicsurface"),
+        "dialect_option": ("--dialect sonicsurface", ""),
         "seed": ("", "--port /dev/absent"),
         "view": ("", "--virtual-time"),
         "compensate": ("--calibration elements.csv", RECORDED),
-        "mode": ("--modulation lm", RECORDED),
     },
     "view": {
         "http": ("board.jsonl", "board.jsonl --html a.html"),
@@ -113,6 +115,7 @@ VALUES = {
     "baud": "9600",
     "clause": "HG-2.3",
     "stamp": "2026-11-22",
+    "dialect_option": "boards=1",
 }
 ROWS = [
     (command, name, *lines) for command, options in CASES.items() for name, lines in options.items()

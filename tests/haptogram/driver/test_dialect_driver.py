@@ -4,9 +4,6 @@ import contextlib
 import dataclasses
 import doctest
 import itertools
-import os
-import threading
-import tty
 
 import numpy as np
 import pytest
@@ -24,6 +21,7 @@ from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
 from haptogram_protocol.dialects.table import DIALECTS
 from sim_device.protocol_haptogram import open_port
+from swallowing_port import SwallowingPort
 
 every_dialect = pytest.mark.parametrize("name", DIALECTS)
 SERIAL = [name for name, dialect in DIALECTS.items() if dialect.bauds]
@@ -108,33 +106,10 @@ def test_a_step_more_on_one_channel_shows(name):
             assert fault.replace("(0, 1) ", "") == "element 1 off by +1 LSB"
 
 
-class Swallowing:
-    """A pseudo-terminal whose far end takes bytes and says nothing."""
-
-    def __enter__(self):
-        self._far, self._near = os.openpty()
-        tty.setraw(self._near)
-        self.path, self.data = os.ttyname(self._near), b""
-        self._thread = threading.Thread(target=self._read)
-        self._thread.start()
-        return self
-
-    def _read(self):
-        with contextlib.suppress(OSError):  # the near end has closed
-            while data := os.read(self._far, 4096):
-                self.data += data
-
-    def __exit__(self, *_):
-        os.close(self._near)
-        self._thread.join(60)
-        os.close(self._far)
-        assert not self._thread.is_alive()
-
-
 @pytest.mark.pty
 @pytest.mark.parametrize("name", SERIAL)
 def test_a_port_that_says_nothing_gives_evidence_of_the_wire(name):
-    with Swallowing() as far, Driver(far.path, dialect=name) as driver:
+    with SwallowingPort() as far, Driver(far.path, dialect=name) as driver:
         driver.stream(targets(driver), rate_hz=20)
         frames = driver.frames(targets(driver))
     display = DIALECTS[name].display(driver.boards)
@@ -151,6 +126,7 @@ def test_a_port_that_says_nothing_gives_evidence_of_the_wire(name):
     assert distinct == [list(frame.codes) for frame in frames]
     assert display.read(every) == [None] * display.channels  # off in the end
     verdict = verify_run(driver.intended, driver.observations, model=driver.model)
+    assert all(frame.criteria == {} for frame in verdict.frames)
     assert (verdict.exit_status, verdict.counts["latched"]) == (3, 0)
     assert verdict.as_dict()["evidence"] == "wire"
     assert all("nobody saw" in frame.note for frame in verdict.frames)
@@ -158,7 +134,7 @@ def test_a_port_that_says_nothing_gives_evidence_of_the_wire(name):
 
 @pytest.mark.pty
 def test_a_link_that_does_not_answer_is_told():
-    with Swallowing() as far, pytest.raises(NoAnswerError, match="no answer to Hello within"):
+    with SwallowingPort() as far, pytest.raises(NoAnswerError, match="no answer to Hello within"):
         Driver(far.path, dialect="autd3", timeout_s=0.2)
 
 

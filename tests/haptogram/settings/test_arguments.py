@@ -96,6 +96,7 @@ DRIVER = {
     "trace": (*OTHER, 1, -1),
     "keep": (*WHOLE, 0),
     "sink": CALLABLE,
+    "dialect": [3, True, "sonicsurfaces", b"sonicsurface"],
 }
 STREAM = {
     "targets": TARGETS,

@@ -10,12 +10,11 @@ import numpy as np
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.boards.layout import Z_UP
 from haptogram.errors import ConfigurationError
+from haptogram.evidence.backdoor import board_model, observation_of
+from haptogram.evidence.dialects.pulse_records import pulse_observation_of
 from haptogram.records.frame import Evidence
 from haptogram.verification.watch import SeenLatch
 from haptogram_protocol.dialects.table import DIALECTS
-
-from .backdoor import board_model, observation_of
-from .dialects.pulse_records import pulse_observation_of
 
 _OWN_DIALECT: Final = "haptogram"
 

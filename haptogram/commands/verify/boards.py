@@ -1,0 +1,171 @@
+"""The boards that ``haptogram verify`` runs on: which, at which rates, and how they are opened."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+from haptogram.errors import ConfigurationError, LinkError
+from haptogram.settings.board_url import SCHEME
+from haptogram.settings.option import options_of
+from haptogram.settings.verify_config import VerifyConfig, load_verify_config, read_table
+
+if TYPE_CHECKING:
+    from haptogram.evidence.boards import BoardUnderTest
+    from haptogram.evidence.dialect_run import DialectBoards
+    from haptogram.settings.board import BoardConfig
+
+_LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
+_MOST_HZ: Final = 1000.0  # of boards of other dialects, unless the user asks for more,
+_WITHOUT_A_LINE_HZ: Final = 100.0  # and where an answer to each frame, and no line, limits them
+
+#: Returns the settings of the virtual board, checked before anything starts.
+Prepare: TypeAlias = "Callable[[VerifyConfig], BoardConfig]"
+InVirtualTime: TypeAlias = "Callable[[BoardConfig], AbstractContextManager[BoardUnderTest]]"
+#: Gives the board in this program that a ``haptogram://`` URL describes.
+BehindUrl: TypeAlias = "Callable[[str], AbstractContextManager[BoardUnderTest]]"
+#: Returns the boards of the dialect that the settings name.
+OfDialect: TypeAlias = "Callable[[VerifyConfig], DialectBoards]"
+#: Shows a back door in a browser, if that is wanted.
+Show: TypeAlias = "Callable[[Path], None]"
+
+
+@dataclass(frozen=True)
+class ProgramBoards:
+    """Boards as only the composition root can make them."""
+
+    prepare: Prepare
+    in_virtual_time: InVirtualTime
+    behind_url: BehindUrl
+    of_dialect: OfDialect
+
+
+@dataclass(frozen=True)
+class RunBoards:
+    """The boards of one run.
+
+    Attributes
+    ----------
+    config : VerifyConfig
+        The settings, with the rates that these boards have where the user named none.
+    dialect : DialectBoards or None
+        The boards, if they speak another wire.
+    """
+
+    config: VerifyConfig
+    dialect: DialectBoards | None
+    _made: ProgramBoards
+
+    @classmethod
+    def of(
+        cls, config: VerifyConfig, arguments: argparse.Namespace, made: ProgramBoards
+    ) -> RunBoards:
+        """Return the boards that the options and the file of *arguments* name, read as *config*.
+
+        Raises
+        ------
+        ConfigurationError
+            For an option that is refused, a dialect that is not known, and a rate that its line
+            cannot carry.
+        """
+        if config.link.dialect is None:
+            return cls(config, None, made)
+        boards, given = made.of_dialect(config), given_settings(arguments)
+        named = {name for name, value in given.items() if value is not None}
+        named |= set(read_table(arguments.config)) if arguments.config else set()
+        usual = {
+            name: value for name, value in _usual_rates(config, boards).items() if name not in named
+        }
+        config = load_verify_config(arguments.config, given | usual)
+        _check_rate(config, boards)
+        return cls(config, boards, made)
+
+    @functools.cached_property
+    def virtual(self) -> BoardConfig:
+        """Settings of a virtual board, checked.
+
+        Raises
+        ------
+        ConfigurationError
+            For a URL or a fault that is refused, or a plan that cannot be read.
+        """
+        virtual = self._made.prepare(self.config)
+        if self.config.link.port is None and self.dialect is not None:
+            baud = self.config.link.baud if self.dialect.dialect.bauds else None
+            virtual = dataclasses.replace(
+                virtual, line=dataclasses.replace(virtual.line, baud=baud)
+            )
+        return virtual
+
+    @contextlib.contextmanager
+    def open(self, show: Show) -> Iterator[BoardUnderTest]:
+        """Give the board at a port, else the virtual one, and clean up after it."""
+        from haptogram.evidence.boards import PortBoard, ProcessBoard
+        from haptogram.evidence.virtual_board import VirtualBoard
+
+        config, port = self.config, self.config.link.port
+        if port is not None and port.startswith(SCHEME) and self.dialect is not None:
+            with self._made.behind_url(port) as board:
+                yield board
+        elif port is not None:
+            yield PortBoard(
+                port,
+                baudrate=config.link.baud,
+                rate_hz=config.pace.rate_hz,
+                board_computes=config.frame_kind == "points",
+            )
+        elif config.link.virtual_time:
+            with self._made.in_virtual_time(self.virtual) as board:
+                yield board
+        else:
+            with VirtualBoard.of(self.virtual) as process:
+                show(process.backdoor)
+                try:
+                    yield ProcessBoard(process)
+                except LinkError as error:
+                    if (fate := process.how_it_ended(_LAST_MOMENTS_S)) is None:
+                        raise
+                    raise LinkError(f"{error}; {fate}") from error
+
+
+def given_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the settings of *arguments*; None is an option that was not given."""
+    names = options_of(VerifyConfig)
+    return {name: value for name, value in vars(arguments).items() if name in names}
+
+
+def _usual_rates(config: VerifyConfig, boards: DialectBoards) -> dict[str, Any]:
+    """Return the rate of the line, and the highest whole rate of frames that it carries."""
+    from haptogram.driver.line.budget import highest_line_rate_hz
+
+    if not boards.dialect.bauds:
+        return {"rate_hz": _WITHOUT_A_LINE_HZ}
+    is_usual = config.link.baud == options_of(VerifyConfig)["baud"].default
+    baud = boards.dialect.bauds[0] if is_usual else config.link.baud
+    highest_hz = highest_line_rate_hz(boards.frame_bytes, baud)
+    return {"baud": baud, "rate_hz": max(1.0, min(_MOST_HZ, float(math.floor(highest_hz))))}
+
+
+def _check_rate(config: VerifyConfig, boards: DialectBoards) -> None:
+    from haptogram.driver.line.budget import check_line_rate
+
+    if boards.dialect.display is None:
+        raise ConfigurationError(
+            f"dialect is {boards.dialect.name!r}, which can be emulated and not driven: its wire "
+            "says nothing of how a host shows phases (docs/dialects.md)"
+        )
+    if boards.dialect.bauds:
+        check_line_rate(
+            boards.frame_bytes,
+            baudrate=config.link.baud,
+            rate_hz=config.pace.rate_hz,
+            remedy="lower the rate, or raise baud if the board can",
+        )
