@@ -25,6 +25,7 @@ _COUNTED: Final = (  # {s}: of a plural
     ("clock steps", "step{s} of the board's clock"),
 )
 _TRAFFIC: Final = {
+    "accepted": "taken into the queue: latched, flushed, or still waiting",
     "frames": "undamaged frames that came",
     "flushed": "waiting when MUTE or a new session came",
     "latched": "each one above",
