@@ -15,7 +15,7 @@ from haptogram_protocol.messages import (
     StatusReply,
 )
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import between_pings, latch_now
 from ...outcome import SELF_REPORTED, check
@@ -99,6 +99,7 @@ def computes_one_after_the_other(board: BoardClient) -> None:
     "frames for times around their arrival: dropped_late if the margin is negative, else latched",
     variant="margin",
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def judges_lateness_by_the_margin(board: BoardClient) -> None:
     board.arm()

@@ -6,7 +6,7 @@ from typing import Final
 
 from haptogram_protocol.messages import DriveKind, Feature, Message, Points, UploadKind
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.drive_paths import drive_paths, registers_of
 from ...client.latching import ShownDrive, read_back
@@ -72,6 +72,7 @@ def _check_points(board: BoardClient, name: str, message: Points) -> None:
     variant="paths",
     needs=Feature.CORRECTION | _SHOWN,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def corrects_every_path(board: BoardClient) -> None:
     correction = board.random.randbytes(board.identity.transducers)
@@ -91,6 +92,7 @@ def corrects_every_path(board: BoardClient) -> None:
     variant="paths",
     needs=Feature.CONFIG | Feature.AMPLITUDE | _SHOWN,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def limits_every_path(board: BoardClient) -> None:
     for ceiling in _CEILINGS if board.thorough else _CEILINGS[1:2]:

@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, Points, TraceMode
 
-from ...case import Case, case
+from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, watch_board_latches
 from ...client.stream_kinds import StreamKind, stream_kinds
@@ -200,6 +200,7 @@ PRODUCT: Final = tuple(_case(drop) for drop in DROPS)
     "stream frames of every message and format with each bit of the low nibble: in time, at once",
     variant="stream",
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def low_flags_are_ignored(board: BoardClient) -> None:
     board.arm()

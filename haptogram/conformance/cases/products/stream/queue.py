@@ -99,6 +99,7 @@ def every_type_late(board: BoardClient) -> None:
     variant="windows",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def every_window(board: BoardClient) -> None:
     for window_us in (20_000, 66_000, _WINDOW_US):
