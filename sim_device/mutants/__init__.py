@@ -26,6 +26,7 @@ from . import (
     replies,
     session,
     single_moments,
+    single_timers,
     single_types,
 )
 from .mutant import Mutant, mutants_by_name
@@ -43,6 +44,7 @@ _PARTS: Final = (
     overtaking,
     single_types,
     single_moments,
+    single_timers,
 )
 
 MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(

@@ -28,7 +28,7 @@ from ..stream_types import fill_queue
 _MS: Final = 1000
 _SEQUENCE: Final = 31
 _QUEUED: Final = 2
-_AFTER_MS: Final = 50  # how long the board is watched afterwards; longer than the hold
+_AFTER_MS: Final = 20  # how long the board is watched afterwards, behind its hold if that is short
 _RAMPS: Final[dict[str, Any]] = {"ramp_ms": 900}
 _FOREIGN: Final = 0x0660
 
@@ -105,7 +105,7 @@ _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 _FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
 _MOMENTS: Final = (
     Moment("ARMED, silent", {}, _nothing),
-    Moment("sounding", {}, _sound),
+    Moment("sounding", {"hold_ms": 60}, _sound),
     Moment("with frames queued", {}, _queue, _QUEUED),
     Moment("in the hold's ramp", _RAMPS | {"hold_ms": 30}, _fade, _QUEUED, None, _FADES),
     Moment(
@@ -176,7 +176,7 @@ def _judge(board: BoardClient, end: End, moment: Moment) -> None:
         check(is_board_silent(board), "transducers are driven")
     _check_playback(board, moment, since)
     if is_over:
-        _check_afterwards(board, since)
+        _check_afterwards(board, since, moment.config.get("hold_ms", 0) + _AFTER_MS)
 
 
 def _check_playback(board: BoardClient, moment: Moment, since: int) -> None:
@@ -194,12 +194,12 @@ def _check_playback(board: BoardClient, moment: Moment, since: int) -> None:
         )
 
 
-def _check_afterwards(board: BoardClient, since: int) -> None:
+def _check_afterwards(board: BoardClient, since: int, watch_ms: int) -> None:
     """FAILED if something that was under way goes on: a timer, a ramp, the queue, a playback."""
     before = len(board.link.events(StateChanged, since))
     board.arm()
     with board.counting(latched=0):
-        board.wire.idle(_AFTER_MS * _MS)
+        board.wire.idle(watch_ms * _MS)
         if board.has(Feature.READ_RADIATED):
             check(is_board_silent(board), "ARM sounds what was latched before")
     late = board.link.events(StateChanged, since)[before:]

@@ -1,0 +1,370 @@
+"""Boards that are wrong for one timer, length, refusal or playback.  SPEC.md 7 to 12."""
+# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final
+
+from haptogram.acoustics import Drive
+from haptogram.records.frame import Evidence
+from haptogram_protocol.messages import (
+    Arm,
+    Config,
+    ErrorCode,
+    LatchKey,
+    Message,
+    SetConfig,
+    TraceDrive,
+    UploadBegin,
+    UploadCommit,
+)
+
+from ..board.board import Board
+from ..board.counters import Drop
+from ..board.output import OutputStage
+from ..board.playback import Playback
+from ..board.refusal import RefusalError
+from ..board.registers import radiated_drive
+from ..board.stream_queue import StreamFrame
+from ..board.timers import NEVER_US, OutputTimers
+from ..board.uploads import Upload, Uploads
+from ..dialects.haptogram import BoardDialect
+from .mutant import Mutant
+
+_MASK_32: Final = 0xFFFFFFFF
+
+# --- Lengths of which too few bits are kept ----------------------------------------------------
+
+
+def _kept(length_ms: int, unit_us: int, bits: int) -> int:
+    """Return a length in ms of which so many bits of units are left."""
+    return ((length_ms * 1000 // unit_us) & ((1 << bits) - 1)) * unit_us // 1000
+
+
+def _timer_of_width(field: str, unit_us: int, bits: int) -> type[OutputTimers]:
+    """Return timers that keep one length in so many bits of a unit."""
+
+    class OfWidth(OutputTimers):
+        def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
+            if unattended_ms is not None and field == "unattended_ms":
+                unattended_ms = _kept(unattended_ms, unit_us, bits)
+            super().renew_lease(now_us, _narrowed(config), unattended_ms)
+
+        def latched(self, now_us: int, config: Config) -> None:
+            super().latched(now_us, _narrowed(config))
+
+        def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
+            super().reconfigure(now_us, last_latch_us, _narrowed(config))
+
+    def _narrowed(config: Config) -> Config:
+        if field not in Config.WIRE:
+            return config
+        lengths: dict[str, Any] = {field: _kept(getattr(config, field), unit_us, bits)}
+        return dataclasses.replace(config, **lengths)
+
+    words = "".join(word.capitalize() for word in field.removesuffix("_ms").split("_"))
+    OfWidth.__name__ = f"{words}Of{bits}BitsOf{unit_us}Us"
+    OfWidth.__doc__ = f"Keeps {field} in {bits} bits of {unit_us} us."
+    return OfWidth
+
+
+_WIDTHS: Final = {
+    ("hold_ms", "HG-12.3/1"): ((100, 16), (1000, 12), (1, 16)),
+    ("host_timeout_ms", "HG-12.2/1"): ((100, 16), (1000, 12), (10, 16)),
+    ("ramp_ms", "HG-6.11/2"): ((1000, 8), (1000, 10), (10, 16)),
+    ("unattended_ms", "HG-7.6/5"): ((1000, 16), (100, 16), (1000, 15)),
+}
+
+# --- Timers ------------------------------------------------------------------------------------
+
+
+class ArmRenewsHold(OutputStage):
+    """Starts the hold anew with ARM while it is ARMED."""
+
+    def arm(self) -> None:
+        """Arm, and start the hold anew."""
+        super().arm()
+        if self._sounding:
+            self._timers.latched(self.now_us, self.config)
+
+
+class StopRenewsHold(Board):
+    """Starts the hold anew when a playback is stopped or ends."""
+
+    def stop(self) -> None:
+        """Stop, and start the hold anew."""
+        plays = self._playback is not None
+        super().stop()
+        if plays and self.output._sounding:
+            self.output._timers.latched(self.now_us, self.config)
+
+
+class LatchRenewsLease(OutputStage):
+    """Starts the lease anew with every latch of the stream."""
+
+    def latch(self, key: LatchKey, drive: Drive, bits: int, **more: Any) -> None:
+        """Latch, and start the lease anew."""
+        super().latch(key, drive, bits, **more)
+        if key.sequence == 0:
+            self.renew_lease()
+
+
+class PlaybackRenewsUnattended(OutputStage):
+    """Starts the unattended time anew with every latch of a playback."""
+
+    def latch(self, key: LatchKey, drive: Drive, bits: int, **more: Any) -> None:
+        """Latch, and start the unattended time anew."""
+        super().latch(key, drive, bits, **more)
+        if key.sequence:
+            self.renew_lease()
+
+
+class HoldOutlivesMute(OutputTimers):
+    """Lets the hold run on when the output is switched off."""
+
+    def disarm(self) -> None:
+        """Stop the lease alone."""
+        self._lease.stop()
+
+
+class ConfigSparesHold(OutputTimers):
+    """Gives a hold that runs no new length."""
+
+    def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
+        """Do nothing."""
+
+
+class ConfigRestartsHold(OutputTimers):
+    """Starts a hold that runs anew with SET_CONFIG."""
+
+    def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
+        """Let the hold run from now on."""
+        super().reconfigure(now_us, max(now_us, last_latch_us), config)
+
+
+class RampFollowsConfig(OutputTimers):
+    """Gives a ramp that has begun its new length."""
+
+    def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
+        """Give every hold its new ramp."""
+        super().reconfigure(now_us, last_latch_us, config)
+        if self._hold.deadline_us < NEVER_US:
+            self._hold.restart(self._hold.deadline_us, self._ramp_us(config))
+
+
+class RequestsRestartStatus(BoardDialect):
+    """Starts the status period anew with ARM."""
+
+    def _arm(self, message: Arm, request: Any) -> Message:
+        reply = super()._arm(message, request)
+        self._schedule_status()
+        return reply
+
+
+class CeilingFromNextLatch(OutputStage):
+    """Puts a new ceiling in force with the next latch."""
+
+    _ceiling = 255
+
+    def latch(self, key: LatchKey, drive: Drive, bits: int, **more: Any) -> None:
+        """Latch, under the ceiling that is set now."""
+        self._ceiling = self.config.amplitude_ceiling
+        super().latch(key, drive, bits, **more)
+
+    def _radiate(self, drive: Drive, t_us: int) -> Drive:
+        return radiated_drive(drive, self.correction, self._ceiling, self._timers.gain(t_us))
+
+
+# --- Refusals ----------------------------------------------------------------------------------
+
+
+class RefusedPlayFlushes(Board):
+    """Flushes its queue for a PLAY that it refuses."""
+
+    def play(self, sequence: int, **more: Any) -> None:
+        """Flush the queue and then play."""
+        self.output.counters.flushed += self._queue.flush()
+        super().play(sequence, **more)
+
+
+class RefusedConfigSetsTrace(BoardDialect):
+    """Takes the trace fields of a configuration that it refuses."""
+
+    def _set_config(self, message: SetConfig, request: Any) -> Message:
+        wanted, output = message.config, self.board.output
+        output.config = dataclasses.replace(
+            output.config, trace_mode=wanted.trace_mode, trace_divider=max(1, wanted.trace_divider)
+        )
+        return super()._set_config(message, request)
+
+
+class RefusedBeginAbandons(Uploads):
+    """Abandons the upload under way for an UPLOAD_BEGIN that it refuses."""
+
+    def begin(self, begin: UploadBegin, room: int) -> None:
+        """Begin anew, and forget what was there."""
+        self.abandon()
+        super().begin(begin, room)
+
+
+class MismatchAbandons(Uploads):
+    """Abandons an upload whose commit it refuses with CRC_MISMATCH."""
+
+    def commit(self, commit: UploadCommit) -> Upload:
+        """Commit, or forget it."""
+        try:
+            return super().commit(commit)
+        except RefusalError as error:
+            if error.code is ErrorCode.CRC_MISMATCH:
+                self.abandon()
+            raise
+
+
+class NoUploadWhilePlaying(Board):
+    """Refuses every upload while any sequence plays."""
+
+    def _refuse_while_playing(self, sequence: int) -> None:
+        playing = sequence if self._playback is None else self._playback.sequence
+        super()._refuse_while_playing(playing)
+
+
+# --- Playback ----------------------------------------------------------------------------------
+
+
+class _Due32(Playback):
+    @property
+    def due_us(self) -> int:
+        return self.start_us + (self.played * self.period_us & _MASK_32)
+
+
+class _Loops32(Playback):
+    @property
+    def is_over(self) -> bool:
+        return self.loops > 0 and self.played >= self.loops * len(self.frames) & _MASK_32
+
+
+class _PlaybackOf(Board):
+    _kind: type[Playback]
+
+    def play(self, sequence: int, **more: Any) -> None:
+        super().play(sequence, **more)
+        if (healthy := self._playback) is not None:
+            values = {f.name: getattr(healthy, f.name) for f in dataclasses.fields(Playback)}
+            self._playback = self._kind(**values)
+
+
+class PlaybackDueOf32Bits(_PlaybackOf):
+    """Computes the time of a frame within a playback in 32 bits."""
+
+    _kind = _Due32
+
+
+class LoopsOf32Bits(_PlaybackOf):
+    """Computes the frames of all loops in 32 bits."""
+
+    _kind = _Loops32
+
+
+class PlayStartOnOneSide(BoardDialect):
+    """Takes the start of PLAY for one before the wrap of the clock, until the clock has wrapped."""
+
+    def _play(self, play: Any, request: Any) -> Message:
+        start_us = None if request.immediate else self._unwrap(request.t_wire_us)
+        if start_us is not None and start_us >> 32 != self.board.now_us >> 32:
+            raise RefusalError(ErrorCode.BAD_VALUE, 0, "a start that has passed")
+        return super()._play(play, request)
+
+
+class WaitingPlaybackHasLease(Board):
+    """Lets the lease run on until the start of a playback."""
+
+    def play(self, sequence: int, **more: Any) -> None:
+        """Play, and go on with the lease if the start lies ahead."""
+        super().play(sequence, **more)
+        if self._playback is not None and not self._playback.played:
+            self.output.unattended_ms = None
+            self.output.renew_lease()
+
+    def _latch_playback(self) -> None:
+        super()._latch_playback()
+        if self._playback is not None and self._playback.played == 1:
+            self.output.unattended_ms = self._playback.unattended_ms
+            self.output.renew_lease()
+
+
+class WaitingPlaybackEndsSilently(Board):
+    """Sends no PLAYBACK_ENDED for a playback that ends before its start."""
+
+    def _end_playback(self) -> None:
+        waits = self._playback is not None and not self._playback.played
+        super()._end_playback()
+        if waits:
+            self.output._new_notices.pop()
+
+
+# --- Evidence ----------------------------------------------------------------------------------
+
+
+class TraceDriveUnderCeiling(BoardDialect):
+    """Shows amplitudes under the ceiling in TRACE_DRIVE."""
+
+    def _trace_message(self, latch: Any) -> Message | None:
+        message = super()._trace_message(latch)
+        if not isinstance(message, TraceDrive):
+            return message
+        half, ceiling = len(message.data) // 2, self.board.config.amplitude_ceiling
+        amplitudes = bytes(min(code, ceiling) for code in message.data[half:])
+        return dataclasses.replace(message, data=message.data[:half] + amplitudes)
+
+
+class ArmRestartsDivision(BoardDialect):
+    """Begins to count latches for trace_divider anew with ARM."""
+
+    def _arm(self, message: Arm, request: Any) -> Message:
+        self._traced = 0
+        return super()._arm(message, request)
+
+
+class MarginSumOf32Bits(Board):
+    """Adds up arrival margins in 32 bits."""
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        total_us = self.margins.total_us & _MASK_32
+        self.margins.total_us = total_us - (total_us >> 31 << 32)
+        return dropped
+
+
+_WIRE, _SELF, _ = Evidence
+
+MUTANTS: Final = (
+    *(
+        Mutant.of(_timer_of_width(field, unit_us, bits), clause, _WIRE)
+        for (field, clause), widths in _WIDTHS.items()
+        for unit_us, bits in widths
+    ),
+    Mutant.of(ArmRenewsHold, "HG-12.3/1", _WIRE),
+    Mutant.of(StopRenewsHold, "HG-12.3/1", _WIRE),
+    Mutant.of(LatchRenewsLease, "HG-12.2/1", _WIRE),
+    Mutant.of(PlaybackRenewsUnattended, "HG-12.2/1", _WIRE),
+    Mutant.of(HoldOutlivesMute, "HG-6.4/2", _SELF),
+    Mutant.of(ConfigSparesHold, "HG-7.1/3", _WIRE),
+    Mutant.of(ConfigRestartsHold, "HG-7.1/3", _WIRE),
+    Mutant.of(RampFollowsConfig, "HG-7.1/3", _WIRE),
+    Mutant.of(RequestsRestartStatus, "HG-9.1/1", _WIRE),
+    Mutant.of(CeilingFromNextLatch, "HG-7.1/3", _SELF),
+    Mutant.of(RefusedPlayFlushes, "HG-10.1/1", _SELF),
+    Mutant.of(RefusedConfigSetsTrace, "HG-10.1/1", _SELF),
+    Mutant.of(RefusedBeginAbandons, "HG-10.1/1", _WIRE),
+    Mutant.of(MismatchAbandons, "HG-10.1/1", _WIRE),
+    Mutant.of(NoUploadWhilePlaying, "HG-7.2/5", _WIRE),
+    Mutant.of(PlaybackDueOf32Bits, "HG-7.6/4", _SELF),
+    Mutant.of(LoopsOf32Bits, "HG-7.6/4", _SELF),
+    Mutant.of(PlayStartOnOneSide, "HG-3.6/1", _WIRE),
+    Mutant.of(WaitingPlaybackHasLease, "HG-7.6/5", _WIRE),
+    Mutant.of(WaitingPlaybackEndsSilently, "HG-7.7/1", _WIRE),
+    Mutant.of(TraceDriveUnderCeiling, "HG-8.3/2", _SELF),
+    Mutant.of(ArmRestartsDivision, "HG-8.4/1", _SELF),
+    Mutant.of(MarginSumOf32Bits, "HG-9.3/1", _SELF),
+)
