@@ -241,6 +241,10 @@ _FIELD: Final[Rows] = {
     "view": _PICTURE,
     "quantity": _PICTURE,
     "half_width_mm": _PICTURE,
+    "decibels": Acting(
+        "with --picture, on pressure and force in --view plane or cuts",
+        lambda a: a.picture is not None and a.quantity != "phase" and a.view != "isosurface",
+    ),
     "plane": Acting(
         "with --picture and --view plane", lambda a: a.picture is not None and a.view == "plane"
     ),

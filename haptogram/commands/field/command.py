@@ -74,6 +74,9 @@ class FieldConfig(Settings):
         choices=QUANTITIES,
         help="RMS pressure, phase, or radiation pressure on a reflecting wall",
     )
+    decibels: bool = option(
+        False, help="levels relative to the largest of the picture, down to -40 dB"
+    )
     half_width_mm: float = option(
         60.0, unit="MM", low=0.1, high=10_000.0, help="how far a picture reaches around the target"
     )
@@ -81,7 +84,7 @@ class FieldConfig(Settings):
     picture: Path | None = option(None, unit="FILE", help="write the picture: .png, .svg or .pdf")
 
 
-_PICTURE: Final = ("view", "plane", "quantity", "half_width_mm", "step_mm", "picture")
+_PICTURE: Final = ("view", "plane", "quantity", "decibels", "half_width_mm", "step_mm", "picture")
 
 
 def set_up(parser: Parser) -> None:

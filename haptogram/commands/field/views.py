@@ -38,7 +38,7 @@ from haptogram.report.figures.isosurface import _MAX_VOXELS
 from haptogram.report.figures.planes import MAX_POINTS
 from haptogram.settings.arguments import Progress
 
-from ..shell.positions import place_text
+from ..shell.positions import metres_of_argument, place_text
 from .scene import Scene
 
 if TYPE_CHECKING:
@@ -104,6 +104,7 @@ def draw_scene(arguments: argparse.Namespace, scene: Scene, progress: Progress |
             title=_title(arguments, scene),
             quantity=arguments.quantity,
             place="target" if len(scene.targets_m) else "loudest place",
+            decibels=bool(arguments.decibels),
         )
     step = max(step_m, _LEAST_STEP_MM / 1e3)
     return draw_isosurfaces(
@@ -133,6 +134,8 @@ def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress 
         quantity=arguments.quantity,
         targets_m=scene.targets_m,
         title=_title(arguments, scene),
+        decibels=bool(arguments.decibels),
+        ear_m=None if arguments.ear_mm is None else metres_of_argument(arguments.ear_mm),
     )
 
 

@@ -11,7 +11,7 @@ from haptogram.acoustics import FieldEngine
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures.planes import picture_pressure
-from haptogram.report.figures.quantities import quantity_and_label
+from haptogram.report.figures.quantities import LEAST_DB, quantity_and_label
 from haptogram.report.figures.style import (
     BLACK,
     BLUE,
@@ -38,6 +38,7 @@ def draw_cuts(
     title: str = "",
     quantity: str = "pressure",
     place: str = "target",
+    decibels: bool = False,
 ) -> Figure:
     """Return a quantity along x and y through a target, and along z, in two panels.
 
@@ -51,6 +52,8 @@ def draw_cuts(
         The same as of :func:`draw_plane`.
     place : str
         Name of *target_m* in the picture.
+    decibels : bool
+        The same as of :func:`draw_plane`.
 
     Raises
     ------
@@ -65,7 +68,7 @@ def draw_cuts(
     own, whose = array.axes @ target, "" if array.is_upright else "the array's "
     lines = [target + offsets[axis][:, None] * array.axes[axis] for axis in range(3)]
     pressure = picture_pressure(engine, weights, np.concatenate(lines))
-    shown, label = quantity_and_label(engine, pressure, quantity)
+    shown, label = quantity_and_label(engine, pressure, quantity, decibels=decibels)
     levels = np.split(shown, 3)
     with new_figure(7.2, 3.3) as figure:
         lateral, axial = figure.subplots(1, 2, sharey=True)
@@ -84,7 +87,7 @@ def draw_cuts(
             top = int(np.nanargmax(levels[2]))
             top_mm = (own[2] + offsets[2][top]) * 1e3
             axial.plot(top_mm, levels[2][top], "o", fillstyle="none", color=BLACK, label="peak")
-            lateral.set_ylim(bottom=0.0)
+            lateral.set_ylim(bottom=LEAST_DB if decibels else 0.0)
         lateral.set_xlabel(f"distance from the {place} (mm)")
         axial.set_xlabel(f"{whose}z (mm)")
         lateral.set_ylabel(label)

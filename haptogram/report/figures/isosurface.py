@@ -24,6 +24,7 @@ _MAX_VOXELS: Final = 2_000_000
 _LEVELS_DB: Final = (-3.0, -6.0, -12.0)
 _COLOURS: Final = (VERMILION, ORANGE, BLUE)
 _OPACITY: Final = (0.95, 0.40, 0.14)
+_LEAST_SIDE: Final = 0.4  # of the longest side of a frame
 
 # A cube along its diagonal 0-7 in six tetrahedra; corner c lies at bits (x, y, z) of c.
 _TETRAHEDRA: Final = tuple(
@@ -182,9 +183,11 @@ def _plot(
     figure.set_layout_engine("none")  # it clips the labels of a tall box
     axes: Any = figure.add_axes((0.07, 0.11, 0.86, 0.80), projection="3d", computed_zorder=False)
     handles: list[Any] = []
+    shown_mm = [target_mm[None]]
     # The inner surface last, so that its colour is not mixed with those around it.
     for db, colour, opacity in zip(_LEVELS_DB, _COLOURS, _OPACITY, strict=True):
         triangles = isosurface_mesh(level, float(level.max()) * 10.0 ** (db / 20.0))
+        shown_mm.append((low_mm + triangles * step_mm).reshape(-1, 3))
         axes.add_collection3d(
             Poly3DCollection(
                 low_mm + triangles * step_mm,
@@ -215,12 +218,20 @@ def _plot(
         label="peak",
         zorder=1.0,
     )
-    high_mm = low_mm + step_mm * (np.array(level.shape) - 1)
+    low_mm, high_mm = _frame(np.concatenate(shown_mm))
     for name, shown, low, high in zip("xyz", names, low_mm, high_mm, strict=True):
         getattr(axes, f"set_{name}lim")(low, high)
         getattr(axes, f"set_{name}label")(f"{shown} (mm)", labelpad=10.0 if name == "z" else 6.0)
         ticks = MaxNLocator(7 if name == "z" else 4, prune="upper" if name == "x" else None)
         getattr(axes, f"{name}axis").set_major_locator(ticks)  # that of x would meet that of y
-    axes.set_box_aspect(tuple((high_mm - low_mm) / (high_mm - low_mm).max()))
+    axes.set_box_aspect(tuple((high_mm - low_mm) / (high_mm - low_mm).max()), zoom=0.96)
     axes.view_init(elev=18, azim=-58)
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.02, 0.90))
+
+
+def _frame(points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of a box that the surfaces fill, no side too short for its names."""
+    low, high = points_mm.min(axis=0), points_mm.max(axis=0)
+    span = np.maximum(1.1 * (high - low), _LEAST_SIDE * float((high - low).max()) + 1.0)
+    middle = (low + high) / 2.0
+    return middle - span / 2.0, middle + span / 2.0

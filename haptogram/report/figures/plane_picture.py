@@ -10,14 +10,16 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics import FieldEngine
 from haptogram.report.figures.planes import PictureField, PicturePlane
-from haptogram.report.figures.quantities import quantity_and_label
+from haptogram.report.figures.quantities import LEAST_DB, quantity_and_label
 from haptogram.report.figures.style import (
     MAGNITUDE_MAP,
     PHASE_MAP,
     draw_mark,
+    figure_legend,
     figure_title,
     new_figure,
 )
+from haptogram.report.figures.surroundings import draw_array, draw_ear
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,6 +42,8 @@ def draw_plane(
     targets_m: ArrayLike = (),
     title: str = "",
     peak_m: ArrayLike | None = None,
+    decibels: bool = False,
+    ear_m: ArrayLike | None = None,
 ) -> Figure:
     """Return the picture of a plane.
 
@@ -53,15 +57,21 @@ def draw_plane(
         Title of the picture; the place of the plane is added to it.
     peak_m : (3,) array_like, optional
         Place to mark as the peak; by default that of the largest value of the plane.
+    decibels : bool
+        Draw levels relative to the largest value, down to -40 dB.
+    ear_m : (3,) array_like, optional
+        Place of an ear to mark.
 
     Raises
     ------
     ConfigurationError
         An unknown quantity, the phase of a time average, or no matplotlib.
     """
-    values, label = quantity_and_label(engine, field.values, quantity)
+    values, label = quantity_and_label(engine, field.values, quantity, decibels=decibels)
     colours: str = PHASE_MAP if quantity == "phase" else MAGNITUDE_MAP
-    limits = (-math.pi, math.pi) if quantity == "phase" else (0.0, None)
+    limits = (LEAST_DB, 0.0) if decibels else (0.0, None)
+    if quantity == "phase":
+        limits = (-math.pi, math.pi)
     with new_figure(*_size(field.plane)) as figure:
         figure.set_layout_engine("compressed")  # no gaps beside a picture of fixed aspect
         axes = figure.add_subplot()
@@ -80,7 +90,8 @@ def draw_plane(
             cmap=colours,
             vmin=limits[0],
             vmax=limits[1],
-            interpolation="nearest",
+            interpolation="bicubic",
+            interpolation_stage="rgba",  # between the colours: a phase turns over without a seam
             aspect="equal",
         )
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.92)
@@ -96,7 +107,10 @@ def draw_plane(
             draw_mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
         place = np.asarray(field.peak_m() if peak_m is None else peak_m, dtype=np.float64)
         draw_mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
-        _legend(figure)
+        draw_array(axes, engine.model.array, first, second)
+        if ear_m is not None:
+            draw_ear(axes, 1e3 * np.asarray(ear_m, dtype=np.float64), first, second)
+        figure_legend(figure, columns=2)
         axes.set_title(_title(title, field.plane))
     return figure
 
@@ -115,19 +129,6 @@ def _marked(plane: PicturePlane, targets_m: ArrayLike) -> list[list[float]]:
     distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
     shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()
     return shown if len(shown) <= _MANY_TARGETS else []
-
-
-def _legend(figure: Figure) -> None:
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    if unique:
-        figure.legend(
-            list(unique.values()),
-            list(unique.keys()),
-            loc="outside lower center",
-            ncols=2,
-            markerscale=0.7,
-        )
 
 
 def _title(title: str, plane: PicturePlane) -> str:

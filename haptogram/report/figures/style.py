@@ -130,6 +130,7 @@ def figure_legend(figure: Figure, columns: int = 4) -> None:
             list(entries),
             loc="outside lower center",
             ncols=min(columns, len(entries)),
+            markerscale=0.7,
         )
 
 

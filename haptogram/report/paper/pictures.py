@@ -33,9 +33,7 @@ def draw_hemispheres() -> Figure:
             points = paper_hemisphere(resolution) * 1e3
             place = (0.01 + 0.49 * (index % 2), 0.46 - 0.50 * (index // 2), 0.45, 0.60)
             axes: Any = figure.add_axes(place, projection="3d", facecolor="none")
-            axes.scatter(
-                *points.T, c=points[:, 2], cmap="cividis", s=max(2.0, 16.0 - 4.5 * index), alpha=1.0
-            )
+            axes.scatter(*points.T, color=BLUE, s=max(2.0, 16.0 - 4.5 * index), linewidths=0)
             axes.set_title(f"{resolution * 1e3:g} mm: {len(points)} points", fontsize=9, y=0.88)
             axes.set_box_aspect((2, 2, 1))
             axes.view_init(elev=16, azim=-60)

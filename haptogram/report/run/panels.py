@@ -12,6 +12,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
 from ..figures.style import BLUE, ERROR_MAP, GREY, VERMILION, draw_mark
+from ..figures.surroundings import draw_array
 from .fieldmap import FieldPicture, PanelFieldMap
 from .series import (
     ErrorSeries,
@@ -177,8 +178,7 @@ def map_panel(
     if close:
         _mark_foci(axes, field, shown)
         return image
-    if field.axes[1] == 2:
-        _ground(axes, model, field.axes[0], across)
+    draw_array(axes, model.array, *field.axes)
     _mark_window(axes, shown.close_upright if field.axes[1] == 2 else shown.close_level)
     fixed = next(axis for axis in range(3) if axis not in field.axes)
     axes.set_title(f"{_AXES[fixed]} = {shown.marks_mm[0][fixed]:.1f} mm")
@@ -201,15 +201,6 @@ def _mark_foci(axes: Axes, field: PanelFieldMap, shown: FieldPicture) -> None:
     if shown.frame.measured_m is not None:
         draw_mark(axes, measured[first], measured[second], "fitted focus")
     draw_mark(axes, *field.peak_mm, "peak")
-
-
-def _ground(axes: Axes, model: AcousticModel, side: int, across: FloatArray) -> None:
-    """Draw the elements that lie below a vertical plane."""
-    places = 1e3 * model.array.positions_m
-    near = places[(places[:, side] >= across[0]) & (places[:, side] <= across[-1])]
-    axes.plot(near[:, side], near[:, 2], "s", color=GREY, markersize=2.5, zorder=3)
-    lowest = float(near[:, 2].min()) if len(near) else 0.0
-    axes.set_ylim(bottom=lowest - 4.0)
 
 
 # --- Along the object --------------------------------------------------------------------------

@@ -72,7 +72,7 @@ def draw_run_field(shown: FieldPicture | None, model: AcousticModel) -> Figure:
             map_panel(axes, plane, shown, model, close=False)
         for axes, plane in zip(panels[1], (shown.close_level, shown.close_upright), strict=True):
             image = map_panel(axes, plane, shown, model, close=True)
-        figure.colorbar(image, ax=panels, label="sound pressure, RMS (kPa)", shrink=0.6, aspect=30)
+        figure.colorbar(image, ax=panels, label="pressure (kPa RMS)", shrink=0.6, aspect=30)
         handles, labels = axes.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure

@@ -92,6 +92,7 @@ CASES = {
         "quiet": ("--picture a.png", ""),
         "view": ("--picture a.png", ""),
         "quantity": ("--picture a.png", ""),
+        "decibels": ("--picture a.png", "--picture a.png --quantity phase"),
         "half_width_mm": ("--picture a.png", ""),
         "plane": ("--picture a.png", "--picture a.png --view cuts"),
         "step_mm": ("--picture a.png --view isosurface", "--picture a.png --view cuts"),

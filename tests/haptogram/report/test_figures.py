@@ -36,6 +36,7 @@ MODEL = AcousticModel.default(8, 8)
 ENGINE = NumpyEngine(MODEL)
 TARGET = (0.01, -0.005, 0.08)
 WEIGHTS = np.exp(1j * focus_phases(MODEL, TARGET))
+MARKS = {"target", "peak", "outline of the array"}
 PLANE = PicturePlane("xy", TARGET, (-0.03, 0.03), (-0.02, 0.02), 2e-3)
 
 
@@ -205,7 +206,7 @@ def test_pictures_are_repeatable():
         encode_figure(draw_plane(ENGINE, field(), targets_m=[TARGET]), ".svg") for _ in range(2)
     )
     assert svg == again
-    assert b"sound pressure" in svg
+    assert b"pressure (kPa RMS)" in svg
     png = encode_figure(draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3), ".png")
     assert png.startswith(b"\x89PNG")
 
@@ -214,10 +215,10 @@ def test_a_picture_says_what_it_is_of_and_where_and_marks_target_and_peak():
     picture = draw_plane(ENGINE, field(), targets_m=[TARGET], title="a focus")
     axes = picture.axes[0]
     assert axes.get_title(loc="left") == "a focus\nplane z = 80 mm"
-    assert set(axes.get_legend_handles_labels()[1]) == {"target", "peak"}
+    assert set(axes.get_legend_handles_labels()[1]) == MARKS
     elsewhere = draw_plane(ENGINE, field(), peak_m=(0.02, 0.01, 0.08)).axes[0]
     assert elsewhere.get_title(loc="left") == "plane z = 80 mm"
-    assert [float(line.get_xdata()[0]) for line in elsewhere.lines] == [20.0, 20.0]
+    assert [float(line.get_xdata()[0]) for line in elsewhere.lines[:2]] == [20.0, 20.0]
 
 
 @pytest.mark.parametrize("up_m", [(0.04, 0.14), (0.005, 0.06), (0.005, 0.70)])
@@ -274,3 +275,72 @@ def test_a_plane_behind_the_array_is_refused_and_one_that_cuts_it_is_not():
     assert np.nanmin(np.abs(half[5:])) > 0.0
     everywhere = AcousticModel(MODEL.array, MODEL.medium, Transducer(PointSource()))
     assert np.abs(sample_picture_plane(NumpyEngine(everywhere), WEIGHTS, behind).values).min() > 0.0
+
+
+def labelled(axes):
+    return {line.get_label(): line.get_xydata() for line in axes.lines}
+
+
+UPRIGHT = PicturePlane("xz", TARGET, (-0.06, 0.06), (0.005, 0.12), 4e-3)
+
+
+def test_the_array_lies_below_an_upright_plane_and_around_a_level_one():
+    axes = draw_plane(ENGINE, field(UPRIGHT)).axes[0]
+    elements = labelled(axes)["transducers"]
+    assert sorted(map(tuple, elements)) == sorted(
+        map(tuple, 1e3 * MODEL.array.positions_m[:, [0, 2]])
+    )
+    assert axes.get_ylim()[0] < 0.0 < axes.get_ylim()[1]
+    outline = labelled(draw_plane(ENGINE, field()).axes[0])["outline of the array"]
+    assert sorted(set(map(tuple, outline))) == [
+        (x, y) for x in (-35.0, 35.0) for y in (-35.0, 35.0)
+    ]
+    assert tuple(outline[0]) == tuple(outline[-1])
+
+
+def test_an_array_that_is_far_off_leaves_the_picture_as_it_is():
+    axes = draw_plane(
+        ENGINE, field(PicturePlane("xz", TARGET, (-0.03, 0.03), (0.07, 0.09), 2e-3))
+    ).axes[0]
+    assert "transducers" not in labelled(axes)
+    assert axes.get_ylim() == pytest.approx((69.0, 91.0))
+
+
+def test_an_array_in_a_line_has_a_line_for_an_outline():
+    model = AcousticModel.default(8, 1)
+    plane = sample_picture_plane(NumpyEngine(model), np.ones(8), PLANE)
+    outline = labelled(draw_plane(NumpyEngine(model), plane).axes[0])["outline of the array"]
+    assert sorted(map(tuple, outline)) == [(-35.0, 0.0), (35.0, 0.0)]
+
+
+def test_an_ear_is_marked_in_its_place_or_where_the_picture_ends():
+    axes = draw_plane(ENGINE, field(UPRIGHT), ear_m=(0.03, 0.5, 0.1)).axes[0]
+    assert labelled(axes)["ear"][0] == pytest.approx((30.0, 100.0))
+    axes = draw_plane(ENGINE, field(UPRIGHT), ear_m=(-0.3, 0.0, 0.06)).axes[0]
+    (note,) = axes.texts
+    assert note.get_text() == "ear, 238 mm beyond"
+    assert axes.get_xlim()[0] < note.xy[0] < -50.0
+
+
+@pytest.mark.parametrize("quantity", ["pressure", "force"])
+def test_decibels_are_relative_to_the_largest_value(quantity):
+    image, bar = draw_plane(ENGINE, field(), quantity=quantity, decibels=True).axes
+    values = np.asarray(image.images[0].get_array())
+    level = 20.0 * np.log10(np.abs(field().values) / np.abs(field().values).max())
+    assert values == pytest.approx(np.maximum(level, -40.0))
+    assert image.images[0].get_clim() == (-40.0, 0.0)
+    assert "dB; 0 dB is " in bar.get_ylabel()
+    with pytest.raises(ConfigurationError, match="no level in decibels"):
+        draw_plane(ENGINE, field(), quantity="phase", decibels=True)
+
+
+def test_surfaces_fill_their_frame():
+    from haptogram.report.figures.isosurface import _frame
+
+    low, high = _frame(np.array([[-5.0, 0.0, 60.0], [5.0, 20.0, 160.0]]))
+    assert high[2] - low[2] == pytest.approx(110.0)  # the longest side with a margin
+    assert high[:2] - low[:2] == pytest.approx([41.0, 41.0])  # room for the names
+    assert (low + high) / 2.0 == pytest.approx([0.0, 10.0, 110.0])
+    axes = draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=2e-3).axes[0]
+    first, last = axes.get_zlim()
+    assert last - first < 100.0  # of the 120 mm that were looked at
