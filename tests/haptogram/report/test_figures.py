@@ -341,6 +341,3 @@ def test_surfaces_fill_their_frame():
     assert high[2] - low[2] == pytest.approx(110.0)  # the longest side with a margin
     assert high[:2] - low[:2] == pytest.approx([41.0, 41.0])  # room for the names
     assert (low + high) / 2.0 == pytest.approx([0.0, 10.0, 110.0])
-    axes = draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=2e-3).axes[0]
-    first, last = axes.get_zlim()
-    assert last - first < 100.0  # of the 120 mm that were looked at
