@@ -54,7 +54,8 @@ class ClientRemarks:
     def _forget(self) -> None:
         self._first_bytes = bytearray()
         self._paused = 0  # bytes of a frame before a pause in its middle
-        self._is_own = self._is_other = self._is_compared = self._came = False
+        self._is_own = self._is_other = self._came = False
+        self._told_own: bool | None = None
         self._said: set[tuple[str, bool]] = set()
         self._strange: dict[str, int] = {}  # kinds that are not told yet, and the size of a frame
         self._frames: list[tuple[int, frozenset[str]]] = []
@@ -130,8 +131,8 @@ class ClientRemarks:
 
     def _tell_compared(self, t_us: int) -> None:
         """Say once of each client that its bytes look like no other wire."""
-        if not self._is_compared:
-            self._is_compared = True
+        if self._told_own is None or self._told_own < self._is_own:
+            self._told_own = self._is_own
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
     def _compare(self, t_us: int) -> None:

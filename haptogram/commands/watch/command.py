@@ -180,7 +180,7 @@ class _Run:
 
         event = record["event"]
         if event == "wire_compared":
-            self._watch.wire_compared()
+            self._watch.wire_compared(is_own=record["is_own"])
         elif event == "client_left":
             self._watch.client_left()
         elif event == "remark":

@@ -55,6 +55,7 @@ class DefectFinder:
 
     def __init__(self, positions_m: FloatArray, channels: int, most: int = 10_000) -> None:
         self._neighbours = _neighbours(positions_m)
+        self._centre_m: FloatArray = positions_m.mean(axis=0)
         self._distance_m = np.linalg.norm(positions_m - positions_m.mean(axis=0), axis=1)
         self._channels = channels
         self._most = most
@@ -62,7 +63,7 @@ class DefectFinder:
         self._stray: set[int] = set()
         self._silent: Counter[frozenset[int]] = Counter()
         self._reversed: dict[int, _Polarity] = defaultdict(_Polarity)
-        self.frames = FrameDefects(most)
+        self.frames = FrameDefects(channels, most)
 
     def take(self, latch: SeenLatch, pattern: Pattern) -> tuple[Defect, ...]:
         """Take down a latch, and return the defects that its drive shows by itself."""
@@ -127,9 +128,16 @@ class DefectFinder:
         silent = ~(np.abs(np.nan_to_num(latch.weights)) > _SOUNDING)
         if not isinstance(pattern, Placed) or not silent.any() or silent.mean() > _FEW:
             return frozenset()
+        if not self._is_near(pattern):
+            return frozenset()
         if silent[self._neighbours[silent]].mean() > 1.0 - _SCATTERED or self._is_rim(silent):
             return frozenset()
         return frozenset(int(n) for n in np.flatnonzero(silent))
+
+    def _is_near(self, pattern: Placed) -> bool:
+        """Return True if the place of a pattern is known: a wave from afar is many things."""
+        distance_m = float(np.linalg.norm(np.array(pattern.position_m) - self._centre_m))
+        return bool(np.linalg.norm(pattern.bound_m) < distance_m + self._distance_m.max())
 
     def _is_rim(self, silent: NDArray[np.bool_]) -> bool:
         """Return True if the silent elements are those furthest from the middle, as corners are."""

@@ -55,28 +55,29 @@ class FrameDefects:
 
     Parameters
     ----------
+    channels : int
+        Channels of one board.
     most : int
         Latches that are kept of each defect, and remarks.
 
     Attributes
     ----------
-    is_compared : bool
-        Whether the board has told that the bytes of the client look like no other wire.
     remarks : list of str
         What the board said of its clients.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, channels: int, most: int) -> None:
+        self._channels, self._most = channels, most
         self._judged, self._of_client = _Found(most), _Found(most)
         self._about: dict[About, str] = {}
         self._undecided: str | None = None
-        self._has_whole = self._is_stopped = self.is_compared = False
+        self._has_whole = self._is_stopped = False
+        self._is_own: bool | None = None  # None: not told
         self.remarks: list[str] = []
 
     def take(self, latch: SeenLatch, *, is_named: bool = False) -> None:
         """Take down a latch; *is_named*: what was counted of it has another name."""
-        if not latch.torn:
+        if not latch.torn or self._is_second_frame(latch):
             self._has_whole, self._is_stopped = True, False
         elif not is_named:
             defect = Defect.STOPPED if self._is_stopped else Defect.BYTES_LOST
@@ -97,18 +98,24 @@ class FrameDefects:
         self._judged = self._so_far()
         self._undecided = self.undecided
         self._of_client, self._about = _Found(self._most), {}
-        self._has_whole = self.is_compared = False
+        self._has_whole, self._is_own = False, None
+
+    def wire_compared(self, *, is_own: bool) -> None:
+        """Learn that the bytes of the client look like no other wire, and whether like its own."""
+        self._is_own = is_own
 
     @property
     def waits_for_wire(self) -> bool:
         """True if frames of the client are torn, and the board has not told their wire yet."""
-        is_told = self.is_compared or About.OTHER_WIRE in self._about
+        is_told = self._is_own is not None or About.OTHER_WIRE in self._about
         return bool(self._of_client.latches) and not is_told
 
     @property
     def undecided(self) -> str | None:
         """Why the frames of a client are not judged; None: all are."""
         of_client = self._about.get(About.OTHER_WIRE)
+        if of_client is None and self._is_own is False and self._of_client.latches:
+            of_client = "the client's bytes look like no wire that is known"
         if of_client is None and self._may_be_of_another_array:
             of_client = self._about[About.OTHER_SIZE]
         return self._undecided or of_client
@@ -127,6 +134,13 @@ class FrameDefects:
             if found.counts[defect]
         ]
 
+    def _is_second_frame(self, latch: SeenLatch) -> bool:
+        """Return True if the codes beyond the array are whole frames, as without their commit."""
+        beyond = latch.counted.get("codes_beyond_array", 0)
+        is_all = latch.torn.keys() == {"codes_beyond_array"}
+        lacks = latch.counted.get("frames_without_commit", 0)
+        return bool(is_all and lacks and beyond % self._channels == 0)
+
     @property
     def _may_be_of_another_array(self) -> bool:
         is_torn = Defect.BYTES_LOST in self._of_client.latches
@@ -137,7 +151,7 @@ class FrameDefects:
         """Return what is named of all clients, the one that is there included."""
         found, of_client = _Found(self._most), self._of_client
         found.extend(self._judged)
-        if About.OTHER_WIRE in self._about:
+        if About.OTHER_WIRE in self._about or self._is_own is False:
             return found
         of_another = About.OTHER_ARRAY in self._about
         hidden = [Defect.BYTES_LOST] if of_another or self._may_be_of_another_array else []

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern
@@ -88,9 +89,9 @@ class Watch:
         """Take down what the board says of its client."""
         self._finder.frames.remark(about, text)
 
-    def wire_compared(self) -> None:
-        """Learn that the bytes of the client look like no other wire."""
-        self._finder.frames.is_compared = True
+    def wire_compared(self, *, is_own: bool) -> None:
+        """Learn that the bytes of the client look like no other wire, and whether like its own."""
+        self._finder.frames.wire_compared(is_own=is_own)
 
     @property
     def waits_for_wire(self) -> bool:
@@ -127,13 +128,20 @@ class Watch:
             self._classifiers[latch.steps] = PatternClassifier(self._model, latch.steps)
             self._classifiers[latch.steps].warm_up()
         start_s = time.perf_counter()
-        pattern = self._classifiers[latch.steps].classify(weights)
+        pattern = self._classifiers[latch.steps].classify(weights, self._expected_m())
         took_ms = 1e3 * (time.perf_counter() - start_s)
         self._times_ms.append(took_ms)
         self._seen[key] = pattern
         if len(self._seen) > _REMEMBERED:
             self._seen.popitem(last=False)
         return pattern, took_ms
+
+    def _expected_m(self) -> FloatArray | None:
+        """Return the one focus of the frame that is expected next."""
+        if self._expectation is None:
+            return None
+        foci = self._expectation.frame(self._frames)
+        return foci[0] if len(foci) == 1 else None
 
     def _judged(self, latch: SeenLatch, pattern: Pattern) -> FrameVerdict | None:
         if self._expectation is None or pattern.kind in _SILENT_KINDS:

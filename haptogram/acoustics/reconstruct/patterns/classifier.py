@@ -91,8 +91,13 @@ class PatternClassifier:
         self._searches: dict[int, PatternSearch] = {}
         self._last: Explanation | None = None
 
-    def classify(self, weights: ArrayLike) -> Pattern:
+    def classify(self, weights: ArrayLike, near_m: ArrayLike | None = None) -> Pattern:
         """Return the pattern of (N,) complex *weights*; elements that are not finite are silent.
+
+        Parameters
+        ----------
+        near_m : (3,) array_like, optional
+            Where to look for a focus first.
 
         Raises
         ------
@@ -109,7 +114,8 @@ class PatternClassifier:
         )
         if in_phase and self._is_plane:
             return Uniform(int(active.sum()))
-        found = self._placed(drive, active, phases)
+        places = [] if near_m is None else [np.asarray(near_m, dtype=np.float64)]
+        found = self._placed(drive, active, phases, places)
         if found is not None:
             return found
         return Uniform(int(active.sum())) if in_phase else self._unnamed(drive, active)
@@ -141,14 +147,20 @@ class PatternClassifier:
         return radiated
 
     def _placed(
-        self, drive: ComplexArray, active: BoolArray, phases: PatternPhases
+        self,
+        drive: ComplexArray,
+        active: BoolArray,
+        phases: PatternPhases,
+        places: list[FloatArray],
     ) -> Pattern | None:
         """Return the pattern around one point or several, if the drive makes one."""
         if len(phases.phases_rad) < MIN_ACTIVE:
             return None
         explained = self._near_the_last(phases)
         if explained is None:
-            explained = self._searched(phases, self._search_for(active), active, drive)
+            search = self._search_for(active)
+            explained = self._focused_at(phases, places, search, drive)
+            explained = explained or self._searched(phases, search, active, drive)
         if explained is not None:
             return self._as_pattern(explained, drive, active, phases)
         search = self._search_for(active)
@@ -179,6 +191,26 @@ class PatternClassifier:
         if number not in self._searches:
             self._searches[number] = PatternSearch(self._model, self._sides[number])
         return self._searches[number]
+
+    def _focused_at(
+        self,
+        phases: PatternPhases,
+        places: list[FloatArray],
+        search: PatternSearch,
+        drive: ComplexArray,
+    ) -> Explanation | None:
+        """Return a focus of nearly all elements at one of *places*, or in the middle of a bowl."""
+        sounding = np.abs(drive) > _SILENT
+        arrivals = np.where(sounding, np.exp(1j * np.angle(drive)), 0.0)
+        in_bowl = search.focus_of_bowl(arrivals)
+        for place in [*places, *([] if in_bowl is None else [in_bowl])]:
+            local = self._model.array.local_m(place[None])[0]
+            found = explain_turning(phases, local, self._limit_rad, near=True)
+            if found is not None and found.used.mean() >= _SUFFICES:
+                found = self._proven(phases, found)
+                if found is not None:
+                    return found
+        return None
 
     def _searched(
         self, phases: PatternPhases, search: PatternSearch, active: BoolArray, drive: ComplexArray

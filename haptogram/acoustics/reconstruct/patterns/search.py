@@ -30,6 +30,10 @@ _APART: Final = 0.25  # of their distance: a grating lobe lies further away
 _LEAST_SCORE: Final = 0.3  # chance reaches 0.35 with 100 elements, a corner of the right cell 0.5
 _TWIN_SCORE: Final = 1.1  # a twin trap reaches 0.9 where others reach 1
 _AT_A_TIME: Final = 256  # points: temporaries stay in the cache
+_AXES: Final = "xyz"
+_LEAST_BEND: Final = 0.1  # of the sum of normals, across where they point
+_BOWL: Final = 0.4  # of the radius of a bowl: a search around its middle
+_MOST_BOWL_STEPS: Final = 12  # each way: 7 000 points
 _CLEARANCE_M: Final = 0.010  # of a point from the elements of the other board
 
 
@@ -87,6 +91,8 @@ class PatternSearch:
         self._turns = _phasor(self._local[:, :2] - middle)
         self.middle_m = middle
         self._reach = np.linalg.norm(self._cells - own.centre_m, axis=1)
+        self._bowl_cells = _cells_of_bowl(model)
+        self._bowl_phasors = cell_phasors(model, self._bowl_cells, array.positions_m)
 
     def starts(self, arrivals: ComplexArray, *, below: bool) -> list[Start]:
         """Return points to start from, the likeliest first.
@@ -119,6 +125,17 @@ class PatternSearch:
             if score[cell] >= _LEAST_SCORE
         ]
         return sorted(found, key=lambda start: -start.score)
+
+    def focus_of_bowl(self, arrivals: ComplexArray) -> FloatArray | None:
+        """Return the point around the middle of a bowl at which all waves agree best.
+
+        A focus of a bowl is as small as a wavelength: between the cells of a volume it is lost.
+        """
+        if not len(self._bowl_cells):
+            return None
+        sums = np.abs(self._bowl_phasors @ arrivals.astype(np.complex64))
+        place: FloatArray = self._bowl_cells[int(sums.argmax())]
+        return place
 
     def loudest(self, weights: ComplexArray, count: int) -> list[FloatArray]:
         """Return points where most arrives, the strongest of each region first."""
@@ -171,6 +188,23 @@ def array_sides(array: TransducerArray) -> list[BoolArray]:
     """Return the elements that look along the array's z and those that look against it."""
     ahead = array.normals @ array.axes[2] >= 0.0
     return [side for side in (ahead, ~ahead) if side.any()]
+
+
+def _cells_of_bowl(model: AcousticModel) -> FloatArray:
+    """Return points a quarter of a wavelength apart around the middle that elements look at."""
+    positions, normals = model.array.positions_m, model.array.normals
+    if np.linalg.matrix_rank(normals, tol=_LEAST_BEND) < len(_AXES):
+        return np.zeros((0, 3))  # all look along one line, or lie in one plane
+    # The point next to all lines along the normals: sum of (I - n n^T) (x - p) = 0.
+    across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+    middle = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, positions))
+    radius = _BOWL * np.linalg.norm(positions - middle, axis=1).min()
+    step = min(model.wavelength_m / 4.0, radius)
+    most = min(int(radius / step), _MOST_BOWL_STEPS)
+    line = step * np.arange(-most, most + 1)
+    points = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
+    cells: FloatArray = middle + points[np.linalg.norm(points, axis=1) <= radius]
+    return cells
 
 
 def _between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolArray:

@@ -25,6 +25,7 @@ from haptogram.verification.watch import (
     latch,
     watch,
 )
+from haptogram.verification.watch.frames import FrameDefects
 from watched_runs import TARGETS, latches, model_of, targets_of, watched
 
 BOARDS = {"sonicsurface": 32, "interactlab": 128, "ultraino-flat8": 10}
@@ -334,6 +335,58 @@ def test_the_frames_of_a_client_are_judged_by_what_the_board_says_of_it(events, 
     assert [(one.defect, one.detail) for one in result.diagnoses] == found
     assert str(result.verdict) == verdict
     assert len(result.remarks) == sum(isinstance(event, About) for event in events)
+
+
+def test_frames_of_bytes_that_look_like_no_wire_are_not_judged():
+    frames = FrameDefects(channels=256, most=10)
+    array = LAYOUTS["sonicsurface"].array()
+    (whole,) = latches(array, 32, targets_of(array)[:1])
+    torn = dataclasses.replace(whole, counted={"frames_short": 1})
+    frames.take(torn)
+    assert frames.waits_for_wire
+    frames.wire_compared(is_own=False)
+    assert frames.diagnoses() == frames.torn == []
+    assert frames.undecided == "the client's bytes look like no wire that is known"
+    frames.wire_compared(is_own=True)  # a whole frame came
+    assert [one.defect for one in frames.diagnoses()] == [Defect.BYTES_LOST]
+    assert frames.undecided is None
+
+
+@pytest.mark.parametrize(
+    ("counted", "found"),
+    [
+        ({"frames_without_commit": 1, "codes_beyond_array": 512}, [Defect.NO_COMMIT]),
+        ({"frames_without_commit": 1, "codes_beyond_array": 300}, 2),
+        ({"codes_beyond_array": 512}, [Defect.BYTES_LOST]),
+    ],
+)
+def test_a_second_frame_behind_a_lost_commit_lost_nothing(counted, found):
+    """A board of a chain goes on with channel 0: the codes of the frame before are replaced."""
+    found = [Defect.NO_COMMIT, Defect.BYTES_LOST] if found == 2 else found
+    assert [one.defect for one in heard(counted).diagnoses] == found
+
+
+def test_silent_elements_of_a_wave_from_afar_are_not_named():
+    array = LAYOUTS["sonicsurface"].array()
+    weights = np.ones(256, dtype=complex)
+    weights[[3, 100]] = 0.0
+    (seen,) = latches(array, 32, targets_of(array)[:1])
+    near = dataclasses.replace(seen, weights=seen.weights * weights)
+    pattern = watched(array, []).take(near).pattern
+    finder = diagnosis.DefectFinder(array.positions_m, 256)
+    assert finder.take(near, pattern) == (Defect.SILENT,)
+    far = dataclasses.replace(pattern, bound_m=(0.1, 0.1, 6.0))
+    assert finder.take(near, far) == ()
+
+
+@pytest.mark.parametrize("steps", [10, 128])
+def test_an_expected_focus_is_looked_for_where_it_is_expected(steps):
+    """A search of a whole volume may miss a focus as small as a bowl makes it."""
+    array = LAYOUTS["tinylev"].array()
+    places = array.centre_m + np.array([[0.002, 0.001, 0.0235], [0.0, 0.024, 0.002]])
+    run = watched(array, [], places)
+    for seen in latches(array, steps, places):
+        assert run.take(seen).verdict.status is FrameStatus.ON_TARGET
 
 
 # --- results --------------------------------------------------------------------------------------

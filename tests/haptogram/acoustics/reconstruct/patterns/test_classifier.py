@@ -278,3 +278,25 @@ def test_wrong_arguments_are_refused():
 
 def test_the_example_runs():
     assert doctest.testmod(classifier).failed == 0
+
+
+def test_a_focus_anywhere_around_the_middle_of_bowls_is_found():
+    """It is as small as a wavelength there: the cells of a search volume lie further apart."""
+    array = LAYOUTS["tinylev"].array()
+    classifier = PatternClassifier(AcousticModel(array, *model_parts()), 128)
+    rng = np.random.default_rng(4)
+    k = 2.0 * np.pi / AcousticModel.default().wavelength_m
+    for _ in range(12):
+        way = rng.normal(size=3)
+        place = array.centre_m + way / np.linalg.norm(way) * rng.uniform(0.0, 0.022)
+        distance_m = np.linalg.norm(array.positions_m - place, axis=1)
+        codes = np.rint(-128 * (k * distance_m / (2.0 * np.pi) + rng.uniform())) % 128
+        classifier.reset()
+        found = classifier.classify(np.exp(2j * np.pi * codes / 128))
+        assert found.kind == "one focus"
+        assert np.linalg.norm(np.array(found.position_m) - place) < 1e-4
+
+
+def model_parts():
+    model = AcousticModel.default()
+    return model.medium, model.transducer
