@@ -91,8 +91,9 @@ class HostOutput:
         schedule.check(frames, self._session.identity, baudrate)
         schedule.check_timers(known)
         if trim_to is not None:
-            trim = schedule.lead_trim(frames, known, baudrate, trim_to)
+            trim = schedule.lead_trim(frames, self._session.identity, known, baudrate, trim_to)
             pacing = replace(pacing, trim=trim)
+        pacing = replace(pacing, refresh_ns=self._arming.refresh_ns)
         every = frames * loops
         self._make_ready(frames, schedule.lead_us + stream_preparation_ns(len(every)) // 1000)
         done = self._streamer.stream(every, schedule, pacing, progress)
@@ -107,6 +108,7 @@ class HostOutput:
         """Upload *frames*, play them on the board's clock, and wait for the end."""
         data = SequenceData.of(frames)
         data.check(self._session.identity)
+        timing.check_frames(frames, self._session.identity)
         self._make_ready(frames, timing.lead_us)
         self._player.store(data)
         self._arming.rearm_if_timed_out(timing.lead_us)  # an upload takes longer than a hold

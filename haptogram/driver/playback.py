@@ -76,6 +76,26 @@ class PlaybackTiming:
         least_ms = _LEAST_UNATTENDED_MS  # two pings of the host
         check_whole("unattended_ms", self.unattended_ms, least_ms, identity.max_unattended_ms)
 
+    def check_frames(self, frames: list[Frame], identity: HelloReply) -> None:
+        """Refuse times in which the board cannot make *frames* ready.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming the time that the board needs.
+        """
+        ready_us = max(frame.ready_after_us(identity) for frame in frames)
+        if self.lead_us <= ready_us:
+            raise ConfigurationError(
+                f"lead is {self.lead_us} us; the board takes {ready_us} us to make a frame ready"
+            )
+        computing_us = max(frame.computing_us(identity) for frame in frames)
+        if self.period_us < computing_us:
+            raise ConfigurationError(
+                f"period is {self.period_us} us; the board takes {computing_us} us to compute a "
+                "frame of these focal points"
+            )
+
 
 @dataclass(frozen=True, slots=True)
 class PlayReport:

@@ -108,11 +108,14 @@ class StreamPacing:
         Whether to ask for fixed priority, locked memory and a frozen collector.
     trim : LeadTrim or None
         Moves the lead; None: it stays.
+    refresh_ns : int
+        Longest time between two frames of this host that keeps the board's lease.
     """
 
     spin_us: int = 0
     strict: bool = False
     trim: LeadTrim | None = None
+    refresh_ns: int = _WATCH_NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +215,7 @@ class Streamer:
             for number in range(1, len(frames) + 1):
                 frame, index, due_us, wire = ready.popleft()
                 run.wait(due_us)
-                sent = run.send(wire, due_us)
+                sent = run.send(wire, due_us - frame.ready_after_us(self._identity))
                 noted = self._note(frame, index, due_us)
                 if not sent:
                     run.skipped.append(noted.number)
@@ -274,6 +277,7 @@ class _Run:
         self.lead_us = schedule.lead_us
         self._link, self._pinger = link, pinger
         self._trim, self._status = pacing.trim, status
+        self._refresh_ns = pacing.refresh_ns
         self._seen = status()
         self._jumps = pinger.clock.jumps
         self._loop = PeriodicLoop(
@@ -306,15 +310,15 @@ class _Run:
             )
         return clock.to_host_ns(due_us - self.lead_us)
 
-    def send(self, wire: bytes, due_us: int) -> bool:
-        """Send the frame due at *due_us*; return False if the frame can no longer be in time."""
+    def send(self, wire: bytes, arrival_us: int) -> bool:
+        """Send a frame; return False if it can no longer be at the board by *arrival_us*."""
         link = self._link
         ready_ns = room_ns = link.now_ns()
         in_time = can_arrive_in_time(
             now_ns=ready_ns,
             line_free_ns=link.line.free_ns,
             transmission_ns=link.transmission_ns(wire),
-            due_ns=self._pinger.clock.to_host_ns(due_us) - self._safety.ns,
+            due_ns=self._pinger.clock.to_host_ns(arrival_us) - self._safety.ns,
         )
         if in_time:
             room_ns = link.write_frame(wire)
@@ -333,8 +337,12 @@ class _Run:
         return in_time
 
     def wait_for_queue(self, due_us: int) -> None:
-        """Wait until the last frame is latched."""
-        self._link.run_until(self._pinger.clock.to_host_ns(due_us) + _SETTLING_NS)
+        """Wait until the last frame is latched; no frame but a ping renews the lease meanwhile."""
+        end_ns = self._pinger.clock.to_host_ns(due_us) + _SETTLING_NS
+        while (now_ns := self._link.now_ns()) + self._refresh_ns < end_ns:
+            self._link.run_until(now_ns + self._refresh_ns)
+            self._pinger.keep(self._refresh_ns)
+        self._link.run_until(end_ns)
 
     def _read_status(self) -> None:
         """Take the newest report of arrival margins, once."""

@@ -53,6 +53,15 @@ class Frame:
         """Kind of its message: ``phases``, ``drives`` or ``points``."""
         return MODE_OF[type(self.message)]
 
+    def computing_us(self, identity: HelloReply) -> int:
+        """Return the time that the board needs to compute the drive."""
+        points = len(self.message.points) if isinstance(self.message, Points) else 0
+        return points * identity.point_time_us
+
+    def ready_after_us(self, identity: HelloReply) -> int:
+        """Return the time from the arrival at the board until it can be latched.  HG-5.7."""
+        return identity.latch_lead_us + self.computing_us(identity)
+
     @property
     def phase_bits(self) -> int:
         """Resolution of the phases on the wire; of the registers where the board computes them."""

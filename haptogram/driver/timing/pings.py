@@ -43,9 +43,16 @@ class Pinger:
             self._send()
             self._link.wait_idle(self._link.now_ns() + self._link.timeout_ns)
 
-    def keep(self) -> None:
-        """Send a ping if it is time and no other request waits; never waits itself."""
-        if self._link.now_ns() >= self._due_ns and not self._link.connection.outstanding:
+    def keep(self, every_ns: int = PING_PERIOD_NS) -> None:
+        """Send a ping if it is time and no other request waits; never waits itself.
+
+        Parameters
+        ----------
+        every_ns : int
+            Longest time between two pings, for a board whose lease nothing else renews.
+        """
+        due_ns = min(self._due_ns, self._handed_over_ns + every_ns)
+        if self._link.now_ns() >= due_ns and not self._link.connection.outstanding:
             self._send()
 
     def _send(self) -> None:

@@ -71,6 +71,12 @@ class Schedule:
                 f"rate is {self.rate_hz:g} Hz; the board latches up to "
                 f"{identity.max_frame_rate_hz} frames/s"
             )
+        computing_us = max(frame.computing_us(identity) for frame in frames)
+        if computing_us > self.period_us:
+            raise ConfigurationError(
+                f"rate is {self.rate_hz:g} Hz; the board computes these focal points in "
+                f"{computing_us} us a frame: up to {US_PER_S / computing_us:g} frames/s"
+            )
         if self.lead_us > identity.max_horizon_us:
             raise ConfigurationError(
                 f"lead is {self.lead_us} us; the board looks {identity.max_horizon_us} us ahead"
@@ -83,10 +89,13 @@ class Schedule:
                 f"waiting; the board's queue holds {identity.queue_depth}: lead up to "
                 f"{longest_us} us"
             )
-        least_us = -(-size * 10 * US_PER_S // baudrate)
-        if self.lead_us <= least_us:
+        line_us = -(-size * 10 * US_PER_S // baudrate)
+        ready_us = max(frame.ready_after_us(identity) for frame in frames)
+        if self.lead_us <= line_us + ready_us:
+            board = f", and the board {ready_us} us to make them ready" if ready_us else ""
             raise ConfigurationError(
-                f"lead is {self.lead_us} us; {size} bytes at {baudrate} baud take {least_us} us"
+                f"lead is {self.lead_us} us; {size} bytes at {baudrate} baud take {line_us} us"
+                f"{board}"
             )
 
     def check_timers(self, config: Config) -> None:
@@ -106,7 +115,12 @@ class Schedule:
             )
 
     def lead_trim(
-        self, frames: list[Frame], config: Config, baudrate: int, miss_share: float
+        self,
+        frames: list[Frame],
+        identity: HelloReply,
+        config: Config,
+        baudrate: int,
+        miss_share: float,
     ) -> LeadTrim:
         """Return the trim that moves the lead of this schedule down.
 
@@ -120,5 +134,6 @@ class Schedule:
                 "trim needs the STATUS of the board, and status_period_ms is 0: configure it"
             )
         size = frame_bytes_on_line(max(frame.payload_bytes for frame in frames))
-        shortest_us = -(-line_transmission_ns(size, baudrate) // 1000) + 1
+        ready_us = max(frame.ready_after_us(identity) for frame in frames)
+        shortest_us = -(-line_transmission_ns(size, baudrate) // 1000) + ready_us + 1
         return LeadTrim(self.lead_us, shortest_us, miss_share)

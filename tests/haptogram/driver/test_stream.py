@@ -308,3 +308,42 @@ SILENCED = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 
 def test_the_clock_of_every_run_crosses_its_wrap():
     assert 2**32 - BOOT_US == 10_000_000
+
+
+def test_a_lead_longer_than_the_lease_costs_no_frame():
+    port = Jittery(queue_depth=128)
+    _, report = stream(port, CIRCLE[:100], rate_hz=50, lead_us=2_000_000)  # the lease: 500 ms
+    assert (report.status.reason, report.status.counters.timeouts) == (MuteReason.NONE, 0)
+    assert len(port.latches) == 100
+
+
+def test_a_board_that_needs_time_latches_every_frame_at_its_time():
+    port = Jittery(latch_lead_us=400, point_time_us=900)
+    driver, report = stream(port, CIRCLE, rate_hz=1000, mode="points")
+    assert_the_laws_hold(port, driver, report)
+    assert (len(port.latches), report.status.counters.late) == (120, 0)
+    assert report.status.counters.accepted == 120
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"rate_hz": 1200, "mode": "points"}, "computes these focal points in 900 us a frame"),
+        ({"rate_hz": 1000, "lead_us": 1400, "mode": "points"}, "1300 us to make them ready"),
+        ({"rate_hz": 1000, "lead_us": 500}, "400 us to make them ready"),
+    ],
+)
+def test_a_stream_that_a_board_cannot_make_ready_is_refused(options, told):
+    port = Jittery(latch_lead_us=400, point_time_us=900)
+    with pytest.raises(ConfigurationError, match=told):
+        stream(port, **options)
+
+
+def test_a_playback_that_a_board_cannot_make_ready_is_refused():
+    with Driver(Jittery(latch_lead_us=400, point_time_us=900), seed=1) as driver:
+        driver.arm()
+        with pytest.raises(ConfigurationError, match="takes 1300 us to make a frame ready"):
+            driver.play(CIRCLE, 500, mode="points", lead_us=1300)
+        with pytest.raises(ConfigurationError, match="takes 900 us to compute a frame"):
+            driver.play(CIRCLE, 1250, mode="points")
+        assert driver.play(CIRCLE, 1000, mode="points").latched == 120
