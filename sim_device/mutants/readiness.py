@@ -1,4 +1,5 @@
-"""Boards that need time to make a frame ready, and reckon wrongly with it.  SPEC.md HG-5.7."""
+"""Boards that reckon wrongly with the time until a latch.  SPEC.md HG-5.7, HG-8.3."""
+# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from ..board.board import Board
 from ..board.counters import Drop
 from ..board.registers import Content
 from ..board.settings import BoardSettings
-from ..board.stream_queue import StreamFrame
+from ..board.stream_queue import QueueEntry, StreamFrame
 from ..dialects.haptogram import BoardDialect
 from .mutant import Mutant
 from .replies import Liar
@@ -117,6 +118,47 @@ class StatusOfTwoMoments(BoardDialect):
         return (*fields[:2], queued, *fields[3:])
 
 
+class LateLatchesUnsaid(Board):
+    """Takes drives 100 us after their time and reports the time that was scheduled."""
+
+    _late_us = 100
+
+    def _entry(self, frame: StreamFrame) -> QueueEntry:
+        entry = super()._entry(frame)
+        return dataclasses.replace(entry, t_latch_us=entry.t_latch_us + self._late_us)
+
+    def _latch_stream(self) -> None:
+        super()._latch_stream()
+        latch = self.output._new_latches[-1]
+        told = dataclasses.replace(latch, t_latch_us=latch.t_latch_us - self._late_us)
+        self.output.latched = self.output._new_latches[-1] = told
+
+
+class StatusOfTheSchedule(BoardDialect):
+    """Reports in `last_latch_us` the time for which the last drive was meant."""
+
+    def _stream(self, event: Any) -> None:
+        self._meant_us = event.t_apply_us
+        super()._stream(event)
+
+    _meant_us: int | None = None
+
+    def _status(self) -> Any:
+        fields = super()._status()
+        told = fields[5] if self._meant_us is None else self._meant_us
+        return (*fields[:5], told, *fields[6:])
+
+
+class LatchesCountedAhead(BoardDialect):
+    """Counts a frame as latched when it is queued."""
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Every counter, what waits among the latches."""
+        right = super().counters
+        return right | {"latched": right["latched"] + self.board.queued}
+
+
 _WIRE, _SELF = Evidence.WIRE, Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
@@ -129,4 +171,7 @@ MUTANTS: Final = (
     Mutant.of(PlaysFasterThanItComputes, "HG-7.6/2", _WIRE),
     Mutant.of(ImmediateNotAccepted, "HG-5.7/8", _SELF),
     Mutant.of(StatusOfTwoMoments, "HG-9.1/3", _SELF),
+    Mutant.of(LateLatchesUnsaid, "HG-8.3/1", _SELF),
+    Mutant.of(StatusOfTheSchedule, "HG-8.3/3", _SELF),
+    Mutant.of(LatchesCountedAhead, "HG-8.3/3", _SELF),
 )
