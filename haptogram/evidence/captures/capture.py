@@ -18,6 +18,7 @@ MOST_CHANNELS: Final = 2048
 MOST_EDGES: Final = 50_000_000
 _MOST_SHARES: Final = 16  # steps in the least distance of two edges
 _LEAST_STEP: Final = 4.0  # ticks: a finer grid is not told from none
+_MOST_STEPS: Final = 20_000.0  # in a distance whose steps are counted: a longer one is a silence
 _ROUNDING: Final = 1.5  # ticks by which two rounded times may miss their distance
 
 
@@ -140,10 +141,13 @@ def estimated_step(times: NDArray[np.int64]) -> float:
         return 1.0
     for share in range(1, _MOST_SHARES + 1):
         step = _refined_step(distances, float(distances[0]) / share)
-        step = float((times[-1] - times[0]) / np.rint(np.diff(times) / step).sum())
+        every = np.diff(times)
+        every = every[every < _MOST_STEPS * step]
+        step = float(every.sum() / np.rint(every / step).sum())
         if step < _LEAST_STEP:
             break
-        rest = distances - np.rint(distances / step) * step
+        short = distances[distances < _MOST_STEPS * step]
+        rest = short - np.rint(short / step) * step
         if np.abs(rest).max() < _ROUNDING:
             return step
     return float(np.gcd.reduce(distances.astype(np.int64)))

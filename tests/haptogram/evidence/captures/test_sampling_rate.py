@@ -1,0 +1,20 @@
+"""The sampling rate that the edges of a VCD tell, over silences and rounding to ticks."""
+
+import numpy as np
+import pytest
+
+from haptogram.evidence.captures.capture import estimated_step
+
+
+@pytest.mark.parametrize("rate_hz", [4e6, 7.3e6, 12.5e6, 24e6, 48e6, 100e6])
+@pytest.mark.parametrize("silence_s", [0.0, 0.1, 1.7])
+@pytest.mark.parametrize("ppm", [0.0, 80.0])
+def test_a_silence_in_a_capture_leaves_the_rate_alone(rate_hz, silence_s, ppm):
+    random = np.random.default_rng(3)
+    period = rate_hz / 40e3 * (1.0 + ppm * 1e-6)
+    pulses = np.arange(8000)[:, None] * period + random.uniform(0.0, period, 8)
+    samples = np.unique(np.ceil(pulses).astype(np.int64))
+    half = len(samples) // 2
+    samples[half:] += round(silence_s * rate_hz)
+    found = 1e9 / estimated_step(np.rint(samples * 1e9 / rate_hz).astype(np.int64))
+    assert found == pytest.approx(rate_hz, rel=1e-5)
