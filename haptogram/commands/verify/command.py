@@ -70,6 +70,8 @@ examples:
       the same job, finer, without a wall clock: exact and repeatable
   haptogram verify --port /dev/ttyUSB0
       a real board, by its own trace
+  haptogram verify --recording run.mcap --capture pins.sr --channels map.toml
+      the same board, by its drive pins: what a logic analyser saw of a run with --record run.mcap
   haptogram verify --object shape.stl --mode sequence --html out.html
       a mesh, uploaded once and played on the board's clock
   haptogram verify --object point --modulation am --mode points --repeat 200

@@ -16,6 +16,7 @@ from .run_drives import Bools, RunDrives, fundamentals
 SETTLED: Final = 2.0
 _BEFORE_NEXT: Final = 1.0
 _LEAST_WINDOW: Final = 1.0
+_SAMPLED: Final = 0.1  # periods by which samples and jitter may move pulses at both ends of it
 _MOST_ERRORS: Final = 4.0  # standard errors of a mean that jitter may make
 _DEGREES_OF_MODE: Final = 360  # bins in which the phase is sought that most pins share
 _FEWEST: Final = 3  # pins among which a majority tells which one is wrong
@@ -48,7 +49,7 @@ def pin_weights(
     for place, element in enumerate(run.elements):
         lows, highs = begin[:, place], end[:, place]
         is_seen = (lows >= 0.0) & (highs <= record.end) & (highs - lows >= _LEAST_WINDOW)
-        least = np.maximum(np.floor(np.where(is_seen, highs - lows, 1.0)), 1.0)
+        least = np.maximum(np.floor(np.where(is_seen, highs - lows, 1.0) - _SAMPLED), 1.0)
         centres, vectors = fundamentals(record.pins[element])
         sums = np.concatenate([[0.0], np.cumsum(vectors.astype(np.complex128))])
         sizes = np.concatenate([[0.0], np.cumsum(np.abs(vectors).astype(np.float64))])
