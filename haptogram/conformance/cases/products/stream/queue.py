@@ -110,7 +110,8 @@ def every_window(board: BoardClient) -> None:
             before = board.status().counters
             wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
             board.clock.device_us()
-            t_us = board.clock.device_estimate_us() + wire_us - late_us
+            ready_us = board.clock.device_estimate_us() + wire_us + board.ready_after_us()
+            t_us = ready_us - late_us
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
             board.clock.wait_latched(4000)
             found = board.status()
@@ -200,11 +201,12 @@ def the_horizon_is_sharp(board: BoardClient) -> None:
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         found = board.status()
         dropped = (found.counters.dropped_future - before.dropped_future) & 0xFFFFFFFF
-        within = found.margin_min_us <= horizon_us
+        ahead_us = found.margin_min_us + board.ready_after_us()  # the margin is of the ready frame
+        within = ahead_us <= horizon_us
         due = (int(within), int(not within))
         check(
             (found.queued, dropped) == due,
-            f"a frame {found.margin_min_us} us ahead, the horizon is {horizon_us} us: queued "
+            f"a frame {ahead_us} us ahead, the horizon is {horizon_us} us: queued "
             f"{found.queued}, dropped {dropped}",
         )
         board.link.ask(Mute())

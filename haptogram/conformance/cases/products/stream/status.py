@@ -129,7 +129,7 @@ def _margins_behind(board: BoardClient, messages: list[Message]) -> bool:
     for ahead_us in (_AHEAD_US, 3 * _AHEAD_US, 2 * _AHEAD_US):  # the last one is dropped
         board.link.send(board.link.stream_wire(board.flat_phases(), now_us + ahead_us))
     board.link.barrier()
-    passed_us = board.clock.device_us() - now_us
+    passed_us = board.clock.device_us() - now_us + board.ready_after_us()
     for message in messages:
         flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
         if isinstance(message, Hello):
