@@ -125,16 +125,13 @@ def peers():
         return
     data = json.loads(PEERS.read_text())
     packages = ", ".join(f"{name} {version}" for name, version in data["packages"].items())
-    rows = [
-        {"method": row["solver"], "time_us": 1e3 * row["time_ms"], **row} for row in data["rows"]
-    ]
     yield foci_table(
         "## Solvers for several foci, next to a public package",
         f"Measured by `ci/solver-peers` with {packages}: the same foci, phase-only drives, medians "
         "over three sets. `phase_alignment` superposes single foci, `minimize` does least squares "
         "from there; both are what a user of levitate reaches for, as it has no solver of this "
         "kind by name. AcousTools has some, but needs PyTorch: it was not measured.",
-        rows,
+        data["rows"],
     )
 
 

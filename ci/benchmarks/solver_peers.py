@@ -14,13 +14,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+from solver_comparison import compare_solvers
 
-from haptogram.acoustics import AcousticModel, solve_foci, solver_quality
-from haptogram.acoustics.solvers.several import random_foci
+from haptogram.acoustics import AcousticModel, solve_foci
 
-FOCI = (1, 2, 4, 8, 16, 32)
 SETS = 3
-SEED = 1
 
 
 def main(arguments):
@@ -29,32 +27,13 @@ def main(arguments):
     board = AcousticModel.default()
     solvers = {"wgs, 50 rounds": lambda points: solve_foci(board, points)}
     solvers |= levitate_solvers(board)
-    rng = np.random.default_rng(SEED)
-    solve_foci(board, random_foci(rng, 2))  # machine code is loaded outside of the timed window
-    rows = []
-    for count in FOCI:
-        sets = [random_foci(rng, count) for _ in range(SETS)]
-        rows += [row(board, name, solver, sets) for name, solver in solvers.items()]
+    phase_only = {
+        name: lambda points, solver=solver: np.exp(1j * np.angle(solver(points)))
+        for name, solver in solvers.items()
+    }
+    rows = compare_solvers(board, phase_only, time.thread_time_ns, sets=SETS)
     packages = {name: version(name) for name in ("levitate", "numpy", "scipy")}
     Path(arguments[0]).write_text(json.dumps({"packages": packages, "rows": rows}))
-
-
-def row(board, name, solver, sets):
-    found = []
-    for points in sets:
-        started = time.thread_time_ns()
-        drive = np.exp(1j * np.angle(solver(points)))
-        elapsed_ms = (time.thread_time_ns() - started) / 1e6
-        reached = solver_quality(board, drive, points, np.ones(len(points)))
-        found.append((reached.efficiency, reached.uniformity, elapsed_ms))
-    efficiency, uniformity, time_ms = np.median(found, axis=0).tolist()
-    return {
-        "solver": name,
-        "foci": len(sets[0]),
-        "efficiency": efficiency,
-        "uniformity": uniformity,
-        "time_ms": time_ms,
-    }
 
 
 def levitate_solvers(board):

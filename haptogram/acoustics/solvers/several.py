@@ -6,7 +6,7 @@ propagators from elements to foci, `a` the wanted relative amplitudes, `w` the d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias, get_args
 
@@ -328,75 +328,3 @@ def solver_quality(
     intensity = (level / wanted) ** 2
     spread = float(np.ptp(intensity)) / float(intensity.max() + intensity.min())
     return SolverQuality(float(((level / np.abs(matrix).sum(axis=1)) ** 2).sum()), 1.0 - spread)
-
-
-@dataclass(frozen=True, slots=True)
-class SolverRow:
-    """One line of the table of :func:`compare_solvers`: medians over the sets of foci."""
-
-    method: Method
-    foci: int
-    efficiency: float
-    uniformity: float
-    time_us: float
-
-
-def compare_solvers(
-    model: AcousticModel,
-    now_ns: Callable[[], int],
-    *,
-    counts: Iterable[int] = (1, 2, 4, 8, 16, 32),
-    methods: Iterable[Method] = METHODS,
-    sets: int = 5,
-    rounds: int = 50,
-    seed: int = 1,
-) -> list[SolverRow]:
-    """Return efficiency, uniformity and time of the solvers for random foci.
-
-    Parameters
-    ----------
-    now_ns : callable
-        The clock, in nanoseconds.
-    counts : iterable of int
-        Numbers of foci.
-    sets : int
-        Sets of foci for each number: uniform in |x|, |y| <= 60 mm, z = 150 mm along the array's own
-        axes, at least 12 mm apart from each other.
-    """
-    rng = np.random.default_rng(seed)
-    rows = []
-    for count in counts:
-        foci = [model.array.world_m(random_foci(rng, count)) for _ in range(sets)]
-        rows += [_row(model, now_ns, method, foci, rounds) for method in methods]
-    return rows
-
-
-def _row(
-    model: AcousticModel,
-    now_ns: Callable[[], int],
-    method: Method,
-    sets: list[FloatArray],
-    rounds: int,
-) -> SolverRow:
-    solve_foci(
-        model, sets[0], method=method, rounds=1
-    )  # code is loaded outside of the timed window
-    results = []
-    for points in sets:
-        started = now_ns()
-        weights = solve_foci(model, points, method=method, rounds=rounds)
-        elapsed_us = (now_ns() - started) / 1e3
-        reached = solver_quality(model, weights, points, np.ones(len(points)))
-        results.append((reached.efficiency, reached.uniformity, elapsed_us))
-    efficiency, uniformity, time_us = np.median(np.array(results), axis=0).tolist()
-    return SolverRow(method, len(sets[0]), efficiency, uniformity, time_us)
-
-
-def random_foci(rng: np.random.Generator, count: int) -> FloatArray:
-    """Return (F, 3) random foci on one plane, none within 12 mm of another, in metres."""
-    foci: list[FloatArray] = []
-    while len(foci) < count:
-        point = np.append(rng.uniform(-0.060, 0.060, 2), 0.150)
-        if all(np.linalg.norm(point - other) >= 0.012 for other in foci):
-            foci.append(point)
-    return np.array(foci)
