@@ -4,6 +4,8 @@ import contextlib
 import dataclasses
 import doctest
 import itertools
+import json
+import re
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from haptogram.driver.line.budget import highest_line_rate_hz
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import DeviceError, NoAnswerError
 from haptogram.evidence.backdoor import board_model
+from haptogram.evidence.board_process import BoardProcess
 from haptogram.evidence.dialects.latches import run_observations
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
@@ -67,6 +70,25 @@ def test_an_object_is_verified_on_a_board_at_a_real_port(name):
     assert report.frames == len(report.lateness_us) == 3
     assert verdict.counts["verified"] == verdict.counts["latched"] == 4
     assert verdict.as_dict()["evidence"] == "external"
+
+
+@pytest.mark.pty
+def test_devices_over_tcp_in_a_process_of_their_own(tmp_path):
+    seen = tmp_path / "backdoor.jsonl"
+    words = ["--dialect=autd3", "--tcp=127.0.0.1:0", f"--backdoor={seen}", "--no-reconstruct"]
+    board = BoardProcess(words, tmp_path / "log")
+    try:
+        board.wait_until_ready()
+        (address,) = re.findall(r"socket://\S+", board.log())
+        with Driver(address, dialect="autd3") as driver:
+            driver.stream(targets(driver), rate_hz=20)
+    finally:
+        board.stop()
+        board.close_pipe()
+    records = [json.loads(line) for line in seen.read_text().splitlines()]
+    verdict = judged(driver, records)
+    assert verdict, str(verdict)
+    assert verdict.counts["verified"] == 3
 
 
 @every_dialect

@@ -32,6 +32,12 @@ def example():
     return code
 
 
+def driven_example():
+    pattern = r"as our_driven_board -->\n```python\n(.*?)```"
+    (code,) = re.findall(pattern, PAGE.read_text(), re.S)
+    return code
+
+
 def install(folder, module, code, points):
     """Install a package as pip does: a module, and metadata with its entry points."""
     (folder / f"{module}.py").write_text(code)
@@ -63,6 +69,23 @@ def test_the_example_runs_out_of_another_package(tmp_path):
     done = run(tmp_path, "-c", DRIVE.format(name="ours"))
     assert done.returncode == 0, done.stderr
     assert done.stdout == ('["0615", {"sums_wrong": 1}, [["power-up", {}], ["frame", {}]], 16]\n')
+
+
+def test_our_objects_are_verified_on_a_board_of_another_package(tmp_path):
+    install(tmp_path, "our_board", example(), {})
+    point = ("--object", "point", "--center-mm", "4,3,40", "--virtual-time", "--quiet")
+    verify = ("-m", "haptogram", "verify", "--dialect", "ours", *point)
+    install(tmp_path, "our_driven_board", driven_example(), {"ours": "our_driven_board:EMULATION"})
+    done = run(tmp_path, *verify)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("PASS: every focus is on target")
+
+
+def test_a_wire_without_a_display_is_emulated_and_not_driven(tmp_path):
+    install(tmp_path, "our_board", example(), {"ours": "our_board:EMULATION"})
+    done = run(tmp_path, "-m", "haptogram", "verify", "--dialect", "ours", "--quiet")
+    assert done.returncode == 2
+    assert "--dialect is 'ours', which can be emulated and not driven" in done.stderr
 
 
 BROKEN = {
