@@ -80,6 +80,8 @@ def write_comparison_page(
     columns = [{result.case: result for result in suite.results} for suite in suites]
     cases = {result.case: result.summary for suite in suites for result in suite.results}
     names = [suite_board(suite) for suite in suites]
+    failed = {result.case for suite in suites for result in suite.results if result.is_failure}
+    ordered = sorted(cases, key=lambda case: case not in failed)
     write_html_page(
         path,
         "comparison.html",
@@ -87,11 +89,11 @@ def write_comparison_page(
         title="Haptogram: conformance of several devices",
         heading="Conformance of several devices",
         tone="plain",
-        lead=[f"{len(cases)} cases on {len(suites)} devices. An empty cell: the case was not run."],
+        lead=[f"{len(cases)} cases on {len(suites)} devices. A dash: the case was not run."],
         names=names,
         rows=[
-            {"case": case, "what": what, "results": [column.get(case) for column in columns]}
-            for case, what in cases.items()
+            {"case": case, "what": cases[case], "results": [c.get(case) for c in columns]}
+            for case in ordered
         ],
         totals=list(zip(names, map(suite_counts, suites), strict=True)),
         tone_of=_tone,

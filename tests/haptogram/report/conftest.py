@@ -27,17 +27,17 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def open_page(browser: Any) -> Iterator[Callable[..., Any]]:
-    """Opens a page with a view; at the end no page may have complained in its console."""
+    """Opens a page, with a view by default; at the end none may have complained in its console."""
     complaints: list[str] = []
     opened = []
 
-    def _open(address: str, **settings: Any) -> Any:
+    def _open(address: str, ready: str = "#viewer[data-ready]", **settings: Any) -> Any:
         context = browser.new_context(**({"viewport": {"width": 1280, "height": 900}} | settings))
         page = context.new_page()
         page.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.goto(address)
-        page.wait_for_selector("#viewer[data-ready]", state="attached")
+        page.wait_for_selector(ready, state="attached")
         opened.append(context)
         return page
 

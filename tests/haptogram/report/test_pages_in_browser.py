@@ -1,0 +1,153 @@
+"""The pages in a real browser: they sort, are searched, unfold, and fit a narrow screen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptogram.acoustics import AcousticModel
+from haptogram.cli import main
+from haptogram.report import run as report
+from haptogram.report.viewer.server import ViewServer
+from judged_runs import aim, delay, lose, make_result, make_run, targets
+
+WRONG = "haptogram://?clock=virtual&array=4x4&mutant=crc-unchecked"
+_WIDTHS = (1280, 400)
+
+
+@pytest.fixture(scope="module")
+def conform_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("conform") / "page.html"
+    clauses = ("--clause", "HG-2", "--clause", "HG-11")
+    assert main(["conform", "--quiet", "--port", WRONG, *clauses, "--html", str(path)]) == 1
+    return path
+
+
+@pytest.fixture(scope="module")
+def run_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    model, points = AcousticModel.default(8, 8), targets(30)
+    run = make_run(model, points, {2: lose, 4: delay, 20: aim(model, points[20] + 2e-3)})
+    path = tmp_path_factory.mktemp("verify") / "page.html"
+    with pytest.MonkeyPatch.context() as patch:  # pictures take long, and are images like any
+        patch.setattr("haptogram.report.run.page._pictures", lambda *_: ())
+        report.write_run_page(path, run, make_result(run), model)
+    return path
+
+
+OpenPage = Callable[..., Any]
+
+
+def first_cells(page: Any, table: str) -> list[str]:
+    script = """(table) => [...document.querySelectorAll(`${table} > tbody > tr`)]
+      .filter((row) => !row.hidden).map((row) => row.cells[0].textContent.trim())"""
+    found: list[str] = page.evaluate(script, table)
+    return found
+
+
+def cases_table(page: Any) -> str:
+    """Mark the table of all cases, and return its selector."""
+    page.evaluate("document.getElementById('HG-2.1/1').closest('table').id = 'cases'")
+    return "#cases"
+
+
+def test_a_table_sorts_by_keyboard_and_comes_back_to_its_order(
+    open_page: OpenPage, conform_page: Path
+) -> None:
+    page = open_page(conform_page.as_uri(), ready="body")
+    table = cases_table(page)
+    before = first_cells(page, table)
+    assert before.index("HG-11.1/1") > before.index("HG-2.1/1")  # as numbers, not as texts
+    head = page.locator(f"{table} thead th").nth(1)
+    orders = []
+    head.locator("button").focus()
+    for state in ("ascending", "descending", None):
+        page.keyboard.press("Enter")
+        assert head.get_attribute("aria-sort") == state
+        orders.append(first_cells(page, table))
+    assert orders[0][0] == "HG-2.4/2"  # FAILED comes before NOT-OBSERVED and OK
+    assert orders[0][:4] == orders[1][-4:]  # those with one verdict keep their order
+    assert orders[2] == before
+    page.locator(f"{table} thead th button").first.press("Enter")
+    assert first_cells(page, table) == before  # 11 after 2
+
+
+def test_a_table_is_searched_by_words_but_not_in_the_bytes(
+    open_page: OpenPage, conform_page: Path
+) -> None:
+    page = open_page(conform_page.as_uri(), ready="body")
+    table = cases_table(page)
+    field = page.locator(f".search:has(+ div > {table}) input")
+    field.fill("failed crc")
+    shown = first_cells(page, table)
+    assert "HG-2.4/2" in shown
+    assert 0 < len(shown) < 5
+    assert (
+        page.locator(f".search:has(+ div > {table}) output")
+        .inner_text()
+        .startswith(f"{len(shown)} of ")
+    )
+    field.fill("PONG(")  # is in the bytes of the failures only
+    assert first_cells(page, table) == []
+    # A link to a row shows it, though the search had left it out.
+    page.evaluate("location.hash = 'HG-2.1/1'")
+    page.wait_for_function("!document.getElementById('HG-2.1/1').closest('tr').hidden")
+
+
+def test_a_case_leads_to_its_clause_and_the_clause_to_its_cases(
+    open_page: OpenPage, conform_page: Path
+) -> None:
+    page = open_page(conform_page.as_uri(), ready="body")
+    clause = page.locator("[id='spec-HG-2.4/2']")
+    assert not clause.is_visible()
+    page.locator("[id='HG-2.4/2'] a").click()
+    clause.wait_for(state="visible")
+    chips = clause.locator("xpath=..").locator(".chips a")
+    assert chips.first.get_attribute("href") == "#HG-2.4/2"
+    broken = page.evaluate(
+        """() => [...document.querySelectorAll('a[href^="#"]')]
+             .map((link) => decodeURIComponent(link.hash.slice(1)))
+             .filter((id) => !document.getElementById(id))"""
+    )
+    assert broken == []
+
+
+def test_a_frame_of_the_table_is_shown_in_the_view(open_page: OpenPage, run_page: Path) -> None:
+    page = open_page(run_page.as_uri())
+    page.locator("#frame-20 a").click()
+    status = "document.querySelector('[data-part=frame]').textContent"
+    page.wait_for_function(f"{status}.includes('off target')")
+    assert "#frame-20" in [
+        link.get_attribute("href") for link in page.locator("main section li a").all()
+    ]
+    again = open_page(f"{run_page.as_uri()}#view-4")
+    again.wait_for_function(f"{status}.includes('late')")
+
+
+@pytest.mark.parametrize("width", _WIDTHS)
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("kind", ["conform_page", "run_page"])
+def test_a_page_fits_the_screen(
+    open_page: OpenPage, request: pytest.FixtureRequest, kind: str, scheme: str, width: int
+) -> None:
+    page = open_page(
+        request.getfixturevalue(kind).as_uri(),
+        ready="body",
+        viewport={"width": width, "height": 800},
+        color_scheme=scheme,
+    )
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_the_tables_work_under_the_policy_of_the_server(
+    open_page: OpenPage, run_page: Path
+) -> None:
+    server = ViewServer(run_page.read_text("utf-8"))
+    try:
+        page = open_page(server.address)
+        page.locator("thead button").first.press("Enter")
+        assert page.locator("[aria-sort=ascending]").count() == 1
+    finally:
+        server.close()
