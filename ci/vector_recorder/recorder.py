@@ -121,12 +121,12 @@ def record(
     """
     if case.body is None or case.variant in _OF_THE_FIELD or _is_product(case):
         return None
-    usual = _spoken(case, LIMITS, peer)
+    usual = spoken(case, LIMITS, peer)
     if usual is None or len(json.dumps(usual)) > _LONGEST:
         return None
     name = f"dialogue/{case.id.removeprefix('HG-')}"
     if (board := boards.get(name)) is None:
-        other = _spoken(case, _OTHER_LIMITS, None)
+        other = spoken(case, _OTHER_LIMITS, None)
         board = BOARD if usual == other else BOARD | LIMITS
     return {
         "id": name,
@@ -143,7 +143,7 @@ def _is_product(case: Case) -> bool:
     return ".products." in getattr(case.body, "__module__", "")
 
 
-def _spoken(
+def spoken(
     case: Case, limits: dict[str, int], peer: VirtualBoard | None
 ) -> list[dict[str, Any]] | None:
     """Return the steps of *case* at a board with *limits*; None unless it came to OK."""

@@ -13,6 +13,7 @@ from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Feature
 from sim_device.board.board import Board
 from sim_device.mutants.mutant import Mutant
+from sim_device.mutants.replies import GapsLimited
 
 #: Clauses about the host, about this text, or that no line can show: never passed.
 NEVER_SHOWN = {
@@ -115,3 +116,17 @@ def test_a_board_that_can_do_less_passes_what_is_left(features, monkeypatch):
     assert found["HG-1.2/2"] is found["HG-1.2/3"] is Behaviour.OK
     assert found["HG-5.4/1"] is Behaviour.UNIMPLEMENTED
     assert suite.exit_status == 0
+
+
+def test_a_board_that_takes_its_time_passes_what_reckons_with_it():
+    slow = virtual(array="4x4", latch_lead_us=4000, point_time_us=300)
+    suite = run(slow, "HG-3.8", "HG-3.9/2", "HG-5", "HG-6.9", "HG-7.6", "HG-9", depth=Depth.QUICK)
+    assert {r.case: r.detail for r in suite.results if r.behaviour is Behaviour.FAILED} == {}
+    assert {r.case: str(r.recovery) for r in suite.results if not r.recovers} == {}
+
+
+def test_a_board_that_limits_the_gaps_in_an_upload_passes(monkeypatch):
+    limited = Mutant.of(GapsLimited, "HG-7.3/5", Evidence.WIRE)
+    monkeypatch.setattr("sim_device.mutants.MUTANTS", {"limited": limited})
+    suite = run(virtual(array="4x4", mutant="limited"), "HG-7.3", "HG-7.4")
+    assert {r.behaviour for r in suite.results} == {Behaviour.OK}

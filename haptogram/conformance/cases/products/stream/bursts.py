@@ -98,6 +98,7 @@ def late_is_of_one_frame(board: BoardClient) -> None:
         with board.counting(late=1, latched=3):
             late_us = board.clock.device_us() - 1000
             soon_us = board.clock.soon_us(bytes(3 * len(kind.make().serialize()) + 60))
+            soon_us += 2 * board.clock.lead_us  # the board computes one after the other
             times = (late_us, soon_us, soon_us + 1000)
             board.link.send(*(board.link.stream_wire(kind.make(), t_us) for t_us in times))
             board.clock.require_in_time(soon_us)

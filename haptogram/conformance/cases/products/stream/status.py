@@ -137,9 +137,9 @@ def _margins_behind(board: BoardClient, messages: list[Message]) -> bool:
         else:
             board.link.ask(message, flags=flags)
     found = board.status()
-    mean_us = 2 * _AHEAD_US
+    least_us, mean_us = (n * _AHEAD_US - board.ready_after_us() for n in (1, 2))
     return (
         found.margins == 3
-        and _AHEAD_US - passed_us <= found.margin_min_us <= _AHEAD_US
+        and least_us - passed_us <= found.margin_min_us <= least_us
         and mean_us - passed_us - 1 <= found.margin_mean_us <= mean_us
     )
