@@ -296,7 +296,7 @@ def access_in_program(
     """
     import dataclasses
 
-    from sim_device.protocol_haptogram import open_port
+    from sim_device.protocol_haptogram import Serial, open_port
 
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import PyserialTransport
@@ -310,16 +310,19 @@ def access_in_program(
         else read_board_url(url, defaults)
     )
 
+    opened: list[Serial] = []
+
     def start(number: int) -> Transport:
         # Another seed gives another boot_id, as a reset does.
         board = dataclasses.replace(first.board, seed=first.board.seed + number)
         config = dataclasses.replace(first, board=board)
         name = write_board_url(config)
-        if boards is None:
-            return PyserialTransport(open_port(config), name)
-        if config.backdoor is None and config.reconstruct is None:
+        if boards is not None and config.backdoor is None and config.reconstruct is None:
             config = dataclasses.replace(config, reconstruct=False)
         port = open_port(config)
+        opened[:] = [port]
+        if boards is None:
+            return PyserialTransport(port, name)
         return boards(
             PyserialTransport(port, name),
             board.non_default(),
@@ -332,6 +335,7 @@ def access_in_program(
         start,
         baudrate=first.board.line.baud or baudrate,
         virtual=first.is_virtual,
+        raise_fault=lambda: opened[0].raise_hardware_fault(),
     )
 
 

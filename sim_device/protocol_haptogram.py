@@ -152,6 +152,11 @@ class Serial(serial.SerialBase):
         """Return the time of this port's clock: virtual, or the monotonic one."""
         return self.simulation.now_ns if self._is_virtual else time.monotonic_ns()
 
+    def raise_hardware_fault(self) -> None:
+        """Let the hardware of the board fail now."""
+        self._catch_up()
+        self.simulation.raise_hardware_fault()
+
     def wait_until_ns(self, t_ns: int) -> None:
         """Let time pass up to *t_ns* of this port's clock; bytes that come stay unread."""
         while self.now_ns() < t_ns:

@@ -19,6 +19,7 @@ from .board.clock import NS_PER_US, earliest_time, whole_us
 from .board.events import AnyLatch, LineCounted, Notice, PowerDown, Remark
 from .board.settings import BoardSettings
 from .dialects.endpoint import Endpoint
+from .dialects.haptogram import BoardDialect
 from .faults.clock import faulty_clock
 from .faults.injector import FaultInjector
 from .line.uart import Uart, uart_to_board, uart_to_host
@@ -154,6 +155,13 @@ class Simulation:
         self._unread.clear()
         self.dialect.client_left()
         self._record()
+
+    def raise_hardware_fault(self) -> None:
+        """Let the hardware of a board of Haptogram's own dialect fail now."""
+        if isinstance(self.dialect, BoardDialect):
+            self.dialect.raise_hardware_fault()
+            self._record()
+            self._feed_line()
 
     def power_down(self) -> None:
         """Mute the board for good; recorders are told."""

@@ -174,8 +174,8 @@ def _resets_a_port(arguments: Namespace) -> bool:
 
 _RUN: Final = Acting("where cases are run (not with --list or --compare)", _is_conform_run)
 _RUN_OPTIONS: Final = (
-    "port baud spawn port_regex reset_cmd dtr rts quick full explore strict timeout seed repeat "
-    "baseline quiet junit json summary write_baseline verbose record"
+    "port baud spawn port_regex reset_cmd fault_cmd dtr rts quick full explore strict timeout seed "
+    "repeat baseline quiet junit json summary write_baseline verbose record"
 )
 _CONFORM: Final[Rows] = {
     **dict.fromkeys(_RUN_OPTIONS.split(), _RUN),

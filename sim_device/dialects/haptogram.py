@@ -214,6 +214,11 @@ class BoardDialect:
     def client_left(self) -> None:
         """Do nothing: a session ends by the lease, not with its port."""
 
+    def raise_hardware_fault(self) -> None:
+        """Let the hardware fail now, and say so."""
+        self.board.output.raise_hardware_fault()
+        self.collect()
+
     def power_down(self) -> None:
         """Mute the board for good, and say so."""
         self.board.mute()

@@ -183,6 +183,7 @@ def _access_to_port(arguments: argparse.Namespace) -> Access:
             port_regex=arguments.port_regex or DEFAULT_PORT_REGEX,
             boot_timeout_s=arguments.boot_timeout,
             baudrate=arguments.baud,
+            fault_command=arguments.fault_cmd,
         )
     lines = {"dtr": arguments.dtr, "rts": arguments.rts}
     held = {name: state == "1" for name, state in lines.items() if state in ("0", "1")}
@@ -194,6 +195,7 @@ def _access_to_port(arguments: argparse.Namespace) -> Access:
         dtr=held.get("dtr"),
         rts=held.get("rts"),
         pulse=next((name for name, state in lines.items() if state == PULSE), None),
+        fault_command=arguments.fault_cmd,
     )
 
 

@@ -49,6 +49,9 @@ class BoardUnderTestConfig(Settings):
         None, unit="REGEX", help="finds the port in what --spawn prints, first group"
     )
     reset_cmd: str | None = option(None, unit="CMD", help="shell command that restarts the board")
+    fault_cmd: str | None = option(
+        None, unit="CMD", help="shell command that lets its hardware fail ($BOARD_PID: --spawn)"
+    )
     boot_timeout: float = option(
         10.0, unit="S", low=0.0, high=3600.0, help="until its port is there"
     )
@@ -160,6 +163,9 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
         if getattr(arguments, name) is not None and not _is_port(arguments):
             option = name.replace("_", "-")
             raise ConfigurationError(f"--{option} is about a board at --port; there is none")
+
+    if arguments.fault_cmd is not None and arguments.spawn is None and not _is_port(arguments):
+        raise ConfigurationError("--fault-cmd is about a board at --port or --spawn; there is none")
 
 
 def _check_regex(text: str) -> None:

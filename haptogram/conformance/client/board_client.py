@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import random
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from haptogram_protocol.messages import (
@@ -103,6 +103,8 @@ class BoardClient:
         Whether cases cover the whole of a product, or for a quick run the least of it.
     explore_us : int
         How long random dialogues go on; 0: a fixed number of them.
+    raise_fault : callable or None
+        Lets the hardware of the board fail; None: nothing can.
     last_boot_id, last_config
         Boot id and configuration before the board was reset.
     """
@@ -111,6 +113,7 @@ class BoardClient:
     config: Config
     thorough: bool = True
     explore_us: int = 0
+    raise_fault: Callable[[], None] | None = None
     last_boot_id: int | None = None
     last_config: Config | None = None
 

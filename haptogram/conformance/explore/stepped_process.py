@@ -5,6 +5,7 @@
     rx TIME HEX   bytes whose last one is complete TIME microseconds after power-up
     at TIME       time passes
     until TIME    time passes until the board sends something, at most up to TIME
+    fault TIME    the hardware fails
     reset         power down and up again
 
 The answer holds the bytes that the board sent in hex, ``-`` for none; that of ``until`` begins with
@@ -73,6 +74,10 @@ class SteppedProcess:
         """Let time pass until the board sends something; return the time and the bytes."""
         at_us, sent = self.step(f"until {limit_us}").split()
         return int(at_us), _bytes_of(sent)
+
+    def fault(self, at_us: int) -> bytes:
+        """Let the hardware of the board fail; return the bytes that the board sent."""
+        return _bytes_of(self.step(f"fault {at_us}"))
 
     def reset(self) -> None:
         """Switch the board off and on; its time begins at 0 again."""

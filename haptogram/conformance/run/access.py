@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Final, Protocol
 
 import serial
@@ -14,6 +16,8 @@ from haptogram.errors import ConfigurationError, LinkError
 
 _POLL_S: Final = 0.02
 _PULSE_S: Final = 0.1
+_FAULT_TIMEOUT_S: Final = 10.0
+_NO_VARIABLES: Final[Mapping[str, str]] = MappingProxyType({})
 
 
 class Access(Protocol):
@@ -42,6 +46,11 @@ class Access(Protocol):
     boots: bool
     boot_timeout_s: float
 
+    @property
+    def raise_fault(self) -> Callable[[], None] | None:
+        """Function that lets the hardware of the board fail; None: nothing can."""
+        ...
+
     def open(self) -> Transport:
         """Open the port; :class:`HaptogramError` if the port does not open."""
         ...
@@ -64,6 +73,8 @@ class VirtualAccess:
         Name of the board in reports.
     start : callable
         Takes the number of earlier starts, returns the port.
+    raise_fault : callable, optional
+        Lets the hardware of the board that was started last fail.
     """
 
     can_reset = True
@@ -71,9 +82,16 @@ class VirtualAccess:
     boot_timeout_s = 0.0
 
     def __init__(
-        self, url: str, start: Callable[[int], Transport], *, baudrate: int, virtual: bool
+        self,
+        url: str,
+        start: Callable[[int], Transport],
+        *,
+        baudrate: int,
+        virtual: bool,
+        raise_fault: Callable[[], None] | None = None,
     ) -> None:
         self.url, self.baudrate, self.virtual = url, baudrate, virtual
+        self.raise_fault = raise_fault
         self._start = start
         self._starts = 0
 
@@ -104,7 +122,7 @@ class RecordedAccess:
     def __init__(self, access: Access, wrap: Callable[[Transport], Transport]) -> None:
         self.url, self.baudrate, self.virtual = access.url, access.baudrate, access.virtual
         self.can_reset, self.boots = access.can_reset, access.boots
-        self.boot_timeout_s = access.boot_timeout_s
+        self.boot_timeout_s, self.raise_fault = access.boot_timeout_s, access.raise_fault
         self._access, self._wrap = access, wrap
 
     def open(self) -> Transport:
@@ -139,6 +157,8 @@ class PortAccess:
         State of the modem lines during the run; None: as the system sets them.
     pulse : str or None
         ``"dtr"`` or ``"rts"``: the line on which a pulse restarts the board.
+    fault_command : str or None
+        Shell command that lets the hardware of the board fail.
     """
 
     virtual = False
@@ -154,8 +174,10 @@ class PortAccess:
         dtr: bool | None = None,
         rts: bool | None = None,
         pulse: str | None = None,
+        fault_command: str | None = None,
     ) -> None:
         self.url, self.baudrate = url, baudrate
+        self.raise_fault = fault_raiser(fault_command, lambda: None)
         self.can_reset = reset_command is not None or pulse is not None
         self.boot_timeout_s = boot_timeout_s
         self._reset_command = reset_command
@@ -174,7 +196,7 @@ class PortAccess:
         if self._pulse is not None:
             self._set_lines({self._pulse: True}, then={self._pulse: False})
         if self._reset_command is not None:
-            _run(self._reset_command, self.boot_timeout_s)
+            _run("--reset-cmd", self._reset_command, self.boot_timeout_s)
         return open_when_there(self.open, self.boot_timeout_s)
 
     def _set_lines(self, states: dict[str, bool], then: dict[str, bool] | None = None) -> None:
@@ -195,23 +217,41 @@ class PortAccess:
         """Do nothing: the run did not start the board."""
 
 
-def _run(command: str, timeout_s: float) -> None:
+def fault_raiser(
+    command: str | None, process_id: Callable[[], int | None]
+) -> Callable[[], None] | None:
+    """Return a function that lets a board fail by a shell command, in which BOARD_PID is set."""
+    if command is None:
+        return None
+
+    def raise_fault() -> None:
+        pid = process_id()
+        environment = {} if pid is None else {"BOARD_PID": str(pid)}
+        _run("--fault-cmd", command, _FAULT_TIMEOUT_S, environment)
+
+    return raise_fault
+
+
+def _run(
+    option: str, command: str, timeout_s: float, environment: Mapping[str, str] = _NO_VARIABLES
+) -> None:
     """Run a shell command of the user; :class:`ConfigurationError` if it fails."""
     try:
         done = subprocess.run(
             command,
             shell=True,
             timeout=max(timeout_s, 1.0),
+            env=os.environ | environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise ConfigurationError(f"--reset-cmd took more than {timeout_s:g} s") from error
+        raise ConfigurationError(f"{option} took more than {timeout_s:g} s") from error
     if done.returncode:
         printed = " ".join(done.stdout.decode(errors="replace").split())[-200:]
-        raise ConfigurationError(f"--reset-cmd ended with status {done.returncode}: {printed}")
+        raise ConfigurationError(f"{option} ended with status {done.returncode}: {printed}")
 
 
 def open_when_there(open_port: Callable[[], Transport], timeout_s: float) -> Transport:

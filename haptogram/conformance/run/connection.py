@@ -166,6 +166,7 @@ class SuiteConnection:
         self._board = BoardClient(wire, self._random, self._hash, booted=booted)
         self._board.thorough = self._thorough
         self._board.explore_us = self._explore_us
+        self._board.raise_fault = self._access.raise_fault
         return self._board
 
     def _drop(self) -> None:

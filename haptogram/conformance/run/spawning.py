@@ -15,7 +15,7 @@ from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, open_transpo
 from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import plain_reason
 
-from .access import open_when_there
+from .access import fault_raiser, open_when_there
 
 DEFAULT_PORT_REGEX: Final = r"(?:listening on|redirected to|PTY is|pty:?) +((?:socket:/)?/\S+)"
 _POLL_S: Final = 0.02
@@ -66,6 +66,8 @@ class SpawnAccess:
         Matches the text that the process prints; the first group, or the match, is the URL.
     boot_timeout_s : float
         Longest wait for that text, and then for an answer.
+    fault_command : str or None
+        Shell command that lets the hardware of the board fail; BOARD_PID is the process.
     """
 
     virtual = False
@@ -79,7 +81,9 @@ class SpawnAccess:
         port_regex: str = DEFAULT_PORT_REGEX,
         boot_timeout_s: float = 10.0,
         baudrate: int = DEFAULT_BAUDRATE,
+        fault_command: str | None = None,
     ) -> None:
+        self.raise_fault = fault_raiser(fault_command, lambda: getattr(self._process, "pid", None))
         try:
             self._arguments = shlex.split(command)
             self._regex = re.compile(port_regex)

@@ -52,6 +52,10 @@ class SteppedTransport:
         self._now_ns += duration_ns
         self._unread += self._process.advance(self._now_ns // 1000)
 
+    def raise_hardware_fault(self) -> None:
+        """Let the hardware of the board fail now."""
+        self._unread += self._process.fault(self._now_ns // 1000)
+
     def close(self) -> None:
         """Do nothing: the process belongs to its :class:`SteppedAccess`."""
 
@@ -76,6 +80,7 @@ class SteppedAccess:
         self.url, self.baudrate = command[0], baudrate
         self._command = command
         self._process: SteppedProcess | None = None
+        self._transport: SteppedTransport | None = None
 
     def open(self) -> Transport:
         """Power the board up."""
@@ -84,7 +89,13 @@ class SteppedAccess:
             self._process = SteppedProcess(self._command)
         else:
             self._process.reset()
-        return SteppedTransport(self._process)
+        self._transport = SteppedTransport(self._process)
+        return self._transport
+
+    def raise_fault(self) -> None:
+        """Let the hardware of the board fail now."""
+        if self._transport is not None:
+            self._transport.raise_hardware_fault()
 
     def reset(self) -> Transport:
         """Switch the board off and on."""

@@ -17,11 +17,19 @@ def virtual(*, baud=BAUD, wrap=lambda transport: transport, **options):
     sim_device.register_url_handler()
     query = "&".join(f"{name}={value}" for name, value in options.items())
 
+    ports = []
+
     def start(number):
         url = f"haptogram://?clock=virtual&baud={baud}&seed={number}&{query}"
-        return wrap(PyserialTransport(serial.serial_for_url(url, timeout=0), url))
+        ports[:] = [serial.serial_for_url(url, timeout=0)]
+        return wrap(PyserialTransport(ports[0], url))
 
-    return VirtualAccess("haptogram://test", start, baudrate=baud, virtual=True)
+    def raise_fault():
+        ports[0].raise_hardware_fault()
+
+    return VirtualAccess(
+        "haptogram://test", start, baudrate=baud, virtual=True, raise_fault=raise_fault
+    )
 
 
 def run(access, *clauses, **options):

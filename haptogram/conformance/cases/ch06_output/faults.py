@@ -1,0 +1,150 @@
+"""HG-6.2, HG-6.6, HG-6.8: a fault of the hardware, where something can bring one about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Arm,
+    Disarm,
+    ErrorCode,
+    Feature,
+    Message,
+    Mute,
+    Play,
+    PlaybackEnded,
+    StateChanged,
+    Stop,
+)
+from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import is_board_silent, latch_now
+from ...client.playback import play_now, store_phases
+from ...outcome import SELF_REPORTED, check, not_observed
+
+_SEQUENCE: Final = 41
+_QUEUED: Final = 2
+_PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
+_FAULT: Final = (OutputState.FAULT, MuteReason.FAULT)
+
+
+def _off(board: BoardClient) -> None:
+    board.disarm()
+
+
+def _mute(board: BoardClient) -> None:
+    board.link.ask(Mute())
+
+
+def _sound(board: BoardClient) -> None:
+    latch_now(board, board.flat_phases())
+
+
+def _queue(board: BoardClient) -> None:
+    _sound(board)
+    t_us = board.clock.soon_us(bytes(4000)) + 3_000_000
+    for place in range(_QUEUED):
+        wire = board.link.stream_wire(board.flat_phases(), t_us + 1000 * place)
+        board.link.send(wire)
+
+
+def _play(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=2)
+    play_now(board, _SEQUENCE, loops=0)
+    board.wire.idle(5000)
+
+
+def _moments(board: BoardClient) -> dict[str, Callable[[BoardClient], None]]:
+    """Return states of a board by their names; each starts with an ARMED board."""
+    found: dict[str, Callable[[BoardClient], None]]
+    found = {"DISARMED": _off, "MUTED": _mute, "sounding": _sound, "with frames queued": _queue}
+    return found | ({"playing": _play} if board.has(Feature.SEQUENCE_PHASES) else {})
+
+
+def _fail_hardware(board: BoardClient) -> None:
+    """Let the hardware fail; NOT-OBSERVED if nothing can."""
+    if board.raise_fault is None:
+        not_observed("nothing can let the hardware of this board fail (--fault-cmd)")
+    board.link.barrier()
+    board.raise_fault()
+    board.wire.idle(board.wire.limits.slack_us + 1000)
+
+
+def _recover(board: BoardClient) -> None:
+    """Lead the board out of FAULT; NOT-OBSERVED if the fault lasts."""
+    board.link.ask(Disarm())
+    if board.status().state is OutputState.FAULT:
+        not_observed("the fault lasts, so that DISARM does not lead out of FAULT")
+
+
+@case("HG-6.8/1", "STATE_CHANGED tells a fault once, from each state", variant="fault")
+def tells_of_a_fault(board: BoardClient) -> None:
+    for name, bring in _moments(board).items():
+        board.arm()
+        bring(board)
+        since = board.link.mark()
+        _fail_hardware(board)
+        board.link.barrier()
+        told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
+        check(told == [_FAULT], f"a fault while {name}: STATE_CHANGED says {told}")
+        _recover(board)
+
+
+@case(
+    "HG-6.6/1",
+    "a fault silences the output, flushes the queue and ends a playback, in each state",
+    variant="fault",
+    evidence=SELF_REPORTED,
+)
+def a_fault_silences(board: BoardClient) -> None:
+    for name, bring in _moments(board).items():
+        board.arm()
+        since = board.link.mark()
+        with board.counting(flushed=_QUEUED if bring is _queue else 0):
+            bring(board)
+            _fail_hardware(board)
+        found = board.status()
+        check((found.state, found.reason) == _FAULT, f"a fault while {name}: {found.state.name}")
+        check(found.queued == 0, f"a fault while {name}: {found.queued} frames are queued")
+        if board.has(Feature.READ_RADIATED):
+            check(is_board_silent(board), f"a fault while {name}: transducers are driven")
+        ended = len(board.link.events(PlaybackEnded, since))
+        check(ended == (bring is _play), f"a fault while {name}: {ended} PLAYBACK_ENDED")
+        _recover(board)
+
+
+@case("HG-6.2/1", "in FAULT every input leads to the state in the table", variant="fault")
+def follows_the_table_in_a_fault(board: BoardClient) -> None:
+    inputs: dict[OutputInput, Message] = {
+        OutputInput.ARM: Arm(),
+        OutputInput.MUTE: Mute(),
+        OutputInput.DISARM: Disarm(),
+    }
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=2)
+        inputs |= {OutputInput.PLAY: Play(_SEQUENCE, 1000, 1, 100)}
+    if board.identity.features & _PLAYBACK:
+        inputs |= {OutputInput.STOP: Stop()}
+    for event in (*inputs, OutputInput.LATCH, OutputInput.NEW_SESSION):
+        _fail_hardware(board)
+        due = OUTPUT_TRANSITIONS.get((OutputState.FAULT, event))
+        if event is OutputInput.NEW_SESSION:
+            board.hello()
+        elif event is OutputInput.LATCH:
+            with board.counting(dropped_state=1, latched=0):
+                board.link.send(board.link.stream_wire(board.flat_phases()))
+        elif due is None:
+            flags = 0x10 if event is OutputInput.PLAY else 0
+            state = int(OutputState.FAULT)
+            board.link.refused(inputs[event], ErrorCode.BAD_STATE, state, flags=flags)
+        else:
+            board.link.ask(inputs[event])
+        found = board.status().state
+        if event is OutputInput.DISARM and found is OutputState.FAULT:
+            not_observed("the fault lasts, so that DISARM does not lead out of FAULT")
+        due = OutputState.FAULT if due is None else due
+        check(found is due, f"{event.name} in FAULT: {found.name}, due is {due.name}")
+        _recover(board)
