@@ -9,6 +9,8 @@ from typing import Final, TextIO
 _RED: Final = "31"
 _COLOURS: Final = {"PASS": "32", "FAIL": _RED, "INCONCLUSIVE": "33"}
 _VERDICT: Final = re.compile(rf"^((?:verdict +)?)({'|'.join(_COLOURS)})\b", re.MULTILINE)
+#: The two forms of a command of GitHub: a line that begins with ::, and ##[ anywhere.
+_COMMANDS: Final = re.compile(r"(?m)^(\s*):(?=:)|#(?=#\[)")
 
 
 def terminal_has_colour(stream: TextIO) -> bool:
@@ -28,6 +30,11 @@ def is_github_job() -> bool:
     return os.environ.get("GITHUB_ACTIONS") == "true"
 
 
+def without_job_commands(text: str) -> str:
+    """Return *text*; in a job of GitHub, with a space in everything that is a command there."""
+    return _COMMANDS.sub(lambda found: f"{found[0]} ", text) if is_github_job() else text
+
+
 def printable_text(text: str) -> str:
     r"""Return *text* with U+FFFD for every control character: no terminal obeys a board's name.
 
@@ -42,11 +49,16 @@ def printable_text(text: str) -> str:
 def terminal_error_line(program: str, message: str, stream: TextIO) -> str:
     """Return the line of an error on *stream*, the name of the program in red."""
     name = f"{program}:"
-    return f"{_painted(name, _RED) if terminal_has_colour(stream) else name} {message}"
+    shown = _painted(name, _RED) if terminal_has_colour(stream) else name
+    return without_job_commands(f"{shown} {message}")
 
 
 def paint_terminal_verdicts(text: str, stream: TextIO) -> str:
-    """Return *text* with the verdicts at the beginnings of its lines in their colours."""
+    """Return *text* with the verdicts at the beginnings of its lines in their colours.
+
+    It holds no command of a job of GitHub, though a board may have put one into its name.
+    """
+    text = without_job_commands(text)
     if not terminal_has_colour(stream):
         return text
     return _VERDICT.sub(lambda match: match[1] + _painted(match[2], _COLOURS[match[2]]), text)

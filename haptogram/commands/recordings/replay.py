@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import write_json_file
-from haptogram.machine.terminal import paint_terminal_verdicts
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
@@ -102,7 +101,7 @@ def run(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
 
         result = replay(recording, make)
     text = "\n".join(_lines(result, arguments.show))
-    print(paint_terminal_verdicts(text, outputs.text), file=outputs.text)
+    outputs.print(text)
     if arguments.json is not None:
         write_json_file(arguments.json, _as_dict(result))
         announce_output(arguments.json)

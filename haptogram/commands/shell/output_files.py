@@ -14,7 +14,7 @@ from haptogram.machine.files import (
     check_file_writable,
     is_standard_output,
 )
-from haptogram.machine.terminal import is_github_job, paint_terminal_verdicts
+from haptogram.machine.terminal import paint_terminal_verdicts
 from haptogram.settings.board import is_grid_of_elements
 from haptogram.settings.shape import SHAPES
 
@@ -91,14 +91,7 @@ class Outputs:
         return sys.stderr if STANDARD_OUTPUT in self.paths.values() else sys.stdout
 
     def print(self, text: str) -> None:
-        """Print *text* to the stream for text, its verdicts in their colours.
-
-        In a job of GitHub, no text of a board becomes a command of the job.
-        """
-        if is_github_job():
-            from haptogram.report.formats.job_summary import without_github_commands
-
-            text = without_github_commands(text)
+        """Print *text* to the stream for text, its verdicts in their colours."""
         print(paint_terminal_verdicts(text, self.text), file=self.text, flush=True)
 
     def announce(self) -> None:

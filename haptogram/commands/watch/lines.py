@@ -50,7 +50,8 @@ class LatchLines:
     def print_remark(self, text: str) -> None:
         """Print what the board says of its client."""
         if not self._quiet:
-            print(f"{'':>6}  {text}", file=self._stream, flush=True)
+            line = paint_terminal_verdicts(f"{'':>6}  {text}", self._stream)
+            print(line, file=self._stream, flush=True)
 
 
 def _is_strange(seen: WatchedLatch) -> bool:

@@ -184,17 +184,3 @@ def github_command(level: Level, title: str, message: str) -> str:
 
 def _escape_data(text: str) -> str:
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
-
-
-_COMMANDS: Final = re.compile(r"(?m)^(\s*):(?=:)|#(?=#\[)")
-
-
-def without_github_commands(text: str) -> str:
-    """Return *text* with a space in everything that a job of GitHub would take for a command.
-
-    Examples
-    --------
-    >>> without_github_commands("firmware ##[add-mask]PASS")
-    'firmware # #[add-mask]PASS'
-    """
-    return _COMMANDS.sub(lambda found: f"{found[0]} ", text)

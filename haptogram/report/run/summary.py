@@ -13,7 +13,6 @@ from .checks import checks_of_result
 from .pins import sentence_of_result
 from .wording import faults_and_troubles_text
 
-_FRAMES: Final = 3  # named in a finding; the facts name more
 _LEVELS: Final = {
     CheckOutcome.FAILED: Level.ERROR,
     CheckOutcome.INCONCLUSIVE: Level.ERROR,
@@ -29,7 +28,7 @@ def run_summary(run: RunVerdict, result: Mapping[str, Any]) -> JobSummary:
         Finding(
             _LEVELS[check.outcome],
             f"{check.statement}: {check.outcome}",
-            "; ".join([check.message, *check.details[:_FRAMES]]),
+            "; ".join([check.message, *check.details[:1]]),
         )
         for check in checks
     ]

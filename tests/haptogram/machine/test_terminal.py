@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import re
 
 import pytest
 
 from haptogram.cli import main
 from haptogram.machine.terminal import (
     paint_terminal_verdicts,
+    printable_text,
     terminal_error_line,
     terminal_has_colour,
 )
@@ -70,3 +72,23 @@ def test_a_command_in_a_pipe_prints_no_escape(
     assert capsys.readouterr().out.startswith("\x1b[1;32mPASS\x1b[0m: ")
     assert main([*words, "--depth", "0.5"]) == 2
     assert capsys.readouterr().err.startswith("\x1b[1;31mhaptogram verify:\x1b[0m --depth acts")
+
+
+@pytest.mark.parametrize(
+    "text", ["::error::x", "ok\n  ::stop-commands::x", "\t::add-mask::PASS", "a ##[error]x"]
+)
+def test_in_a_job_of_github_printed_text_is_no_command(
+    text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert paint_terminal_verdicts(text, io.StringIO()) == text
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    for shown in (
+        paint_terminal_verdicts(text, io.StringIO()),
+        terminal_error_line("haptogram conform", text, io.StringIO()),
+    ):
+        assert shown.replace(" ", "").endswith(text.replace(" ", ""))
+        assert not re.search(r"(?m)^\s*::|##\[", shown)
+
+
+def test_a_name_has_no_control_characters() -> None:
+    assert printable_text("v1\n\x1b[2J µ") == "v1\ufffd\ufffd[2J µ"

@@ -16,7 +16,6 @@ from haptogram.report.formats.job_summary import (
     github_annotations,
     github_command,
     summary_markdown,
-    without_github_commands,
 )
 
 HOSTILE = [
@@ -91,12 +90,3 @@ def test_github_shows_ten_annotations_and_the_last_says_how_many_follow() -> Non
     assert len(lines) == 10
     assert lines[0] == "::error title=haptogram conform%3A case 0::x"
     assert lines[-1].endswith("::5 more")
-
-
-@pytest.mark.parametrize(
-    "text", ["::error::x", "ok\n  ::stop-commands::x", "\t::add-mask::PASS", "a ##[error]x"]
-)
-def test_printed_text_is_no_command(text: str) -> None:
-    shown = without_github_commands(text)
-    assert shown.replace(" ", "") == text.replace(" ", "")
-    assert not re.search(r"(?m)^\s*::|##\[", shown)
