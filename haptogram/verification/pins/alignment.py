@@ -6,6 +6,7 @@ which pins change their drive give offset and rate of the two clocks to a fracti
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
@@ -27,6 +28,7 @@ _MOST_CELLS: Final = 4_000_000
 _MOST_ELEMENTS: Final = 32  # that are correlated
 _NEAR_PERIODS: Final = 2.5  # of the line through the latches: those of one clock
 _ROUNDS: Final = 3
+_PLACES: Final = 3  # that are tried: wrong pins may make another one look better
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +75,8 @@ def rates_of(record: PinRecord, run: RunDrives) -> list[float]:
     return [1.0, other] if apart > _SHARE_OF_FRAME * run.gap else [1.0]
 
 
-def align_run(record: PinRecord, run: RunDrives, rate: float) -> Alignment:
-    """Return the place at which the run fits best, if its clock has this *rate*."""
+def align_run(record: PinRecord, run: RunDrives, rate: float) -> Iterator[Alignment]:
+    """Yield the places at which the run fits best, the best first, if its clock has this *rate*."""
     cell = float(np.clip(_SHARE_OF_FRAME * run.gap, *_CELLS))
     cell = max(cell, (record.end + run.ends[-1]) / _MOST_CELLS)
     seen = _cells_of_pins(record, cell, run)
@@ -84,10 +86,14 @@ def align_run(record: PinRecord, run: RunDrives, rate: float) -> Alignment:
     for place in range(seen.shape[1]):
         spectrum = np.fft.fft(seen[:, place], size)
         total += np.fft.ifft(spectrum * np.conj(np.fft.fft(meant[:, place], size)))
-    best = int(np.abs(total).argmax())
-    shift = best if best < len(seen) else best - size
-    found = Alignment(shift * cell, rate, float(np.angle(total[best])))
-    return _refined(record, run, found)
+    heights = np.abs(total)
+    near = int(np.ceil(run.gap / cell))
+    for _ in range(_PLACES):
+        best = int(heights.argmax())
+        shift = best if best < len(seen) else best - size
+        found = Alignment(shift * cell, rate, float(np.angle(total[best])))
+        yield _refined(record, run, found)
+        heights[np.arange(best - near, best + near + 1) % size] = 0.0
 
 
 def align_by_onset(record: PinRecord, run: RunDrives) -> Alignment | None:
@@ -152,13 +158,28 @@ def _refined(record: PinRecord, run: RunDrives, found: Alignment) -> Alignment:
         late = np.where(steps.is_inside, steps.middle, np.nan)
         known = np.isfinite(late).any(axis=1)
         if not known.any():
-            return found
+            return _by_latch_pin(record, run, found)
         by_frame = np.nanmedian(late[known], axis=1)
         shift = _mode(by_frame, _NEAR_PERIODS)
         found = replace(found, offset=found.offset + shift, is_fine=True)
         if number:
             found = _with_rate(run.starts[known], by_frame - shift, found)
     return found
+
+
+def _by_latch_pin(record: PinRecord, run: RunDrives, found: Alignment) -> Alignment:
+    """Return *found* with the offset of the latch pin, where no drive tells when it was latched."""
+    if record.latches is None or not len(record.latches):
+        return found
+    starts = found.starts(run)
+    places = np.clip(np.searchsorted(record.latches, starts), 1, max(1, len(record.latches) - 1))
+    around = record.latches[np.stack([places - 1, np.minimum(places, len(record.latches) - 1)])]
+    late = around - starts
+    nearest = np.take_along_axis(late, np.abs(late).argmin(axis=0)[None], axis=0)[0]
+    near = nearest[np.abs(nearest) < run.gap / 2.0]
+    if not len(near):
+        return found
+    return replace(found, offset=found.offset + _mode(near, _NEAR_PERIODS), is_fine=True)
 
 
 def _with_rate(starts: FloatArray, late: FloatArray, found: Alignment) -> Alignment:

@@ -138,7 +138,7 @@ class _PinJudge:
 
     def _note_events(self) -> None:
         for frame in np.flatnonzero(self.shown.lost):
-            self.events.append(f"{frame}: not latched; the pins kept the drive before")
+            self.events.append(f"{frame}: not latched; the pins kept the drive they had")
         for frame in self._late_frames:
             late_us = self.shown.late[frame] * self._period_us
             self.events.append(f"{frame}: latched {late_us:.0f} us after most others")

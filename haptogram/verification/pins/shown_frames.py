@@ -23,9 +23,11 @@ from .run_drives import Bools, RunDrives
 #: Share of the captured drives that are right in a capture of this run.
 FIT_SHARE: Final = 0.5
 _HALF: Final = 0.5
+_TOLD: Final = 2.2  # limits by which two drives differ that a pin tells apart
 _EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
 _ROUNDING_RAD: Final = 1e-4
-_SHIFTS: Final = (0, -1, 1, -2, 2, -3, 3)  # frames by which a correlation may be off
+_SHIFTS: Final = (-1, 1, -2, 2, -3, 3)  # frames by which a correlation may be off
+_LATCH_SLACK: Final = 2.0  # periods by which a latch may seem to be early
 _GOOD_SHARE: Final = 0.98  # of right drives: no other shift is tried
 
 
@@ -71,7 +73,7 @@ class ShownFrames:
     steps : PinSteps
         When each pin latched each frame.
     lost : (F,) numpy.ndarray of bool
-        Frames during which the pins kept the drive of the one before.
+        Frames during which the pins kept the drive of the one before, or that the latch pin lacks.
     late : (F,) numpy.ndarray
         By how much later than most a frame was latched; 0: not known.
     """
@@ -105,21 +107,26 @@ def shown_frames(record: PinRecord, run: RunDrives) -> ShownFrames:
     turns = common_turns(record, run, weights, limits.phase_rad)
     steps = pin_steps(record, run, starts, ends, before, turns)
     drives = _drives(record, run, found, limits, steps, before)
+    lost |= _without_latch(record, starts, ends) & ~steps.is_inside.any(axis=1)
     return ShownFrames(starts, ends, drives, steps, lost, _lateness(steps, lost))
 
 
 def _best_alignment(record: PinRecord, run: RunDrives, limits: CaptureLimits) -> Alignment:
     """Return the alignment in which most drives are right."""
-    tried: list[tuple[float, Alignment]] = []
+
+    def share(place: Alignment) -> float:
+        return _share_right(_drives(record, run, place, limits))
+
+    most, best = -1.0, Alignment(0.0, 1.0, 0.0)
     for rate in rates_of(record, run):
-        first = align_run(record, run, rate)
-        for shift in _SHIFTS:
-            moved = first.shifted(shift * run.gap)
-            share = _share_right(_drives(record, run, moved, limits))
-            tried.append((share, moved))
-            if share > _GOOD_SHARE:
-                return moved
-    most, best = max(tried, key=lambda pair: pair[0])
+        for place in align_run(record, run, rate):
+            if (found := share(place)) > most:
+                most, best = found, place
+            if most > _GOOD_SHARE:
+                return best
+    for place in [best.shifted(shift * run.gap) for shift in _SHIFTS]:
+        if (found := share(place)) > most:
+            most, best = found, place
     onset = align_by_onset(record, run) if most < FIT_SHARE else None
     return best if onset is None else onset
 
@@ -174,12 +181,24 @@ def _lost_frames(drives: PinDrives, limits: CaptureLimits) -> tuple[Bools, NDArr
         seen = weights[frame]
         if shown >= 0 and np.isfinite(seen).all():
             old, new = run.weights[shown], run.weights[frame]
-            told = np.abs(old - new) > 4.0 * limits.phase_rad
-            near_old = np.abs(seen - old) < np.abs(seen - new) / 4.0
+            told = np.abs(old - new) > _TOLD * limits.phase_rad
+            away = np.abs(seen - new)
+            near_old = np.abs(seen - old) < np.minimum(away / 2.0, away / 4.0 + limits.phase_rad)
             lost[frame] = told.any() and near_old[told].mean() > _HALF
         if not lost[frame]:
             shown = frame
     return lost, before
+
+
+def _without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray) -> Bools:
+    """Return the (F,) frames during which the latch pin did not rise, if it rose at all."""
+    if record.latches is None or not len(record.latches):
+        return np.zeros(len(starts), np.bool_)
+    lows, highs = starts - _LATCH_SLACK, ends - _LATCH_SLACK
+    counts = np.searchsorted(record.latches, highs) - np.searchsorted(record.latches, lows)
+    is_inside = (lows >= 0.0) & (highs <= record.end)
+    missing: Bools = is_inside & (counts == 0)
+    return missing if (is_inside & (counts > 0)).any() else np.zeros_like(missing)
 
 
 def _lateness(steps: PinSteps, lost: Bools) -> FloatArray:

@@ -194,3 +194,34 @@ def test_a_capture_that_was_cut_off_passes_nothing(tmp_path):
     assert found.verdict is Verdict.INCONCLUSIVE
     assert 3 < found.pins[0].counts["right"] < 9
     assert any("cut off" in reason for reason in found.reasons)
+
+
+def test_a_latch_pin_tells_frames_of_one_drive_apart(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", mode="drives")
+    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    same = [dataclasses.replace(frame, drive=run.intended[3].drive) for frame in run.intended]
+    begin = record.latches[3]
+    pins = {
+        element: dataclasses.replace(
+            pin,
+            rises=np.concatenate(
+                [pulses_of(pin.rises, begin) + shift for shift in range(0, 480, 40)]
+            ),
+            falls=np.concatenate(
+                [pulses_of(pin.falls, begin) + shift for shift in range(0, 480, 40)]
+            ),
+        )
+        for element, pin in record.pins.items()
+    }
+    lacking = np.delete(begin + 40.0 * np.arange(12), [4, 5])
+    held = dataclasses.replace(record, pins=pins, latches=lacking, end=begin + 600.0)
+    found = verify_captures([held], same, model=model_of("4x4")).pins[0]
+    assert found.findings == {}
+    assert [event.split(":")[0] for event in found.events] == ["4", "5"]
+    blind = dataclasses.replace(held, latches=None)
+    assert verify_captures([blind], same, model=model_of("4x4")).pins[0].events == ()
+
+
+def pulses_of(edges, begin):
+    """Return the edges of one frame of 40 periods, well inside of it."""
+    return edges[(edges >= begin + 1.0) & (edges < begin + 39.0)]

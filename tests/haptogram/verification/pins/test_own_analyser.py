@@ -65,12 +65,12 @@ def test_disturbances_of_the_analyser_are_no_faults_of_the_board(seed, reference
         begin_ms=[-0.5, 1.3, -3.0, 1.3][seed],
         end_ms=[0.5, -1.3, 3.0, 0.5][seed],
     )
-    pins = judged(board, analyser, tmp_path / f"pins{suffix}", random, reference=reference)
+    path = tmp_path / ("pins.vcd" if (seed % 2 == 0) is (reference == "clk") else "pins.sr")
+    pins = judged(board, analyser, path, random, reference=reference)
     assert pins.findings == {}
     assert pins.verdict is Verdict.PASS
-    assert pins.counts["right"] == 10 - sum(b in (1.3, -1.3) for b in (analyser.begin_ms,)) * 2 - (
-        2 if analyser.end_ms < 0 else 0
-    )
+    outside = 2 * (analyser.begin_ms > 0.0) + 2 * (analyser.end_ms < 0.0)  # frames, or a part
+    assert pins.counts["right"] == 10 - outside
     assert pins.counts["lost"] == pins.counts["late"] == 0
 
 
@@ -86,11 +86,10 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_fault_is_found_in_spite_of_disturbances(fault, seed, tmp_path):
+def test_every_fault_is_found_in_spite_of_disturbances(fault, tmp_path):
     wrong, told = FAULTS[fault]
-    random, board = drawn(seed)
+    random, board = drawn(len(fault))
     for name, value in wrong.items():
         setattr(board, name, value)
     analyser = Analyser(ppm=-60.0, jitter_ns=5.0, glitches=2)
@@ -105,5 +104,5 @@ def test_lost_and_late_frames_are_named(seed, tmp_path):
     board.lost, board.late_ms = (3,), {7: 0.4}
     pins = judged(board, Analyser(ppm=50.0), tmp_path / "pins.vcd", random)
     assert pins.findings == {}
-    assert pins.events[0] == "3: not latched; the pins kept the drive before"
+    assert pins.events[0] == "3: not latched; the pins kept the drive they had"
     assert pins.late_us == {7: pytest.approx(400.0, abs=30.0)}
