@@ -52,10 +52,9 @@ def drawn(seed, frames=10):
     return random, board
 
 
-@pytest.mark.parametrize("suffix", [".vcd", ".sr"])
 @pytest.mark.parametrize("reference", ["clk", "p0"])
 @pytest.mark.parametrize("seed", range(4))
-def test_disturbances_of_the_analyser_are_no_faults_of_the_board(seed, reference, suffix, tmp_path):
+def test_disturbances_of_the_analyser_are_no_faults_of_the_board(seed, reference, tmp_path):
     random, board = drawn(seed)
     analyser = Analyser(
         rate_hz=[8e6, 24e6, 50e6, 12.5e6][seed],
