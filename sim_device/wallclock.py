@@ -209,7 +209,7 @@ class Heartbeat:
 
 
 def _timeout_s(wait_ns: int | None) -> float | None:
-    """Return how long to sleep at most; 0 if waking up would take longer than the wait."""
+    """Return the longest sleep; 0 if waking up would take longer than the wait."""
     if wait_ns is None:
         return None
     wait_ns = min(wait_ns, _LONGEST_NS)

@@ -179,7 +179,7 @@ def _all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
 
 
 def _answers(baudrate: int) -> str:
-    """Return what a USB adapter's latency timer costs, on the way from the board alone."""
+    """Return the cost of a USB adapter's latency timer, on the way from the board alone."""
     from haptogram.driver.line.budget import frame_bytes_on_line, line_round_trip_ns
     from haptogram_protocol.messages import Ping, Pong
 

@@ -168,7 +168,7 @@ def _how_to_resume(arguments: argparse.Namespace, campaign: SoakCampaign) -> str
 
 @contextlib.contextmanager
 def _progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
-    """Show how far it has come: a bar on a terminal, a line for each segment elsewhere."""
+    """Show the progress: a bar on a terminal, a line for each segment elsewhere."""
     if quiet:
         yield None
     elif sys.stderr.isatty():

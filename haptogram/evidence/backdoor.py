@@ -165,7 +165,7 @@ def backdoor_fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int
 
 
 def _silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
-    """Return when the output fell silent: device times as the board counts them."""
+    """Return the device times at which the output fell silent, as the board counts them."""
     return [
         record["t_us"]
         for record in records

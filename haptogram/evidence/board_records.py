@@ -111,6 +111,6 @@ class BoardRecords:
 
     @property
     def _is_closed(self) -> bool:
-        """Whether the last record has come: that of the end."""
+        """True if the last record has come, that of the end."""
         records = self._file.records
         return bool(records) and records[-1]["kind"] == "end"

@@ -233,7 +233,7 @@ class InProcessBoard:
 
 
 def _last_ns(driver: Driver, now_ns: int) -> int:
-    """Return when the last frame is due on the host's clock, not much later than *now_ns*."""
+    """Return the due time of the last frame on the host's clock, not much later than *now_ns*."""
     due_us = driver.intended[-1].t_apply_us if driver.intended else None
     due_ns = now_ns if due_us is None else driver.clock.to_host_ns(due_us) + _AFTER_LAST_NS
     return min(due_ns, now_ns + _LONGEST_QUEUE_NS)
@@ -309,7 +309,7 @@ class PortBoard:
 
     @staticmethod
     def _gaps_of(mode: TraceMode, divider: int) -> str | None:
-        """Return what a trace in *mode* leaves out."""
+        """Return the gaps of a trace in *mode* in words; None: it has none."""
         if mode is TraceMode.OFF:
             return "the board has no trace in force, and its last drive only was read back"
         if mode is TraceMode.DRIVE and divider > 1:

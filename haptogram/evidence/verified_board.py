@@ -136,7 +136,7 @@ class VerifiedBoard(ClosedByWith):
     # --- verdict -------------------------------------------------------------------------------
 
     def _judge(self) -> Iterator[str]:
-        """Yield what was wrong, in lines: the verdict first."""
+        """Yield the faults in lines: the verdict first."""
         if not self._frames_m:
             raise ConfigurationError(
                 "verified_board: the test did not say which foci it expects: call "
@@ -213,7 +213,7 @@ def _lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield why the board was not muted by its driver: the state before it was told to end."""
+    """Yield a line if the driver left the output on: the state before the board was told to end."""
     states: list[Mapping[str, Any]] = []
     for record in records:
         if record.get("event") == "power_down":

@@ -142,7 +142,7 @@ class Modulation:
         )
 
     def _seamless(self, count: int, rate_hz: float) -> tuple[int, float]:
-        """Return how often *count* frames come until the modulation is in step, and its frequency.
+        """Return the repeats of *count* frames until the modulation is in step, and its frequency.
 
         The frequency is the one asked for, but for the rounding.
         """

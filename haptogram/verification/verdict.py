@@ -279,7 +279,7 @@ def _frame_text(frame: FrameVerdict) -> str:
 
 
 def _place(frame: FrameVerdict) -> str | None:
-    """Return how far from its place the focus is, as far as that can be observed."""
+    """Return the distance of the focus from its place in words, as far as it can be observed."""
     parts = [
         None if frame.lateral_error_mm is None else f"{frame.lateral_error_mm:.3f} mm across",
         None if frame.axial_error_mm is None else f"{frame.axial_error_mm:+.3f} mm along",

@@ -102,7 +102,7 @@ def _weights(latch: PulseLatch) -> ComplexArray:
 
 
 def _radiated(latch: AnyLatch) -> Hashable:
-    """Return what latches that radiate the same have in common."""
+    """Return the key that latches with the same radiated drive share."""
     if isinstance(latch, Latch):
         return latch.radiated, latch.commanded_bits, latch.ramping
     return _weights(latch).tobytes(), latch.pulses.steps

@@ -33,7 +33,7 @@ _Edit: TypeAlias = Callable[[bytearray, Values, random.Random], int]
 
 
 def _places(count: int, chance: float, source: random.Random) -> Iterator[int]:
-    """Yield which of *count* places are hit: by the gaps between them, as most chances are low."""
+    """Yield the places out of *count* that are hit: by their gaps, as most chances are low."""
     if chance <= 0:
         return
     place = -1

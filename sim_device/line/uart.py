@@ -132,7 +132,7 @@ class Uart:
         return None
 
     def _end_ns(self, burst: _Burst, count: int) -> int:
-        """Return when *count* bytes of *burst* have been received, rounded up."""
+        """Return the time at which *count* bytes of *burst* have been received, rounded up."""
         sent_ns = burst.sent * self._byte_ns
         return burst.start_ns - (-count * sent_ns // (len(burst.data) * self._per_bytes))
 
@@ -235,7 +235,7 @@ class UsbUart(Uart):
         self._held = b""
 
     def _timer_ns(self) -> int | None:
-        """Return when the timer runs out with data there."""
+        """Return the time at which the timer runs out with data there."""
         first_ns = self._sent_ns if self._held else self.arrival_ns(1)
         if first_ns is None:
             return None

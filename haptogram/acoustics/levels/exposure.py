@@ -178,7 +178,7 @@ def worst_exposure(
 
 
 def _enough_directions(model: AcousticModel) -> int:
-    """Return how many directions lie half of the narrowest lobe, lambda / 2 a wide, apart."""
+    """Return the number of directions that lie half of the narrowest lobe, lambda / 2 a, apart."""
     lobe_rad = model.wavelength_m / max(2.0 * model.array.aperture_radius_m, model.wavelength_m)
     return min(math.ceil(2.0 * math.pi * (2.0 / lobe_rad) ** 2), _MOST_DIRECTIONS)
 

@@ -176,7 +176,7 @@ def _lobe(
 
 
 def _local_maxima(level: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Return where a value is above all eight neighbours; never on the border.
+    """Return a mask of the values above all eight neighbours; never on the border.
 
     Of equal neighbours, as a symmetric field has them, the last is above the others.
     """

@@ -159,7 +159,7 @@ def _crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:
 
 
 def _first_minimum(steps: FloatArray, level: FloatArray) -> float:
-    """Return where |p|^2, a parabola near a null, is smallest for the first time."""
+    """Return the place of the first minimum of |p|^2, which is a parabola near a null."""
     rising = np.flatnonzero(np.diff(level) > 0.0)
     if not len(rising) or rising[0] == 0:
         return math.nan

@@ -228,7 +228,7 @@ class Reconstructor:
     def _quick_search(
         self, radiated: _Radiated
     ) -> tuple[FloatArray | None, Literal["warm", "global"]]:
-        """Return where the compiled search finds a focus, if it does, and from where."""
+        """Return the focus of the compiled search, or None, and the kind of its start."""
         if self._tracker is None or radiated.codes is None:
             return None, "global"
         limit_rad = radiated.limit_rad + _QUICK_MARGIN_RAD

@@ -264,7 +264,7 @@ def _spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
 
 
 def _told_apart(positions: FloatArray) -> BoolArray:
-    """Return which coordinates are not mixed with another one by the symmetry of a line.
+    """Return a mask of the coordinates that the symmetry of a line mixes with no other.
 
     Elements on one line see a whole circle around it alike, even where the slope along z is not 0.
     """
@@ -281,7 +281,7 @@ def _told_apart(positions: FloatArray) -> BoolArray:
 
 
 def _apart(a: list[float], b: list[float], c: list[float]) -> bool:
-    """Whether three points, (3,) each, lie well off a common line."""
+    """Return True if three points, (3,) each, lie well off a common line."""
     u, v = [q - p for p, q in zip(a, b, strict=True)], [q - p for p, q in zip(a, c, strict=True)]
     uu, vv, uv = math.hypot(*u) ** 2, math.hypot(*v) ** 2, sum(map(operator.mul, u, v))
     return uu * vv - uv * uv > 1e-4 * uu * vv and min(uu, vv) > (100.0 * _POINT_M) ** 2

@@ -196,7 +196,7 @@ class SoakCampaign:
 
 @dataclass(frozen=True, slots=True)
 class _Work:
-    """What a process of the pool does."""
+    """The work of a process of the pool: one segment for each call."""
 
     make_board: MakeBoard
     setup: SoakSetup

@@ -137,7 +137,7 @@ def _shape_config(arguments: argparse.Namespace) -> ShapeConfig:
 
 
 def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
-    """Return where a drive is loudest, on a coarse grid over the array, along its own axes."""
+    """Return the loudest point of a coarse grid over the array, along its own axes."""
     reach = float(model.array.half_extent_m[:2].max())
     side = np.linspace(-reach, reach, 25)
     heights = np.linspace(0.03, 0.30, 46)

@@ -158,7 +158,7 @@ def _plane(arguments: argparse.Namespace, scene: Scene) -> PicturePlane:
 
 
 def _title(arguments: argparse.Namespace, scene: Scene) -> str:
-    """Return what sounds, in a line."""
+    """Return a line that names the drive or the object."""
     array = arguments.preset or f"{scene.model.array.count} elements"
     if arguments.drive:
         return f"{array}, drive of {arguments.drive.name}"
@@ -188,7 +188,7 @@ def describe_scene(scene: Scene) -> Iterator[str]:
 
 
 def _describe_drive(scene: Scene) -> str:
-    """Return what the phases of a drive from a file say of its focus."""
+    """Return a line about the focus that the phases of a drive from a file make."""
     found = Reconstructor(scene.model).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
         return f"no focus: {found.reason}"

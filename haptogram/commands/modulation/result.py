@@ -182,7 +182,7 @@ def _describe_spectrum(felt: ModulationResult) -> Iterator[str]:
 
 
 def _name_of(frequency_hz: float, felt: ModulationResult) -> str:
-    """Return where a line comes from: the modulation, its overtones, or the frame rate."""
+    """Return the origin of a spectral line: the modulation, its overtones, or the frame rate."""
     if felt.frequency_hz is None:
         return ""
     order = frequency_hz / felt.frequency_hz

@@ -249,7 +249,7 @@ def _begin(writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig) 
 
 @contextlib.contextmanager
 def _live_view(*, wanted: bool) -> Iterator[Show]:
-    """Give what shows a board; on a terminal the view stays after the run, until Ctrl-C."""
+    """Give a function that shows a board; on a terminal the view stays until Ctrl-C."""
     from haptogram.machine.view_process import ViewProcess
 
     with contextlib.ExitStack() as views:
@@ -333,7 +333,7 @@ def _faults_dict(planned: FaultPlan, fired: dict[str, int] | None) -> dict[str, 
 
 
 def _host_dict(found: RunRecord) -> dict[str, object] | None:
-    """Return how the host's side went, if the run came to its end."""
+    """Return the figures of the host's loop, if the run came to its end."""
     from haptogram.driver.dialect_driver import DialectReport
     from haptogram.driver.stream import StreamReport
 

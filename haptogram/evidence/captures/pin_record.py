@@ -85,7 +85,7 @@ def _without_spikes(rises: _Floats, falls: _Floats, sample: float) -> tuple[_Flo
 
 
 def _defects(edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool) -> list[str]:
-    """Return what is wrong with a pin while others pulse."""
+    """Return the defects of a pin while others pulse."""
     found = []
     if not len(edges.times):
         level = "high" if edges.first_level else "low"

@@ -222,7 +222,7 @@ def _lasting_items(value: Any) -> Any:
 
 
 def _details(recorded: Fields, replayed: Fields) -> Iterator[str]:
-    """Yield how two sets of fields differ."""
+    """Yield the differences of two sets of fields, in words."""
     for name in {**recorded, **replayed}:
         before, after = recorded.get(name), replayed.get(name)
         if before == after:

@@ -101,7 +101,7 @@ def draw_cuts(
 
 
 def _offsets(engine: FieldEngine, target: FloatArray, half_width_m: float, axis: int) -> FloatArray:
-    """Return where the samples along an own axis lie, from the target, in metres."""
+    """Return the offsets of the samples along an own axis from the target, in metres."""
     low = -half_width_m
     if axis == 2:
         low = max(low, 0.020 - float(engine.model.array.local_m(target)[2]))

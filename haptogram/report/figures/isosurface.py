@@ -104,7 +104,7 @@ def _face_down(triangles: FloatArray, uphill: FloatArray) -> FloatArray:
 def _cut(
     points: FloatArray, values: FloatArray, edges: tuple[tuple[int, int], ...], level: float
 ) -> FloatArray:
-    """Return where the level crosses three edges of each tetrahedron, (K, 3, 3)."""
+    """Return the points at which the level crosses three edges of each tetrahedron, (K, 3, 3)."""
     corners = []
     for low, high in edges:
         part = (level - values[:, low]) / (values[:, high] - values[:, low])

@@ -269,7 +269,7 @@ def _from_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
 
 
 def _end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
-    """Return when a fault is over by itself."""
+    """Return the time at which a fault is over by itself, in ns."""
     return from_ns + round(values["ms"] * _NS_PER_MS) if name == _DISCONNECT else FOR_EVER_NS
 
 

@@ -123,7 +123,7 @@ class IdealFrameDrive:
         return self._tolerated_change(np.abs)
 
     def _tolerated_change(self, measure: Callable[[ComplexArray], FloatArray]) -> FloatArray:
-        """Return how far a measure of the drive differs within the tolerance."""
+        """Return the largest change of a measure of the drive within the tolerance."""
         asked = measure(self.asked)
         changes = [np.abs(measure(drive) - asked) for drive in self.tolerated]
         tolerated: FloatArray = _MARGIN * np.max([0.0 * asked, *changes], axis=0)

@@ -140,7 +140,7 @@ def judge_several(
 def _strictly(
     ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, error_rad: float
 ) -> _Findings:
-    """Return what is found of a drive that may differ from the ideal one by rounding only."""
+    """Return the findings about a drive that may differ from the ideal one by rounding only."""
     offsets_m, limits_m = ideal.offsets_m(latched.weights()), ideal.limits_m()
     s5 = criteria.latched_amplitudes_ok(intended, latched)
     verdicts = {
@@ -169,7 +169,7 @@ def _strictly(
 def _tolerantly(
     ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, tolerance: Tolerance
 ) -> _Findings:
-    """Return what is found of a drive for these foci in other air, or a little off.
+    """Return the findings about a drive for these foci in other air, or a little off.
 
     A solver may come to another drive there, with other phases between the foci.  So the places are
     fitted from the phases that there are, whatever the weights of the foci.
@@ -205,7 +205,7 @@ def _tolerantly(
 def _fit(
     ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools
 ) -> FociFit | None:
-    """Return where the phases say that the foci are."""
+    """Return the fit of the foci to the phases, or None."""
     superposed = intended.solver == "naive"
     known = [f.amplitude * np.exp(1j * f.phase_rad) for f in intended.foci if f.amplitude > 0.0]
     return fit_foci(
@@ -255,7 +255,7 @@ def _are_within(fit: FociFit, limits_m: Sequence[FloatArray], miss_mm: float) ->
 
 
 def _farthest(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any]:
-    """Return how far the worst of the foci is from its place; nothing if one has no place."""
+    """Return the error of the focus farthest from its place; nothing if one has no place."""
     offsets = [offset for offset in found.offsets_m if offset is not None]
     if len(offsets) < len(targets) or not targets or found.limits_m is None:
         return {}
@@ -268,7 +268,7 @@ def _farthest(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any
 
 
 def _without_place(ideal: IdealFrameDrive) -> Iterator[str]:
-    """Yield which foci have no pressure peak that could be off."""
+    """Yield a finding that names the foci without a pressure peak of their own."""
     lost = [str(number) for number, peak in enumerate(ideal.peaks, 1) if peak is None]
     if lost:
         yield (
@@ -278,7 +278,7 @@ def _without_place(ideal: IdealFrameDrive) -> Iterator[str]:
 
 
 def _not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
-    """Yield why the foci are not there, although the drive is as it should be."""
+    """Yield reasons for foci that are missing although the drive is as it should be."""
     if intended.solver != "naive" and not levels.made:
         yield (
             f"the solver {intended.solver} did not make the foci: efficiency "

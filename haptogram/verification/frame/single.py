@@ -256,7 +256,7 @@ def _no_focus(found: NotSingle) -> str:
 
 
 def _unobservable(target: FrameTarget) -> str:
-    """Return which coordinates of the focus no phase of this frame tells."""
+    """Return a finding that names the coordinates of the focus that no phase tells."""
     names = [name for name, seen in zip("xyz", target.observable, strict=True) if not seen]
     along = " and ".join(names)
     return (
@@ -276,7 +276,7 @@ def _where(target: FrameTarget, found: SingleFocus | NotSingle) -> dict[str, Any
 
 
 def _place(target: FrameTarget, offset_m: FloatArray) -> dict[str, Any]:
-    """Return where a focus is, as far as that can be observed."""
+    """Return place and error of a focus; None for a part that cannot be observed."""
     across_m, along_m = target.split(offset_m)
     place_m = (target.position_m + offset_m).tolist()
     return {
@@ -289,7 +289,7 @@ def _place(target: FrameTarget, offset_m: FloatArray) -> dict[str, Any]:
 
 
 def _where_the_peak_is(target: FrameTarget, peaks: list[criteria.PeakCriterion]) -> dict[str, Any]:
-    """Return how far the pressure peak is from its place, if it was found all around."""
+    """Return the distance of the pressure peak from its place, if it was found all around."""
     offsets = [peak.offset_m for peak in peaks if peak.offset_m is not None]
     if len(offsets) != _ACROSS_AND_ALONG:
         return {}

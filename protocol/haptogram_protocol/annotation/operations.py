@@ -81,7 +81,7 @@ class OperationAnnotator:
         return begin
 
     def _odd(self) -> str:
-        """Return what this end has counted since the last piece, in words."""
+        """Return the counts of this end since the last piece, in words."""
         counters = self._end.counters
         if counters == self._counted:
             return ""

@@ -156,7 +156,7 @@ class FpgaByteRules:
 
 
 class _Cursor:
-    """Which boards listen, and how many codes each has taken since its channel 0."""
+    """The boards that listen, and the codes that each has taken since its channel 0."""
 
     def __init__(self, boards: int) -> None:
         if boards < 1:

@@ -60,7 +60,7 @@ class Numpy32Engine(SingleEngine):
         return None if usable.all() else usable
 
     def _clear(self, points: FloatArray) -> BoolArray:
-        """Return which points keep 0.6 of the aperture's radius from every element."""
+        """Return a mask of the points that keep 0.6 of the aperture's radius from every element."""
         offsets = points[:, None, :] - self._model.array.positions_m
         nearest = np.sqrt(np.einsum("mni,mni->mn", offsets, offsets).min(axis=1))
         limit = max(0.6 * self._radius_m, self._clearance_m)

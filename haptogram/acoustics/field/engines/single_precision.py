@@ -92,7 +92,7 @@ class SingleEngine(ABC):
         self._reach_of_many_m = self._reach_m(self.REACH.many)
 
     def _reach_m(self, wavelengths: float) -> float:
-        """Return how far from the array's centre the errors stay within the promise."""
+        """Return the distance from the array's centre up to which the errors keep the promise."""
         absorption = self._model.medium.absorption_np_m
         lossy_m = 2.0 * _MAX_LOSS / absorption if absorption > 0.0 else math.inf
         return min(wavelengths * self._model.wavelength_m, lossy_m) - self._radius_m
@@ -190,7 +190,7 @@ class SingleEngine(ABC):
 
     @abstractmethod
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
-        """Return which points in front and within reach are served, or None if all are."""
+        """Return a mask of the points in front and within reach, or None if all are."""
 
     @abstractmethod
     def _one_drive(
@@ -204,7 +204,7 @@ class SingleEngine(ABC):
 
 
 def _effective_count(drives: ComplexArray) -> float:
-    """Return how many elements share the work, in the drive where they are fewest."""
+    """Return the number of elements that share the work, in the drive where they are fewest."""
     square = drives.real**2 + drives.imag**2  # half the time of abs()
     level = np.sqrt(square)
     if drives.ndim == 1:  # one call for a few points must not cost more than the points

@@ -264,7 +264,7 @@ def _place(transform: _Built) -> list[float]:
 
 
 def _direction(transform: _Built) -> list[float]:
-    """Return where the transducer's own +y points: q (0, 1, 0) q*."""
+    """Return the direction of the transducer's own +y: q (0, 1, 0) q*."""
     rotation = _part(transform, "rotation", "rot")
     x, y, z = (_value(rotation, axis) for axis in "xyz")
     w = _value(rotation, "w", 1.0)

@@ -173,7 +173,7 @@ def _widened(
     axis_m: FloatArray | None,
     side: BoolArray | None,
 ) -> FloatArray | None:
-    """Return where fits by the middle of the array, then by more and more of it, lead.
+    """Return the place that fits by the middle of the array, then by more and more of it, lead to.
 
     Of two arrays that look at each other one side comes first. Between them minima of the fit
     alternate every half of a wavelength, so several heights are tried for both.
@@ -227,7 +227,7 @@ def _with(point: PointFit, residual: FloatArray) -> PointFit:
 
 
 def _halves(phases: PatternPhases, position_m: FloatArray) -> BoolArray:
-    """Return which elements arrive half a turn off the others."""
+    """Return a mask of the elements that arrive half a turn off the others."""
     distance = np.linalg.norm(position_m - phases.positions_m, axis=1)
     arrival = np.exp(1j * (phases.phases_rad + phases.wavenumber * distance))
     common = np.angle((arrival**2).sum()) / 2.0

@@ -208,7 +208,7 @@ def _cells_of_bowl(model: AcousticModel) -> FloatArray:
 
 
 def _between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolArray:
-    """Return which cells are in front of the elements of the other side as well."""
+    """Return a mask of the cells in front of the elements of the other side as well."""
     if side.all():
         return np.ones(len(cells), dtype=np.bool_)
     normals = model.array.normals[~side]

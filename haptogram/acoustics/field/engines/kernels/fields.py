@@ -102,7 +102,7 @@ def _lattice_block(
 
 @jit_inline
 def _held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
-    """Return how many waves are held after one more: all are added as soon as they are enough."""
+    """Return the number of waves held after one more: all are added as soon as they are enough."""
     if held + 1 < WAVES:
         return held + 1
     add_waves_kernel(t, m, re, im)
