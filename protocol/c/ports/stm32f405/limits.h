@@ -8,3 +8,8 @@
 #define BOARD_UPLOAD_WINDOW 2
 #define BOARD_RX_WINDOW 16384
 #define BOARD_OUTPUT 12288
+
+#ifndef EMULATED /* at 168 MHz, by the count of instructions: no real chip has shown them yet */
+#define BOARD_LATCH_LEAD_US 500
+#define BOARD_POINT_TIME_US 300
+#endif
