@@ -72,6 +72,7 @@ def _sound(board: BoardClient) -> None:
 def _queue(board: BoardClient) -> None:
     _sound(board)
     fill_queue(board, _QUEUED, 3_000_000)
+    board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
 
 
 def _fade(board: BoardClient) -> None:
