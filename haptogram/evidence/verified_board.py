@@ -152,7 +152,7 @@ class VerifiedBoard(ClosedByWith):
         if not self._may_stay_armed:
             problems += _armed_problems(records)
         if problems:
-            head = str(result).replace(str(result.verdict), str(Verdict.FAIL).upper(), 1)
+            head = str(result).replace(result.verdict.upper(), Verdict.FAIL.upper(), 1)
             yield f"verified_board: {head}"
             yield from (f"  {problem}" for problem in problems)
 

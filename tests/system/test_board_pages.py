@@ -69,7 +69,7 @@ def test_the_commands_of_a_page_show_the_focus_that_it_names(page: str, tmp_path
     script = script.replace(ADDRESS.replace(":", "/"), address.replace(":", "/"))
     output = run_commands(tmp_path, script)
     assert SHOWN[page] in output
-    assert "pass: " in output
+    assert "PASS: " in output
     assert "PASS: every focus is on target" in output  # our objects on that board
     assert SHOWN[page] in (PAGES / f"{page}.md").read_text(encoding="utf-8")
     if page == "ultraino":

@@ -20,6 +20,7 @@ from haptogram.verification import FrameStatus, Verdict
 from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
 
 from ..formats.html import write_html_page
+from ..run.wording import NOTHING
 from ..viewer.frames import ShownFrame, judged_frame
 from ..viewer.scene import Scene
 from .words import pattern_text, place_text
@@ -81,7 +82,7 @@ class WatchPage:
             "watch.html",
             provenance,
             title=f"Haptogram: {result.verdict}, {result.latches} latches",
-            heading=result.lines()[0],
+            heading=result.sentence,
             tone=_TONES[result.verdict],
             lead=self._lead(result),
             patterns=list(result.kinds.items()),
@@ -113,14 +114,14 @@ class WatchPage:
             *([f"torn: {seen.torn_text}"] if seen.torn_text else []),
         ]
         failed = [] if verdict is None else [n for n, ok in verdict.criteria.items() if not ok]
-        told = "" if verdict is None else str(verdict.status)
+        told = NOTHING if verdict is None else str(verdict.status)
         return (
             str(latch.number),
-            "" if latch.t_us is None else f"{latch.t_us / 1e6:.6f}",
+            NOTHING if latch.t_us is None else f"{latch.t_us / 1e6:.6f}",
             latch.cause,
             pattern_text(seen.pattern, self._board),
             told + (f" ({', '.join(failed)})" if failed else ""),
-            "; ".join(strange),
+            "; ".join(strange) or NOTHING,
         )
 
     def _expected_rows(self, expected_m: Sequence[FloatArray]) -> list[tuple[str, str]]:
@@ -164,10 +165,10 @@ def _status_tone(status: FrameStatus) -> str:
 
 
 def _defect_rows(result: WatchResult) -> list[tuple[str, bool, str]]:
-    """Return each defect that has a name, whether it was found, and the figures."""
+    """Return each defect that has a name, those that were found first, and the figures."""
     rows = []
     for defect in Defect:
         found = [str(one) for one in result.diagnoses if one.defect is defect]
         figures = "; ".join(text.removeprefix(f"{defect}: ") for text in found)
-        rows.append((str(defect), bool(found), figures))
-    return rows
+        rows.append((str(defect), bool(found), figures or NOTHING))
+    return sorted(rows, key=lambda row: not row[1])

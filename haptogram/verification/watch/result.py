@@ -129,10 +129,19 @@ class WatchResult:
             lines.append(f"  search    {median:.1f} ms a new drive, {most:.0f} ms at most")
         return "\n".join(lines)
 
+    @property
+    def sentence(self) -> str:
+        """The verdict and its reason, for every report alike."""
+        count = sum(self.kinds.values())
+        wrong = [f"{n} {status}" for status, n in self.statuses.items() if n and status in WRONG]
+        reasons = [*wrong, *dict.fromkeys(str(found.defect) for found in self.diagnoses)]
+        latches = f"{count} latch{'' if count == 1 else 'es'} of the client"
+        return f"{self.verdict.upper()}: {'; '.join([latches, *reasons])}"
+
     def lines(self) -> list[str]:
         """Return the summary in lines, the verdict first."""
         kinds = ", ".join(f"{count} {kind}" for kind, count in self.kinds.items())
-        lines = [f"{self.verdict}: {sum(self.kinds.values())} latches of the client"]
+        lines = [self.sentence]
         lines += [f"  patterns  {kinds}"] if kinds else []
         if self.expected:
             judged = ", ".join(f"{count} {status}" for status, count in self.statuses.items())

@@ -139,7 +139,7 @@ def test_results_are_written_in_every_form(tmp_path, capsys):
         *(word for name, path in files.items() for word in (f"--{name}", str(path))),
     )
     assert status == 0
-    assert out.startswith("pass: 6 latches of the client\n  patterns  6 one focus\n")
+    assert out.startswith("PASS: 6 latches of the client\n  patterns  6 one focus\n")
     assert err.count("wrote ") == 3
     latches = [json.loads(line) for line in files["frames"].read_text().splitlines()]
     assert [latch["verdict"] for latch in latches] == [None, *["on target"] * 6]
@@ -173,7 +173,7 @@ def test_the_page_has_verdict_defects_latches_and_the_view(tmp_path, capsys):
     )
     text = page.read_text()
     assert (status, err) == (1, f"wrote {page}\n")
-    assert "<h1>fail: " in text
+    assert "<h1>FAIL: " in text
     assert text.count("<td>off target (S") == 3
     assert text.count('<span class="badge good">not found</span>') == len(Defect)
     assert "(40.0, 170.0, 0.0)" in text  # expected, in the client's axes
@@ -197,7 +197,7 @@ def test_nothing_latched_is_status_3(tmp_path, capsys):
     (tmp_path / "nothing.bin").write_bytes(b"")
     status, out, _ = watch(capsys, str(tmp_path / "nothing.bin"), "--dialect", "sonicsurface")
     assert status == 3
-    assert "inconclusive: 0 latches of the client\n" in out
+    assert "INCONCLUSIVE: 0 latches of the client\n" in out
 
 
 # --- refusals -------------------------------------------------------------------------------------
@@ -289,7 +289,7 @@ def test_a_board_that_the_command_starts_is_followed_until_ctrl_c(tmp_path):
     finally:
         process.kill()
         process.wait()
-    assert "pass: 1 latches of the client" in log.read_text()
+    assert "PASS: 1 latch of the client" in log.read_text()
     assert not link.exists()
 
 
@@ -322,7 +322,7 @@ def test_the_back_door_of_a_running_board_is_watched(tmp_path, capsys):
         board.stop()
         board.close_pipe()
     assert status == 0
-    assert "pass: 2 latches of the client" in out
+    assert "PASS: 2 latches of the client" in out
 
 
 def test_the_last_records_of_a_board_that_ends_are_read():
