@@ -20,12 +20,12 @@ from .element_faults import exchanged_orders, fault_of_pin, grouped_faults
 from .pin_verdict import PinLimits, PinVerdict
 from .run_drives import Bools, RunDrives
 from .shown_frames import FIT_SHARE, CaptureLimits, ShownFrames, shown_frames
+from .silence import pin_stops
 
 _HALF: Final = 0.5
 _LATE_PERIODS: Final = 2.0  # one for the boundary that is awaited, one for where its pulse lies
 _TORN_PERIODS: Final = 1.25  # a period, and what a pulse that a latch cut may seem to be off
 _MOST_DRIFT_PPM: Final = 1000.0
-_SILENT_PERIODS: Final = 2.5
 _SAMPLES_OF_8_BITS: Final = 512.0  # of a period: one is half a step
 
 
@@ -145,30 +145,17 @@ class _PinJudge:
 
     def _mute(self) -> float | None:
         """Return in how many periods the output fell silent at the end; None: it did not."""
-        shown = np.flatnonzero(self.shown.seen)
-        last_frame = np.abs(self.shown.drives.weights[shown[-1]]) if len(shown) else np.zeros(1)
-        stops = {}
-        for place, element in enumerate(self.run.elements):
-            pin = self.record.pins[element]
-            if (
-                len(shown)
-                and len(pin.rises)
-                and last_frame[place] > self.shown.drives.limit_amplitude
-            ):
-                rows = np.flatnonzero(np.diff(pin.rises, prepend=-np.inf) < _SILENT_PERIODS)
-                if len(rows):
-                    stops[element] = float(pin.falls[rows[-1]])
-        still = [e for e, stop in stops.items() if stop > self.record.end - _SILENT_PERIODS]
-        if (
-            not stops
-            or len(still) == len(stops)
-            or self.shown.ends[-1] > self.record.end + self.run.gap
-        ):
+        found = pin_stops(self.record, self.run, self.shown)
+        if found is None or len(found.sounding) == len(found.stops):
             self.not_judged["mute"] = "the capture ends before the output fell silent"
             return None
-        if still:
-            self._find("mute", f"{_listed(still)} go on after the others fell silent")
+        if found.is_ramp:
+            self.not_judged["mute"] = "the output fades to silence (a ramp)"
             return None
+        if found.sounding:
+            self._find("mute", f"{_listed(found.sounding)} go on after the others fell silent")
+            return None
+        stops = found.stops
         first, last = min(stops.values()), max(stops.values())
         allowed = 1.0 + 2.0 / self.record.samples
         if last - first > allowed:

@@ -152,6 +152,35 @@ def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
     assert line.startswith("element 4 fall")
 
 
+def test_a_ramp_to_silence_is_no_torn_mute(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    fading = record
+    for element, pin in record.pins.items():
+        more = np.arange(1.0, 30.0 - element)  # where the amplitude is rounded to 0 first
+        narrower = 0.25 * more / more[-1]
+        fading = changed(
+            fading,
+            element,
+            rises=np.concatenate([pin.rises, pin.rises[-1] + more + narrower]),
+            falls=np.concatenate([pin.falls, pin.falls[-1] + more - narrower + 0.001]),
+        )
+    (pins,) = judged_record(run, fading).pins
+    assert pins.findings == {}
+    assert pins.not_judged == {"mute": "the output fades to silence (a ramp)"}
+
+
+@pytest.mark.parametrize("fault", ["frame.crc p=0.2", "line.truncate p=0.2", "line.disconnect"])
+def test_frames_that_never_latched_are_those_of_the_back_door(fault, tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", frames=30, faults=[f"{fault} from=20ms"])
+    latched = {latch.key.index for latch in run.latches}
+    lost = [frame.number for frame in run.intended if frame.key.index not in latched]
+    (pins,) = judged(run).pins
+    assert lost
+    assert [event.split(":")[0] for event in pins.events] == [str(frame) for frame in lost]
+    assert pins.findings == {}
+
+
 def test_captures_of_parts_of_a_repeating_object_are_joined(tmp_path):
     runs = [captured_run(tmp_path / f"{n}.vcd", seed=5, capture_ppm=20.0 * n) for n in range(4)]
     records = [
