@@ -17,14 +17,18 @@ from typing import Final, NoReturn, Self, TypeGuard, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer
+from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.acoustics.arrays import as_float_array
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
 from haptogram.acoustics.solvers.several import Method
+from haptogram.driver.frames.dialect_boards import (
+    assumed_dialect_model,
+    dialect_display_of,
+    mounted_model,
+)
 from haptogram.driver.frames.dialect_frames import DialectFrame, DialectFrameBuilder
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.driver.identity import check_model_air
-from haptogram.driver.line.budget import check_line_rate
+from haptogram.driver.line.budget import check_dialect_rate
 from haptogram.driver.line.dialect_line import DialectLine
 from haptogram.driver.line.port import Transport, check_port, open_transport
 from haptogram.driver.timing.realtime import PeriodicLoop
@@ -41,9 +45,8 @@ from haptogram.settings.arguments import (
     check_number,
     check_whole,
 )
-from haptogram_protocol.dialects.codec import Dialect, Display
+from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.dialects.table import DIALECTS
-from haptogram_protocol.errors import LocalProtocolError
 
 _NS_PER_S: Final = 1_000_000_000
 _START_NS: Final = 2_000_000  # from the last preparation to the first frame
@@ -187,7 +190,7 @@ class DialectDriver:
         display = dialect_display_of(dialect, self.boards)
         self._channels = range(count) if channels is None else channels
         if model is None and display.mounting:
-            self.model = _as_mounted(self.model, display)
+            self.model = mounted_model(self.model, display)
         if elements is not None:
             self.model = self.model.calibrated(elements)
         self._display = display
@@ -266,22 +269,6 @@ class DialectDriver:
         """Steps of a period that the boards have."""
         return self._display.steps
 
-    def check_rate(self, rate_hz: float) -> None:
-        """Refuse a rate that the line cannot carry.
-
-        Raises
-        ------
-        ConfigurationError
-            Naming the rate, the bytes of a frame, and the highest rate.
-        """
-        if self._baudrate is not None:
-            check_line_rate(
-                self.dialect.frame_bytes(self.boards),
-                baudrate=self._baudrate,
-                rate_hz=rate_hz,
-                remedy="lower the rate, or raise baud if the board can",
-            )
-
     # --- output --------------------------------------------------------------------------------
 
     def focus(self, target_m: ArrayLike | Focus, *, solver: Method = "naive") -> Intended:
@@ -353,7 +340,9 @@ class DialectDriver:
             The link broke, or a board refused; :attr:`intended` holds what was sent until then.
         """
         schedule = Schedule.at_rate(rate_hz, 1, queue_depth=1)
-        self.check_rate(schedule.rate_hz)
+        check_dialect_rate(
+            self.dialect, self.boards, baudrate=self._baudrate, rate_hz=schedule.rate_hz
+        )
         check_whole("loops", loops, 1, _MOST_STREAMED)
         check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
         check_argument_kind("realtime", realtime, bool, "True or False")
@@ -413,53 +402,6 @@ class DialectDriver:
         seen = self._line.send(self._display.frame(frame.codes))
         self._shown_ns = self._line.now_ns()
         return seen
-
-
-def dialect_display_of(dialect: Dialect, boards: int) -> Display:
-    """Return the display of so many boards of *dialect*.
-
-    Raises
-    ------
-    ConfigurationError
-        If this program does not drive that wire, or not so many boards.
-    """
-    if dialect.display is None:
-        raise ConfigurationError(
-            f"dialect {dialect.name} can be emulated and not driven: its wire says nothing of how "
-            "a host shows phases (Dialect.display, docs/dialects.md)"
-        )
-    try:
-        display = dialect.display(boards)
-    except LocalProtocolError as error:
-        raise ConfigurationError(f"dialect {dialect.name}: {error}") from error
-    if display.channels < boards * dialect.channels:
-        raise ConfigurationError(
-            f"dialect {dialect.name}: {boards} boards are needed for so many elements; the wire "
-            f"drives {display.channels // dialect.channels}, of {dialect.channels} channels each"
-        )
-    return display
-
-
-def assumed_dialect_model(dialect: Dialect, medium: Medium | None = None) -> AcousticModel:
-    """Return the boards' own array, as their clients have it, in *medium*.
-
-    Raises
-    ------
-    ConfigurationError
-        If nobody here knows their array.
-    """
-    if dialect.name not in LAYOUT_OF_DIALECT:
-        raise ConfigurationError(
-            f"model is None, and the array of dialect {dialect.name} is not known here: give one"
-        )
-    array = LAYOUT_OF_DIALECT[dialect.name].array()
-    return AcousticModel(array, medium or Medium.air(), Transducer())
-
-
-def _as_mounted(model: AcousticModel, display: Display) -> AcousticModel:
-    count = model.array.count
-    phases_rad = math.tau * np.array(display.mounting[:count])
-    return model.calibrated(Calibration(np.ones(count), phases_rad, model.array.positions_m))
 
 
 def _are_frames(targets: object) -> TypeGuard[Sequence[DialectFrame]]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from haptogram.errors import ConfigurationError, LinkError
+from haptogram.errors import LinkError
 from haptogram.settings.board_url import SCHEME
 from haptogram.settings.option import options_of
 from haptogram.settings.verify_config import VerifyConfig, load_verify_config, read_table
@@ -78,14 +78,23 @@ class RunBoards:
         """
         if config.link.dialect is None:
             return cls(config, None, made)
+        from haptogram.driver.frames.dialect_boards import dialect_display_of
+        from haptogram.driver.line.budget import check_dialect_rate
+
         boards, given = made.of_dialect(config), given_settings(arguments)
+        dialect_display_of(boards.dialect, boards.count)  # refuses one that cannot be driven
         named = {name for name, value in given.items() if value is not None}
         named |= set(read_table(arguments.config)) if arguments.config else set()
         usual = {
             name: value for name, value in _usual_rates(config, boards).items() if name not in named
         }
         config = load_verify_config(arguments.config, given | usual)
-        _check_rate(config, boards)
+        check_dialect_rate(
+            boards.dialect,
+            boards.count,
+            baudrate=config.link.baud,
+            rate_hz=config.pace.rate_hz,
+        )
         return cls(config, boards, made)
 
     @functools.cached_property
@@ -152,20 +161,3 @@ def _usual_rates(config: VerifyConfig, boards: DialectBoards) -> dict[str, Any]:
     baud = boards.dialect.bauds[0] if is_usual else config.link.baud
     highest_hz = highest_line_rate_hz(boards.frame_bytes, baud)
     return {"baud": baud, "rate_hz": max(1.0, min(_MOST_HZ, float(math.floor(highest_hz))))}
-
-
-def _check_rate(config: VerifyConfig, boards: DialectBoards) -> None:
-    from haptogram.driver.line.budget import check_line_rate
-
-    if boards.dialect.display is None:
-        raise ConfigurationError(
-            f"dialect is {boards.dialect.name!r}, which can be emulated and not driven: its wire "
-            "says nothing of how a host shows phases (docs/dialects.md)"
-        )
-    if boards.dialect.bauds:
-        check_line_rate(
-            boards.frame_bytes,
-            baudrate=config.link.baud,
-            rate_hz=config.pace.rate_hz,
-            remedy="lower the rate, or raise baud if the board can",
-        )

@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 from haptogram.errors import ConfigurationError
+from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.framing import CRC_BYTES, HEADER_BYTES
 
 BITS_PER_BYTE: Final = 10  # 8N1: start bit, eight data bits, stop bit
@@ -72,6 +73,25 @@ def check_line_rate(
         raise ConfigurationError(
             f"rate_hz is {rate_hz:g}; {size} bytes a frame at {baudrate} baud carry "
             f"{math.floor(highest_hz)} frames/s: {remedy}"
+        )
+
+
+def check_dialect_rate(
+    dialect: Dialect, boards: int, *, baudrate: int | None, rate_hz: float
+) -> None:
+    """Refuse a rate that the line of so many boards cannot carry; without a line there is none.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the rate, the bytes of a frame, and the highest rate.
+    """
+    if dialect.bauds and baudrate is not None:
+        check_line_rate(
+            dialect.frame_bytes(boards),
+            baudrate=baudrate,
+            rate_hz=rate_hz,
+            remedy="lower the rate, or raise baud if the board can",
         )
 
 
