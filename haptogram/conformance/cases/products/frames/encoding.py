@@ -132,7 +132,7 @@ def _check_stuffing(pieces: list[Received], name: str) -> None:
 )
 def reads_every_piece(board: BoardClient) -> None:
     for run in _runs(_MOST - 10):
-        for end in _ENDS:
+        for end in _ENDS if board.thorough else _ENDS[:1]:
             payload = b"\x00" + _full(board, run) + end + _full(board, min(run, _MOST - run))
             seq = board.link.next_seq()
             data = malformed_frames.with_crc(board.link.body(Mute.TYPE, payload, seq=seq))
