@@ -19,6 +19,7 @@ from haptogram_protocol.messages import (
     MessageType,
     Mute,
     Play,
+    Status,
     signed_difference,
 )
 
@@ -162,6 +163,48 @@ class MuteReplyOfItsSession(BoardConnection):
         )
 
 
+class ChunkUsesNoNumber(BoardConnection):
+    """Leaves the number of an UPLOAD_CHUNK free."""
+
+    def _request(self, frame: Any, message: Any, **how: Any) -> Any:
+        newest = self._control_newest
+        event = super()._request(frame, message, **how)
+        if frame.header.type == MessageType.UPLOAD_CHUNK:
+            self._control_newest = newest
+        return event
+
+
+class WrongConfigUsesItsNumber(BoardConnection):
+    """Takes the number of a SET_CONFIG of a wrong length for used."""
+
+    def _refuse(self, frame: Any, reason: str, code: ErrorCode, number: int, detail: str) -> Any:
+        if frame.header.type == MessageType.SET_CONFIG and code is ErrorCode.BAD_LENGTH:
+            self._control_newest = frame.header.seq
+        return super()._refuse(frame, reason, code, number, detail)
+
+
+class StopCountedAgain(BoardConnection):
+    """Counts a repeated STOP in `requests` as well as in `repeated`."""
+
+    def _judge_control_seq(self, frame: Any) -> Any:
+        event = super()._judge_control_seq(frame)
+        again = event is not None and event.reason == "repeated"
+        self.count("requests", int(again and frame.header.type == MessageType.STOP))
+        return event
+
+
+class StatusSaysLate(BoardConnection):
+    """Leaves LATE set in STATUS behind the trace of a late latch."""
+
+    _late = False
+
+    def send_event(self, message: Any, *, flags: int = 0, **how: Any) -> bool:
+        """Send an event."""
+        is_status = isinstance(message, Status)
+        self._late = self._late if is_status else bool(flags & Flag.LATE)
+        return super().send_event(message, flags=flags | Flag.LATE * self._late, **how)
+
+
 class NonceOf8Bits(BoardConnection):
     """Takes a HELLO whose nonce has the low byte of the open one for its repetition."""
 
@@ -266,6 +309,10 @@ MUTANTS: Final = (
     Mutant.of(LongRepliesForgotten, "HG-4.9/1", _WIRE),
     Mutant.of(RepeatedHelloTakesItsNumber, "HG-4.6/1", _WIRE),
     Mutant.of(MuteReplyOfItsSession, "HG-4.11/1", _WIRE),
+    Mutant.of(ChunkUsesNoNumber, "HG-4.10/1", _WIRE),
+    Mutant.of(WrongConfigUsesItsNumber, "HG-4.9/4", _WIRE),
+    Mutant.of(StopCountedAgain, "HG-4.9/1", _SELF),
+    Mutant.of(StatusSaysLate, "HG-3.4/3", _WIRE),
     Mutant.of(NonceOf8Bits, "HG-4.6/2", _WIRE),
     Mutant.of(StreamSessionOf8Bits, "HG-3.7/2", _SELF),
     Mutant.of(GapOf8Bits, "HG-5.5/2", _SELF),

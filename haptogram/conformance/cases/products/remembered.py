@@ -161,6 +161,21 @@ def outlives_the_idempotent(board: BoardClient) -> None:
     _judge_kept(board, betweens)
 
 
+@case(
+    "HG-4.10/1",
+    "the number of a MUTE or UPLOAD_CHUNK of the session, refused or not, is used: SEQUENCE_REUSED",
+    variant="used",
+)
+def the_idempotent_use_numbers(board: BoardClient) -> None:
+    messages: list[Message] = [Mute()]
+    if board.identity.features & UPLOADS:
+        messages += [UploadChunk(0, b""), UploadChunk(0, b"\x01"), UploadChunk(0x7FFFFFFF, b"\x01")]
+    for message in messages:
+        board.link.ask(message)
+        seq = board.link.seq & 0xFFFF
+        board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+
+
 def _refused(code: ErrorCode, message: Message | int, **header: Any) -> Between:
     def send(board: BoardClient) -> None:
         seq = board.link.seq + header.get("ahead", 1)

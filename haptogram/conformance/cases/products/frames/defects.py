@@ -1,4 +1,4 @@
-"""HG-3.3, HG-3.8, HG-3.9: every type of the byte, every two defects of a frame, every count."""
+"""HG-3.3, HG-3.8, HG-3.9, HG-4.9: every type of the byte, every two defects, every count."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from haptogram_protocol.messages import (
     Feature,
     Flag,
     Message,
+    Ping,
     Play,
     Points,
+    Pong,
     UploadChunk,
 )
 
@@ -209,6 +211,24 @@ def every_request_is_judged_in_order(board: BoardClient) -> None:
                     session=frame.session,
                     flags=frame.flags,
                 )
+
+
+@case(
+    "HG-4.9/4",
+    "a request of every type that is refused for one defect leaves its number free for the next",
+    variant="numbers",
+)
+def every_refusal_leaves_its_number(board: BoardClient) -> None:
+    for message in valid_requests(board, _SEQUENCE):
+        for defect in _OF_REQUESTS[:-1]:
+            seq = board.link.seq + 1 & 0xFFFF
+            right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
+            frame = defect.spoil(board, right)
+            with _naming(f"{message.TYPE.name} with a wrong {defect.name}, then its number"):
+                board.link.ask_raw(
+                    frame.kind, frame.payload, seq=seq, session=frame.session, flags=frame.flags
+                )
+                board.link.call(Ping(seq), Pong)
 
 
 @case(

@@ -180,6 +180,7 @@ def every_type_is_remembered(board: BoardClient) -> None:
         if isinstance(message, _IDEMPOTENT):
             continue
         flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
+        started = board.status().counters
         seq = board.link.next_seq()
         first = board.link.ask(message, seq=seq, flags=flags)
         again = board.link.ask(message, seq=seq, flags=flags)
@@ -190,6 +191,13 @@ def every_type_is_remembered(board: BoardClient) -> None:
             f"the first was {board.link.answer_text(first)}",
         )
         board.link.refused(Ping(seq), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+        counted = board.counted_since(started)
+        found = tuple(counted[name_of] for name_of in ("requests", "repeated", "bad_value"))
+        check(
+            found == (1, 1, 1),
+            f"{name}, the same again, and its number with another request: requests, repeated, "
+            f"bad_value count {found}",
+        )
         before = board.status().counters
         # GET_STATUS is the newest request now: what came before it is old.
         board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=flags)

@@ -13,7 +13,7 @@ from ....client.board_client import BoardClient
 from ....client.latching import board_latches, watch_board_latches
 from ....client.playback import PERIOD_US, play_at, store_phases
 from ....client.stream_kinds import stream_kinds
-from ....outcome import SELF_REPORTED, check, inconclusive
+from ....outcome import SELF_REPORTED, check, inconclusive, not_observed
 
 _SEQUENCE: Final = 13
 _WINDOW_US: Final = 100_000
@@ -105,6 +105,33 @@ def late_is_of_one_frame(board: BoardClient) -> None:
             board.clock.wait_until(soon_us + 2000)
         late = [x.late for x in board_latches(board, since, mode) if x.index >= first]
         check(late == [True, False, False], f"{kind.name}, late, and two for later: LATE {late}")
+
+
+@case(
+    "HG-5.8/3",
+    "of frames of every two kinds for one carrier period the later is latched, the other flushed",
+    variant="replaced",
+    evidence=SELF_REPORTED,
+)
+def every_kind_replaces_every_other(board: BoardClient) -> None:
+    if board.clock.carrier_us < 3:
+        not_observed("a carrier period of this board has no room for two times")
+    kinds = stream_kinds(board)
+    board.arm()
+    for turn in range(len(kinds)) if board.thorough else range(1):
+        pairs = list(zip(kinds, kinds[turn:] + kinds[:turn], strict=True))
+        frames = [(first.make(), second.make()) for first, second in pairs]
+        size = sum(len(one.serialize()) + 20 for pair in frames for one in pair)
+        with board.counting(latched=len(frames), flushed=len(frames), late=0):
+            start_us = board.clock.soon_us(bytes(size))
+            for place, pair in enumerate(frames):
+                for early_us, message in zip((2, 1), pair, strict=True):
+                    t_us = start_us + 1000 * place - early_us
+                    board.link.send(board.link.stream_wire(message, t_us))
+            board.clock.require_in_time(start_us - 2)
+            board.clock.wait_until(start_us + 1000 * len(frames))
+        last, due = board.status().last_seq, board.link.stream_next - 1
+        check(last == due, f"{pairs[-1][1].name}, in one period: latched was {last}, not {due}")
 
 
 def _arriving_at(board: BoardClient, t_us: int, wires: bytes) -> None:

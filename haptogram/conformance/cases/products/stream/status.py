@@ -1,9 +1,10 @@
-"""HG-9.1, HG-9.3: what STATUS tells of the stream, behind every request and playback."""
+"""HG-3.4, HG-9.1, HG-9.3: what STATUS tells of the stream, behind every request and playback."""
 
 from __future__ import annotations
 
 from typing import Final
 
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
     Arm,
     Feature,
@@ -15,6 +16,9 @@ from haptogram_protocol.messages import (
     Play,
     PlaybackEnded,
     Status,
+    Trace,
+    TraceMode,
+    TracePlayback,
     signed_difference,
 )
 
@@ -48,6 +52,32 @@ def margins_outlive_requests(board: BoardClient) -> None:
     for message in every:  # which one was it?
         check(_margins_behind(board, [message]), f"{message.TYPE.name} changes the margins")
     check(False, "margins of 3 frames are gone after every request but GET_STATUS")
+
+
+@case(
+    "HG-3.4/3",
+    "behind a late latch no frame but its trace has LATE: no reply, no refusal, no STATUS",
+    variant="late",
+    needs=Feature.CONFIG,
+)
+def only_traces_are_late(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=2)
+    trace = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
+    period_ms = board.quick_status_ms
+    board.configure(late_window_us=100_000, status_period_ms=period_ms, trace_mode=trace)
+    board.arm()
+    since = board.link.mark()
+    late_us = board.clock.device_us() - 5000
+    board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
+    board.clock.wait_latched(4000)
+    board.wire.idle(1200 * period_ms + board.wire.limits.slack_us)
+    for message in [*valid_requests(board, _SEQUENCE), Mute()]:
+        board.link.ask(message, flags=Flag.IMMEDIATE if isinstance(message, Play) else 0)
+    for piece in board.wire.received[since:]:
+        allowed = Flag.LATE if isinstance(piece.message, Trace | TracePlayback) else 0
+        flags = piece.header.flags if piece.header is not None else 0
+        check(not flags & ~allowed, f"flags {flags:#04x} in {annotated_frame_text(piece.piece)}")
 
 
 @case(
