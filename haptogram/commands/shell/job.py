@@ -5,10 +5,10 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
-from haptogram.machine.provenance import Provenance
 from haptogram.machine.terminal import is_github_job
 
 if TYPE_CHECKING:
+    from haptogram.machine.provenance import Provenance
     from haptogram.report.formats.job_summary import JobSummary
 
     from .output_files import Outputs
@@ -22,6 +22,8 @@ def provenance_of_run(arguments: Namespace) -> Provenance:
     ConfigurationError
         If ``--stamp`` is no date.
     """
+    from haptogram.machine.provenance import Provenance
+
     return Provenance.of_run(arguments.command_line, arguments.stamp)
 
 

@@ -18,7 +18,6 @@ from haptogram.errors import (
     VersionMismatchError,
     WrongProtocolError,
 )
-from haptogram.machine.provenance import Provenance
 from haptogram.machine.terminal import terminal_error_line
 from haptogram.settings.option import options_of
 from haptogram.settings.verify_config import (
@@ -51,6 +50,7 @@ if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
     from haptogram.evidence.recordings.writer import RecordingWriter
     from haptogram.evidence.run_record import RunRecord
+    from haptogram.machine.provenance import Provenance
     from haptogram.settings.arguments import Progress
     from haptogram.settings.board import BoardConfig
     from haptogram.settings.faults.plan import FaultPlan
