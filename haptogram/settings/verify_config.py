@@ -31,13 +31,7 @@ _RENAMED: Final = {"link_baud": "baud", "report": "html"}
 class PaceConfig(Settings):
     """Rate, number and lead of the frames."""
 
-    rate_hz: float = option(
-        1000.0,
-        unit="HZ",
-        low=1.0,
-        high=40_000.0,
-        help="points per second; with --dialect by default what its line carries, 1000 at most",
-    )
+    rate_hz: float = option(1000.0, unit="HZ", low=1.0, high=40_000.0, help="points per second")
     repeat: int = option(
         1, unit="N", low=1, high=1_000_000, help="how often the object is displayed"
     )
@@ -86,19 +80,15 @@ class LinkConfig(Settings):
     dialect: str | None = option(
         None,
         unit="NAME",
-        help="wire of other boards, such as sonicsurface: they are given phases, as fast as their "
-        "line carries (docs/dialects.md)",
+        help="wire of other boards, such as sonicsurface: they are given phases, at the usual baud "
+        "of their line and as fast as it carries, unless other rates are named (docs/dialects.md)",
         absent="Haptogram's own",
     )
     dialect_option: tuple[str, ...] = option(
         (), unit="NAME=VALUE", help="option of the dialect, such as boards=2; may be repeated"
     )
     baud: int = option(
-        DEFAULT_BAUD,
-        unit="BAUD",
-        low=LEAST_BAUD,
-        high=MAX_BAUD,
-        help="rate of the line; with --dialect by default that of its boards",
+        DEFAULT_BAUD, unit="BAUD", low=LEAST_BAUD, high=MAX_BAUD, help="rate of the line"
     )
     virtual_time: bool = option(
         False, help="no wall clock at all: the same inputs give the same result, byte for byte"
