@@ -82,8 +82,13 @@ def judged_at_port(
     from haptogram.report import run as report
 
     try:
+        if found.interrupted:
+            raise KeyboardInterrupt
         _wait_for_captures(config.captures, since_s)
         verdict = judge_captures(config, found.model, found.intended)
+    except KeyboardInterrupt:
+        print("haptogram verify: interrupted; --capture was not judged", file=sys.stderr)
+        return None
     except ConfigurationError as error:
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return None

@@ -152,6 +152,18 @@ def test_another_run_and_a_cut_off_file_are_inconclusive(capsys):
     assert "cut off" in capsys.readouterr().out
 
 
+def test_an_interrupt_while_a_capture_is_awaited_costs_no_result(capsys, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("haptogram.commands.verify.captures._is_complete", interrupt)
+    port = "--port haptogram://?clock=virtual&array=4x4 --capture no.vcd --channels map.toml"
+    job = "--object point --array 4x4 --quiet --json run.json"
+    assert main(["verify", *job.split(), *port.split()]) == 2
+    assert capsys.readouterr().err.count("--capture was not judged") == 1
+    assert json.loads(Path("run.json").read_text())["verdict"] == "pass"
+
+
 def test_a_capture_of_a_run_at_a_port_is_awaited(capsys):
     """The board in this program has no pins, and the capture is of another run: it is told."""
     captured(frames=3)
