@@ -86,6 +86,15 @@ class MuteReasonKept(OutputStage):
             self.reason = reason
 
 
+class MuteTakesTheFault(OutputStage):
+    """Says in FAULT that MUTE switched it off."""
+
+    def mute(self, *, requested: bool = True) -> None:
+        """Mute, and forget the fault."""
+        super().mute(requested=requested)
+        self.reason = MuteReason.MUTE
+
+
 class DisarmTakesTheReason(OutputStage):
     """Says that DISARM switched it off when it was muted before."""
 
@@ -268,6 +277,7 @@ MUTANTS: Final = (
     Mutant.of(MuteOfOthersIgnored, "HG-6.4/1", _WIRE),
     Mutant.of(MuteKeepsQueue, "HG-6.4/2", _SELF),
     Mutant.of(MuteReasonKept, "HG-6.4/4", _SELF),
+    Mutant.of(MuteTakesTheFault, "HG-6.2/3", _SELF),
     Mutant.of(DisarmTakesTheReason, "HG-6.2/3", _SELF),
     Mutant.of(DisarmIgnored, "HG-6.2/1", _WIRE),
     Mutant.of(ArmLeavesFullOutput, "HG-6.3/1", _SELF),

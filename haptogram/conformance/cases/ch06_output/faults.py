@@ -148,3 +148,25 @@ def follows_the_table_in_a_fault(board: BoardClient) -> None:
         due = OutputState.FAULT if due is None else due
         check(found is due, f"{event.name} in FAULT: {found.name}, due is {due.name}")
         _recover(board)
+
+
+@case(
+    "HG-6.2/3",
+    "MUTE of any session, a refused ARM, a new session and a second fault leave the reason FAULT",
+    variant="fault",
+    evidence=SELF_REPORTED,
+)
+def a_fault_keeps_its_reason(board: BoardClient) -> None:
+    others: dict[str, Callable[[], object]] = {
+        "MUTE": lambda: board.link.ask(Mute()),
+        "MUTE without a session": lambda: board.link.ask(Mute(), session=0),
+        "ARM": lambda: board.link.ask(Arm()),
+        "a new session": board.hello,
+        "a second fault": lambda: _fail_hardware(board),
+    }
+    _fail_hardware(board)
+    for name, happen in others.items():
+        happen()
+        found = board.status()
+        check((found.state, found.reason) == _FAULT, f"{name} in FAULT: {found.reason.name}")
+    _recover(board)
