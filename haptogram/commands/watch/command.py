@@ -211,6 +211,7 @@ class _Run:
         missing = self._missing
         if missing is None and self._board.missing:
             missing = f"{self._board.missing} latches were not shown by the back door"
+        self._watch.cut_short()
         result = self._watch.result(missing)
         outputs.print(str(result))
         summary = watch_summary(result, self._verdicts)

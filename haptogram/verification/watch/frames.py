@@ -104,6 +104,11 @@ class FrameDefects:
         """Learn that the bytes of the client look like no other wire, and whether like its own."""
         self._is_own = is_own
 
+    def cut_short(self) -> None:
+        """Learn that nothing more will be told: torn frames of an unknown wire are not judged."""
+        if self.waits_for_wire:
+            self._is_own = False
+
     @property
     def waits_for_wire(self) -> bool:
         """True if frames of the client are torn, and the board has not told their wire yet."""
@@ -115,7 +120,7 @@ class FrameDefects:
         """Why the frames of a client are not judged; None: all are."""
         of_client = self._about.get(About.OTHER_WIRE)
         if of_client is None and self._is_own is False and self._of_client.latches:
-            of_client = "the client's bytes look like no wire that is known"
+            of_client = "the client's bytes were not recognised as those of this board"
         if of_client is None and self._may_be_of_another_array:
             of_client = self._about[About.OTHER_SIZE]
         return self._undecided or of_client

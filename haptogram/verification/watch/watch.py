@@ -98,6 +98,10 @@ class Watch:
         """True if frames of the client are torn, and the board has not told their wire yet."""
         return self._finder.frames.waits_for_wire
 
+    def cut_short(self) -> None:
+        """Learn that the board will tell nothing more."""
+        self._finder.frames.cut_short()
+
     def client_left(self) -> None:
         """Learn that the client has left: the next one is judged by itself."""
         self._finder.frames.client_left()

@@ -344,9 +344,9 @@ def test_frames_of_bytes_that_look_like_no_wire_are_not_judged():
     torn = dataclasses.replace(whole, counted={"frames_short": 1})
     frames.take(torn)
     assert frames.waits_for_wire
-    frames.wire_compared(is_own=False)
+    frames.cut_short()
     assert frames.diagnoses() == frames.torn == []
-    assert frames.undecided == "the client's bytes look like no wire that is known"
+    assert frames.undecided == "the client's bytes were not recognised as those of this board"
     frames.wire_compared(is_own=True)  # a whole frame came
     assert [one.defect for one in frames.diagnoses()] == [Defect.BYTES_LOST]
     assert frames.undecided is None
