@@ -4,6 +4,7 @@ import pytest
 from boards import BAUD, Dying, Wrapped, port, run, virtual
 
 from haptogram.conformance.case import Case
+from haptogram.conformance.judge.timers import check_in_time
 from haptogram.conformance.outcome import CaseEndedError, check
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
@@ -196,6 +197,43 @@ def test_a_host_that_was_held_up_does_not_blame_the_board(away_s, due):
     )
     assert result.behaviour == due
     assert ("held up for 3.0 s" in result.detail) == (due == "INCONCLUSIVE")
+
+
+def held_up(away_ms, *, holds_at, judge):
+    """Run a case in which the host is held up at first; return its result and the attempts."""
+    attempts = []
+
+    def body(board):
+        attempts.append(board.status())
+        if len(attempts) <= away_ms[0]:
+            asleep.late_ns += away_ms[1] * 1_000_000
+        board.status()
+        judge(board, len(attempts) >= holds_at, "the timer is late")
+
+    asleep = Late(virtual(array="4x4").open())
+    access = VirtualAccess("late", lambda _: asleep, baudrate=BAUD, virtual=True)
+    case = Case("HG-2.3/1", "sleeps meanwhile", body)
+    (result,) = SuiteRunner(access, SuiteOptions()).run([case]).results
+    return result, len(attempts)
+
+
+def plain_check(_, holds, text):
+    check(holds, text)
+
+
+@pytest.mark.parametrize(
+    ("away_ms", "holds_at", "judge", "due", "attempts"),
+    [
+        ((1, 20), 2, plain_check, "OK", 2),  # held up once, and right the second time
+        ((9, 20), 9, plain_check, "FAILED", 3),  # wrong whenever it is tried
+        ((0, 0), 2, plain_check, "FAILED", 1),  # the host had the processor: no second chance
+        ((9, 20), 9, check_in_time, "INCONCLUSIVE", 3),  # nor is a timer judged then
+        ((0, 0), 9, check_in_time, "FAILED", 1),
+    ],
+)
+def test_a_case_is_tried_again_if_the_host_was_held_up(away_ms, holds_at, judge, due, attempts):
+    result, tried = held_up(away_ms, holds_at=holds_at, judge=judge)
+    assert (result.behaviour, tried) == (due, attempts)
 
 
 class Late(Wrapped):

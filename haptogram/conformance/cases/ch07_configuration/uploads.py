@@ -10,6 +10,7 @@ from haptogram_protocol.messages import (
     Feature,
     PlaybackEnded,
     UploadBegin,
+    UploadBeginReply,
     UploadChunk,
     UploadChunkReply,
     UploadCommit,
@@ -69,6 +70,27 @@ def refuses_what_is_too_large(board: BoardClient) -> None:
     if not tested:
         not_observed("no upload that 32 bits can announce is too large for this board")
     board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
+
+
+@case(
+    "HG-7.2/1",
+    "uploads of exactly the advertised frames, points and bytes, and one frame less, are taken",
+    variant="limits",
+)
+def takes_its_limits(board: BoardClient) -> None:
+    kind, target, frame = _kind(board)
+    identity = board.identity
+    sizes = {(kind, 0 if kind is not UploadKind.POINTS else 1, frame)}
+    if board.has(Feature.SEQUENCE_POINTS):
+        points = identity.max_points
+        sizes |= {(UploadKind.POINTS, 1, 16), (UploadKind.POINTS, points, 16 * points)}
+    for one, points, size in sorted(sizes):
+        most = min(identity.max_sequence_frames, identity.max_upload_bytes // size)
+        most = 1 if one is UploadKind.CORRECTION else most
+        for frames in {1, max(1, most - 1), most}:
+            begin = UploadBegin(one, points, target, frames * size, 0)
+            board.link.call(begin, UploadBeginReply)
+    board.hello()  # which abandons the upload
 
 
 @case(

@@ -168,7 +168,8 @@ def _while_off(board: BoardClient) -> Iterator[Refusal]:
     yield from _always(board)
 
 
-def _situations(board: BoardClient) -> Iterator[Situation]:
+def situations(board: BoardClient) -> Iterator[Situation]:
+    """Yield the situations that a board can be brought into; in a quick run one."""
     yield Situation("with frames queued", _streaming, _while_streaming)
     if not board.thorough:
         return
@@ -191,7 +192,7 @@ def _situations(board: BoardClient) -> Iterator[Situation]:
 def every_refusal_changes_nothing(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=1)
-    for situation in _situations(board):
+    for situation in situations(board):
         _judge(board, situation)
         if board.has(Feature.SEQUENCE_PHASES):
             _goes_on(board, situation.name)
@@ -199,25 +200,25 @@ def every_refusal_changes_nothing(board: BoardClient) -> None:
 
 def _judge(board: BoardClient, situation: Situation) -> None:
     """FAILED with the name of the first refusal in a situation that changes anything."""
-    last_us, before = _brought(board, situation)
+    last_us, before = brought(board, situation)
     brought_us = board.wire.now_us()
     for refusal in list(situation.refusals(board)):
         if board.wire.now_us() - brought_us > _FRESH_US:
-            last_us, before = _brought(board, situation)
+            last_us, before = brought(board, situation)
             brought_us = board.wire.now_us()
-        text = changes(before, _held(board, last_us, refusal))
+        text = changes(before, held_after(board, last_us, refusal))
         if text:
             fail(f"{situation.name}, refused {refusal.name}: {text}")
 
 
-def _brought(board: BoardClient, situation: Situation) -> tuple[int, Held]:
+def brought(board: BoardClient, situation: Situation) -> tuple[int, Held]:
     """Bring a situation about; return the t_apply of its last frame, and what the board holds."""
     last_us = situation.bring(board)
     board.status()  # the margins start anew
-    return last_us, _held(board, last_us, None)
+    return last_us, held_after(board, last_us, None)
 
 
-def _held(board: BoardClient, last_us: int, refusal: Refusal | None) -> Held:
+def held_after(board: BoardClient, last_us: int, refusal: Refusal | None) -> Held:
     """Return what the board holds after a frame that is dropped for its order, and a refusal."""
     since = board.link.mark()
     if last_us:

@@ -125,8 +125,10 @@ def waits_unattended(board: BoardClient) -> None:
         since = board.link.mark()
         play_later(board, ahead_ms + 60, 9000)
         board.wire.idle(150 * _MS)
-        board.link.call(Stop(), StopReply)
-        start_us = board.clock.device_us()
+        answer = board.link.ask(Stop())  # nothing behind it: that would renew the lease
+        board.link.reply_in(answer, StopReply, Stop.TYPE)
+        assert answer.header is not None  # reply_in
+        start_us = board.clock.unwrap(answer.header.time_us)
         header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOST_SILENT)
         check_mute_time(board, start_us, header, 80, "host_timeout_ms behind STOP")
 
