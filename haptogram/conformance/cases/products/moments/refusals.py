@@ -219,7 +219,7 @@ def brought(board: BoardClient, situation: Situation) -> tuple[int, Held]:
 
 
 def held_after(board: BoardClient, last_us: int, refusal: Refusal | None) -> Held:
-    """Return what the board holds after a frame that is dropped for its order, and a refusal."""
+    """Return the state after a frame that is dropped for its order, and a refusal."""
     since = board.link.mark()
     if last_us:
         board.link.send(board.link.stream_wire(board.shortest_stream(), last_us))
