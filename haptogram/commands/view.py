@@ -11,7 +11,7 @@ import sys
 import time
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TextIO
+from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.parser import checked_type, file_name_option
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
 
 _PERIOD_S: Final = 0.05  # between two looks at the back door: 20 pictures a second at most
+_AT_ONCE: Final = 1 << 16
 _NICENESS: Final = 10  # the 1 kHz loop comes first
 _PATIENCE_S: Final = 30.0  # of a board that is being started
 _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
@@ -162,9 +163,10 @@ def _serve(
     if _wants_browser(arguments.open):
         webbrowser.open(server.address)
     try:
-        while not (arguments.until_eof and _has_ended(sys.stdin)):
+        starter = _Starter() if arguments.until_eof else None
+        while starter is None or starter.is_there():
             if live is not None:
-                _follow(server, *live, stays=not arguments.until_eof)
+                _follow(server, *live, starter)
             time.sleep(_PERIOD_S)
     except KeyboardInterrupt:
         pass
@@ -173,23 +175,40 @@ def _serve(
     return PASS
 
 
-def _follow(server: ViewServer, scene: LiveScene, stream: BackdoorStream, *, stays: bool) -> None:
+def _follow(
+    server: ViewServer, scene: LiveScene, stream: BackdoorStream, starter: _Starter | None
+) -> None:
     """Hand on what has come; a board that has ended can still be looked at."""
     if scene.ended:
         return
     records = stream.read()
     if records or not stream.is_open:
-        server.take(scene, records, ended=not stream.is_open)
-    if scene.ended and stays:
+        targets = starter.take_lines() if starter is not None else ()
+        server.take(scene, records, ended=not stream.is_open, targets=targets)
+    if scene.ended and starter is None:
         print("the board has ended; Ctrl-C ends the view", file=sys.stderr)
 
 
-def _has_ended(stream: TextIO | None) -> bool:
-    """Return True if nothing more will come, without waiting for it."""
-    if stream is None:  # it was closed before we began
-        return True
-    readable, _, _ = select.select([stream], [], [], 0.0)
-    return bool(readable) and not os.read(stream.fileno(), 1)
+class _Starter:
+    """The program that started the view: its end, and the lines with the targets of its frames."""
+
+    def __init__(self) -> None:
+        self._unread = b""
+        self._lines: list[bytes] = []
+
+    def is_there(self) -> bool:
+        """Return True unless standard input has ended; keep what has come, and wait for nothing."""
+        while sys.stdin is not None and select.select([sys.stdin], [], [], 0.0)[0]:
+            if not (data := os.read(sys.stdin.fileno(), _AT_ONCE)):
+                return False
+            *lines, self._unread = (self._unread + data).split(b"\n")
+            self._lines += lines
+        return sys.stdin is not None
+
+    def take_lines(self) -> list[bytes]:
+        """Return the lines that have come since the last call."""
+        lines, self._lines = self._lines, []
+        return lines
 
 
 def _wants_browser(wish: bool | None) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, cast
 
@@ -189,6 +189,7 @@ def measure_run(
     *,
     faulty: bool = False,
     writer: RecordingWriter | None = None,
+    sink: Callable[[Intended | Observation], object] | None = None,
 ) -> RunRecord:
     """Display the object on *board* and collect what it latched.
 
@@ -204,6 +205,8 @@ def measure_run(
         Whether faults are planned: then a refusal of the board ends the run as a broken link does.
     writer : RecordingWriter, optional
         The recording that the bytes of the line go into, and the records of the back door.
+    sink : callable, optional
+        Called with every frame as it is sent, as the one of :class:`Driver`.
     """
     shown = frames_of_run(config.shape, config.pace, config.modulation)
     model = host_model_of_run(config.array)
@@ -220,6 +223,7 @@ def measure_run(
         medium=model.medium,
         calibration=elements if config.elements.compensate else None,
         keep=MOST_FRAMES,
+        sink=sink,
     )
     known = board.model or driver.model
     found = RunRecord(board.label, known, _about(driver.identity), warnings=driver.warnings)

@@ -27,11 +27,19 @@ class ViewProcess:
     def __init__(self, source: str) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "haptogram", "view", source, "--until-eof"],
-            stdin=subprocess.PIPE,  # never written to: the view ends with us, whatever ends us
+            stdin=subprocess.PIPE,  # the view ends with us, whatever ends us
             stdout=2,
             env=child_environment(),
             start_new_session=True,  # Ctrl-C is for the host; the view is ended when it is done
         )
+        assert self._process.stdin is not None  # PIPE
+        os.set_blocking(self._process.stdin.fileno(), False)
+
+    def tell(self, line: bytes) -> None:
+        """Hand the view a line; it is dropped where there is no room: nobody waits for a view."""
+        if self._process.stdin is not None:
+            with contextlib.suppress(BlockingIOError, BrokenPipeError):
+                os.write(self._process.stdin.fileno(), line)
 
     def wait(self) -> None:
         """Wait until the view ends, or Ctrl-C."""

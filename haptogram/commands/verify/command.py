@@ -7,8 +7,7 @@ import contextlib
 import functools
 import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import (
@@ -39,11 +38,11 @@ from .boards import (
     Prepare,
     ProgramBoards,
     RunBoards,
-    Show,
     given_settings,
 )
 from .captures import judged_at_port, run_recorded
 from .files import seen_by_number, write_run_files
+from .live_view import LiveView, live_view
 from .options import add_verify_options
 
 if TYPE_CHECKING:
@@ -51,6 +50,7 @@ if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
     from haptogram.evidence.run_record import RunRecord
     from haptogram.machine.provenance import Provenance
+    from haptogram.records.frame import Intended, Observation
     from haptogram.settings.arguments import Progress
     from haptogram.settings.board import BoardConfig
     from haptogram.settings.faults.plan import FaultPlan
@@ -124,17 +124,17 @@ def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     if arguments.view:
         check_html_page(pictures=False)
     with (
-        _live_view(wanted=arguments.view) as show,
+        live_view(wanted=arguments.view) as view,
         recording(config.outputs.record, "verify", boards.config.result_options()) as writer,
     ):
-        status = _run(arguments, boards, show, outputs, provenance, writer)
+        status = _run(arguments, boards, view, outputs, provenance, writer)
         return status if is_recorded("verify", writer) else USAGE
 
 
 def _run(
     arguments: argparse.Namespace,
     boards: RunBoards,
-    show: Show,
+    view: LiveView,
     outputs: Outputs,
     provenance: Provenance,
     writer: RecordingWriter | None,
@@ -152,12 +152,12 @@ def _run(
     begin_s = time.time()
     try:
         with (
-            boards.open(show) as board,
+            boards.open(view.show) as board,
             _bar("displaying", quiet=quiet) as progress,
             _bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming(planned, board),
         ):
-            found = _measured(boards, board, progress, settling, writer)
+            found = _measured(boards, board, progress, settling, writer, view.sink)
     except _BrokenByPlanError as error:
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return INCONCLUSIVE
@@ -217,6 +217,7 @@ def _measured(
     progress: Progress | None,
     settling: Progress | None,
     writer: RecordingWriter | None,
+    sink: Callable[[Intended | Observation], object] | None,
 ) -> RunRecord:
     from haptogram.evidence.dialect_run import measure_dialect_run
     from haptogram.evidence.run_record import measure_run
@@ -225,7 +226,7 @@ def _measured(
     if boards.dialect is not None:
         return measure_dialect_run(config, boards.dialect, board, progress, settling, writer=writer)
     faulty = bool(boards.virtual.plan.faults)
-    return measure_run(config, board, progress, settling, faulty=faulty, writer=writer)
+    return measure_run(config, board, progress, settling, faulty=faulty, writer=writer, sink=sink)
 
 
 def _record_verdicts(
@@ -245,25 +246,6 @@ def _begin(writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig) 
     options = None if config.link.port is not None else virtual.non_default()
     boot_ns = 0 if config.link.virtual_time else None
     writer.opened(0, options, boot_ns, paced=options is not None)
-
-
-@contextlib.contextmanager
-def _live_view(*, wanted: bool) -> Iterator[Show]:
-    """Give a function that shows a board; on a terminal the view stays until Ctrl-C."""
-    from haptogram.machine.view_process import ViewProcess
-
-    with contextlib.ExitStack() as views:
-        shown: list[ViewProcess] = []
-
-        def show(backdoor: Path) -> None:
-            if wanted:
-                shown.append(views.enter_context(contextlib.closing(ViewProcess(str(backdoor)))))
-
-        yield show
-        for view in shown:
-            if sys.stderr.isatty():
-                print("the view stays; Ctrl-C ends it", file=sys.stderr)
-                view.wait()
 
 
 @contextlib.contextmanager

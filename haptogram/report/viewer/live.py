@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from itertools import islice
@@ -12,13 +13,20 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model, observation_of
 from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
 from haptogram.machine.terminal import printable_text
-from haptogram.records.frame import Observation
+from haptogram.records.frame import FrameKey, Intended, Observation
 
-from .frames import LATE, TIMELY, ShownFrame, found_fields
+from .frames import LATE, TIMELY, Place, ShownFrame, found_fields
 from .scene import Scene
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
 _AT_ONCE: Final = 2_000  # frames in one answer: a megabyte
+
+
+def target_line(intended: Intended) -> bytes:
+    """Return the line that tells a view the first target of a frame."""
+    key = intended.key
+    fields = [key.session, key.sequence, key.loop, key.index, intended.foci[0].position_m]
+    return json.dumps(fields).encode() + b"\n"
 
 
 class LiveScene:
@@ -53,8 +61,22 @@ class LiveScene:
         self.shown = 0
         self.ended = False
         self._frames: deque[ShownFrame] = deque(maxlen=kept)
+        self._targets: dict[FrameKey, Place] = {}
         self._counters: Counter[str] = Counter()
         self._state = ""
+
+    def expect(self, lines: Iterable[bytes]) -> None:
+        """Take the targets of frames that will be latched, as :func:`target_line` writes them."""
+        for line in lines:
+            try:
+                session, sequence, loop, index, (x, y, z) = json.loads(line)
+                self._targets[FrameKey(session, sequence, loop, index)] = tuple(
+                    map(float, (x, y, z))
+                )
+            except (ValueError, TypeError) as error:
+                raise ConfigurationError(f"not a line with key and target: {line!r}") from error
+        while len(self._targets) > KEPT:  # of frames that were never latched
+            del self._targets[next(iter(self._targets))]
 
     def take(self, records: Iterable[Mapping[str, Any]]) -> None:
         """Take records as they come."""
@@ -104,6 +126,7 @@ class LiveScene:
             seen.reconstruction,
             timing=LATE if seen.late else TIMELY,
             received_us=seen.t_received_us,
+            target_m=self._targets.pop(seen.key, None),
         )
 
     def _pulses(self, seen: PulseObservation) -> None:
@@ -120,6 +143,7 @@ class LiveScene:
         *,
         timing: int = TIMELY,
         received_us: int | None = None,
+        target_m: Place = None,
     ) -> None:
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")
@@ -129,6 +153,7 @@ class LiveScene:
                 timing=timing,
                 latched_us=t_latch_us,
                 received_us=received_us,
+                target_m=target_m,
                 drive=drive,
                 **found_fields(field),
             )

@@ -21,11 +21,13 @@ import serial
 
 import haptogram
 import sim_device
+from haptogram.acoustics import Drive
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model
 from haptogram.evidence.backdoor_stream import BackdoorStream
-from haptogram.report.viewer.live import KEPT, LiveScene
+from haptogram.records.frame import Focus, FrameKey, Intended
+from haptogram.report.viewer.live import KEPT, LiveScene, target_line
 from haptogram.report.viewer.page import view_page
 from haptogram.report.viewer.server import ViewServer
 
@@ -327,10 +329,39 @@ def test_command_serves_until_it_is_interrupted(file: Path) -> None:
         assert "Traceback" not in errors
 
 
+def _frames(connection: http.client.HTTPConnection) -> tuple[dict[str, Any], dict[str, Any]]:
+    connection.request("GET", "/frames?after=0")
+    return unpack(connection.getresponse().read())
+
+
+def test_targets_that_are_told_stand_beside_what_was_latched(
+    records: list[dict[str, Any]],
+) -> None:
+    live = LiveScene(records[0])
+    latches = [record for record in records if record["kind"] == "latch"]
+    keys = [FrameKey(*(r[n] for n in ("session", "sequence", "loop", "index"))) for r in latches]
+    told = [
+        Intended(n, key, 0, (Focus.at(place),), Drive.muted(64), 8)
+        for n, (key, place) in enumerate(zip(keys[1:], PLACES[1:], strict=False))
+    ]
+    live.expect(map(target_line, told))
+    live.take(records[1:])
+    target, found = (unpack(live.whole().pack())[1][name] for name in ("target_mm", "found_mm"))
+    assert np.isnan(target[0]).all()
+    np.testing.assert_allclose(target[1:3], 1e3 * np.array(PLACES[1:]), rtol=1e-6)
+    np.testing.assert_allclose(target[1:3], found[1:3], atol=1.0)
+
+
+@pytest.mark.parametrize("line", [b"", b"x", b"{}", b"[1, 0, 0, 5]", b"[1, 0, 0, 5, [1, null, 2]]"])
+def test_a_line_that_is_no_target_is_refused(line: bytes, scene: LiveScene) -> None:
+    with pytest.raises(ConfigurationError, match="not a line with key and target"):
+        scene.expect([line])
+
+
 def test_board_and_verify_show_themselves(tmp_path: Path) -> None:
     board = [sys.executable, "-m", "haptogram", "board", "--link", str(tmp_path / "board")]
     verify = [sys.executable, "-m", "haptogram", "verify", "--object", "point", "--array", "4x4"]
-    for command, ended in ((board, 0), ([*verify, "--repeat", "400"], None)):
+    for command, ended in ((board, 0), ([*verify, "--repeat", "20000"], None)):
         with subprocess.Popen(
             [*command, "--view", "--quiet"], stderr=subprocess.PIPE, text=True
         ) as process:
@@ -339,8 +370,17 @@ def test_board_and_verify_show_themselves(tmp_path: Path) -> None:
             assert re.fullmatch(r"view at http://127\.0\.0\.1:\d+/\n", address)
             connection = http.client.HTTPConnection(address.split("/")[2], timeout=20)
             with contextlib.closing(connection):
-                connection.request("GET", "/frames?after=0")
-                assert unpack(connection.getresponse().read())[0]["phase_steps"] == 256
+                header, columns = _frames(connection)
+                assert header["phase_steps"] == 256
+                for _ in range(100 * (command is not board)):
+                    if np.isfinite(columns["target_mm"]).any():
+                        break
+                    time.sleep(0.1)
+                    columns = _frames(connection)[1]
+                if command is not board:  # the one that verifies tells what it means
+                    told = np.isfinite(columns["target_mm"]).all(axis=1)
+                    assert told.any()
+                    assert (columns["target_mm"][told] == (0.0, 0.0, 100.0)).all()
             process.terminate()
             process.communicate(timeout=60)
             assert ended is None or process.returncode == ended
