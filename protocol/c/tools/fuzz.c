@@ -87,18 +87,18 @@ static void check_watch(const uint8_t *data, size_t length)
     }
 }
 
-/* HG-3.9/2: a stream frame that was taken waits, was latched or was flushed. */
+/* HG-3.9/2: what became of the frames. */
 static uint32_t explained(const struct board *board)
 {
     static const uint8_t terms[] = {
-        HG_COUNTER_LATCHED,       HG_COUNTER_FLUSHED,
+        HG_COUNTER_ACCEPTED,
         HG_COUNTER_REQUESTS,      HG_COUNTER_REPEATED,      HG_COUNTER_DUPLICATE,
         HG_COUNTER_STALE_SESSION, HG_COUNTER_BAD_LENGTH,    HG_COUNTER_BAD_VALUE,
         HG_COUNTER_UNKNOWN_TYPE,  HG_COUNTER_UNSUPPORTED,   HG_COUNTER_DROPPED_STATE,
         HG_COUNTER_DROPPED_ORDER, HG_COUNTER_DROPPED_FULL,  HG_COUNTER_DROPPED_FUTURE,
         HG_COUNTER_DROPPED_LATE,
     };
-    uint32_t sum = (uint32_t)board->queued;
+    uint32_t sum = 0;
     size_t i;
 
     for (i = 0; i < sizeof terms; i++)
@@ -106,25 +106,39 @@ static uint32_t explained(const struct board *board)
     return sum;
 }
 
+/* HG-5.7/8: an accepted frame waits, was latched or was flushed. */
+static uint32_t accepted(const struct board *board)
+{
+    return board->counters[HG_COUNTER_LATCHED] + board->counters[HG_COUNTER_FLUSHED]
+           + (uint32_t)board->queued;
+}
+
 static void check_board(const uint8_t *data, size_t length)
 {
+    struct mute_watch watch;
     static struct board board;
     static uint8_t store[STORE];
     static const struct array array = {4, 4, 10000, 1};
     static const struct machine machine = {.store = store, .store_bytes = STORE};
     int64_t t_us = BOARD_BOOT_US;
-    size_t at = 0;
+    size_t at = 0, i;
 
+    memset(&watch, 0, sizeof watch);
     board_start(&board, &array, &machine);
     while (at < length) {
         size_t part = data[at] % 97u + 1u;
 
         part = part < length - at ? part : length - at;
         t_us += data[at] * 64;
+        for (i = 0; i < part; i++)
+            if (mute_watch_take(&watch, data[at + i]) && (data[at] & 2))
+                board_mute_ahead(&board); /* before the frames ahead of it, or in their order */
         board_receive(&board, data + at, part, t_us);
+        DEMAND(!board.muting.ahead); /* the MUTE was among these bytes */
         DEMAND(board.queued <= BOARD_QUEUE && board.output_length <= BOARD_OUTPUT);
+        DEMAND(explained(&board) == board.counters[HG_COUNTER_FRAMES]);
         if (board.stored == 0) /* latches of a playback are no frames */
-            DEMAND(explained(&board) == board.counters[HG_COUNTER_FRAMES]);
+            DEMAND(accepted(&board) == board.counters[HG_COUNTER_ACCEPTED]);
         DEMAND(board.state == HG_STATE_ARMED || !board.sounding);
         if (data[at] & 1)
             board_sent(&board, board.output_length);

@@ -9,6 +9,7 @@ import pytest
 from haptogram.conformance import cases
 from haptogram.conformance.case import Case
 from haptogram.conformance.cases import all_cases, case_modules, cases_in, select
+from haptogram.conformance.cases.ch04_session.identity import LEAST_LIMITS
 from haptogram.conformance.clauses import Clause, Level, load_clauses, parse_spec, read_spec
 from haptogram.conformance.outcome import WIRE
 
@@ -99,3 +100,10 @@ def test_selection_by_case_clause_section_and_chapter():
     assert chosen("1") == ["1.1/1", "1.1/10", "1.10/1"]
     assert chosen("10.1/1-y") == chosen("10.1/1") == ["10.1/1-y"]
     assert chosen("9") == []
+
+
+def test_the_least_limits_are_those_of_the_table():
+    rows = re.findall(r"^\| `(\w+)` \| ([\d ]+)\b[^|]*\|", SPEC, re.MULTILINE)
+    table = {name: int(least.replace(" ", "")) for name, least in rows}
+    judged = {name: least for name, least, _ in LEAST_LIMITS}
+    assert judged == {name: table[name] for name in judged}

@@ -16,7 +16,8 @@ from ...outcome import check
 _PLAYS: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 _UPLOADS: Final = _PLAYS | Feature.CORRECTION
 _ALWAYS: Final = Feature(0)
-_LEAST: Final = (
+#: Limits, their least values, and the capabilities of which one has to be advertised.  HG-4.3/8.
+LEAST_LIMITS: Final = (
     ("queue_depth", 4, _ALWAYS),
     ("max_horizon_us", 100_000, _ALWAYS),
     ("max_frame_rate_hz", 100, _ALWAYS),
@@ -92,7 +93,7 @@ def takes_8_bits(board: BoardClient) -> None:
 @case("HG-4.3/8", "every limit of what is advertised has the least value that a host may rely on")
 def limits_are_large_enough(board: BoardClient) -> None:
     identity = board.identity
-    for name, least, features in _LEAST:
+    for name, least, features in LEAST_LIMITS:
         if not features or identity.features & features:
             got = getattr(identity, name)
             check(got >= least, f"{name} is {got}, must be {least} or more")
