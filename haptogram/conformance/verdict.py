@@ -117,7 +117,8 @@ class CaseResult:
     traceback : str
         Traceback of an error in the case itself.
     seconds : float or None
-        How long it took, on the clock of the port; None: it was not run.
+        How long it took, on the clock of the port; None: it was not run, or was read from JSON,
+        which holds no duration.  Results are the same whatever it is.
     """
 
     case: str
@@ -132,7 +133,7 @@ class CaseResult:
     expected: str | None = None
     seen: tuple[Behaviour, ...] = ()
     traceback: str = ""
-    seconds: float | None = None
+    seconds: float | None = field(default=None, compare=False)
 
     @property
     def recovers(self) -> bool:
