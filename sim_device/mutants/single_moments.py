@@ -1,4 +1,4 @@
-"""Boards that are wrong at one moment, in one slot, in one width of a time.  SPEC.md 5 and 9."""
+"""Boards that are wrong at one moment, in one slot, in one width of a number.  SPEC.md 2 to 9."""
 # ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ import numpy as np
 
 from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
-from haptogram_protocol.messages import Config
+from haptogram_protocol.connection import BoardConnection
+from haptogram_protocol.framing import DELIMITER
+from haptogram_protocol.messages import Config, ErrorCode, signed_difference
 
 from ..board.board import Board
 from ..board.counters import Drop
@@ -21,6 +23,7 @@ from .mutant import Mutant
 
 _FULL: Final = 255
 _MS: Final = 1000
+_PAUSE_US: Final = 50_000
 
 
 class SlotKeepsAmplitudes(StreamQueue):
@@ -152,6 +155,37 @@ class StatusKeepsMargins(BoardDialect):
         margins.count, margins.least_us, margins.total_us = kept
 
 
+class PartialFrameForgotten(BoardConnection):
+    """Forgets the beginning of a frame after a pause of 50 ms."""
+
+    _last_us = 0
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take bytes."""
+        paused, self._last_us = now_us - self._last_us > _PAUSE_US, now_us
+        super().receive_data((DELIMITER if paused else b"") + data, now_us)
+
+
+class DuplicatesOf8Bits(BoardConnection):
+    """Counts duplicates modulo 256."""
+
+    def count(self, reason: str, number: int = 1) -> None:
+        """Count."""
+        super().count(reason, number)
+        self.counters["duplicate"] &= 0xFF
+
+
+class RequestJumpsOf14Bits(BoardConnection):
+    """Takes a request for an old one that is 16384 numbers or more ahead."""
+
+    def _judge_control_seq(self, frame: Any) -> Any:
+        seq = frame.header.seq
+        far = signed_difference(seq, self._control_newest, 16) >= 1 << 14
+        if not far:
+            return super()._judge_control_seq(frame)
+        return self._refuse(frame, "bad_value", ErrorCode.SEQUENCE_REUSED, seq, "far ahead")
+
+
 class LastSeqOfPlayback(Board):
     """Counts the frames of a sequence in last_seq."""
 
@@ -174,5 +208,8 @@ MUTANTS: Final = (
     Mutant.of(SessionClearsMargins, "HG-9.3/1", _SELF),
     Mutant.of(ConfigurationClearsMargins, "HG-9.3/1", _SELF),
     Mutant.of(StatusKeepsMargins, "HG-9.3/1", _SELF),
+    Mutant.of(PartialFrameForgotten, "HG-2.1/3", Evidence.WIRE),
+    Mutant.of(DuplicatesOf8Bits, "HG-9.2/1", _SELF),
+    Mutant.of(RequestJumpsOf14Bits, "HG-4.9/3", Evidence.WIRE),
     Mutant.of(LastSeqOfPlayback, "HG-9.1/2", _SELF),
 )

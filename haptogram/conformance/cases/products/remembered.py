@@ -22,6 +22,7 @@ from haptogram_protocol.messages import (
     MuteReply,
     Ping,
     Play,
+    Pong,
     ReadDrive,
     ReadTrace,
     SetConfig,
@@ -246,6 +247,20 @@ def remembers_every_reply(board: BoardClient) -> None:
             for _ in range(2):
                 _is_again(board, wire, seq, first, message.TYPE.name)
         board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=_flags(message))
+
+
+@case(
+    "HG-4.9/3",
+    "requests 1 to 32767 numbers ahead are carried out, those 1 to 32768 behind are refused",
+    variant="jumps",
+)
+def every_jump_is_judged_by_its_sign(board: BoardClient) -> None:
+    for bits in range(16):
+        for jump in {1 << bits, (1 << bits) - 1} - {0, 1 << 15}:
+            board.link.seq += jump - 1
+            board.link.call(Ping(jump), Pong)
+            old = board.link.seq - (1 << bits) & 0xFFFF
+            board.link.refused(Ping(jump), ErrorCode.SEQUENCE_REUSED, old, seq=old)
 
 
 # --- What is another request -------------------------------------------------------------------
