@@ -37,7 +37,7 @@ def array_model(arguments: argparse.Namespace) -> AcousticModel:
     ConfigurationError
         An unknown preset, or settings beside one; a grid, a file or air that cannot be used.
     """
-    from haptogram.evidence.run_record import host_model_of_run
+    from haptogram.objects.run_frames import host_model_of_run
     from haptogram.published.presets import find_preset
 
     if not arguments.preset:

@@ -11,13 +11,11 @@ from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
-from haptogram.evidence.run_record import (
+from haptogram.evidence.run_record import RunRecord, note_calibration, recorded_port
+from haptogram.objects.run_frames import (
     MOST_FRAMES,
-    RunRecord,
     frames_of_run,
     host_model_of_run,
-    note_calibration,
-    recorded_port,
     targets_of_run,
 )
 from haptogram.settings.arguments import Progress

@@ -8,28 +8,28 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
-from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
+from haptogram.acoustics import AcousticModel, Calibration
 from haptogram.driver.dialect_driver import DialectReport
 from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, Driver
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.line.port import open_transport
 from haptogram.driver.playback import PlayReport
 from haptogram.driver.stream import StreamReport
-from haptogram.errors import ConfigurationError, DeviceError, LinkError
+from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
 from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.machine.terminal import printable_text
-from haptogram.objects import shapes as tactile
-from haptogram.objects.modulation import FocusFrames, Modulation
-from haptogram.records.frame import STREAM, Focus, Intended, Observation
+from haptogram.objects.modulation import FocusFrames
+from haptogram.objects.run_frames import (
+    MOST_FRAMES,
+    frames_of_run,
+    host_model_of_run,
+    targets_of_run,
+)
+from haptogram.records.frame import STREAM, Intended, Observation
 from haptogram.records.kept import only_kept_records
 from haptogram.settings.arguments import Progress
-from haptogram.settings.array import ArrayConfig
-from haptogram.settings.shape import UNITS_M, ModulationConfig, ShapeConfig
-from haptogram.settings.verify_config import PaceConfig, VerifyConfig
+from haptogram.settings.verify_config import VerifyConfig
 from haptogram.verification import Cut, check_frame_tolerance, tolerance_of
 from haptogram_protocol.messages import GROWING_COUNTERS, Counters, HelloReply, StateChanged
 
@@ -38,11 +38,6 @@ if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 
-#: Length of a mesh that can be displayed, and felt as one.
-LEAST_MESH_M: Final = 1e-3
-MOST_MESH_M: Final = 2.0
-#: A run keeps its frames, with what was seen of them: some 6 kB each.
-MOST_FRAMES: Final = 200_000
 _OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
 
 
@@ -92,93 +87,6 @@ class RunRecord:
     silences: list[int] = field(default_factory=list)
     fault_counts: dict[str, int] | None = None
     troubles: dict[str, dict[str, int]] = field(default_factory=dict)
-
-
-def host_model_of_run(config: ArrayConfig, array: TransducerArray | None = None) -> AcousticModel:
-    """Return the array and the air that the host assumes; by default the virtual board's array."""
-    if array is None:
-        array = TransducerArray.parse(config.virtual_array, pitch_m=config.pitch_mm / 1e3)
-    transducer = Transducer()
-    air = Medium.air(config.temperature_c, frequency_hz=transducer.frequency_hz)
-    return AcousticModel(array, air, transducer)
-
-
-def frames_of_run(shape: ShapeConfig, pace: PaceConfig, modulated: ModulationConfig) -> FocusFrames:
-    """Return the frames of one pass: the object's points, modulated and held as the settings say.
-
-    Raises
-    ------
-    ConfigurationError
-        As :func:`sample_object_of_run` and :meth:`haptogram.objects.modulation.Modulation.frames`.
-    """
-    x, y, z = (coordinate / 1e3 for coordinate in modulated.shift_mm)
-    modulation = Modulation(
-        modulated.modulation,
-        modulated.modulation_hz,
-        modulated.depth,
-        (x, y, z),
-        None if modulated.dwell_ms is None else modulated.dwell_ms / 1e3,
-    )
-    frames = modulation.frames(sample_object_of_run(shape, pace.repeat), pace.rate_hz)
-    _check_kept(pace.repeat, frames.count, "frames")
-    return frames
-
-
-def sample_object_of_run(config: ShapeConfig, repeat: int = 1) -> NDArray[np.float64]:
-    """Return the (T, 3) points to display, in metres, in the order of one pass.
-
-    Raises
-    ------
-    ConfigurationError
-        A resolution that the object cannot have, a mesh that cannot be read, or more frames than
-        one run can keep.
-    """
-    points = _shape(config).sample(config.resolution_mm / 1e3)
-    _check_kept(repeat, len(points), "points")
-    return points
-
-
-def _check_kept(repeat: int, count: int, of_what: str) -> None:
-    if count * repeat > MOST_FRAMES:
-        raise ConfigurationError(
-            f"{repeat} times {count} {of_what} are {count * repeat} frames; "
-            f"a run keeps them all, and can have {MOST_FRAMES}"
-        )
-
-
-def _shape(config: ShapeConfig) -> tactile.TactileObject:
-    radius_m = config.radius_mm / 1e3
-    x, y, z = (coordinate / 1e3 for coordinate in config.center_mm)
-    center_m = (x, y, z)
-    match config.object:
-        case "point":
-            return tactile.Point(center_m)
-        case "line":
-            return tactile.Line((x - radius_m, y, z), (x + radius_m, y, z))
-        case "circle":
-            return tactile.Circle(radius_m, center_m)
-        case "sphere":
-            return tactile.Sphere(radius_m, center_m)
-        case "hemisphere":
-            return tactile.Hemisphere(radius_m, center_m)
-    unit_m = UNITS_M[config.unit]
-    mesh = tactile.MeshSurface.from_file(config.object, center_m=center_m, unit_m=unit_m)
-    _check_size(mesh, config)
-    return mesh
-
-
-def _check_size(mesh: tactile.MeshSurface, config: ShapeConfig) -> None:
-    """Refuse a mesh whose file is most likely in another unit."""
-    size_m = float(np.ptp(mesh.mesh.bounds, axis=0).max())
-    size = size_m / UNITS_M[config.unit]
-    if LEAST_MESH_M <= size_m <= MOST_MESH_M:
-        return
-    fitting = [u for u, m in UNITS_M.items() if LEAST_MESH_M <= size * m <= MOST_MESH_M]
-    hint = f"; the file may be in {' or '.join(fitting)}: give --unit" if fitting else ""
-    raise ConfigurationError(
-        f"{config.object}: the mesh is {size_m * 1e3:.3g} mm long with --unit {config.unit}; it "
-        f"can be {LEAST_MESH_M * 1e3:g} to {MOST_MESH_M * 1e3:g} mm long{hint}"
-    )
 
 
 def measure_run(
@@ -352,23 +260,6 @@ def _frames(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Fr
     return driver.frames(targets_of_run(config, shown), mode=mode, solver=solver)
 
 
-def targets_of_run(
-    config: VerifyConfig, shown: FocusFrames
-) -> Sequence[Focus] | Sequence[Sequence[Focus]]:
-    """Return the focus, or the foci, of each frame of one pass.
-
-    Raises
-    ------
-    ConfigurationError
-        If the object has fewer points than a frame has foci.
-    """
-    foci = [
-        Focus.at(point, amplitude / config.drive.foci)
-        for point, amplitude in zip(shown.points_m, shown.amplitudes, strict=True)
-    ]
-    return foci if config.drive.foci == 1 else _at_once(foci, config.drive.foci)
-
-
 def _display(
     config: VerifyConfig, driver: Driver, frames: list[Frame], progress: Progress | None
 ) -> StreamReport | PlayReport:
@@ -388,23 +279,6 @@ def _display(
         lead_us=lead_us,
         progress=progress,
     )
-
-
-def _at_once(foci: list[Focus], count: int) -> list[list[Focus]]:
-    """Return for every frame *count* of the foci, evenly apart along the pass.
-
-    Raises
-    ------
-    ConfigurationError
-        If the object has fewer points.
-    """
-    total = len(foci)
-    if count > total:
-        raise ConfigurationError(f"{count} foci at once, and the object has {total} points")
-    return [
-        [foci[(number + place * total // count) % total] for place in range(count)]
-        for number in range(total)
-    ]
 
 
 def _until_the_cut(found: RunRecord) -> Sequence[Observation]:

@@ -15,8 +15,8 @@ from haptogram.acoustics.field.reference import pressure_level_in_front
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
 from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.run_record import sample_object_of_run
 from haptogram.objects.modulation import FocusFrames, Modulation
+from haptogram.objects.run_frames import sample_object_of_run
 from haptogram.objects.shapes import Circle
 from haptogram.published.presets import find_preset
 from haptogram.settings.command_line import given_options

@@ -121,8 +121,8 @@ def _add_outputs(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Compute, print and write; return the exit status."""
     from haptogram.acoustics import NumpyEngine, Resonator
-    from haptogram.evidence.run_record import frames_of_run
     from haptogram.machine.files import write_file_atomically
+    from haptogram.objects.run_frames import frames_of_run
 
     from .result import ModulationResult, describe_felt, draw_felt, felt_csv, felt_dict
 
