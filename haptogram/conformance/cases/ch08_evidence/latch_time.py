@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
     TraceReply,
 )
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, latch_now, read_back
 from ...outcome import SELF_REPORTED, check
@@ -96,6 +96,7 @@ def reports_nothing_before(board: BoardClient) -> None:
     variant="measured",
     needs=Feature.TRACE | Feature.READ_LATCHED | Feature.CONFIG,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def drives_are_there_when_they_are_said_to_be(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.CRC)

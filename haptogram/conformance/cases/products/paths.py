@@ -42,6 +42,7 @@ def every_path_of_codes(board: BoardClient) -> None:
     variant="paths",
     needs=Feature.POINTS | Feature.READ_LATCHED | Feature.CONFIG,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def every_path_of_points(board: BoardClient) -> None:
     for speed in _SPEEDS_MM_S if board.thorough else _SPEEDS_MM_S[:1]:

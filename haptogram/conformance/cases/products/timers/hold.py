@@ -35,6 +35,7 @@ _HELD_MS: Final = 120  # a hold that a read-back behind a latch does not outlast
     "dropped frames of every kind and every request leave the hold as it runs; only latches do not",
     variant="types",
     needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
 )
 def nothing_else_restarts_the_hold(board: BoardClient) -> None:
     drops = [drop for drop in DROPS if drop.armed and drop.queued >= 0]
