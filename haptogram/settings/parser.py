@@ -6,6 +6,7 @@ It takes no abbreviations, knows the former names of options, and notes which op
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +17,7 @@ from ..errors import ConfigurationError
 from .arguments import check_choice, did_you_mean
 
 _T = TypeVar("_T")
+_COLUMNS: Final = 80
 _SHOWN: Final = 40  # characters of a value that are printed
 _OPTION: Final = re.compile(r"--[a-z][a-z0-9-]*")
 _NEGATIVE: Final = re.compile(r"-(?:[\d.].*|inf|nan)")
@@ -45,6 +47,24 @@ class UsageError(ConfigurationError):
         self.program = program
 
 
+class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
+    """As wide as the terminal; argparse would load shutil, with its compressors, to ask."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=_terminal_columns() - 2)
+
+
+def _terminal_columns() -> int:
+    """Return the columns that COLUMNS names, else those of the terminal, else 80."""
+    named = os.environ.get("COLUMNS", "")
+    if named.isdecimal() and int(named) > 0:
+        return int(named)
+    try:
+        return os.get_terminal_size(1).columns or _COLUMNS
+    except OSError:  # a file or a pipe
+        return _COLUMNS
+
+
 class Parser(argparse.ArgumentParser):
     """A parser that raises :class:`UsageError` in one line instead of printing its usage.
 
@@ -58,7 +78,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(
             prog,
             allow_abbrev=False,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            formatter_class=_HelpFormatter,
             **options,
         )
         self.refused: dict[str, str] = {}
