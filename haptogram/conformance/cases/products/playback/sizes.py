@@ -76,7 +76,7 @@ def every_shape_is_played(board: BoardClient) -> None:
             board.arm()
             since = board.link.mark()
             start_us = board.clock.soon_us(bytes(100)) + 1003
-            period = period_us or _shortest_us(board)
+            period = max(period_us or _shortest_us(board), board.identity.point_time_us)
             play_at(board, _SEQUENCE, start_us, loops=loops, period_us=period)
             event = _ended(board, since, frames * loops * period + 100_000)
             due = [
