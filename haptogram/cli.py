@@ -330,12 +330,17 @@ def access_in_program(
             just_powered=config.is_virtual,
         )
 
+    def raise_fault() -> None:
+        if boards is not None:
+            boards.hardware_fault()
+        opened[0].raise_hardware_fault()
+
     return VirtualAccess(
         url or write_board_url(first),
         start,
         baudrate=first.board.line.baud or baudrate,
         virtual=first.is_virtual,
-        raise_fault=lambda: opened[0].raise_hardware_fault(),
+        raise_fault=raise_fault,
     )
 
 

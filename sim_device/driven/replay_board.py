@@ -60,6 +60,11 @@ class VirtualReplayBoard:
         self._simulation.advance_to(max(t_ns, self._simulation.now_ns))
         self._simulation.unplug()
 
+    def raise_hardware_fault(self, t_ns: int) -> None:
+        """Let the hardware of the board fail."""
+        self._simulation.advance_to(max(t_ns, self._simulation.now_ns))
+        self._simulation.raise_hardware_fault()
+
     def take_records(self) -> list[Seen]:
         """Return latches and other records since the last call."""
         taken, self._seen = self._seen, []

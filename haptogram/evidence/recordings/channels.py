@@ -117,10 +117,11 @@ CHANNELS: Final = {
         _json(
             LINK,
             "host",
-            "what happened to the line between host and board",
+            "what happened to the line between host and board, and to the board",
             event=_text(
-                "opened: a line to a board begins; departed: the host closed the port; excerpt: "
-                "what follows is from the midst of a soak"
+                "opened: a line to a board begins; departed: the host closed the port; "
+                "hardware_fault: the hardware of the board was made to fail; excerpt: what "
+                "follows is from the midst of a soak"
             ),
             text=_text("excerpt: the violation"),
             board=_object("opened: options of the virtual board, as `haptogram board` takes them"),

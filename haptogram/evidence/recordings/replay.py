@@ -54,6 +54,10 @@ class ReplayBoard(Protocol):
         """Lose what is on the line: the host has closed the port."""
         ...
 
+    def raise_hardware_fault(self, t_ns: int) -> None:
+        """Let the hardware of the board fail."""
+        ...
+
     def take_records(self) -> list[LatchRecord | Mapping[str, Any]]:
         """Return latches and other records of the back door since the last call."""
         ...
@@ -314,7 +318,10 @@ class _Line:
             self.comparison.note_bytes(now_us, entry.data, self._collect())
         elif entry.topic == LINK:
             self._pass_to(entry)
-            self._board.unplug(self._now_ns)
+            if entry.fields["event"] == "hardware_fault":
+                self._board.raise_hardware_fault(self._now_ns)
+            else:
+                self._board.unplug(self._now_ns)
         elif entry.topic == LATCH:
             self._add(RECORDED, LatchRecord.unpack(entry.data))
         elif not self._is_over:

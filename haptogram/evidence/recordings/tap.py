@@ -73,6 +73,10 @@ class RecordingTransport:
             self._writer.record(records[self._told])
             self._told += 1
 
+    def hardware_fault(self) -> None:
+        """Write that the hardware of the board is made to fail now."""
+        self._writer.hardware_fault(self.now_ns() + self._offset_ns)
+
     def close(self) -> None:
         """Close the port."""
         self._transport.close()
@@ -119,3 +123,8 @@ class RecordedBoards:
         self._writer.opened(now_ns + offset_ns, board, boot_ns, paced=board is not None)
         self._last = RecordingTransport(transport, self._writer, records, offset_ns=offset_ns)
         return self._last
+
+    def hardware_fault(self) -> None:
+        """Write that the hardware of the board that is open is made to fail now."""
+        if self._last is not None:
+            self._last.hardware_fault()

@@ -160,6 +160,10 @@ class RecordingWriter(ClosedByWith):
         """Write that the host closed the port: what was on the line is lost."""
         self.document(LINK, t_ns, {"event": "departed"})
 
+    def hardware_fault(self, t_ns: int) -> None:
+        """Write that the hardware of the board was made to fail."""
+        self.document(LINK, t_ns, {"event": "hardware_fault"})
+
     def record(self, record: Mapping[str, Any]) -> None:
         """Write a record of the back door (docs/backdoor.md) on the channels that hold it."""
         if record["kind"] != "latch":
