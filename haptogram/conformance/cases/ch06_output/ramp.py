@@ -4,32 +4,26 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
-    DriveKind,
-    DriveReply,
     Feature,
     Ping,
     PlaybackEnded,
-    Pong,
-    ReadDrive,
     StateChanged,
 )
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import ShownDrive, latch_now, read_back_radiated, shown_drive_of_reply
+from ...client.latching import FULL, latch_now, read_back_radiated
 from ...client.playback import play_now, store_phases
+from ...judge.ramps import RampReading, check_straight, read_ramp
 from ...judge.timers import check_mute_time, muted_by_timer
 from ...outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
-_TIMER_MS: Final = 1
-_STEP_MS: Final = 1
 _RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 
 
@@ -76,44 +70,12 @@ def hold_mutes(board: BoardClient) -> None:
     check(board.status().reason is MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
 
 
-@dataclass(frozen=True, slots=True)
-class _Reading:
-    """The amplitude at a moment between two, in milliseconds from the beginning of a ramp."""
-
-    from_ms: float
-    to_ms: float
-    level: int
-
-
-def _ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[_Reading]:
-    """Return the amplitude from before a ramp of the hold to behind its end."""
+def _ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading]:
+    """Return what is radiated from before a ramp of the hold to behind its end."""
     board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
     board.arm()
     latch_now(board, board.flat_phases())
-    start_us = board.clock.unwrap(board.status().last_latch_us) + hold_ms * _MS
-    found: list[_Reading] = []
-    while not found or found[-1].from_ms < 1.1 * ramp_ms:
-        from_us, to_us, shown = _read_at(board)
-        from_ms, to_ms = ((t_us - start_us) / _MS for t_us in (from_us, to_us))
-        found.append(_Reading(from_ms, to_ms, shown.loudest))
-        board.wire.idle(ramp_ms * _MS // 40)
-    return found
-
-
-def _read_at(board: BoardClient) -> tuple[int, int, ShownDrive]:
-    """Read back what is radiated; return the device times between which that was, and the drive."""
-    ping, first = board.link.request_wire(Ping(0))
-    read, seq = board.link.request_wire(
-        ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
-    )
-    since = board.link.mark()
-    board.link.send(ping, read)
-    pong = board.link.reply_in(board.link.answer_to(Ping.TYPE, first, since), Pong, Ping.TYPE)
-    answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
-    assert answer.header is not None  # answer_to
-    reply = board.link.reply_in(answer, DriveReply, ReadDrive.TYPE)
-    from_us, to_us = (board.clock.unwrap(t_us) for t_us in (pong.t_rx_us, answer.header.time_us))
-    return from_us, to_us, shown_drive_of_reply(reply)
+    return read_ramp(board, hold_ms=hold_ms, ramp_ms=ramp_ms)
 
 
 @case(
@@ -126,9 +88,10 @@ def _read_at(board: BoardClient) -> tuple[int, int, ShownDrive]:
 def ramps_do_not_rise(board: BoardClient) -> None:
     ramp = _ramp(board, hold_ms=100, ramp_ms=300)
     for before, after in itertools.pairwise(ramp):
+        rises = [b for a, b in zip(before.amplitudes, after.amplitudes, strict=True) if b > a]
         check(
-            after.level <= before.level,
-            f"{after.from_ms:.1f} ms into the ramp the amplitude rises to {after.level}",
+            not rises,
+            f"{after.from_ms:.1f} ms into the ramp the amplitude rises to {max(rises, default=0)}",
         )
 
 
@@ -142,19 +105,7 @@ def ramps_do_not_rise(board: BoardClient) -> None:
 def ramps_reach_silence(board: BoardClient) -> None:
     ramp_ms = 400
     ramp = _ramp(board, hold_ms=100, ramp_ms=ramp_ms)
-
-    def line(t_ms: float) -> float:
-        return 255 * min(1.0, max(0.0, 1 - t_ms / ramp_ms))
-
-    for reading in ramp:
-        # One step, and 1 ms each for the timer (HG-12.1/1) and for the beginning of a step.
-        least = line(reading.to_ms + _TIMER_MS) - 1
-        most = line(reading.from_ms - _TIMER_MS - _STEP_MS) + 1
-        check(
-            least <= reading.level <= most,
-            f"{reading.from_ms:.1f} ms after the hold ended, in a ramp of {ramp_ms} ms, the "
-            f"amplitude is {reading.level}; the straight line allows {least:.1f} to {most:.1f}",
-        )
+    check_straight(board, ramp, ramp_ms, bytes([FULL]) * board.identity.transducers)
 
 
 @case("HG-6.11/3", "with ramp_ms = 0 the board is muted right at the end of the hold")

@@ -1,0 +1,87 @@
+"""The ramp at the end of a timer: what is radiated during it, and the straight line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram_protocol.messages import DriveKind, DriveReply, Ping, Pong, ReadDrive
+
+from ..client.board_client import BoardClient
+from ..client.latching import ShownDrive, shown_drive_of_reply
+from .timers import check_in_time
+
+_MS: Final = 1000
+_TIMER_MS: Final = 1  # HG-12.1/1
+_STEP_MS: Final = 1  # HG-6.11/2
+_READINGS: Final = 40  # at most, in one ramp
+
+
+@dataclass(frozen=True, slots=True)
+class RampReading:
+    """Radiated amplitudes at a moment between two, in milliseconds from the beginning of a ramp.
+
+    Attributes
+    ----------
+    from_ms, to_ms : float
+        The two moments.
+    amplitudes : bytes
+        One code per transducer.
+    """
+
+    from_ms: float
+    to_ms: float
+    amplitudes: bytes
+
+
+def read_ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading]:
+    """Return the amplitudes from the last latch, over the hold's ramp, to behind its end."""
+    start_us = board.clock.unwrap(board.status().last_latch_us) + hold_ms * _MS
+    found: list[RampReading] = []
+    while not found or found[-1].from_ms < 1.1 * ramp_ms:
+        from_us, to_us, shown = _read_at(board)
+        from_ms, to_ms = ((t_us - start_us) / _MS for t_us in (from_us, to_us))
+        found.append(RampReading(from_ms, to_ms, shown.amplitudes))
+        board.wire.idle(ramp_ms * _MS // _READINGS)
+    return found
+
+
+def _read_at(board: BoardClient) -> tuple[int, int, ShownDrive]:
+    """Read back what is radiated; return the device times between which that was, and the drive."""
+    ping, first = board.link.request_wire(Ping(0))
+    read, seq = board.link.request_wire(
+        ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
+    )
+    since = board.link.mark()
+    board.link.send(ping, read)
+    pong = board.link.reply_in(board.link.answer_to(Ping.TYPE, first, since), Pong, Ping.TYPE)
+    answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
+    assert answer.header is not None  # answer_to
+    reply = board.link.reply_in(answer, DriveReply, ReadDrive.TYPE)
+    from_us, to_us = (board.clock.unwrap(t_us) for t_us in (pong.t_rx_us, answer.header.time_us))
+    return from_us, to_us, shown_drive_of_reply(reply)
+
+
+def check_straight(
+    board: BoardClient, ramp: Sequence[RampReading], ramp_ms: int, begins: bytes, name: str = ""
+) -> None:
+    """FAILED unless every amplitude goes from its code in *begins* straight to 0 in *ramp_ms*."""
+    for reading in ramp:
+        # One step, and 1 ms each for the timer and for the beginning of a step.
+        low = _left(reading.to_ms + _TIMER_MS, ramp_ms)
+        high = _left(reading.from_ms - _TIMER_MS - _STEP_MS, ramp_ms)
+        for begin, got in zip(begins, reading.amplitudes, strict=True):
+            least, most = begin * low - 1, begin * high + 1
+            check_in_time(
+                board,
+                least <= got <= most,
+                f"{name}{reading.from_ms:.1f} ms after the hold ended, in a ramp of {ramp_ms} ms "
+                f"from amplitude {begin}, the amplitude is {got}; the straight line allows "
+                f"{least:.1f} to {most:.1f}",
+            )
+
+
+def _left(t_ms: float, ramp_ms: int) -> float:
+    """Return the share of the amplitude that a straight ramp leaves."""
+    return min(1.0, max(0.0, 1 - t_ms / ramp_ms))
