@@ -194,6 +194,16 @@ class CeilingIgnored(OutputStage):
         return radiated_drive(drive, self.correction, 255, self._timers.gain(t_us))
 
 
+class CeilingBehindTheRamp(OutputStage):
+    """Fades from the latched amplitude, and cuts at the ceiling what the ramp leaves."""
+
+    def _radiate(self, drive: Drive, t_us: int) -> Drive:
+        gain = self._timers.gain(t_us)
+        faded = radiated_drive(drive, self.correction, 255, gain)
+        none = bytes(self.settings.count)
+        return radiated_drive(faded, none, self.config.amplitude_ceiling, 1.0)
+
+
 class CorrectionIgnored(OutputStage):
     """Radiates without the phase correction."""
 
@@ -287,6 +297,7 @@ MUTANTS: Final = (
     Mutant.of(HoldMissing, "HG-6.10/1", _WIRE),
     Mutant.of(RampSkipped, "HG-6.11/2", _SELF),
     Mutant.of(RampInEightSteps, "HG-6.11/2", _SELF),
+    Mutant.of(CeilingBehindTheRamp, "HG-6.11/2", _SELF),
     Mutant.of(TimeoutsUncounted, "HG-6.11/5", _SELF),
     Mutant.of(StateChangeUnsaid, "HG-6.8/1", _WIRE),
     Mutant.of(CeilingIgnored, "HG-7.9/2", _SELF),

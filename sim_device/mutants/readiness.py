@@ -149,6 +149,25 @@ class StatusOfTheSchedule(BoardDialect):
         return (*fields[:5], told, *fields[6:])
 
 
+class LateByLessIsInTime(Board):
+    """Takes a frame for one in time that is late by less than a carrier period."""
+
+    def _entry(self, frame: StreamFrame) -> QueueEntry:
+        entry = super()._entry(frame)
+        late_us = entry.t_ready_us - entry.t_apply_us
+        return dataclasses.replace(entry, late=late_us >= self.settings.carrier_us)
+
+
+class LateLatchIsNotLast(Board):
+    """Keeps in `last_seq` the last frame that was latched in time."""
+
+    def _latch_stream(self) -> None:
+        last, late = self.last_stream_index, self.output.counters.late
+        super()._latch_stream()
+        if self.output.counters.late > late:
+            self.last_stream_index = last
+
+
 class LatchesCountedAhead(BoardDialect):
     """Counts a frame as latched when it is queued."""
 
@@ -173,5 +192,7 @@ MUTANTS: Final = (
     Mutant.of(StatusOfTwoMoments, "HG-9.1/3", _SELF),
     Mutant.of(LateLatchesUnsaid, "HG-8.3/1", _SELF),
     Mutant.of(StatusOfTheSchedule, "HG-8.3/3", _SELF),
+    Mutant.of(LateByLessIsInTime, "HG-5.7/6", _SELF),
+    Mutant.of(LateLatchIsNotLast, "HG-9.1/3", _SELF),
     Mutant.of(LatchesCountedAhead, "HG-8.3/3", _SELF),
 )
