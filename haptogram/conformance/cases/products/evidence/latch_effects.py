@@ -37,6 +37,7 @@ _LOOPS: Final = 2
 _LATE_US: Final = 5 * _MS
 _WINDOW_US: Final = 100_000
 _HOLD_MS: Final = 600
+_HEADERS_BYTES: Final = 100  # of a PING and two stream frames
 _COUNTED: Final = ("accepted", "latched", "late", "flushed")
 _MODES: Final = (
     (Feature(0), TraceMode.OFF),
@@ -92,7 +93,7 @@ def _at_once(board: BoardClient, _: bytes) -> _Effect:
 
 def _in_time(board: BoardClient, _: bytes) -> _Effect:
     key, (registers, frame) = _stream_key(board), _new_frame(board)
-    _send_for(board, frame, board.clock.soon_us(bytes(2 * len(frame.serialize()))))
+    _send_for(board, frame, board.clock.soon_us(bytes(_HEADERS_BYTES + len(frame.serialize()))))
     return _Effect(key, registers, (1, 1, 0, 0))
 
 
@@ -108,7 +109,7 @@ def _replacing(board: BoardClient, _: bytes) -> _Effect:
     """Latch the later of two frames that fall on one carrier period."""
     (_, first), (registers, second) = _new_frame(board), _new_frame(board)
     period_us = board.clock.carrier_us
-    t_us = board.clock.soon_us(bytes(4 * len(first.serialize())))
+    t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(first.serialize())))
     board.link.send(board.link.stream_wire(first, t_us - period_us + 1))
     key = _stream_key(board)
     _send_for(board, second, t_us, in_time_us=t_us - period_us)
@@ -146,7 +147,8 @@ def _played_in_time(board: BoardClient, last: bytes) -> _Effect:
 
 def _ended(board: BoardClient, since: int, last: bytes) -> _Effect:
     latches = _LOOPS * _FRAMES
-    timeout_us = 200 * _MS + 2 * latches * PERIOD_US + 2 * board.wire.limits.slack_us
+    traces_us = board.wire.line_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
+    timeout_us = 200 * _MS + 2 * latches * PERIOD_US + traces_us + 2 * board.wire.limits.slack_us
     found = board.link.await_event(PlaybackEnded, since, timeout_us)
     check(found is not None, "no PLAYBACK_ENDED")
     return _Effect(LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), last, (0, latches, 0, 0))

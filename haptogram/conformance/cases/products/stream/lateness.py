@@ -17,6 +17,7 @@ from ....client.stream_kinds import stream_kinds
 from ....outcome import SELF_REPORTED, check, not_observed
 
 _WINDOWS_US: Final = (0, 1, 30, 5_000, 100_000)
+_WALL_WINDOWS_US: Final = (5_000, 100_000)  # where no frame arrives to the microsecond
 _AIMS: Final = 3  # frames sent for one margin, each with the error of the one before
 _MODES: Final = (
     (Feature.TRACE, TraceMode.CRC),
@@ -34,7 +35,8 @@ def _margins_us(carrier_us: int, window_us: int) -> list[int]:
 def _settings(board: BoardClient) -> Iterator[tuple[int, TraceMode]]:
     """Yield late windows and trace modes: every window, and every mode in turn."""
     modes = [mode for feature, mode in _MODES if board.has(feature)] or [TraceMode.OFF]
-    for number, window_us in enumerate(_WINDOWS_US):
+    windows_us = _WALL_WINDOWS_US if board.wire.limits.slack_us else _WINDOWS_US
+    for number, window_us in enumerate(windows_us):
         yield window_us, modes[number % len(modes)]
 
 
@@ -82,7 +84,9 @@ def _judge(
     delay_us = delays_us.get(kind, board.wire.limits.lead_us // 8)
     t_us = board.clock.device_us() + board.ready_after_us(points) + delay_us + due_us
     index = board.link.stream_next
-    board.link.send(board.link.stream_wire(message, t_us))
+    wire = board.link.stream_wire(message, t_us)
+    board.link.send(wire)
+    board.clock.wait_latched(len(wire))
     board.clock.wait_until(t_us + board.clock.lead_us + 2 * board.clock.carrier_us)
     after = board.status()
     got_us = after.margin_min_us
