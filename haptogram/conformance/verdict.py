@@ -113,7 +113,7 @@ class CaseResult:
     expected : str or None
         Verdict in the baseline.
     seen : tuple of Behaviour
-        Verdicts of the repetitions.
+        Verdicts of the repetitions, and of attempts that differ; empty if there is one verdict.
     traceback : str
         Traceback of an error in the case itself.
     seconds : float or None

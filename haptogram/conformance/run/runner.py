@@ -63,7 +63,7 @@ class SuiteOptions:
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """Result of one attempt at a case."""
+    """Result of one attempt at a case, or of several that differ."""
 
     behaviour: Behaviour
     detail: str = ""
@@ -71,6 +71,7 @@ class _Outcome:
     transcript: tuple[str, ...] = ()
     traceback: str = ""
     held_up_us: int = 0
+    attempts: tuple[Behaviour, ...] = ()
 
 
 class SuiteRunner:
@@ -154,6 +155,7 @@ class SuiteRunner:
         """Run one case, as often as it is to be repeated, and return its result."""
         begin_us = self._connection.elapsed_us
         outcomes = [self._attempt(case) for _ in range(self._options.repeat if case.body else 1)]
+        seen = [behaviour for o in outcomes for behaviour in o.attempts or (o.behaviour,)]
         judged = [outcome for outcome in outcomes if not outcome.traceback]
         broken = next((outcome for outcome in outcomes if outcome.traceback), None)
         failed = next((o for o in judged if o.behaviour is Behaviour.FAILED), None)
@@ -175,18 +177,19 @@ class SuiteRunner:
             recovery=unclean[0] if unclean else last.recovery,
             transcript=last.transcript,
             expected=expected.get(case.id, expected.get(case.clause)),
-            seen=tuple(outcome.behaviour for outcome in outcomes) if len(outcomes) > 1 else (),
+            seen=tuple(seen) if len(seen) > 1 else (),
             traceback=broken.traceback if broken is not None else "",
             seconds=(self._connection.elapsed_us - begin_us) / 1e6,
         )
 
     def _attempt(self, case: Case) -> _Outcome:
         """Run a case; once more, twice at most, if it did not pass while the host was held up."""
+        tried: list[_Outcome] = []
         for _ in range(_TRIES):
-            outcome = self._try(case)
-            if outcome.behaviour not in _DOUBTFUL or outcome.held_up_us <= HELD_UP_US:
+            tried.append(self._try(case))
+            if tried[-1].behaviour not in _DOUBTFUL or tried[-1].held_up_us <= HELD_UP_US:
                 break
-        return outcome
+        return _of_attempts(tried)
 
     def _try(self, case: Case) -> _Outcome:
         if case.body is None:
@@ -295,6 +298,28 @@ class SuiteRunner:
         self._connection.lost = f"the board is gone: {text}"
         self._connection.revive()
         return dataclasses.replace(outcome, recovery=Recovery(None, text), transcript=transcript)
+
+
+def _of_attempts(tried: Sequence[_Outcome]) -> _Outcome:
+    """Return the last outcome; INCONCLUSIVE if it hides that an earlier attempt FAILED.
+
+    Such a failure may be of the host, which was held up, or of a board that fails now and then.
+    """
+    last = tried[-1]
+    failed = next((o for o in tried if o.behaviour is Behaviour.FAILED), None)
+    if failed is None or last.behaviour is Behaviour.FAILED:
+        return last
+    away_ms = failed.held_up_us / 1000
+    then = f"{last.behaviour.value}: {last.detail}" if last.detail else last.behaviour.value
+    return dataclasses.replace(
+        failed,
+        behaviour=Behaviour.INCONCLUSIVE,
+        detail=f"FAILED while the host was held up for {away_ms:.0f} ms ({failed.detail}), "
+        f"then {then}",
+        recovery=next((o.recovery for o in tried if o.recovery and not o.recovery.clean), None)
+        or last.recovery,
+        attempts=tuple(o.behaviour for o in tried),
+    )
 
 
 def left_out(depth: Depth) -> str:

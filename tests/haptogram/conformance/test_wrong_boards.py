@@ -224,7 +224,8 @@ def plain_check(_, holds, text):
 @pytest.mark.parametrize(
     ("away_ms", "holds_at", "judge", "due", "attempts"),
     [
-        ((1, 20), 2, plain_check, "OK", 2),  # held up once, and right the second time
+        ((1, 20), 2, check_in_time, "OK", 2),  # held up once, and right the second time
+        ((1, 20), 2, plain_check, "INCONCLUSIVE", 2),  # a failure may still be of the board
         ((9, 20), 9, plain_check, "FAILED", 3),  # wrong whenever it is tried
         ((0, 0), 2, plain_check, "FAILED", 1),  # the host had the processor: no second chance
         ((9, 20), 9, check_in_time, "INCONCLUSIVE", 3),  # nor is a timer judged then
@@ -234,6 +235,15 @@ def plain_check(_, holds, text):
 def test_a_case_is_tried_again_if_the_host_was_held_up(away_ms, holds_at, judge, due, attempts):
     result, tried = held_up(away_ms, holds_at=holds_at, judge=judge)
     assert (result.behaviour, tried) == (due, attempts)
+
+
+def test_a_failure_that_another_attempt_does_not_show_is_told():
+    result, _ = held_up((1, 20), holds_at=2, judge=plain_check)
+    assert (
+        result.detail == "FAILED while the host was held up for 20 ms (the timer is late), then OK"
+    )
+    assert result.seen == (Behaviour.FAILED, Behaviour.OK)
+    assert result.transcript
 
 
 class Late(Wrapped):
