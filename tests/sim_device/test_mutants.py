@@ -8,12 +8,10 @@ from pathlib import Path
 
 import pytest
 
-import sim_device
+from haptogram.cli import access_in_program
 from haptogram.conformance.cases import all_cases
-from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
-from haptogram.driver.line.port import open_transport
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
 from sim_device.board.clock import ClockChange, DeviceClock
@@ -30,13 +28,10 @@ CODES = bytes(range(3, 19))
 
 def behaviours(clause, array, mutant=""):
     """Return how a board does in the cases of one clause, in virtual time."""
-    sim_device.register_url_handler()
     url = f"haptogram://?clock=virtual&array={array}&baud=3000000" + (
         f"&mutant={mutant}" if mutant else ""
     )
-    access = VirtualAccess(
-        url, lambda boot: open_transport(f"{url}&seed={boot}"), baudrate=3_000_000, virtual=True
-    )
+    access = access_in_program(url, baudrate=3_000_000, seed=0)
     cases = [case for case in all_cases() if case.clause == clause]
     return [result.behaviour for result in SuiteRunner(access, SuiteOptions()).run(cases).results]
 

@@ -105,7 +105,7 @@ def test_what_cannot_be_is_refused_before_anything_starts(
 
 
 def test_a_board_inside_the_program_is_a_port_like_any_other(tmp_path: Path) -> None:
-    url = "haptogram://?clock=virtual&seed=3&baud=3000000&fault=line.drop+p=3e-4+from=10ms"
+    url = "haptogram://?clock=virtual&seed=5&baud=3000000&fault=line.drop+p=3e-4+from=10ms"
     result = _result(tmp_path, ["verify", *_CIRCLE, "--port", url, "--min-verified", "0.5"])
     assert result["evidence"] == "self-reported"
     assert "faults" not in result  # the port has them, and does not say
@@ -132,7 +132,9 @@ def test_a_line_that_breaks_for_good_ends_the_run_with_what_was_seen(
 ) -> None:
     result = _result(tmp_path, _faulty([*_IN_VIRTUAL_TIME], f"{fault} from=50ms"))
     assert result["verdict"] == "inconclusive"
-    assert result["cut_short"] == "virtual board: GET_STATUS was sent 5 times and not answered"
+    assert result["cut_short"] == (
+        "virtual board, in virtual time: PING was sent 5 times and not answered"
+    )
     assert result["frames"]["verified"] > 10
     assert any("did not confirm that it is mute" in warning for warning in result["warnings"])
 
@@ -303,7 +305,9 @@ def test_a_plan_that_did_nothing_is_not_blamed(
     words = [*_JOB, "--virtual-time"]
     assert main(_faulty(words, *([fault] if fault else []))) == 2
     said = capsys.readouterr().err
-    assert said == "haptogram verify: virtual board: nothing came back within 2 s\n"
+    assert said == (
+        "haptogram verify: virtual board, in virtual time: nothing came back within 2 s\n"
+    )
 
 
 @pytest.mark.parametrize(
