@@ -262,7 +262,7 @@ def test_the_commands_of_the_page_run(tmp_path, monkeypatch):
     monkeypatch.setenv("MAKEFLAGS", "CFLAGS=-O1")
     for block in blocks:
         said = shell(shortened(block), tmp_path)
-        assert said.count("cases        2: 2 OK\n") == said.count("haptogram-c99") == 1
+        assert said.count("cases        2 cases: 2 OK\n") == said.count("haptogram-c99") == 1
     assert "PASS: every focus is on target" in said
 
 
