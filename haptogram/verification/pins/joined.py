@@ -22,6 +22,7 @@ from ..tolerance import Tolerance, Uncertainty
 from ..verdict import Verdict
 from .judge import verify_pins
 from .pin_verdict import PinVerdict, pin_lines
+from .shared_phase import why_phases_are_apart
 
 _TURN: Final = 256
 
@@ -145,7 +146,9 @@ def verify_captures(
         raise ConfigurationError("no capture to judge by")
     frames = sorted(intended, key=lambda frame: frame.t_apply_us or 0)
     pins = tuple(verify_pins(record, frames, model=model) for record in records)
-    no_field = _why_no_field(pins, frames, model)
+    passes = list(_passes(frames).values())
+    apart = why_phases_are_apart(records, pins, frames, passes) if len(pins) > 1 else ""
+    no_field = _why_no_field(pins, frames, model) or apart
     run, observations = None, tuple[Observation, ...]()
     if not no_field:
         observations = tuple(joined_observations(pins, frames, model.array.count))
@@ -166,6 +169,8 @@ def verify_captures(
             f"{int(judged.sum())} of {len(frames)} frames were judged; {100.0 * min_verified:g} % "
             "must be (--min-verified)"
         )
+    if apart:
+        missing.append(apart)
     if run is not None and run.verdict is not Verdict.PASS:
         (wrong if run.verdict is Verdict.FAIL else missing).extend(run.reasons)
     verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
@@ -205,6 +210,14 @@ def _why_no_field(
     return ""
 
 
+def _passes(frames: Sequence[Intended]) -> dict[tuple[Drive, Any], list[int]]:
+    """Return the places of the frames of each drive: an object that repeats has several."""
+    passes: dict[tuple[Drive, Any], list[int]] = defaultdict(list)
+    for place, frame in enumerate(frames):
+        passes[frame.drive, frame.foci].append(place)
+    return passes
+
+
 def joined_observations(
     pins: Sequence[PinVerdict], frames: Sequence[Intended], count: int
 ) -> list[Observation]:
@@ -213,11 +226,8 @@ def joined_observations(
     A drive that was seen right, within what the samples tell, is the intended one; another one
     has the nearest codes.
     """
-    passes: dict[tuple[Drive, Any], list[int]] = defaultdict(list)
-    for place, frame in enumerate(frames):
-        passes[frame.drive, frame.foci].append(place)
     found = []
-    for same in passes.values():
+    for same in _passes(frames).values():
         filled = _every_element(pins, same, frames[same[0]], count)
         if filled is None:
             continue
