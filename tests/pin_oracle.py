@@ -37,6 +37,7 @@ class Board:
     offset_turn: float = 0.1  # of the carrier's clock
     late_ms: dict = field(default_factory=dict)  # by frame
     lost: tuple = ()
+    kept: dict = field(default_factory=dict)  # frames that one pin alone does not latch, by pin
     pin_late_ms: dict = field(default_factory=dict)  # by pin, of every latch
     low: tuple = ()
     high: tuple = ()
@@ -82,7 +83,7 @@ def _pulses(board, pin, cycles, period_s, frame_s, random):
     count = len(board.turns)
     starts, frames = [], []
     for frame in range(count):
-        if frame in board.lost:
+        if frame in board.lost or frame in board.kept.get(pin, ()):
             continue
         late = board.late_ms.get(frame, 0.0) * 1e-3 + board.pin_late_ms.get(pin, 0.0) * 1e-3
         starts.append(np.ceil((frame * frame_s + late) / period_s - 1e-6) * period_s)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.pins import PinRecord
 
@@ -23,7 +23,8 @@ from .run_drives import Bools, RunDrives
 #: Share of the captured drives that are right in a capture of this run.
 FIT_SHARE: Final = 0.5
 _HALF: Final = 0.5
-_TOLD: Final = 2.2  # limits by which two drives differ that a pin tells apart
+_LAST_PERIODS: Final = 7.0  # of a frame: a latch so late shows nothing that can be judged
+_LATCH_PERIODS: Final = 1.5  # in which all pins latch: one, and a pulse that the latch cut
 _EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
 _ROUNDING_RAD: Final = 1e-4
 _SHIFTS: Final = (-1, 1, -2, 2, -3, 3)  # frames by which a correlation may be off
@@ -102,7 +103,7 @@ def shown_frames(record: PinRecord, run: RunDrives) -> ShownFrames:
     limits = CaptureLimits.of(record)
     found = _best_alignment(record, run, limits)
     starts, ends = found.starts(run), found.ends(run)
-    lost, before = _lost_frames(_drives(record, run, found, limits, each=False), limits)
+    lost, before = _lost_frames(record, _drives(record, run, found, limits, each=False))
     weights = frame_weights(record, run, starts, ends).weights
     turns = common_turns(record, run, weights, limits.phase_rad)
     steps = pin_steps(record, run, starts, ends, before, turns)
@@ -170,24 +171,67 @@ def _drives(
     )
 
 
-def _lost_frames(drives: PinDrives, limits: CaptureLimits) -> tuple[Bools, NDArray[np.int64]]:
-    """Return the (F,) frames that the pins do not show, and the one shown before each."""
+def _lost_frames(record: PinRecord, drives: PinDrives) -> tuple[Bools, NDArray[np.int64]]:
+    """Return the (F,) frames that the pins do not show, and the one shown before each.
+
+    A frame is lost if every pin shows the drive of the one before, and not every pin its own. A
+    mixture of both is no lost frame: pins that latched and pins that did not are torn.
+    """
     run, weights = drives.run, drives.weights
+    sound = np.array([not record.pins[element].defects for element in run.elements])
     lost = np.zeros(run.count, np.bool_)
     before = np.full(run.count, -1, np.int64)
     shown = -1
     for frame in range(run.count):
         before[frame] = shown
-        seen = weights[frame]
-        if shown >= 0 and np.isfinite(seen).all():
-            old, new = run.weights[shown], run.weights[frame]
-            told = np.abs(old - new) > _TOLD * limits.phase_rad
-            away = np.abs(seen - new)
-            near_old = np.abs(seen - old) < np.minimum(away / 2.0, away / 4.0 + limits.phase_rad)
-            lost[frame] = told.any() and near_old[told].mean() > _HALF
+        if shown >= 0 and np.isfinite(weights[frame]).all() and sound.any():
+            seen, old, new = weights[frame], run.weights[shown], run.weights[frame]
+            if not _shows(drives, frame, seen, new)[sound].all():
+                seen = _on_phase_of_reference(record, run, seen, old)
+                lost[frame] = _keeps(drives, frame, seen, old)[sound].all()
         if not lost[frame]:
             shown = frame
     return lost, before
+
+
+def _shows(drives: PinDrives, frame: int, seen: ComplexArray, meant: ComplexArray) -> Bools:
+    """Return the (E,) pins that show what is *meant* in a frame."""
+    size = np.abs(np.abs(seen) - np.abs(meant)) <= drives.limit_amplitude
+    faint = np.abs(meant) <= drives.limit_amplitude
+    near = np.abs(np.angle(seen * np.conj(meant))) <= drives.limit_rad[frame]
+    shown: Bools = size & (faint | near)
+    return shown
+
+
+def _keeps(drives: PinDrives, frame: int, seen: ComplexArray, old: ComplexArray) -> Bools:
+    """Return the (E,) pins that keep the *old* drive, but for a latch of all in the last periods.
+
+    So late a latch shows too little to be judged. It adds the same share of the new drive to all
+    pins, to a period; with less than half of it, they are not nearer to the new drive.
+    """
+    run = drives.run
+    step = run.weights[frame] - old
+    size = float((np.abs(step) ** 2).sum())
+    share = float((np.conj(step) * (seen - old)).real.sum()) / size if size > 0.0 else 1.0
+    kept = _shows(drives, frame, seen, old)
+    window = max(float(run.ends[frame] - run.starts[frame]) - SETTLED - 1.0, 1.0)
+    if not kept.all() and 0.0 < share < _LAST_PERIODS / window:
+        rest = np.abs(seen - old - share * step)
+        errors = drives.limit_amplitude + drives.limit_rad[frame] * np.abs(old)
+        kept = rest <= errors + np.abs(step) * _LATCH_PERIODS / window
+    few: Bools = kept & (share < _HALF)
+    return few
+
+
+def _on_phase_of_reference(
+    record: PinRecord, run: RunDrives, seen: ComplexArray, old: ComplexArray
+) -> ComplexArray:
+    """Return *seen* (E,) turned so that the element that is the reference has its *old* phase."""
+    if record.reference_element is None:
+        return seen
+    place = run.elements.index(record.reference_element)
+    turned: ComplexArray = seen * np.exp(1j * np.angle(old[place] * np.conj(seen[place])))
+    return turned
 
 
 def _without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray) -> Bools:

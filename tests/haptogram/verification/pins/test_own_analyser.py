@@ -97,11 +97,50 @@ def test_every_fault_is_found_in_spite_of_disturbances(fault, tmp_path):
     assert any(told in line for lines in pins.findings.values() for line in lines), pins.findings
 
 
+@pytest.mark.parametrize("reference", ["clk", "p0"])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_lost_and_late_frames_are_named(seed, tmp_path):
+def test_lost_and_late_frames_are_named(seed, reference, tmp_path):
     random, board = drawn(seed)
     board.lost, board.late_ms = (3,), {7: 0.4}
-    pins = judged(board, Analyser(ppm=50.0), tmp_path / "pins.vcd", random)
+    pins = judged(board, Analyser(ppm=50.0), tmp_path / "pins.vcd", random, reference=reference)
     assert pins.findings == {}
     assert pins.events[0] == "3: not latched; the pins kept the drive they had"
     assert pins.late_us == {7: pytest.approx(400.0, abs=30.0)}
+
+
+@pytest.mark.parametrize("late_ms", [0.1, 0.5, 0.85, 0.98])
+def test_a_frame_that_all_pins_latch_late_is_no_wrong_drive(late_ms, tmp_path):
+    random, board = drawn(2)
+    board.late_ms = {7: late_ms}
+    pins = judged(board, Analyser(), tmp_path / "pins.vcd", random)
+    assert pins.findings == {}
+    assert pins.counts["lost"] + pins.counts["late"] == 1
+
+
+@pytest.mark.parametrize(("rate_hz", "step"), [(4e6, 3), (4e6, 4), (8e6, 2), (8e6, 3), (24e6, 1)])
+def test_a_lost_frame_of_an_object_that_hardly_moves_is_no_wrong_drive(rate_hz, step, tmp_path):
+    random = np.random.default_rng(7)
+    moves = step * np.arange(12)[:, None] * np.where(np.arange(16) % 2, 1, -1)
+    turns = (random.integers(0, 256, 16) + moves) % 256 / 256
+    board = Board(turns, np.ones(turns.shape), lost=(8,))
+    pins = judged(board, Analyser(rate_hz=rate_hz), tmp_path / "pins.vcd", random)
+    assert pins.findings == {}
+    assert pins.verdict is Verdict.PASS
+    assert pins.events == ("8: not latched; the pins kept the drive they had",)
+
+
+@pytest.mark.parametrize("kept", [1, 2, 5, 6])
+def test_a_frame_that_only_some_pins_latch_is_wrong_and_not_lost(kept, tmp_path):
+    random, board = drawn(4)
+    board.kept = dict.fromkeys((0, 1, 2, 3, 4, 6, 7)[:kept], (3,))
+    pins = judged(board, Analyser(), tmp_path / "pins.vcd", random, pins=range(8))
+    assert pins.verdict is Verdict.FAIL
+    assert pins.counts["lost"] == 0
+
+
+def test_a_frame_is_lost_in_spite_of_a_dead_pin(tmp_path):
+    random, board = drawn(2)
+    board.lost, board.low = (3,), (4,)
+    pins = judged(board, Analyser(), tmp_path / "pins.vcd", random)
+    assert pins.findings == {"pins": ("element 4 (p4): dead: low all the time",)}
+    assert pins.events == ("3: not latched; the pins kept the drive they had",)
