@@ -8,8 +8,9 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any, Final
 
+#: In the order in which those are heard that came together: a handler of Ctrl-C raises.
 _ENDINGS: Final = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT") if hasattr(signal, name)
 )
 
 
@@ -73,5 +74,13 @@ class DelayedInterrupts:
     def __exit__(self, *_: object) -> None:
         self._is_inside = False
         came, self._came = self._came, []
-        for number in came:
-            signal.raise_signal(number)
+        _raise_signals(sorted(came, key=_ENDINGS.index))
+
+
+def _raise_signals(numbers: list[int]) -> None:
+    """Raise every signal, also where the handler of one before raises an exception."""
+    if numbers:
+        try:
+            signal.raise_signal(numbers[0])
+        finally:
+            _raise_signals(numbers[1:])
