@@ -159,6 +159,7 @@ class BoardClient:
             self.link.stream_next = FIRST_STREAM_SEQ
         self.link.session, self.identity = reply.nonce, reply
         self.clock.carrier_us = 1_000_000 // max(1, reply.carrier_hz)
+        self.clock.point_time_us = reply.point_time_us
         self.clock.lead_us = self.ready_after_us(reply.max_points)
 
     def ready_after_us(self, points: int = 0) -> int:

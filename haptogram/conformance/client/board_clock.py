@@ -29,12 +29,14 @@ class BoardClock:
         Carrier period of the board that answered HELLO last.
     lead_us : int
         Time that this board needs to make any stream frame ready.
+    point_time_us : int
+        Time that it needs to compute one focal point.
     """
 
     def __init__(self, link: RequestClient, *, booted: bool) -> None:
         self.booted = booted
         self.carrier_us = 1
-        self.lead_us = 0
+        self.lead_us = self.point_time_us = 0
         self._link = link
         self._wire = link.wire
         self._device_us = BOOT_US  # unwrapped, at the last PONG
@@ -68,10 +70,13 @@ class BoardClock:
         """Return a device time from a frame, unwrapped."""
         return unwrap(t_wire_us, self.device_estimate_us(), 32)
 
-    def soon_us(self, *wires: bytes) -> int:
-        """Return a multiple of the carrier period by which *wires* are certain to be ready."""
+    def soon_us(self, *wires: bytes, points: int = 0) -> int:
+        """Return a multiple of the carrier period by which *wires* are certain to be ready.
+
+        So many *points* of frames before the last one are computed first, one after the other.
+        """
         extra_us = self._wire.line_us(sum(map(len, wires)))
-        ready_us = self.device_us() + self.lead_us
+        ready_us = self.device_us() + points * self.point_time_us + self.lead_us
         return self.on_carrier(ready_us + self._wire.limits.lead_us + 2 * extra_us)
 
     def on_carrier(self, t_us: int) -> int:
@@ -82,6 +87,10 @@ class BoardClock:
         """Wait until the device clock has passed *t_device_us*."""
         left_us = t_device_us - self.device_estimate_us()
         self._wire.idle(max(0, left_us) + self._wire.limits.slack_us + _SPARE_US)
+
+    def wait_computed(self, points: int) -> None:
+        """Wait until the board has computed so many points, which it has received."""
+        self._wire.idle(points * self.point_time_us)
 
     def wait_latched(self, size: int = 0) -> None:
         """Wait until *size* bytes have been sent and their frames have been latched."""

@@ -45,9 +45,11 @@ def play_now(
     period_us: int = PERIOD_US,
     unattended_ms: int = UNATTENDED_MS,
 ) -> PlayReply:
-    """Play a sequence from now on."""
+    """Play a sequence of phases from now on; return when its first frame is ready."""
     play = Play(sequence, period_us, loops, min(unattended_ms, board.identity.max_unattended_ms))
-    return board.link.call(play, PlayReply, flags=Flag.IMMEDIATE)
+    reply = board.link.call(play, PlayReply, flags=Flag.IMMEDIATE)
+    board.wire.idle(board.ready_after_us())
+    return reply
 
 
 def play_at(

@@ -72,6 +72,11 @@ def stream_kinds(board: BoardClient) -> list[StreamKind]:
     return found
 
 
+def points_of(message: Message) -> int:
+    """Return the number of focal points that the board computes for a stream frame."""
+    return len(message.points) if isinstance(message, Points) else 0
+
+
 def offered_formats(board: BoardClient) -> list[PhaseFormat]:
     """Return the formats of PHASES that the board advertises."""
     return [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]

@@ -28,6 +28,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent
 from ...client.playback import PERIOD_US, store_phases
+from ...client.stream_kinds import points_of
 from ...outcome import SELF_REPORTED, check, fail, not_observed
 
 _STALE: Final = 0x0F0F
@@ -102,10 +103,11 @@ def queue_in_order(board: BoardClient) -> None:
     size = len(board.link.stream_wire(good))
     board.hello()
     board.arm()
-    start_us = board.clock.soon_us(bytes(size * (depth + 4)))
+    points = points_of(good) * (depth + 4)
+    start_us = board.clock.soon_us(bytes(size * (depth + 4)), points=points)
     times = [start_us + number * _STEP_US for number in range(depth)]
     if times[-1] + _STEP_US > board.clock.device_us() + board.identity.max_horizon_us:
-        not_observed(f"this line takes too long to fill a queue of {depth} frames")
+        not_observed(f"this line or board takes too long to fill a queue of {depth} frames")
     with board.counting(dropped_order=2, dropped_full=2, flushed=depth):
         board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
         beyond_us = times[-1] + 2 * board.identity.max_horizon_us

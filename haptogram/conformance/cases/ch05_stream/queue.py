@@ -9,6 +9,7 @@ from haptogram_protocol.messages import Feature
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, latch_now, watch_board_latches
+from ...client.stream_kinds import points_of
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _DEEPEST: Final = 512
@@ -62,9 +63,10 @@ def holds_its_depth(board: BoardClient) -> None:
     board.arm()
     good = board.shortest_stream()
     size = len(board.link.stream_wire(good, 0, seq=0))
-    start_us = board.clock.soon_us(bytes(size * (depth + 1)))
+    points = points_of(good) * (depth + 1)
+    start_us = board.clock.soon_us(bytes(size * (depth + 1)), points=points)
     if start_us + 1000 * depth > board.clock.device_us() + board.identity.max_horizon_us:
-        not_observed(f"this line takes too long to fill a queue of {depth} frames")
+        not_observed(f"this line or board takes too long to fill a queue of {depth} frames")
     with board.counting(dropped_full=1, latched=depth):
         for number in range(depth + 1):
             board.link.send(board.link.stream_wire(good, start_us + 1000 * number))

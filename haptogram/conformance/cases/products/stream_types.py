@@ -11,7 +11,7 @@ from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, 
 from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, watch_board_latches
-from ...client.stream_kinds import StreamKind, stream_kinds
+from ...client.stream_kinds import StreamKind, points_of, stream_kinds
 from ...outcome import SELF_REPORTED, CaseEndedError, check, fail, not_observed
 
 _STALE: Final = 0x0F0F
@@ -145,11 +145,13 @@ def fill_queue(board: BoardClient, number: int, ahead_us: int = 5 * _AHEAD_US) -
     """Queue so many frames, a millisecond apart, from *ahead_us* on; return the last t_apply."""
     good = board.shortest_stream()
     size = len(board.link.stream_wire(good, 0, seq=0))
-    start_us = board.clock.soon_us(bytes(size * number)) + ahead_us
+    points = points_of(good) * number
+    start_us = board.clock.soon_us(bytes(size * number), points=points) + ahead_us
     times = [start_us + 1000 * place - _BEFORE_US for place in range(number)]
     if times[-1] + 1000 > board.clock.device_us() + board.identity.max_horizon_us:
-        not_observed(f"this line takes too long to fill a queue of {number} frames")
+        not_observed(f"this line or board takes too long to fill a queue of {number} frames")
     board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
+    board.clock.wait_computed(points)
     return times[-1]
 
 
@@ -210,7 +212,10 @@ def low_flags_are_ignored(board: BoardClient) -> None:
     since = board.link.mark()
     for kind in stream_kinds(board):
         with board.counting(latched=2 * len(lows), late=0):
-            start_us = board.clock.soon_us(bytes(len(lows) * len(kind.make().serialize())))
+            first = kind.make()
+            start_us = board.clock.soon_us(
+                bytes(len(lows) * len(first.serialize())), points=len(lows) * points_of(first)
+            )
             for place, low in enumerate(lows):
                 t_us = start_us + 1000 * place
                 board.link.send(board.link.stream_wire(kind.make(), t_us, flags=low))

@@ -110,7 +110,8 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
     board.configure(hold_ms=10_000)
     alone_ms = min(60_000, board.identity.max_unattended_ms)
     board.arm()
-    since, start_us = board.link.mark(), board.clock.device_us() + 20 * _MS
+    since, now_us = board.link.mark(), board.clock.device_us()
+    start_us = now_us + board.ready_after_us() + 20 * _MS
     play = Play(_SEQUENCE, _SLOW_US, 0, alone_ms)
     board.link.call(play, PlayReply, time_us=start_us)
     for number in range(frames):

@@ -12,7 +12,7 @@ from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import board_latches, watch_board_latches
 from ....client.playback import PERIOD_US, play_at, store_phases
-from ....client.stream_kinds import stream_kinds
+from ....client.stream_kinds import points_of, stream_kinds
 from ....outcome import SELF_REPORTED, check, inconclusive, not_observed
 
 _SEQUENCE: Final = 13
@@ -97,8 +97,8 @@ def late_is_of_one_frame(board: BoardClient) -> None:
         since, first = board.link.mark(), board.link.stream_next
         with board.counting(late=1, latched=3):
             late_us = board.clock.device_us() - 1000
-            soon_us = board.clock.soon_us(bytes(3 * len(kind.make().serialize()) + 60))
-            soon_us += 2 * board.clock.lead_us  # the board computes one after the other
+            size, points = 3 * len(kind.make().serialize()) + 60, 3 * points_of(kind.make())
+            soon_us = board.clock.soon_us(bytes(size), points=points)
             times = (late_us, soon_us, soon_us + 1000)
             board.link.send(*(board.link.stream_wire(kind.make(), t_us) for t_us in times))
             board.clock.require_in_time(soon_us)
@@ -121,9 +121,11 @@ def every_kind_replaces_every_other(board: BoardClient) -> None:
     for turn in range(len(kinds)) if board.thorough else range(1):
         pairs = list(zip(kinds, kinds[turn:] + kinds[:turn], strict=True))
         frames = [(first.make(), second.make()) for first, second in pairs]
-        size = sum(len(one.serialize()) + 20 for pair in frames for one in pair)
+        messages = [one for pair in frames for one in pair]
+        size = sum(len(one.serialize()) + 20 for one in messages)
+        points = sum(map(points_of, messages))
         with board.counting(latched=len(frames), flushed=len(frames), late=0):
-            start_us = board.clock.soon_us(bytes(size))
+            start_us = board.clock.soon_us(bytes(size), points=points)
             for place, pair in enumerate(frames):
                 for early_us, message in zip((2, 1), pair, strict=True):
                     t_us = start_us + 1000 * place - early_us

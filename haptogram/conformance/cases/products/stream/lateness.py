@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Message, Points, TraceMode
+from haptogram_protocol.messages import Feature, Message, TraceMode
 
 from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import TracedLatch, board_latches
-from ....client.stream_kinds import stream_kinds
+from ....client.stream_kinds import points_of, stream_kinds
 from ....outcome import SELF_REPORTED, check, not_observed
 
 _WINDOWS_US: Final = (0, 1, 30, 5_000, 100_000)
@@ -78,7 +78,7 @@ def _judge(
         The margin that it had.
     """
     window_us, mode = board.config.late_window_us, board.config.trace_mode
-    points = len(message.points) if isinstance(message, Points) else 0
+    points = points_of(message)
     board.clock.wait_latched()
     before, since = board.status().counters, board.link.mark()
     delay_us = delays_us.get(kind, board.wire.limits.lead_us // 8)
