@@ -33,9 +33,14 @@ _POLL_S: Final = 0.1
 
 
 def judge_captures(
-    config: VerifyConfig, model: AcousticModel, intended: Sequence[Intended]
+    config: VerifyConfig,
+    model: AcousticModel,
+    intended: Sequence[Intended],
+    incomplete: str = "",
 ) -> CaptureVerdict:
     """Return the verdict of the captures on the frames of a run.
+
+    *incomplete* is why frames may be missing: then nothing passes or fails.
 
     Raises
     ------
@@ -52,6 +57,7 @@ def judge_captures(
         min_verified=config.least_verified,
         tolerance=tolerance_of(config.tolerance),
         uncertainty=uncertainty_of(config.uncertainty, at_port=True),
+        incomplete=incomplete,
     )
 
 
@@ -139,7 +145,7 @@ def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance)
         raise ConfigurationError("no --recording to judge by")
     recording = Recording(path)
     recorded = recorded_run(recording)
-    verdict = judge_captures(config, recorded.model, recorded.intended)
+    verdict = judge_captures(config, recorded.model, recorded.intended, recorded.incomplete)
     run = verdict.run or _without_field(verdict, recorded.model)
     result = report.run_result_dict(
         run,

@@ -179,9 +179,11 @@ CHANNELS: Final = {
         _json(
             MODEL,
             "device",
-            "array, air and transducers as the judge of the run knows them, as in `/board`",
+            "array, air and transducers as the judge of the run knows them, as in `/board`, and "
+            "how many frames follow",
             positions_m={"type": "array", "description": "N x 3, metres"},
             normals={"type": "array", "description": "N x 3, unit vectors"},
+            intended_frames={"type": "integer", "description": "messages of `/intended`"},
         ),
         _json(
             INTENDED,

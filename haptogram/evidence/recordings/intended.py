@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from .channels import INTENDED, MODEL
 from .reader import Recording
 from .writer import RecordingWriter
 
+_COUNT: Final = "intended_frames"  # how many follow array and air
+
 
 @dataclass(frozen=True, slots=True)
 class RecordedRun:
@@ -30,17 +32,21 @@ class RecordedRun:
         Array and air.
     intended : list of Intended
         The frames, in order.
+    incomplete : str
+        Why frames may be missing; empty: all that the run had are there.
     """
 
     model: AcousticModel
     intended: list[Intended]
+    incomplete: str = ""
 
 
 def record_intended(
     writer: RecordingWriter, model: AcousticModel, intended: Sequence[Intended]
 ) -> None:
     """Write array, air and frames of a run; a drive that comes again is written once."""
-    writer.document(MODEL, writer.last_ns, model_fields(model))
+    fields = {**model_fields(model), _COUNT: len(intended)}
+    writer.document(MODEL, writer.last_ns, fields)
     first: dict[Drive, int] = {}
     for frame in intended:
         fields = _fields(frame)
@@ -53,7 +59,7 @@ def record_intended(
 
 
 def recorded_run(recording: Recording) -> RecordedRun:
-    """Return array, air and frames of the run in a recording.
+    """Return array, air and frames of the run in a recording, as far as it goes.
 
     Raises
     ------
@@ -61,12 +67,13 @@ def recorded_run(recording: Recording) -> RecordedRun:
         A recording without them, or one that cannot be read.
     """
     model: AcousticModel | None = None
+    count: int | None = None
     frames: list[Intended] = []
     drives: dict[int, Drive] = {}
     for entry in recording.entries((MODEL, INTENDED)):
         fields = entry.fields
         if entry.topic == MODEL:
-            model = board_model(fields)
+            model, count = board_model(fields), fields.get(_COUNT)
             continue
         number = fields["number"]
         drives[number] = drive = drives.get(fields.get("drive_of", -1)) or _drive(fields)
@@ -77,7 +84,17 @@ def recorded_run(recording: Recording) -> RecordedRun:
             f"{recording.path}: the recording (of {what}) does not hold the frames that were "
             "intended; haptogram verify --record writes one that does, at the end of its run"
         )
-    return RecordedRun(model, frames)
+    return RecordedRun(model, frames, _why_incomplete(recording, len(frames), count))
+
+
+def _why_incomplete(recording: Recording, found: int, count: int | None) -> str:
+    """Return why frames may be missing, by what was written and how the file was read."""
+    if count is None:
+        return f"{recording.path}: the recording does not say how many frames were intended"
+    if found != count:
+        why = f": {recording.note.removeprefix(f'{recording.path}: ')}" if recording.note else ""
+        return f"{recording.path}: {found} of {count} intended frames are in the recording{why}"
+    return recording.note
 
 
 def _fields(frame: Intended) -> dict[str, Any]:

@@ -119,6 +119,7 @@ def verify_captures(
     min_verified: float = 0.9,
     tolerance: Tolerance | None = None,
     uncertainty: Uncertainty | None = None,
+    incomplete: str = "",
 ) -> CaptureVerdict:
     """Judge captures of drive pins against the frames of a run.
 
@@ -136,6 +137,9 @@ def verify_captures(
         Misses of the focus that pass; by default none.
     uncertainty : Uncertainty, optional
         How well array and air are known.
+    incomplete : str
+        Why *intended* may lack frames of the run; empty: it has all. Otherwise the verdict is
+        inconclusive: a frame that is missing is not judged, and pins that show it look wrong.
 
     Raises
     ------
@@ -148,7 +152,7 @@ def verify_captures(
     pins = tuple(verify_pins(record, frames, model=model) for record in records)
     passes = list(_passes(frames).values())
     apart = why_phases_are_apart(records, pins, frames, passes) if len(pins) > 1 else ""
-    no_field = _why_no_field(pins, frames, model) or apart
+    no_field = incomplete or _why_no_field(pins, frames, model) or apart
     run, observations = None, tuple[Observation, ...]()
     if not no_field:
         observations = tuple(joined_observations(pins, frames, model.array.count))
@@ -174,9 +178,12 @@ def verify_captures(
     if run is not None and run.verdict is not Verdict.PASS:
         (wrong if run.verdict is Verdict.FAIL else missing).extend(run.reasons)
     verdict = Verdict.FAIL if wrong else Verdict.INCONCLUSIVE if missing else Verdict.PASS
+    reasons = [*wrong, *missing]
+    if incomplete:
+        verdict, reasons = Verdict.INCONCLUSIVE, [incomplete, *reasons]
     return CaptureVerdict(
         verdict,
-        (*wrong, *missing),
+        tuple(reasons),
         pins,
         model.array.count,
         run,

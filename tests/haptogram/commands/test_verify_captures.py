@@ -13,6 +13,7 @@ pytest.importorskip("mcap")
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.cli import main
+from haptogram.evidence.recordings.channels import INTENDED, MODEL
 from haptogram.evidence.recordings.intended import record_intended, recorded_run
 from haptogram.evidence.recordings.reader import Recording
 from haptogram.evidence.recordings.writer import RecordingWriter
@@ -150,6 +151,44 @@ def test_another_run_and_a_cut_off_file_are_inconclusive(capsys):
     Path("pins.vcd").write_bytes(data[: len(data) // 2])
     assert main([*f"{JUDGED} map.toml".split()]) == 3
     assert "cut off" in capsys.readouterr().out
+
+
+def rewritten(change):
+    """Write run.mcap anew, whole, with the entries that *change* makes of those that it has."""
+    entries = change([(e.topic, e.t_ns, e.fields) for e in Recording(Path("run.mcap")).entries()])
+    with RecordingWriter(Path("new.mcap"), command="verify") as writer:
+        for topic, t_ns, fields in entries:
+            if topic in (MODEL, INTENDED):
+                writer.document(topic, t_ns, fields)
+    Path("new.mcap").replace("run.mcap")
+
+
+def test_a_recording_that_lacks_frames_passes_and_fails_nothing(capsys):
+    for faults in ([], ["device.dead transducer=9"]):
+        captured(faults=faults)
+        rewritten(lambda entries: entries[:-2])
+        assert main([*f"{JUDGED} map.toml --json run.json".split()]) == 3
+        said = capsys.readouterr().out
+        assert said.startswith("INCONCLUSIVE: 16 of 16 elements: ")
+        assert "10 of 12 intended frames are in the recording" in said
+        assert ("dead" in said) is bool(faults)
+        assert json.loads(Path("run.json").read_text())["verdict"] == "inconclusive"
+    captured()
+    rewritten(lambda entries: [(t, at, {**f, "intended_frames": None}) for t, at, f in entries])
+    assert main([*f"{JUDGED} part.toml".split()]) == 3
+    assert "does not say how many frames were intended" in capsys.readouterr().out
+
+
+def test_a_recording_that_was_cut_off_passes_nothing(capsys, monkeypatch):
+    monkeypatch.setattr("haptogram.evidence.recordings.writer._CHUNK", 4096)
+    captured(frames=60)
+    whole = Path("run.mcap").read_bytes()
+    told = set()
+    for size in range(len(whole) - 8, len(whole) // 3, -len(whole) // 8):
+        Path("run.mcap").write_bytes(whole[:size])
+        assert main([*f"{JUDGED} part.toml".split()]) in (2, 3)
+        told.update(line for line in capsys.readouterr().out.splitlines() if "cut off" in line)
+    assert any(" of 60 intended frames are in the recording: " in line for line in told)
 
 
 def test_an_interrupt_while_a_capture_is_awaited_costs_no_result(capsys, monkeypatch):
