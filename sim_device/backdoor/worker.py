@@ -14,6 +14,7 @@ import logging
 import operator
 import os
 import pickle
+import select
 import selectors
 import signal
 import struct
@@ -316,11 +317,13 @@ def run_worker() -> None:
         os.nice(_NICENESS)
     signal.signal(_SKIP_FIELDS, signal.SIG_IGN)  # until there is something to leave out
     items = _items(_READ_BYTES)
-    job = next(item for item in items if item is not None)
+    job = next((item for item in items if item is not None), None)
+    if job is None:
+        return  # the board has ended before it began
     try:
-        sink = open_sink(job.target)
+        sink = open_sink(job.target, _is_board_there)
     except ConfigurationError as error:
-        os.write(1, f"{error}\n".encode())
+        _answer(1, f"{error}\n".encode())
         return
     answer = 1  # the board reads this until it has heard that all is ready
     try:
@@ -329,14 +332,27 @@ def run_worker() -> None:
         )
         recorder.warm_up()
         signal.signal(_SKIP_FIELDS, lambda *_: recorder.skip_fields())
-        os.write(answer, _READY)
+        _answer(answer, _READY)
         answer = 2
         _record_all(items, recorder, sink)
         _linger(sink)
     except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost
-        os.write(answer, f"{error}\n".encode())
+        _answer(answer, f"{error}\n".encode())
     finally:
         sink.close()
+
+
+def _is_board_there() -> bool:
+    """Return False once the board has closed its end of the input, or has died."""
+    input_end = select.poll()
+    input_end.register(0, 0)
+    return not input_end.poll(0)
+
+
+def _answer(to: int, text: bytes) -> None:
+    """Tell the board *text*; a board that was ended in the meantime has closed the pipe."""
+    with contextlib.suppress(BrokenPipeError):
+        os.write(to, text)
 
 
 def _record_all(items: Iterator[Any], recorder: InlineReconstruction, sink: RecordSink) -> None:

@@ -4,6 +4,10 @@ import json
 import os
 import pickle
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -141,3 +145,29 @@ def test_settings_and_latches_survive_the_way_to_the_worker():
     settings = pickle.loads(pickle.dumps(SETTINGS))
     assert settings.model.array.digest() == MODEL.array.digest()
     assert settings.boot_id == SETTINGS.boot_id
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs FIFOs")
+def test_a_worker_whose_fifo_nobody_reads_ends_with_its_board(tmp_path):
+    fifo = tmp_path / "records"
+    os.mkfifo(fifo)
+    code = f"""
+import os, signal, threading
+from sim_device.backdoor import worker
+from sim_device.board.settings import BoardSettings
+from haptogram.acoustics import AcousticModel
+start = worker._start_process
+def told():
+    process = start()
+    print(process.pid, flush=True)
+    threading.Timer(2.0, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    return process
+worker._start_process = told
+worker.ReconstructionWorker(BoardSettings(model=AcousticModel.default(4, 4)), {str(fifo)!r})
+"""
+    board = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    worker = int(board.stdout)
+    end_s = time.monotonic() + 60.0
+    while Path(f"/proc/{worker}/cmdline").exists() and time.monotonic() < end_s:
+        time.sleep(0.02)
+    assert not Path(f"/proc/{worker}/cmdline").exists()
