@@ -152,6 +152,16 @@ def test_a_run_by_the_host_s_clock_is_set_against_the_board_s(board, tmp_path, c
 
 @pytest.mark.pty
 @pytest.mark.realtime
+def test_of_a_board_at_a_port_the_frames_alone_are_compared(board, tmp_path, capsys):
+    link = board("--array", "8x8")
+    words = (*POINT, "--port", str(link), "--repeat", 20, "--lead-ms", 100)
+    status, said = replay(capsys, record(tmp_path / "port.mcap", *words, statuses=BUSY))
+    assert status == 0, said.out
+    assert "no latches are in the recording: the frames alone are compared" in said.out
+
+
+@pytest.mark.pty
+@pytest.mark.realtime
 def test_a_board_of_another_dialect_does_the_same_again(board, tmp_path, capsys):
     path = tmp_path / "board.mcap"
     link = board("--dialect", "sonicsurface", "--record", str(path))

@@ -69,6 +69,9 @@ class Comparison:
     exact : bool
         Whether both ran on one clock: then every field is compared, else those that do not depend
         on the moment at which a byte came.
+    has_backdoor : bool
+        Whether the recorded board told its latches beside the line. Those of a board at a port are
+        compared only if the recording has any of them.
 
     Attributes
     ----------
@@ -81,6 +84,7 @@ class Comparison:
     """
 
     exact: bool
+    has_backdoor: bool = True
     same: Counter[str] = field(default_factory=Counter)
     differing: Counter[str] = field(default_factory=Counter)
     differences: list[Difference] = field(default_factory=list)
@@ -147,12 +151,20 @@ class Comparison:
         for key in [key for key in waiting if _kind_of(key) == "frames"]:
             del waiting[key]
 
+    def _forget_replayed_records(self) -> None:
+        """Leave out what no back door told of the recorded board."""
+        waiting = self._waiting[REPLAYED]
+        for key in [key for key in waiting if _kind_of(key) != "frames"]:
+            del waiting[key]
+
     def close(self, end_us: int) -> None:
         """Count the entries that only one account has.
 
         Behind *end_us*, the time of the last byte, a board may have ended: what a replay has there
         may be unwritten in the recording, and the output of the recorded one went off by its end.
         """
+        if not self.has_backdoor:
+            self._forget_replayed_records()
         for side, why in ((RECORDED, "missing in the replay"), (REPLAYED, "not in the recording")):
             for key, entries in self._waiting[side].items():
                 kind = _kind_of(key)
@@ -166,6 +178,8 @@ class Comparison:
             self.differences.append(self._first_bytes)
 
     def _add(self, side: str, kind: str, key: tuple[Hashable, ...], entry: _Entry) -> None:
+        if side == RECORDED and kind != "frames":
+            self.has_backdoor = True
         place, others = (kind, *key), self._waiting[_OTHER[side]]
         if place not in others:
             self._waiting[side].setdefault(place, deque()).append(entry)

@@ -257,8 +257,11 @@ def _replay_line(
     else:
         result.notes.append("no reply of the board is in the recording: its clock is not known")
         return
-    line = _Line(board, Comparison(opening.boot_ns is not None), facts, start_ns)
+    comparison = Comparison(opening.boot_ns is not None, opening.options is not None)
+    line = _Line(board, comparison, facts, start_ns)
     line.run(entries)
+    if not comparison.has_backdoor:
+        result.notes.append("no latches are in the recording: the frames alone are compared")
     result.comparisons.append(line.comparison)
     result.to_board += line.to_board
     result.to_host += line.to_host
