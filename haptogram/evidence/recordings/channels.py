@@ -183,7 +183,7 @@ CHANNELS: Final = {
             "how many frames follow",
             positions_m={"type": "array", "description": "N x 3, metres"},
             normals={"type": "array", "description": "N x 3, unit vectors"},
-            intended_frames={"type": "integer", "description": "messages of `/intended`"},
+            intended_frames=_whole("messages of `/intended`"),
         ),
         _json(
             INTENDED,

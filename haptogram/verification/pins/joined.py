@@ -25,6 +25,7 @@ from .pin_verdict import PinVerdict, pin_lines
 from .shared_phase import why_phases_are_apart
 
 _TURN: Final = 256
+_NAMED: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +133,7 @@ def verify_captures(
     model : AcousticModel
         Array and air.
     min_verified : float
-        Share of the frames that must be judged, 0 to 1.
+        Share of the frames that must be judged, of each captured element, 0 to 1.
     tolerance : Tolerance, optional
         Misses of the focus that pass; by default none.
     uncertainty : Uncertainty, optional
@@ -173,6 +174,8 @@ def verify_captures(
             f"{int(judged.sum())} of {len(frames)} frames were judged; {100.0 * min_verified:g} % "
             "must be (--min-verified)"
         )
+    elif not missing and (text := _too_rarely_seen(pins, passes, min_verified)):
+        missing.append(text)
     if apart:
         missing.append(apart)
     if run is not None and run.verdict is not Verdict.PASS:
@@ -190,6 +193,34 @@ def verify_captures(
         no_field,
         observations,
         tuple(frames),
+    )
+
+
+def _too_rarely_seen(
+    pins: Sequence[PinVerdict], passes: Sequence[Sequence[int]], min_verified: float
+) -> str:
+    """Return the elements of which too few frames were judged; empty: there are none.
+
+    A frame counts for an element if any pass of its drive is judged in a capture of the element.
+    """
+    seen: dict[int, np.ndarray] = {}
+    for one in pins:
+        shown = np.array([one.judged[list(same)].any() for same in passes])
+        for element in one.elements:
+            seen[element] = seen.get(element, False) | shown
+    sizes = np.array([len(same) for same in passes])
+    counts = {element: int(sizes[shown].sum()) for element, shown in sorted(seen.items())}
+    total = int(sizes.sum())
+    rare = [element for element, count in counts.items() if count < min_verified * total]
+    if not rare:
+        return ""
+    names = ", ".join(map(str, rare[:_NAMED]))
+    more = f" and {len(rare) - _NAMED} more" if len(rare) > _NAMED else ""
+    fewest = min(counts[element] for element in rare)
+    return (
+        f"element{'s' if len(rare) > 1 else ''} {names}{more}: {fewest} of {total} frames were "
+        f"judged{' at the fewest' if len(rare) > 1 else ''}; {100.0 * min_verified:g} % must be "
+        "(--min-verified)"
     )
 
 

@@ -79,3 +79,28 @@ def test_an_element_in_both_captures_makes_up_for_a_clock(tmp_path):
     found = verify_captures(apart, run.intended, model=MODEL)
     assert found.verdict is Verdict.INCONCLUSIVE
     assert "share no phase in 12 of 12 frames: capture the clock" in found.reasons[0]
+
+
+def cut_at(record, end):
+    """Return *record* up to *end*, in periods."""
+    pins = {
+        element: dataclasses.replace(
+            pin, rises=pin.rises[pin.falls < end], falls=pin.falls[pin.falls < end]
+        )
+        for element, pin in record.pins.items()
+    }
+    latches = record.latches[record.latches < end]
+    return dataclasses.replace(record, pins=pins, latches=latches, end=end)
+
+
+def test_each_element_must_be_seen_in_most_of_the_frames(tmp_path):
+    run, first, second = halves(tmp_path / "pins.vcd")
+    for parts in ([first, second], [first, part(run, range(8, 11))]):
+        short = cut_at(parts[1], parts[1].latches[3])
+        found = verify_captures([first, short], run.intended, model=MODEL)
+        assert found.verdict is Verdict.INCONCLUSIVE
+        names = ", ".join(map(str, short.pins))
+        told = f"elements {names}: 3 of 12 frames were judged at the fewest; 90 % must be"
+        assert found.reasons[0].startswith(told), found.reasons
+        most = verify_captures([first, short], run.intended, model=MODEL, min_verified=0.25)
+        assert most.verdict is Verdict.PASS
