@@ -19,6 +19,8 @@ from .channels import INTENDED, MODEL
 from .reader import Recording
 from .writer import RecordingWriter
 
+#: What fields that are missing, or of another type, raise.
+_UNREADABLE: Final = (ConfigurationError, LookupError, TypeError, ValueError)
 _COUNT: Final = "intended_frames"  # how many follow array and air
 
 
@@ -75,15 +77,28 @@ def recorded_run(recording: Recording) -> RecordedRun:
         if entry.topic == MODEL:
             model, count = board_model(fields), fields.get(_COUNT)
             continue
-        number = fields["number"]
-        drives[number] = drive = drives.get(fields.get("drive_of", -1)) or _drive(fields)
-        frames.append(_intended(fields, drive))
+        try:
+            frame = _frame(fields, drives)
+        except _UNREADABLE as error:
+            why = f"lacks the field {error}" if isinstance(error, KeyError) else error
+            number = fields.get("number", f"at {entry.t_ns} ns")
+            raise ConfigurationError(
+                f"{recording.path}: intended frame {number} cannot be read: {why}"
+            ) from error
+        frames.append(frame)
     if model is None or not frames:
         what = recording.run.get("command", "another program")
         raise ConfigurationError(
             f"{recording.path}: the recording (of {what}) does not hold the frames that were "
             "intended; haptogram verify --record writes one that does, at the end of its run"
         )
+    count_of_model = model.array.count
+    for one in frames:
+        if one.drive.count != count_of_model:
+            raise ConfigurationError(
+                f"{recording.path}: intended frame {one.number} is of {one.drive.count} elements; "
+                f"the array of the recording has {count_of_model}"
+            )
     return RecordedRun(model, frames, _why_incomplete(recording, len(frames), count))
 
 
@@ -127,6 +142,15 @@ def _drive(fields: dict[str, Any]) -> Drive:
         for name in ("phase_codes", "amplitude_codes")
     )
     return Drive(phases, amplitudes, fields["phase_bits"])
+
+
+def _frame(fields: dict[str, Any], drives: dict[int, Drive]) -> Intended:
+    """Return a frame, whose drive may be that of an earlier one, and keep its drive."""
+    number, earlier = fields["number"], fields.get("drive_of")
+    if earlier is not None and earlier not in drives:
+        raise ConfigurationError(f"its drive is that of frame {earlier}, which the recording lacks")
+    drives[number] = drive = _drive(fields) if earlier is None else drives[earlier]
+    return _intended(fields, drive)
 
 
 def _intended(fields: dict[str, Any], drive: Drive) -> Intended:

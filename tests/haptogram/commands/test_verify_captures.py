@@ -179,6 +179,47 @@ def test_a_recording_that_lacks_frames_passes_and_fails_nothing(capsys):
     assert "does not say how many frames were intended" in capsys.readouterr().out
 
 
+DAMAGES = {
+    "foci": [[0.0]],
+    "phase_codes": "?",
+    "amplitude_codes": "AAAA",
+    "phase_bits": None,
+    "drive_of": 99,
+    "session": "lacks",
+    "t_apply_us": "lacks",
+}
+
+
+@pytest.mark.parametrize("name", DAMAGES)
+def test_a_frame_that_cannot_be_read_is_named_in_one_line(name, capsys):
+    captured(frames=3)
+
+    def damaged(entries):
+        fields = [fields for topic, _, fields in entries if topic == INTENDED][1]
+        fields[name] = DAMAGES[name]
+        if DAMAGES[name] == "lacks":
+            del fields[name]
+        return entries
+
+    rewritten(damaged)
+    assert main([*f"{JUDGED} map.toml".split()]) == 2
+    said = capsys.readouterr().err
+    assert "run.mcap: intended frame 1 cannot be read: " in said
+    assert said.count("\n") == 1
+    assert "of frame 99, which the recording lacks" in said or name != "drive_of"
+    assert f"lacks the field '{name}'" in said or DAMAGES[name] != "lacks"
+
+
+def test_frames_of_another_array_are_refused(capsys):
+    captured(frames=3, array="3x3")
+    small = [(e.topic, e.t_ns, e.fields) for e in Recording(Path("run.mcap")).entries()]
+    captured(frames=3)
+    rewritten(lambda entries: [*(one for one in entries if one[0] == MODEL), *small[-3:]])
+    assert main([*f"{JUDGED} map.toml".split()]) == 2
+    told = "intended frame 0 is of 9 elements; the array of the recording has 16"
+    assert told in capsys.readouterr().err
+
+
 def test_a_recording_that_was_cut_off_passes_nothing(capsys, monkeypatch):
     monkeypatch.setattr("haptogram.evidence.recordings.writer._CHUNK", 4096)
     captured(frames=60)
