@@ -135,7 +135,7 @@ def _other_element(drives: PinDrives, place: int, frames: np.ndarray) -> int | N
     run = drives.run
     some = frames[:: max(1, len(frames) // _FRAMES_COMPARED)]
     seen = drives.weights[some, place]
-    every = run.weights_of(range(run.phases.shape[1]))[some]
+    every = run.weights_of(range(run.phases.shape[1]), some)
     product = seen[:, None] * np.conj(every)
     near = np.abs(np.angle(product)) <= drives.limit_rad[some, place][:, None]
     near &= np.abs(np.abs(seen)[:, None] - np.abs(every)) <= drives.limit_amplitude

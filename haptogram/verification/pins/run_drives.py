@@ -22,6 +22,7 @@ Bools: TypeAlias = NDArray[np.bool_]
 #: Periods that a frame lasts at least: a latch takes one, and a phase needs two.
 LEAST_PERIODS: Final = 4.0
 _CODES: Final = 256
+_EVERY: Final = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +102,14 @@ class RunDrives:
         """(F, E) weights A e^{+j phi}."""
         return self.weights_of(list(self.elements))
 
-    def weights_of(self, elements: Sequence[int]) -> ComplexArray:
-        """Return the (F, E) weights of these elements."""
+    def weights_of(
+        self, elements: Sequence[int], frames: slice | NDArray[np.intp] = _EVERY
+    ) -> ComplexArray:
+        """Return the (F, E) weights of these elements, in all or in some *frames*."""
         turns = np.exp(2j * math.pi / _CODES * np.arange(_CODES)).astype(np.complex64)
         places = list(elements)
-        found: ComplexArray = turns[self.phases[:, places]] * (
-            self.amplitudes[:, places] / np.float32(_CODES - 1)
+        found: ComplexArray = turns[self.phases[frames][:, places]] * (
+            self.amplitudes[frames][:, places] / np.float32(_CODES - 1)
         )
         return found
 

@@ -1,0 +1,31 @@
+"""The names of faults cost no more memory where a run is long."""
+
+import tracemalloc
+
+import numpy as np
+
+from haptogram.verification.pins.element_faults import PinDrives, fault_of_pin
+from haptogram.verification.pins.run_drives import RunDrives
+
+FRAMES, ELEMENTS = 20_000, 256
+
+
+def test_a_wrong_pin_of_a_long_run_is_named_without_the_drives_of_all_elements():
+    random = np.random.default_rng(1)
+    phases = random.integers(0, 256, (FRAMES, ELEMENTS), dtype=np.uint8)
+    run = RunDrives(
+        np.arange(FRAMES) * 40.0, phases, np.full_like(phases, 255), (3,), np.zeros(FRAMES)
+    )
+    drives = PinDrives(
+        run,
+        run.weights_of([200]),  # the wire of another element
+        np.arange(-1, FRAMES - 1),
+        np.full((FRAMES, 1), 0.02),
+        0.01,
+    )
+    tracemalloc.start()
+    text = fault_of_pin(drives, 0, np.ones(FRAMES, np.bool_))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert text == "does what element 200 should"
+    assert peak < 8 * FRAMES * ELEMENTS / 2  # all weights are 8 bytes each
