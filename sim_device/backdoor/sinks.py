@@ -6,7 +6,6 @@ import contextlib
 import errno
 import logging
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Protocol
@@ -17,8 +16,6 @@ from haptogram.settings.text_file import plain_reason
 from ..line.socket_server import UnixListener
 
 _LOG: Final = logging.getLogger(__name__)
-
-_FIFO_PERIOD_S: Final = 0.02  # between two looks for a reader
 
 UNIX_PREFIX: Final = "unix:"
 CLIENT_BUFFER: Final = 8 << 20  # bytes that a client may fall behind before it is dropped
@@ -45,10 +42,11 @@ class RecordSink(Protocol):
         ...
 
 
-def open_sink(target: str, is_wanted: Callable[[], bool] = lambda: True) -> RecordSink:
+def open_sink(target: str, wait: Callable[[], bool] | None = None) -> RecordSink:
     """Return the sink that *target* names: a file, or ``unix:PATH``.
 
-    A FIFO is open when somebody reads it, which is waited for while the sink *is_wanted*.
+    A FIFO is open when somebody reads it. Between two looks for a reader *wait* waits, and tells
+    whether the sink is wanted any longer; by default the system waits.
 
     Raises
     ------
@@ -57,36 +55,36 @@ def open_sink(target: str, is_wanted: Callable[[], bool] = lambda: True) -> Reco
     """
     if target.startswith(UNIX_PREFIX):
         return SocketSink(UnixListener(target.removeprefix(UNIX_PREFIX)))
-    return FileSink(target, is_wanted)
+    return FileSink(target, wait)
 
 
-def _opened(path: str, is_wanted: Callable[[], bool]) -> int:
+def _opened(path: str, wait: Callable[[], bool] | None) -> int:
     """Open the file at *path* to append to it; a FIFO as soon as somebody reads it."""
-    if not Path(path).is_fifo():
+    if wait is None or not Path(path).is_fifo():
         return os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
-    while is_wanted():
+    while True:
         try:
             descriptor = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
         except OSError as error:
             if error.errno != errno.ENXIO:
                 raise
-            time.sleep(_FIFO_PERIOD_S)
+            if not wait():
+                raise ConfigurationError(f"nobody reads {path}, and the board has ended") from error
         else:
             os.set_blocking(descriptor, True)
             return descriptor
-    raise ConfigurationError(f"nobody reads {path}, and the board has ended")
 
 
 class FileSink:
     """Appends to a file; a line is there as soon as it was written."""
 
-    def __init__(self, path: str, is_wanted: Callable[[], bool] = lambda: True) -> None:
+    def __init__(self, path: str, wait: Callable[[], bool] | None = None) -> None:
         self._path = path
         try:
             if not (folder := Path(path).parent).exists():
                 folder.mkdir(parents=True)
                 _LOG.info("%s: a new folder, made for what is written", folder)
-            self._file = os.fdopen(_opened(path, is_wanted), "ab", buffering=0)
+            self._file = os.fdopen(_opened(path, wait), "ab", buffering=0)
         except OSError as error:
             raise ConfigurationError(f"cannot write to {path}: {plain_reason(error)}") from error
 

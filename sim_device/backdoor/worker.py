@@ -54,6 +54,7 @@ _LENGTH: Final = struct.Struct("<I")
 _READ_BYTES: Final = 65_536
 _PIPE_BYTES: Final = 1 << 20
 _NICENESS: Final = 19
+_LOOK_MS: Final = 20  # between two looks for the reader of a pipe
 _IDLE_S: Final = 0.05  # how long a client of the back door may wait for its first line
 _READY: Final = b"ready\n"
 # A signal, not a record: a record would wait behind all records that are on their way.
@@ -343,10 +344,10 @@ def run_worker() -> None:
 
 
 def _is_board_there() -> bool:
-    """Return False once the board has closed its end of the input, or has died."""
+    """Wait a moment; return False once the board has closed its end of the input, or has died."""
     input_end = select.poll()
     input_end.register(0, 0)
-    return not input_end.poll(0)
+    return not input_end.poll(_LOOK_MS)
 
 
 def _answer(to: int, text: bytes) -> None:
