@@ -3,7 +3,8 @@
 Their wires carry no number, so latches are joined by their order. A latch that is the drive of a
 frame is taken for it; between such pairs the others are paired as they come, and what is left over
 of either side is lost, or was not intended. Latches in which every channel is off are the host's
-own before and behind its frames, and are left out.
+own before the first and behind the last that sounds, and are left out there; between its frames a
+board that goes dark is a latch that nobody intended.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def run_observations(
     """Return the latches in the records of a back door, of any board, with the keys of frames."""
     if not is_of_another_dialect(records):
         return observations_on_clock_of(intended, backdoor_observations(records, session))
-    latches = _sounding_latches(records)
+    latches = _latches_of_the_run(records)
     return [
         _observation(latch, frame)
         for frame, latch in _joined(intended, latches)
@@ -51,7 +52,7 @@ def is_of_another_dialect(records: Sequence[Mapping[str, Any]]) -> bool:
 
 def has_latched_all(intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]) -> bool:
     """Return True if the records of another board hold a latch for each frame."""
-    return len(_sounding_latches(records)) >= len(intended)
+    return len(_latches_of_the_run(records)) >= len(intended)
 
 
 class _Latch:
@@ -60,6 +61,7 @@ class _Latch:
     def __init__(self, seen: PulseObservation, weights: ComplexArray) -> None:
         self.seen = seen
         self.drive = _drive(weights)
+        self.is_sounding = bool(weights.any())
 
     def is_of(self, frame: Intended) -> bool:
         """Return True if the latched drive is that of *frame*."""
@@ -67,20 +69,21 @@ class _Latch:
         sounding = wanted.amplitude_codes > 0
         if not np.array_equal(found.amplitude_codes > 0, sounding):
             return False
+        if not self.is_sounding:
+            return True
         error = _lags(found, wanted)[sounding]
         return bool(np.abs(_signed(error - error[0])).max(initial=0) <= 1)
 
 
-def _sounding_latches(records: Sequence[Mapping[str, Any]]) -> list[_Latch]:
+def _latches_of_the_run(records: Sequence[Mapping[str, Any]]) -> list[_Latch]:
     channels = [int(channel) for channel in records[0]["channels"]] if records else []
     found = []
     for record in records:
         if record["kind"] == _PULSES and record["cause"] not in OWN_CAUSES:
             seen = pulse_observation_of(record, channels)
-            weights = seen.pulses.weights()[channels]
-            if weights.any():
-                found.append(_Latch(seen, weights))
-    return found
+            found.append(_Latch(seen, seen.pulses.weights()[channels]))
+    sounding = [place for place, latch in enumerate(found) if latch.is_sounding]
+    return found[sounding[0] : sounding[-1] + 1] if sounding else []
 
 
 def _joined(

@@ -6,8 +6,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from haptogram import Driver
 from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
 from haptogram.cli import main
+from haptogram.evidence.dialects.latches import run_observations
+from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.verification import verify_run
 from haptogram_protocol.dialects.table import DIALECTS
 from swallowing_port import SwallowingPort
 
@@ -202,3 +206,21 @@ def test_a_link_that_must_answer_and_does_not_is_an_error(capsys):
         status, _, err = verify(capsys, "--dialect", "autd3", "--port", far.path)
     assert status == 2
     assert "no answer to Hello within 2 s" in err
+
+
+@pytest.mark.pty
+def test_a_board_that_goes_dark_between_frames_does_what_nobody_intended():
+    with VirtualBoard(dialect="sonicsurface") as board:
+        with Driver(board.url, dialect="sonicsurface") as driver:
+            driver.stream([(0.01 * i - 0.02, 0.0, 0.15) for i in range(4)], rate_hz=20)
+            intended, model = list(driver.intended), driver.model
+        records = []
+        while sum(record["kind"] == "pulses" for record in records) < 6:  # dark, four, dark
+            records = board.records()
+    judged = verify_run(intended, run_observations(intended, records, None), model=model)
+    assert judged.sentence == "PASS: every focus is on target"
+    *_, third, _, dark = (record for record in records if record["kind"] == "pulses")
+    between = records.index(third) + 1
+    records.insert(between, {**dark, "t_latch_us": third["t_latch_us"] + 100})
+    judged = verify_run(intended, run_observations(intended, records, None), model=model)
+    assert judged.sentence == "FAIL: 1 latched that nobody intended"
