@@ -119,7 +119,10 @@ class DialectLine:
         if self._line is not None:
             self._line.add(len(data), self.now_ns())
         deadline_ns = self.now_ns() + self._timeout_ns
-        while data := data[self._transport.write_some(data) :]:
+        while data:
+            if taken := self._transport.write_some(data):
+                data, deadline_ns = data[taken:], self.now_ns() + self._timeout_ns
+                continue
             if self.now_ns() >= deadline_ns:
                 raise LinkLostError(
                     f"{self.url}: the port has taken no byte for {self._timeout_ns / _NS_PER_S:g} s"
