@@ -26,6 +26,7 @@ from haptogram_protocol.messages import (
 
 from ..outcome import check, unimplemented
 from .board_client import BoardClient
+from .stream_kinds import points_of
 
 FULL: Final = 255
 
@@ -91,7 +92,7 @@ def latch_now(board: BoardClient, message: Message) -> int:
     index = board.link.stream_next
     wire = board.link.stream_wire(message)
     board.link.send(wire)
-    board.clock.wait_latched(len(wire))
+    board.clock.wait_latched(len(wire), board.ready_after_us(points_of(message)))
     return index
 
 

@@ -53,10 +53,16 @@ def play_now(
 
 
 def play_at(
-    board: BoardClient, sequence: int, start_us: int, *, loops: int, period_us: int = PERIOD_US
+    board: BoardClient,
+    sequence: int,
+    start_us: int,
+    *,
+    loops: int,
+    period_us: int = PERIOD_US,
+    unattended_ms: int = UNATTENDED_MS,
 ) -> PlayReply:
     """Play a sequence from *start_us* on."""
-    play = Play(sequence, period_us, loops, min(UNATTENDED_MS, board.identity.max_unattended_ms))
+    play = Play(sequence, period_us, loops, min(unattended_ms, board.identity.max_unattended_ms))
     return board.link.call(play, PlayReply, time_us=start_us)
 
 

@@ -15,7 +15,7 @@ from haptogram_protocol.messages import (
 from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import board_latches, latch_now
-from ....client.playback import play_at, play_now, store_phases
+from ....client.playback import UNATTENDED_MS, play_at, play_now, store_phases
 from ....client.stream_kinds import random_point
 from ....client.uploads import upload_to_board
 from ....outcome import SELF_REPORTED, check, fail
@@ -77,7 +77,15 @@ def every_shape_is_played(board: BoardClient) -> None:
             since = board.link.mark()
             start_us = board.clock.soon_us(bytes(100)) + 1003
             period = max(period_us or _shortest_us(board), board.identity.point_time_us)
-            play_at(board, _SEQUENCE, start_us, loops=loops, period_us=period)
+            alone_ms = max(UNATTENDED_MS, 2 * frames * loops * period // 1000)
+            play_at(
+                board,
+                _SEQUENCE,
+                start_us,
+                loops=loops,
+                period_us=period,
+                unattended_ms=alone_ms,
+            )
             event = _ended(board, since, frames * loops * period + 100_000)
             due = [
                 (_SEQUENCE, n // frames, n % frames, board.clock.on_carrier(start_us + n * period))
@@ -127,8 +135,10 @@ def wide_dividers_divide(board: BoardClient) -> None:
     board.arm()
     since = board.link.mark()
     latch_now(board, board.flat_phases())
-    play_now(board, _SEQUENCE, loops=200, period_us=_shortest_us(board))
-    _ended(board, since, 600 * _shortest_us(board))
+    period_us = _shortest_us(board)
+    alone_ms = max(UNATTENDED_MS, 2 * 600 * period_us // 1000)
+    play_now(board, _SEQUENCE, loops=200, period_us=period_us, unattended_ms=alone_ms)
+    _ended(board, since, 600 * period_us)
     board.link.barrier()
     got = [event.key for _, event in board.link.events(TraceDrive, since)]
     # Latch 0 is the stream's, so that latch n of the rest is frame n - 1 of the playback.

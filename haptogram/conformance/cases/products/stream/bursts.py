@@ -96,9 +96,11 @@ def late_is_of_one_frame(board: BoardClient) -> None:
     for kind in kinds if board.thorough else kinds[:1]:
         since, first = board.link.mark(), board.link.stream_next
         with board.counting(late=1, latched=3):
-            late_us = board.clock.device_us() - 1000
-            size, points = 3 * len(kind.make().serialize()) + 60, 3 * points_of(kind.make())
-            soon_us = board.clock.soon_us(bytes(size), points=points)
+            frame = kind.make()
+            ready_us = board.ready_after_us(points_of(frame))
+            late_us = board.clock.device_us() + ready_us - 1000
+            size = 3 * len(frame.serialize()) + 60
+            soon_us = board.clock.soon_us(bytes(size), points=3 * points_of(frame))
             times = (late_us, soon_us, soon_us + 1000)
             board.link.send(*(board.link.stream_wire(kind.make(), t_us) for t_us in times))
             board.clock.require_in_time(soon_us)

@@ -17,7 +17,7 @@ from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.drive_paths import registers_of
 from ....client.latching import board_latches, watch_board_latches
-from ....client.stream_kinds import StreamKind, stream_kinds
+from ....client.stream_kinds import StreamKind, points_of, stream_kinds
 from ....outcome import SELF_REPORTED, check, not_observed
 
 _WINDOW_US: Final = 100_000
@@ -78,8 +78,11 @@ def every_type_late(board: BoardClient) -> None:
             since, first = board.link.mark(), board.link.stream_next
             with board.counting(late=1, latched=3):
                 for late_us in (None, _WINDOW_US // 2, None):
-                    at_us = None if late_us is None else board.clock.device_us() - late_us
-                    board.link.send(board.link.stream_wire(kind.make(), at_us))
+                    frame, at_us = kind.make(), None
+                    if late_us is not None:
+                        ready_us = board.ready_after_us(points_of(frame))
+                        at_us = board.clock.device_us() + ready_us - late_us
+                    board.link.send(board.link.stream_wire(frame, at_us))
                     board.clock.wait_latched(4000)
             if mode is TraceMode.OFF:
                 continue

@@ -206,16 +206,16 @@ def every_latch_ends_its_ramp(board: BoardClient) -> None:
         faded = read_back_radiated(board).loudest
         if board.clock.device_us() < at_us:
             check(faded < FULL, f"{way}: no ramp of the hold begins")
-        board.clock.wait_until(at_us + board.clock.lead_us)
+        board.clock.wait_until(at_us + board.ready_after_us())
         if way == "at once":
             latch_now(board, board.flat_phases())
         elif way == "late":
             late_us = board.clock.device_us() - 20 * _MS
             board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
-            board.clock.wait_latched(1000)
+            board.clock.wait_latched(1000, board.ready_after_us())
         elif way == "played":
             play_now(board, STORED, loops=0, period_us=SLOW_US)
-            board.clock.wait_latched()
+            board.clock.wait_latched(0, board.ready_after_us())
         latched_us = board.clock.unwrap(board.status().last_latch_us)
         loudest = read_back_radiated(board).loudest
         if board.clock.device_us() - latched_us > (_HELD_MS - 10) * _MS:
