@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Final, Protocol
 
+from haptogram.records.remark import About
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.settings.line import LineSettings
 from haptogram_protocol.export.tables import description_hash
@@ -190,10 +191,10 @@ class Simulation:
         """True if the host has a port: not while ``line.disconnect`` keeps it away."""
         return self._injector is None or not self._injector.is_away
 
-    def remark(self, text: str) -> None:
+    def remark(self, about: About, text: str) -> None:
         """Tell the recorders something about the client, in one line."""
         for recorder in self._recorders:
-            recorder.notice(Remark(self.dialect.now_us, text))
+            recorder.notice(Remark(self.dialect.now_us, text, about))
 
     def report_counts(self) -> None:
         """Tell the recorders of faults and losses, for their last record."""

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from haptogram.machine.waiter import DescriptorWaiter
+from haptogram.records.remark import About
 
 from .backdoor.line_tap import LineTap
 from .backdoor.worker import ReconstructionWorker
@@ -151,8 +152,9 @@ class Heartbeat:
         known = [*settings.wiring.bauds, settings.line.baud or baud]
         if not any(is_baud_understood(baud / board_baud) for board_baud in known):
             self._simulation.remark(
+                About.OTHER_RATE,
                 f"the client sends at {baud} baud: a real board of {settings.wiring.dialect} has "
-                f"{', '.join(map(str, settings.wiring.bauds))}, and would understand nothing"
+                f"{', '.join(map(str, settings.wiring.bauds))}, and would understand nothing",
             )
 
     def _answer(self, now_ns: int) -> None:

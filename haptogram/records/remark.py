@@ -12,4 +12,5 @@ class About(enum.StrEnum):
     OTHER_WIRE = "other wire"  # its bytes are those of another dialect
     OTHER_ARRAY = "other array"  # frame after frame is one of another array
     OTHER_SIZE = "other size"  # a frame has another size than those of the board
+    OTHER_RATE = "other rate"  # its line has a baud rate that the real boards do not have
     STOPPED = "stopped"  # the client fell silent, or left, in the middle of a frame

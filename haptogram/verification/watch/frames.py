@@ -118,7 +118,7 @@ class FrameDefects:
     @property
     def undecided(self) -> str | None:
         """Why the frames of a client are not judged; None: all are."""
-        of_client = self._about.get(About.OTHER_WIRE)
+        of_client = self._about.get(About.OTHER_WIRE) or self._about.get(About.OTHER_RATE)
         if of_client is None and self._is_own is False and self._of_client.latches:
             of_client = "the client's bytes were not recognised as those of this board"
         if of_client is None and self._may_be_of_another_array:

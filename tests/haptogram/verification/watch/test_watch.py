@@ -320,6 +320,9 @@ SHORT, LOST = {"frames_short": 1}, [(Defect.BYTES_LOST, "1 torn")]
             "fail",
         ),
         (({}, About.STOPPED, None), [], "pass"),
+        # At a rate that real boards do not have they latch nothing, whatever this one does.
+        (({}, About.OTHER_RATE, {}), [], "inconclusive"),
+        (({}, None, About.OTHER_RATE, {}, None, {}), [], "inconclusive"),
         # Frames of another size prove another array, or nothing, or had lost a lot.
         ((SHORT, About.OTHER_SIZE), [], "inconclusive"),
         (({}, SHORT, About.OTHER_SIZE), LOST, "fail"),
