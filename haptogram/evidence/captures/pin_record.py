@@ -18,7 +18,8 @@ from .measure import checked_period
 _Floats: TypeAlias = NDArray[np.float64]
 #: Pulses of the reference that make one point of its clock: the mean of so many has no samples.
 _BLOCK: Final = 64
-_SPIKE: Final = 1.5  # samples: a shorter pulse is taken for a disturbance of the capture
+_SPIKE: Final = 1.5  # samples: a shorter pulse alone is taken for a disturbance of the capture
+_NEIGHBOUR: Final = 0.1  # periods by which a pulse of the same drive may be off its place
 _FULL_DUTY: Final = 0.5
 _WIDER: Final = 0.1  # by which a duty may exceed half a period before a pin counts as inverted
 
@@ -35,6 +36,7 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
     elements = mapped.joined(capture)
     rate_hz = settings.sample_rate_hz or capture.sample_rate_hz
     sample = 1.0 / (rate_hz * capture.tick_s)
+    nominal = 1.0 / (settings.carrier_hz * capture.tick_s)
     reference = elements.get(mapped.reference)
     if reference is not None and len(elements) == 1:
         raise ConfigurationError(
@@ -43,14 +45,15 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
         )
     active_low = settings.active_low and reference is not None
     pulses = capture.channel(mapped.reference).pulses(active_low=active_low)
-    rises, _ = _without_spikes(*pulses, sample)
+    rises, _ = _without_spikes(*pulses, sample, nominal)
     period = checked_period(capture, mapped, rises, sample, rate_hz)
     clock = _CarrierClock(rises, period, sample, is_steady=reference is None)
     pins = {}
     silent = all(len(capture.channel(name).times) == 0 for name in elements)
     for name, element in elements.items():
         edges = capture.channel(name)
-        begins, ends = _without_spikes(*edges.pulses(active_low=settings.active_low), sample)
+        edge_pairs = edges.pulses(active_low=settings.active_low)
+        begins, ends = _without_spikes(*edge_pairs, sample, nominal)
         pulses = clock.periods(begins), clock.periods(ends)
         defects = () if silent else tuple(_defects(edges, *pulses, settings.active_low))
         pins[element] = PinPulses(name, *pulses, defects)
@@ -72,16 +75,27 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
     )
 
 
-def _without_spikes(rises: _Floats, falls: _Floats, sample: float) -> tuple[_Floats, _Floats]:
-    """Return pulses without spikes and dips of one sample: no amplitude that shows is so small."""
+def _without_spikes(
+    rises: _Floats, falls: _Floats, sample: float, period: float
+) -> tuple[_Floats, _Floats]:
+    """Return pulses without dips and spikes of one sample; times in ticks.
+
+    Pulses of a small amplitude are as short, but each has a neighbour as short a period away.
+    """
     spike = _SPIKE * sample
     apart = np.concatenate([[True], rises[1:] - falls[:-1] > spike])
     lasting = np.concatenate([apart[1:], [True]])
     if not len(rises):
         return rises, falls
     rises, falls = rises[apart], falls[lasting]
-    wide = falls - rises > spike
-    return rises[wide], falls[wide]
+    widths = falls - rises
+    narrow = widths <= spike + sample
+    near = np.abs(np.diff(rises + falls) / 2.0 - period) < _NEIGHBOUR * period
+    near &= narrow[1:] & narrow[:-1]
+    kept = widths > spike
+    kept[1:] |= near
+    kept[:-1] |= near
+    return rises[kept], falls[kept]
 
 
 def _defects(edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool) -> list[str]:

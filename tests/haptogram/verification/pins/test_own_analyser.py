@@ -144,3 +144,16 @@ def test_a_frame_is_lost_in_spite_of_a_dead_pin(tmp_path):
     pins = judged(board, Analyser(), tmp_path / "pins.vcd", random)
     assert pins.findings == {"pins": ("element 4 (p4): dead: low all the time",)}
     assert pins.events == ("3: not latched; the pins kept the drive they had",)
+
+
+@pytest.mark.parametrize("rate_hz", [4e6, 8e6, 24e6])
+@pytest.mark.parametrize("code", [1, 2, 4, 6, 10, 12, 14, 20])
+def test_pulses_of_a_sample_or_two_are_no_disturbance(code, rate_hz, tmp_path):
+    random = np.random.default_rng(code)
+    amplitudes = np.ones((8, 16))
+    amplitudes[4] = code / 255
+    amplitudes[:, 3] = 0.0  # a silent pin, for the disturbances
+    board = Board(random.integers(0, 256, (8, 16)) / 256, amplitudes)
+    pins = judged(board, Analyser(rate_hz, glitches=5), tmp_path / "pins.vcd", random)
+    assert pins.findings == {}
+    assert pins.counts["right"] == 8
