@@ -26,12 +26,15 @@ class PinPulses:
         Begin and end of each whole pulse, in periods of the carrier, ascending.
     defects : tuple of str
         What is wrong with the pin whatever was intended: dead, stuck, inverted.
+    begin : float
+        Period from which on the capture knows the level of the pin.
     """
 
     channel: str
     rises: NDArray[np.float64]
     falls: NDArray[np.float64]
     defects: tuple[str, ...] = ()
+    begin: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

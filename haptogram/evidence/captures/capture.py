@@ -33,12 +33,16 @@ class ChannelEdges:
     first_level : bool
         Level before the first edge.
     undefined : int
-        How often the file calls the level undefined (x or z); it counts as unchanged.
+        How often the file calls the level undefined (x or z); it counts as unchanged. What comes
+        before the first level that is defined does not count.
+    defined_from : int
+        Tick from which on the level is defined.
     """
 
     times: NDArray[np.int64]
     first_level: bool
     undefined: int = 0
+    defined_from: int = 0
 
     def pulses(
         self, *, active_low: bool = False

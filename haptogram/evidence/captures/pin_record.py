@@ -56,7 +56,10 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
         begins, ends = _without_spikes(*edge_pairs, sample, nominal)
         pulses = clock.periods(begins), clock.periods(ends)
         defects = () if silent else tuple(_defects(edges, *pulses, settings.active_low))
-        pins[element] = PinPulses(name, *pulses, defects)
+        begin = 0.0
+        if edges.defined_from:
+            begin = float(clock.periods(np.array([float(edges.defined_from)]))[0])
+        pins[element] = PinPulses(name, *pulses, defects, begin)
     latches = None
     if settings.latch is not None:
         latches = clock.periods(capture.channel(settings.latch).pulses()[0])

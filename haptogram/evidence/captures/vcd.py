@@ -163,11 +163,13 @@ class _Body:
     levels: list[int] = field(default_factory=list)
     firsts: list[int] = field(default_factory=list)
     undefined: list[int] = field(default_factory=list)
+    defined_from: list[int] = field(default_factory=list)
     times: list[list[_Numbers]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         count = len(self.codes)
-        self.levels, self.firsts, self.undefined = [-1] * count, [-1] * count, [0] * count
+        self.levels, self.firsts = [-1] * count, [-1] * count
+        self.undefined, self.defined_from = [0] * count, [0] * count
         self.times = [[] for _ in range(count)]
 
     def take(self, data: _Bytes) -> None:
@@ -268,11 +270,16 @@ class _Body:
     def _change_channel(self, channel: int, times: _Numbers, values: _Bytes) -> None:
         defined = (values == _ZERO) | (values == _ONE)
         self.undefined[channel] += int((~defined).sum())
-        times, levels = times[defined], (values[defined] == _ONE).astype(np.int8)
-        if not len(times):
+        if not defined.any():
             return
         if self.levels[channel] < 0:
-            self.firsts[channel] = self.levels[channel] = int(levels[0])
+            first = int(defined.argmax())
+            rest = int((~defined[first:]).sum())
+            if self.undefined[channel] > rest:
+                self.defined_from[channel] = int(times[first])
+            self.undefined[channel] = rest
+            self.firsts[channel] = self.levels[channel] = int(values[first] == _ONE)
+        times, levels = times[defined], (values[defined] == _ONE).astype(np.int8)
         changed = np.diff(levels, prepend=np.int8(self.levels[channel])) != 0
         self.levels[channel] = int(levels[-1])
         if changed.any():
@@ -287,12 +294,19 @@ class _Body:
         """Return everything that was read."""
         nothing = np.zeros(0, np.int64)
         by_code = {}
-        for code, times, first, undefined in zip(
-            self.codes, self.times, self.firsts, self.undefined, strict=True
+        for code, times, first, undefined, defined_from in zip(
+            self.codes,
+            self.times,
+            self.firsts,
+            self.undefined,
+            self.defined_from,
+            strict=True,
         ):
             joined = np.concatenate(times) if times else nothing
             times.clear()
-            by_code[code] = ChannelEdges(_without_glitches(joined), first == 1, undefined)
+            by_code[code] = ChannelEdges(
+                _without_glitches(joined), first == 1, undefined, defined_from
+            )
         channels = {name: by_code[code] for name, code in header.names.items()}
         end = 0 if self.now is None else self.now - self.first
         return Capture(self.path, channels, header.tick_s, end, None, cut)

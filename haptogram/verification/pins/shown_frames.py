@@ -159,6 +159,8 @@ def _drives(
     if steps is not None:
         lows += np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
         highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
+    begins = np.array([record.pins[element].begin for element in run.elements])
+    lows = np.where(lows < begins, np.nan, lows)  # a level that is not known shows nothing
     means = pin_weights(record, run, lows, highs)
     turns = common_turns(record, run, means.weights, limits.phase_rad, each=each)
     jitter = np.minimum(means.jitter_rad, limits.phase_rad)

@@ -78,7 +78,11 @@ def test_edges_are_those_counted_by_hand(name, size, tmp_path, monkeypatch):
 def test_undefined_levels_are_counted_and_the_scale_is_read(tmp_path):
     file = tmp_path / "typed.vcd"
     file.write_text(TYPED["undefined levels change nothing"][0])
-    assert vcd.read_vcd(file).channel("A").undefined == 2
+    edges = vcd.read_vcd(file).channel("A")
+    assert (edges.undefined, edges.defined_from) == (1, 2)  # the x before the first 0 is no defect
+    file.write_text(f'{HEAD}#0 x! 0"\n#2 z!\n#5 x!\n')
+    edges = vcd.read_vcd(file).channel("A")
+    assert (edges.undefined, edges.defined_from) == (3, 0)  # never defined
     file.write_text(TYPED["comments and scopes"][0])
     assert vcd.read_vcd(file).tick_s == 1e-6
 

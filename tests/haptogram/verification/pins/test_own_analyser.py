@@ -18,12 +18,17 @@ MODEL = AcousticModel(TransducerArray.grid(4, 4, pitch_m=0.01), Medium.air(20.0)
 def judged(board, analyser, path, random, pins=range(16), reference="clk"):
     """Capture the pins of *board* and judge them against what it was told."""
     count = len(board.turns)
-    phases = np.rint(board.turns * 256).astype(np.uint8)
-    amplitudes = np.rint(board.amplitudes * 255).astype(np.uint8)
     found = edges_of(board, analyser, list(pins), random)
     total_s = count * board.period_ms * 1e-3 + (analyser.end_ms - analyser.begin_ms) * 1e-3
     write = write_sr if path.suffix == ".sr" else write_vcd
     write(path, found, analyser, total_s)
+    return judged_file(board, path, pins, reference)
+
+
+def judged_file(board, path, pins=range(16), reference="clk"):
+    count = len(board.turns)
+    phases = np.rint(board.turns * 256).astype(np.uint8)
+    amplitudes = np.rint(board.amplitudes * 255).astype(np.uint8)
     keys = {"reference": reference, "elements": {f"p{pin}": pin for pin in pins}}
     record = pin_record(read_capture(path), ChannelMap.of("map.toml", keys))
     intended = [
@@ -157,3 +162,20 @@ def test_pulses_of_a_sample_or_two_are_no_disturbance(code, rate_hz, tmp_path):
     pins = judged(board, Analyser(rate_hz, glitches=5), tmp_path / "pins.vcd", random)
     assert pins.findings == {}
     assert pins.counts["right"] == 8
+
+
+@pytest.mark.parametrize(("begins_ms", "right"), [(0.1, 10), (1.4, 9), (2.4, 8)])
+def test_pins_are_not_judged_while_a_simulation_knows_no_level(begins_ms, right, tmp_path):
+    random, board = drawn(0)
+    path = tmp_path / "pins.vcd"
+    judged(board, Analyser(), path, random)
+    lines = path.read_text().splitlines()
+    name = next(line.split()[3] for line in lines if line.endswith("p5 $end"))  # a silent pin
+    lines[lines.index(f"0{name}")] = f"x{name}"
+    stamps = ((n, int(line[1:])) for n, line in enumerate(lines) if line[1:].isdigit())
+    later = next(n for n, ns in stamps if lines[n][0] == "#" and ns >= begins_ms * 1e6)
+    lines.insert(later + 1, f"0{name}")
+    path.write_text("\n".join(lines) + "\n")
+    pins = judged_file(board, path)
+    assert pins.verdict is Verdict.PASS
+    assert pins.counts["right"] == right
