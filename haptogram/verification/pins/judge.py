@@ -146,8 +146,11 @@ class _PinJudge:
     def _mute(self) -> float | None:
         """Return in how many periods the output fell silent at the end; None: it did not."""
         found = pin_stops(self.record, self.run, self.shown)
-        if found is None or len(found.sounding) == len(found.stops):
-            self.not_judged["mute"] = "the capture ends before the output fell silent"
+        if found is None:
+            self.not_judged["mute"] = "not verified: the capture ends before the run"
+            return None
+        if len(found.sounding) == len(found.stops):
+            self.not_judged["mute"] = self._why_no_mute(bool(found.sounding))
             return None
         if found.is_ramp:
             self.not_judged["mute"] = "the output fades to silence (a ramp)"
@@ -163,6 +166,15 @@ class _PinJudge:
             us = (last - first) * self._period_us
             self._find("mute", f"{_listed(behind)} fall silent {us:.0f} us after the first")
         return max(0.0, last - first - 1.0)
+
+    def _why_no_mute(self, is_sounding: bool) -> str:
+        if not is_sounding:
+            return "not verified: no captured pin sounds in the last frame"
+        behind_us = max(0.0, self.record.end - self.shown.ends[-1]) * self._period_us
+        return (
+            f"not verified: the output sounds up to the end of the capture, {behind_us / 1e3:.1f} "
+            "ms after the run; the recording does not tell when the host muted the board"
+        )
 
     # --- pins ------------------------------------------------------------------------------------
 

@@ -179,3 +179,18 @@ def test_pins_are_not_judged_while_a_simulation_knows_no_level(begins_ms, right,
     pins = judged_file(board, path)
     assert pins.verdict is Verdict.PASS
     assert pins.counts["right"] == right
+
+
+@pytest.mark.parametrize(
+    ("end_ms", "told"),
+    [
+        (20.0, "the output sounds up to the end of the capture, 20.0 ms after the run; "),
+        (-1.5, "the capture ends before the run"),
+    ],
+)
+def test_a_mute_that_was_not_seen_is_told_as_not_verified(end_ms, told, tmp_path):
+    random, board = drawn(0)
+    board.mute = False
+    pins = judged(board, Analyser(end_ms=end_ms), tmp_path / "pins.vcd", random)
+    assert pins.mute_periods is None
+    assert pins.not_judged["mute"].startswith(f"not verified: {told}")
