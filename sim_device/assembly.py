@@ -13,6 +13,7 @@ from haptogram_protocol.framing import FrameDecoder, fastest_cobs
 from .board.board import Board, BoardParts
 from .board.clock import DeviceClock
 from .board.output import OutputStage
+from .board.registers import PointFocuser
 from .board.settings import BoardSettings
 from .board.stream_queue import StreamQueue
 from .board.timers import OutputTimers
@@ -31,6 +32,7 @@ class BoardAssembly:
     timers: type[OutputTimers] = OutputTimers
     queue: type[StreamQueue] = StreamQueue
     uploads: type[Uploads] = Uploads
+    focuser: type[PointFocuser] = PointFocuser
     dialect: type[BoardDialect] = BoardDialect
     connection: type[BoardConnection] = BoardConnection
     decoder: type[FrameDecoder] = FrameDecoder
@@ -43,7 +45,7 @@ class BoardAssembly:
         watch: Callable[[BoardEvent], None] | None = None,
     ) -> BoardDialect:
         """Return a board at the end of its line, powered up; *watch* sees the link's events."""
-        parts = BoardParts(self.output, self.timers, self.queue, self.uploads)
+        parts = BoardParts(self.output, self.timers, self.queue, self.uploads, self.focuser)
 
         link = self.connection(
             description_hash,

@@ -45,6 +45,7 @@ class BoardParts:
     timers: type[OutputTimers] = OutputTimers
     queue: type[StreamQueue] = StreamQueue
     uploads: type[Uploads] = Uploads
+    focuser: type[PointFocuser] = PointFocuser
 
 
 _HEALTHY: Final = BoardParts()
@@ -76,7 +77,8 @@ class Board:
         self.margins = BoardArrivalMargins()
         self.last_stream_index = 0
         self._queue = parts.queue(settings.queue_depth)
-        self._focuser = PointFocuser(settings, self.output.config.sound_speed_mm_s)
+        self._focuser_of = parts.focuser
+        self._focuser = self._focuser_of(settings, self.output.config.sound_speed_mm_s)
         self._uploads = parts.uploads(settings)
         self._sequences: dict[int, Upload] = {}
         self._playback: Playback | None = None
@@ -293,7 +295,7 @@ class Board:
         """
         check_board_config(config, self.settings)
         if config.sound_speed_mm_s != self.output.config.sound_speed_mm_s:
-            self._focuser = PointFocuser(self.settings, config.sound_speed_mm_s)
+            self._focuser = self._focuser_of(self.settings, config.sound_speed_mm_s)
         self.output.configure(config)
         self.advance_to(self.output.now_us)  # a shorter hold may have run out already
 

@@ -13,7 +13,6 @@ from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import FocalPoint
 
-from ..board.board import Board
 from ..board.registers import Content, PointFocuser
 from ..board.stream_queue import StreamFrame
 from ..dialects.haptogram import BoardDialect
@@ -48,8 +47,8 @@ class PointsInTenths(BoardDialect):
         ]
 
 
-class _PoorFocuser(PointFocuser):
-    """Computes with phases of few bits."""
+class PointsTwoStepsOff(PointFocuser):
+    """Computes every fourth phase of focal points two steps too high."""
 
     def drive(self, points: Sequence[FocalPoint]) -> Drive:
         """Return codes of which every fourth is two steps too high."""
@@ -57,14 +56,6 @@ class _PoorFocuser(PointFocuser):
         phases = exact.phase_codes.copy()
         phases[::4] += np.uint8(2)
         return Drive(phases, exact.amplitude_codes)
-
-
-class PointsTwoStepsOff(Board):
-    """Computes every fourth phase of focal points two steps too high."""
-
-    def __init__(self, *parts: Any) -> None:
-        super().__init__(*parts)
-        self._focuser = _PoorFocuser(self.settings, self.config.sound_speed_mm_s)
 
 
 _SELF: Final = Evidence.SELF_REPORTED
