@@ -11,8 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Final, NoReturn, Self, TypeGuard, cast
+from typing import Final, NoReturn, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +32,8 @@ from haptogram.driver.line.dialect_line import DialectLine
 from haptogram.driver.line.port import Transport, check_port, open_transport
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.driver.timing.schedule import Schedule
-from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.errors import ConfigurationError
+from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.process import real_time_process
 from haptogram.records.frame import Evidence, Focus, Intended, Observation
 from haptogram.records.kept import MOST_KEPT, KeptRecords, check_kept_records
@@ -87,7 +87,7 @@ class DialectReport:
     not_permitted: tuple[str, ...]
 
 
-class DialectDriver:
+class DialectDriver(ClosedByWith):
     """A line with boards of another maker; ``Driver(port, dialect=...)`` makes one.
 
     Opening it switches every channel off, and so does closing it.
@@ -214,22 +214,6 @@ class DialectDriver:
         self._shown_ns = self._line.now_ns()
 
     # --- life ----------------------------------------------------------------------------------
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        try:
-            self.close()
-        except HaptogramError as unmuted:
-            if error is None:
-                raise
-            error.add_note(str(unmuted))  # the first error is the one that tells more
 
     def close(self) -> None:
         """Switch every channel off and close the port.  Closing twice does no harm.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from numpy.typing import ArrayLike
 
@@ -23,7 +22,7 @@ from haptogram.driver.session import DriverSession, Sink, choose_session_nonce
 from haptogram.driver.stream import StreamPacing, StreamReport
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.driver.upload import upload_correction
-from haptogram.errors import HaptogramError
+from haptogram.machine.closing import ClosedByWith
 from haptogram.records.frame import Focus, Intended, Observation
 from haptogram.records.kept import MOST_KEPT, KeptRecords, check_kept_records
 from haptogram.settings.arguments import (
@@ -51,7 +50,7 @@ _LONGEST_SPIN_US: Final = 1_000_000
 _LONGEST_HOLD_S: Final = 1e7
 
 
-class Driver:
+class Driver(ClosedByWith):
     """A session with one board.
 
     Parameters
@@ -185,22 +184,6 @@ class Driver:
         self._output = HostOutput(self._session, self.intended)
 
     # --- life ----------------------------------------------------------------------------------
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        try:
-            self.close()
-        except HaptogramError as unmuted:
-            if error is None:
-                raise
-            error.add_note(str(unmuted))  # the first error is the one that tells more
 
     def close(self) -> None:
         """Mute the board and close the port, in bounded time.  Closing twice does no harm.

@@ -26,6 +26,7 @@ from haptogram.evidence.backdoor import (
 from haptogram.evidence.board_process import BoardProcess
 from haptogram.evidence.board_records import BoardRecords
 from haptogram.evidence.dialects.latches import is_of_another_dialect, run_observations
+from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.working_folder import WorkingFolder
 from haptogram.records.frame import Intended, Observation
 from haptogram.settings.arguments import (
@@ -46,7 +47,7 @@ _MOST_LATCHES: Final = 10**9
 _LONGEST_WAIT_S: Final = 1e7
 
 
-class VirtualBoard:
+class VirtualBoard(ClosedByWith):
     """Starts ``python -m sim_device`` and cleans up after it.
 
     Parameters
@@ -332,9 +333,6 @@ class VirtualBoard:
             self._records.read()
             self._folder.remove()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(
         self,
         kind: type[BaseException] | None,
@@ -343,7 +341,7 @@ class VirtualBoard:
     ) -> None:
         if kind is not None:
             self._process.close_pipe()  # nobody will ask for fields
-        self.close()
+        super().__exit__(kind, error, traceback)
 
 
 def _check_intended(intended: Sequence[Intended]) -> None:

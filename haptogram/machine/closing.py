@@ -6,9 +6,13 @@ from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
 
+from haptogram.errors import HaptogramError
+
 
 class ClosedByWith(ABC):
-    """A resource whose ``with`` statement does nothing but close it.
+    """A resource that its ``with`` statement closes.
+
+    An error in the block is the one that goes on; if closing fails as well, it gets a note of that.
 
     Examples
     --------
@@ -36,4 +40,9 @@ class ClosedByWith(ABC):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except HaptogramError as unclosed:
+            if error is None:
+                raise
+            error.add_note(str(unclosed))  # the first error is the one that tells more
