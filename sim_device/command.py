@@ -215,7 +215,12 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
             recorders += [tap] if tap else []
             recorders += [pins] if pins else []
             simulation = Simulation(
-                settings, *recorders, paced=options.serial is None, parts=parts, faults=plan
+                settings,
+                *recorders,
+                paced=options.serial is None,
+                parts=parts,
+                faults=plan,
+                probe=pins,
             )
             counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
             heartbeat = Heartbeat(simulation, port, worker, counts, tap)

@@ -28,6 +28,7 @@ from .line.uart import Uart, uart_to_board, uart_to_host
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
 _LINE_CHUNK: Final = MAX_ENCODED_BYTES + 2  # handed to the line at a time: the longest frame
+_LINES: Final = {"down": "to_board", "up": "to_host"}
 MAX_CREDIT_NS: Final = 100_000_000  # of line time, for a process that stalled
 
 
@@ -40,6 +41,18 @@ class Recorder(Protocol):
 
     def notice(self, notice: Notice) -> None:
         """Take down a change of the output."""
+        ...
+
+
+class LineProbe(Protocol):
+    """Takes down what the two lines of the UART carry; it must not block."""
+
+    def carried(self, name: str, begin_us: float, data: bytes) -> None:
+        """Take down bytes on the line *name*, back to back from this device time on."""
+        ...
+
+    def lines_cut(self, t_us: float) -> None:
+        """Take down that no byte arrives any more that has not arrived by this device time."""
         ...
 
 
@@ -59,6 +72,8 @@ class Simulation:
         speaks another dialect.
     faults : FaultPlan or None, keyword-only
         What is to go wrong with line, clock and transducers.
+    probe : LineProbe or None, keyword-only
+        What takes down the bytes on the lines.
 
     Attributes
     ----------
@@ -80,7 +95,9 @@ class Simulation:
         paced: bool = True,
         parts: Assembly = HEALTHY,
         faults: FaultPlan | None = None,
+        probe: LineProbe | None = None,
     ) -> None:
+        self._probe = probe
         self._clock = parts.clock(settings.boot_us)
         self._injector: FaultInjector | None = None
         if faults is not None and faults.faults:
@@ -153,6 +170,8 @@ class Simulation:
         """Lose what is on the line and what the host has not read: it has closed the port."""
         self._down.cut()
         self._up.cut()
+        if self._probe is not None:
+            self._probe.lines_cut(self._exact_us(self._now_ns))
         self._unread.clear()
         self.dialect.client_left()
         self._record()
@@ -264,10 +283,21 @@ class Simulation:
 
     def _send(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
         if self._injector is None:
-            line.send(data, t_ns - credit_ns)
+            self._put(line, direction, data, t_ns - credit_ns)
             return
         for chunk in self._injector.line(direction, t_ns, data):
-            line.send(chunk.data, chunk.t_ns - credit_ns)
+            self._put(line, direction, chunk.data, chunk.t_ns - credit_ns)
+
+    def _put(self, line: Uart, direction: str, data: bytes, t_ns: int) -> None:
+        if self._probe is not None and data:
+            begin_us = self._exact_us(max(t_ns, line.free_ns))
+            self._probe.carried(_LINES[direction], begin_us, data)
+        line.send(data, t_ns)
+
+    def _exact_us(self, t_ns: int) -> float:
+        """Return the unwrapped device time at *t_ns* with its fraction."""
+        whole_ns = t_ns // NS_PER_US * NS_PER_US
+        return self._clock.device_us(whole_ns) + (t_ns - whole_ns) / NS_PER_US
 
     def _overrun_host(self, room: int) -> None:
         """Lose what a host's buffer of *room* bytes does not hold."""

@@ -35,9 +35,7 @@ class CapturedRun:
         return np.array([latch.radiated.weights() for latch in self.latches])
 
 
-def captured_run(
-    path, *, array="4x4", faults=(), mode="phases", frames=12, late_us=None, seed=1, **analyser
-):
+def captured_run(path, *, array="4x4", faults=(), mode="phases", frames=12, seed=1, **analyser):
     """Stream random foci at 1 kHz in virtual time, and capture the pins."""
     grid = TransducerArray.parse(array, pitch_m=0.01)
     model = AcousticModel(grid, Medium.air(20.0), Transducer())
@@ -54,7 +52,7 @@ def captured_run(
         intended = list(driver.intended)
     port.simulation.power_down()
     config = PinCaptureConfig(capture=path, **analyser)
-    pins = PinCapture(path, config, port.simulation.settings, late_us)
+    pins = PinCapture(path, config, port.simulation.settings)
     events = [(n.t_us, 0, pins.notice, n) for n in port.notices]
     events += [(latch.t_latch_us, 1, pins.latch, latch) for latch in port.latches]
     for _, _, take, event in sorted(events, key=lambda e: e[:2]):

@@ -38,6 +38,25 @@ class PinPulses:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LineBytes:
+    """The bytes of one direction of the line.
+
+    Attributes
+    ----------
+    values : (B,) numpy.ndarray of uint8
+        The bytes.
+    times : (B,) numpy.ndarray of float
+        When each has been received, in periods of the carrier, ascending.
+    damaged : int
+        Characters that were left out: without a stop bit.
+    """
+
+    values: NDArray[np.uint8]
+    times: NDArray[np.float64]
+    damaged: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PinRecord:
     """A capture of drive pins.
 
@@ -67,6 +86,8 @@ class PinRecord:
         Why the capture ends early; empty: it does not.
     notes : tuple of str
         Its limits, in words.
+    to_board, to_host : LineBytes or None
+        Bytes on the lines of the UART; None: the line was not captured.
     """
 
     name: str
@@ -81,6 +102,8 @@ class PinRecord:
     skew_rad: float = 0.0
     cut: str = ""
     notes: tuple[str, ...] = field(default=())
+    to_board: LineBytes | None = None
+    to_host: LineBytes | None = None
 
     @property
     def samples(self) -> float:

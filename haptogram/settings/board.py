@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -72,10 +73,18 @@ class PinCaptureConfig(Settings):
     capture: Path | None = option(
         None,
         unit="FILE",
-        help="write what a logic analyser would see at all drive pins, as VCD, when the board ends",
+        help="write what a logic analyser would see at the drive pins, and with --baud on the two "
+        "lines of the UART, as VCD, when the board ends",
     )
     capture_ms: float = option(
-        100.0, unit="MS", low=0.1, high=10_000.0, help="length of it, from the first latch on"
+        100.0,
+        unit="MS",
+        low=0.1,
+        high=600_000.0,
+        help="length of it, from the first latch on; with --baud from the first byte on",
+    )
+    capture_elements: str | None = option(
+        None, unit="N,N,...", help="elements whose pins are captured", absent="all"
     )
     capture_rate_hz: float = option(
         24e6, unit="HZ", low=1e5, high=1e9, help="sampling rate of that analyser"
@@ -83,6 +92,68 @@ class PinCaptureConfig(Settings):
     capture_ppm: float = option(
         0.0, unit="PPM", low=-1000.0, high=1000.0, help="error of the clock of that analyser"
     )
+    capture_late: tuple[str, ...] = option(
+        (),
+        unit="ELEMENT=US",
+        help="the pin of this element (or all) latches so much later than the board; may be "
+        "repeated",
+        absent="none",
+    )
+    capture_lingers: tuple[str, ...] = option(
+        (),
+        unit="ELEMENT=US",
+        help="the pin of this element (or all) sounds on for so long after the board has fallen "
+        "silent; may be repeated",
+        absent="none",
+    )
+
+    def elements(self, count: int) -> list[int]:
+        """Return the elements of an array of *count* whose pins are captured.
+
+        Raises
+        ------
+        SettingError
+            An element that is no number, that the array lacks, or that comes twice.
+        """
+        if self.capture_elements is None:
+            return list(range(count))
+        found = [
+            _element("capture_elements", text.strip(), count)
+            for text in self.capture_elements.split(",")
+        ]
+        if len(set(found)) < len(found):
+            raise SettingError("capture_elements", f"is {self.capture_elements}: one comes twice")
+        return found
+
+    def late_us(self, count: int) -> list[float]:
+        """Return by how much later than the board each of *count* pins latches."""
+        return _by_element("capture_late", self.capture_late, count)
+
+    def lingering_us(self, count: int) -> list[float]:
+        """Return for how long each of *count* pins sounds on in the silence of the board."""
+        return _by_element("capture_lingers", self.capture_lingers, count)
+
+
+def _element(name: str, text: str, count: int) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) >= count:
+        raise SettingError(name, f"names the element {text!r}, must be 0 to {count - 1}")
+    return int(text)
+
+
+def _by_element(name: str, texts: tuple[str, ...], count: int) -> list[float]:
+    """Return a time in microseconds for each of *count* elements, 0 where none is given."""
+    found = [0.0] * count
+    for text in texts:
+        element, _, time_us = text.partition("=")
+        try:
+            value_us = float(time_us)
+        except ValueError:
+            value_us = math.nan
+        if not 0.0 <= value_us < math.inf:
+            raise SettingError(name, f"is {text!r}, must be ELEMENT=US with 0 us or more")
+        for place in range(count) if element == "all" else [_element(name, element, count)]:
+            found[place] = value_us
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,22 +10,28 @@ from typing import Final, TextIO, TypeAlias
 
 import numpy as np
 
-from haptogram.acoustics.arrays import ComplexArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import PinCaptureConfig
 from haptogram_protocol.state import OutputState
 
-from ..board.events import AnyLatch, Latch, Notice, PulseLatch, RampEnded, StateChange
+from ..board.events import AnyLatch, Latch, Notice, PulseLatch, RampBegan, RampEnded, StateChange
 from ..board.settings import BoardSettings
-from .pin_waveforms import PinSampler, Pulses
+from .pin_waveforms import Edges, PinSampler, Pulses
+from .uart_waveforms import UartWaveform
 
 CARRIER: Final = "carrier"
 LATCH: Final = "latch"
+TO_BOARD: Final = "to_board"
+TO_HOST: Final = "to_host"
 _SIGNALS: Final = 2  # before the pins of the elements
+_RAMP_STEP_US: Final = 1000  # HG-6.11/2: as often the amplitude of a ramp has to follow
+_BITS_OF_A_BYTE: Final = 10
+_FULL: Final = 255.0
 _QUIET_PERIODS: Final = 20.0  # before the first latch and after the last event
 _CODES: Final = [chr(code) for code in range(33, 127)]
-#: From device time in us: what the pins do from then on; None: no latch, silence.
-_Act: TypeAlias = tuple[int, ComplexArray | None]
+#: From device time in us: what the pins do from then on (None: silence), whether it is a latch.
+_Act: TypeAlias = tuple[int, ComplexArray | None, bool]
 
 
 class PinCapture:
@@ -33,55 +40,106 @@ class PinCapture:
     It keeps drives while the board runs, and makes edges of them when it is closed: a board that
     has to be in time has none left for them. The channel ``carrier`` rises at every boundary of
     the carrier, ``latch`` at every latch, and ``e0``, ``e1``, ... are the pins of the elements.
+    If the line of the board takes time, ``to_board`` and ``to_host`` are the lines of its UART.
 
     Parameters
     ----------
     path : Path
         The file.
     config : PinCaptureConfig
-        Its length and its analyser.
+        Its length, its analyser, and what is wrong with the pins.
     settings : BoardSettings
         The board.
-    late_us : sequence of float, optional
-        How much later than the board each pin latches; by default not at all.
+
+    Raises
+    ------
+    SettingError
+        If *config* names an element that the board lacks.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        config: PinCaptureConfig,
-        settings: BoardSettings,
-        late_us: list[float] | None = None,
-    ) -> None:
+    def __init__(self, path: Path, config: PinCaptureConfig, settings: BoardSettings) -> None:
         self._path, self._config = path, config
-        self._count = settings.truth.array.count
+        count = settings.truth.array.count
+        self._elements = config.elements(count)
+        self._count = len(self._elements)
         self._period_us = settings.carrier_us
-        self._late = np.zeros(self._count) if late_us is None else np.array(late_us)
+        self._late = np.array(config.late_us(count))[self._elements]
+        self._lingering = np.array(config.lingering_us(count))[self._elements]
         self._acts: list[_Act] = []
+        self._ramp: tuple[int, int, ComplexArray] | None = None  # begin, end, full drive
+        self._begin_us: float | None = None
         self._is_silent = True
         self._is_full = False  # it lasted longer than it was to be
+        self._lines: dict[str, UartWaveform] = {}
+        if settings.line.baud is not None:
+            byte_us = _BITS_OF_A_BYTE * 1e6 / settings.line.baud
+            self._lines = {name: UartWaveform(byte_us) for name in (TO_BOARD, TO_HOST)}
 
     def latch(self, latch: AnyLatch) -> None:
         """Keep what is radiated from now on."""
-        weights = _weights_of(latch)
+        weights = _weights_of(latch)[self._elements]
         if isinstance(latch, PulseLatch) and not self._acts and not weights.any():
             return  # power-up: the capture begins with the first sound
+        if self._ramp is not None:
+            begin_us, end_us, _ = self._ramp
+            self._follow_ramp(latch.t_latch_us)
+            left = (end_us - latch.t_latch_us) / max(end_us - begin_us, 1)
+            self._ramp = begin_us, end_us, weights / left if left > 0.0 else weights
         self._act(latch.t_latch_us, weights)
 
     def notice(self, notice: Notice) -> None:
-        """Keep when the output falls silent."""
+        """Keep when the output fades, and when it falls silent."""
+        if isinstance(notice, RampBegan) and self._acts and not self._is_silent:
+            drive = self._acts[-1][1]
+            self._ramp = None if drive is None else (notice.t_us, notice.end_us, drive)
         is_off = isinstance(notice, StateChange) and notice.state is not OutputState.ARMED
+        if self._ramp is not None and (is_off or isinstance(notice, RampEnded)):
+            self._follow_ramp(notice.t_us)
+            *_, full = self._ramp
+            self._ramp = None
+            if isinstance(notice, RampEnded) and notice.restored:
+                self._act(notice.t_us, full)
         if is_off or (isinstance(notice, RampEnded) and not notice.restored):
             self._act(notice.t_us, None)
 
-    def _act(self, t_us: int, weights: ComplexArray | None) -> None:
+    def carried(self, name: str, begin_us: float, data: bytes) -> None:
+        """Keep bytes that a line of the UART carries back to back from *begin_us* on."""
+        if name in self._lines and self._is_within(begin_us):
+            self._lines[name].carry(begin_us, data)
+
+    def lines_cut(self, t_us: float) -> None:
+        """Forget bytes that no longer arrive: the host has closed its port."""
+        for line in self._lines.values():
+            line.cut(t_us)
+
+    def _follow_ramp(self, until_us: int) -> None:
+        """Keep the steps of the ramp up to *until_us*."""
+        if self._ramp is None:
+            return
+        begin_us, end_us, full = self._ramp
+        sizes = np.abs(full)
+        last_us = max(self._acts[-1][0], begin_us)
+        steps = range(begin_us + _RAMP_STEP_US, min(until_us, end_us), _RAMP_STEP_US)
+        for t_us in (step for step in steps if step > last_us):
+            left = (end_us - t_us) / (end_us - begin_us)
+            codes = np.floor(sizes * _FULL * left + 0.5) / _FULL
+            weights = full * np.divide(codes, sizes, out=np.zeros_like(sizes), where=sizes > 0)
+            self._act(t_us, weights, is_latch=False)
+
+    def _act(self, t_us: int, weights: ComplexArray | None, *, is_latch: bool = True) -> None:
         if weights is None and self._is_silent:
             return
-        if self._acts and t_us - self._acts[0][0] >= self._config.capture_ms * 1000.0:
+        if not self._is_within(t_us):
             self._is_full = True
             return
-        self._acts.append((t_us, weights))
+        self._acts.append((t_us, weights, is_latch and weights is not None))
         self._is_silent = weights is None
+
+    def _is_within(self, t_us: float) -> bool:
+        """Return True if the capture lasts at *t_us*; its first event begins it."""
+        if self._begin_us is None:
+            self._begin_us = t_us
+        return t_us - self._begin_us < self._config.capture_ms * 1000.0
 
     def close(self) -> str:
         """Write the file; return in one line what it holds, or that nothing was radiated.
@@ -103,14 +161,15 @@ class PinCapture:
     # --- waveforms -----------------------------------------------------------------------------
 
     def _write(self, file: TextIO) -> int:
-        names = [CARRIER, LATCH, *(f"e{n}" for n in range(self._count))]
+        names = [CARRIER, LATCH, *(f"e{n}" for n in self._elements), *self._lines]
         codes = [_code(number) for number in range(len(names))]
         file.write("$comment drive pins of a virtual board of Haptogram $end\n")
         file.write("$timescale 1 ns $end\n$scope module pins $end\n")
         for name, code in zip(names, codes, strict=True):
             file.write(f"$var wire 1 {code} {name} $end\n")
         file.write("$upscope $end\n$enddefinitions $end\n#0\n$dumpvars\n")
-        file.writelines(f"0{code}\n" for code in codes)
+        idle = [name in self._lines for name in names]
+        file.writelines(f"{int(level)}{code}\n" for level, code in zip(idle, codes, strict=True))
         file.write("$end\n")
         edges = 0
         ns_per_sample = 1e9 / self._config.capture_rate_hz
@@ -119,16 +178,17 @@ class PinCapture:
             _write_edges(file, np.rint(samples * ns_per_sample).astype(np.int64), channels, levels)
         return edges
 
-    def _segments(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def _segments(self) -> Iterator[Edges]:
         """Yield sample, channel and level of the edges, piece by piece, in order."""
         if not self._acts:
             return
-        first_us = self._acts[0][0] // self._period_us * self._period_us
+        first_us = int((self._begin_us or 0.0) // self._period_us) * self._period_us
         samples = self._period_us * 1e-6 * self._config.capture_rate_hz
         samples *= 1.0 + self._config.capture_ppm * 1e-6
         pins = PinSampler(self._count, samples)
         signals = PinSampler(_SIGNALS, samples)
         silent = Pulses.of_weights(np.zeros(self._count, np.complex128))
+        lines = self._line_edges(first_us - _QUIET_PERIODS * self._period_us, samples)
         for begin, end, pulses, is_latch in self._pieces(first_us, silent):
             latched = 0.5 if is_latch else 0.0
             once = Pulses(np.array([0.0, begin % 1.0]), np.array([0.5, latched]))
@@ -137,8 +197,10 @@ class PinCapture:
             pieces.append(signals.edges(once, begin, split))
             idle = Pulses(np.array([0.0, 0.0]), np.array([0.5, 0.0]))
             pieces.append(signals.edges(idle, split, end))
+            low, high = np.searchsorted(lines[0], np.ceil(np.array([begin, end]) * samples))
+            pieces.append((lines[0][low:high], lines[1][low:high], lines[2][low:high]))
             times = np.concatenate([piece[0] for piece in pieces])
-            shifts = (_SIGNALS, 0, 0)
+            shifts = (_SIGNALS, 0, 0, 0)
             channels = np.concatenate(
                 [p[1] + shift for p, shift in zip(pieces, shifts, strict=True)]
             )
@@ -146,33 +208,52 @@ class PinCapture:
             order = np.argsort(times, kind="stable")
             yield times[order], channels[order], levels[order]
 
+    def _line_edges(self, first_us: float, samples: float) -> Edges:
+        """Return the edges of the lines of the UART, in order."""
+        found = [
+            line.edges(_SIGNALS + self._count + number, first_us, samples / self._period_us)
+            for number, line in enumerate(self._lines.values())
+        ]
+        nothing = np.zeros(0, np.int64)
+        found.append((nothing, nothing, np.zeros(0, np.bool_)))
+        times, channels, levels = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        order = np.argsort(times, kind="stable")
+        return times[order], channels[order], levels[order]
+
     def _pieces(self, first_us: int, silent: Pulses) -> Iterator[tuple[float, float, Pulses, bool]]:
         """Yield begin, end and pulses of every piece in which no pin changes its drive."""
         lead = _QUIET_PERIODS
         end = self._config.capture_ms * 1000.0 / self._period_us + lead
         if not self._is_full:
-            end = (self._acts[-1][0] - first_us) / self._period_us + 2.0 * lead
-        yield 0.0, lead, silent, False
+            carried_us = max((line.end_us for line in self._lines.values()), default=-math.inf)
+            last_us = max(self._acts[-1][0] + float(self._lingering.max()), carried_us)
+            end = min(end, (last_us - first_us) / self._period_us + 2.0 * lead)
+        yield 0.0, (self._acts[0][0] - first_us) / self._period_us + lead, silent, False
         pulses = silent
-        for place, (t_us, weights) in enumerate(self._acts):
+        for place, (t_us, weights, is_latch) in enumerate(self._acts):
             begin = (t_us - first_us) / self._period_us + lead
             until = end
             if place + 1 < len(self._acts):
                 until = (self._acts[place + 1][0] - first_us) / self._period_us + lead
             after = silent if weights is None else Pulses.of_weights(weights)
-            is_latch = weights is not None
-            for late, old in self._late_pins(pulses, after):
+            behind = self._lingering if weights is None else self._late
+            for late, old in self._late_pins(pulses, after, behind):
                 moment = min(begin + late, until)
                 yield begin, moment, old, is_latch
                 begin, is_latch = moment, False
             yield begin, until, after, is_latch
             pulses = after
 
-    def _late_pins(self, before: Pulses, after: Pulses) -> Iterator[tuple[float, Pulses]]:
-        """Yield how long the pins are mixed of old and new drive, and that mixture."""
+    def _late_pins(
+        self, before: Pulses, after: Pulses, behind: FloatArray
+    ) -> Iterator[tuple[float, Pulses]]:
+        """Yield how long the pins are mixed of old and new drive, and that mixture.
+
+        Each pin is so many microseconds *behind* the board.
+        """
         passed = 0.0
-        for late in np.unique(self._late[self._late > 0.0]).tolist():
-            old = self._late >= late
+        for late in np.unique(behind[behind > 0.0]).tolist():
+            old = behind >= late
             mixed = Pulses(
                 np.where(old, before.rises, after.rises), np.where(old, before.duties, after.duties)
             )

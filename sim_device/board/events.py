@@ -130,10 +130,11 @@ class SessionOpened:
 
 @dataclass(frozen=True, slots=True)
 class RampBegan:
-    """The output began to fade, because a timer ran out."""
+    """The output began to fade, because a timer ran out; unless it is restored, until *end_us*."""
 
     t_us: int
     reason: MuteReason
+    end_us: int
 
 
 @dataclass(frozen=True, slots=True)

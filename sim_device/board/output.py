@@ -166,8 +166,8 @@ class OutputStage:
 
     def _begin_ramp(self) -> None:
         self._ramping = True
-        reason = self._timers.first_deadline().reason
-        self._new_notices.append(RampBegan(self.now_us, reason))
+        timer = self._timers.first_deadline()
+        self._new_notices.append(RampBegan(self.now_us, timer.reason, timer.end_us))
 
     def _end_ramp_if_restored(self) -> None:
         if self._ramping and self.now_us < self._timers.first_deadline().deadline_us:

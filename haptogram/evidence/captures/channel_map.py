@@ -28,6 +28,15 @@ class ChannelMapSettings(Settings):
         help="channel that phases are relative to: a carrier clock, or an element",
     )
     latch: str | None = option(None, unit="CHANNEL", help="channel that rises at every latch")
+    to_board: str | None = option(
+        None, unit="CHANNEL", help="line of the UART that carries the bytes of the host"
+    )
+    to_host: str | None = option(
+        None, unit="CHANNEL", help="line of the UART that carries the bytes of the board"
+    )
+    baud: int = option(
+        3_000_000, unit="BAUD", low=300, high=100_000_000, help="rate of to_board and to_host"
+    )
     carrier_hz: float = option(
         40_000.0, unit="HZ", low=1_000.0, high=1_000_000.0, help="carrier that is meant"
     )
@@ -131,7 +140,8 @@ class ChannelMap:
         """
         settings = self.settings
         try:
-            for name in (self.reference, settings.latch, *self.elements):
+            signals = self.reference, settings.latch, settings.to_board, settings.to_host
+            for name in (*signals, *self.elements):
                 if name is not None:
                     capture.channel(name)
         except ConfigurationError as error:

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.errors import ConfigurationError
-from haptogram.records.pins import PinPulses, PinRecord
+from haptogram.records.pins import LineBytes, PinPulses, PinRecord
 
 from .capture import Capture, ChannelEdges
 from .channel_map import ChannelMap
 from .measure import checked_period
+from .uart import LEAST_SAMPLES_A_BIT, decoded_bytes
 
 _Floats: TypeAlias = NDArray[np.float64]
 #: Pulses of the reference that make one point of its clock: the mean of so many has no samples.
@@ -30,7 +31,8 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
     Raises
     ------
     ConfigurationError
-        A channel that is missing, a reference without a carrier, too low a sampling rate.
+        A channel that is missing, a reference without a carrier, too low a sampling rate for the
+        carrier or for the lines of the UART.
     """
     settings = mapped.settings
     elements = mapped.joined(capture)
@@ -75,7 +77,33 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
         latches=latches,
         skew_rad=math.tau * settings.skew_ns * 1e-9 * settings.carrier_hz,
         cut=capture.cut,
+        to_board=_line_bytes(capture, mapped, settings.to_board, rate_hz, clock),
+        to_host=_line_bytes(capture, mapped, settings.to_host, rate_hz, clock),
     )
+
+
+def _line_bytes(
+    capture: Capture, mapped: ChannelMap, name: str | None, rate_hz: float, clock: _CarrierClock
+) -> LineBytes | None:
+    """Return the bytes on a line of the UART, if it was captured.
+
+    Raises
+    ------
+    ConfigurationError
+        Too low a sampling rate.
+    """
+    if name is None:
+        return None
+    baud = mapped.settings.baud
+    if rate_hz < LEAST_SAMPLES_A_BIT * baud:
+        raise ConfigurationError(
+            f"{capture.path}: {rate_hz:.6g} samples/s are {rate_hz / baud:.3g} in a bit of {name} "
+            f"at {baud} baud, must be {LEAST_SAMPLES_A_BIT:g} at least: sample at "
+            f"{LEAST_SAMPLES_A_BIT * baud:g} Hz or more, or leave the line out of {mapped.path}"
+        )
+    bit = 1.0 / (baud * capture.tick_s)
+    values, ends, damaged = decoded_bytes(capture.channel(name), bit)
+    return LineBytes(values, clock.periods(ends), damaged)
 
 
 def _without_spikes(

@@ -20,7 +20,7 @@ from .element_faults import exchanged_orders, fault_of_pin, grouped_faults
 from .pin_verdict import PinLimits, PinVerdict
 from .run_drives import Bools, RunDrives
 from .shown_frames import FIT_SHARE, CaptureLimits, ShownFrames, shown_frames
-from .silence import pin_stops
+from .silence import EndOfSound, end_of_sound
 
 _HALF: Final = 0.5
 _LATE_PERIODS: Final = 2.0  # one for the boundary that is awaited, one for where its pulse lies
@@ -82,7 +82,7 @@ class _PinJudge:
         alone = self._name_faults(seen) if fits else seen
         judged = seen if fits else np.zeros_like(seen)
         torn = self._check_torn() if fits else 0
-        mute = self._mute() if fits else None
+        end = self._end() if fits else EndOfSound()
         self._check_carrier()
         self._note_events()
         inside = (shown.starts >= -1.0) & (shown.ends <= self.record.end + 1.0)
@@ -95,7 +95,7 @@ class _PinJudge:
             "late": len(self._late_frames),
             "torn": torn,
         }
-        return self._conclude(judged, counts, mute)
+        return self._conclude(judged, counts, end)
 
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
@@ -143,38 +143,14 @@ class _PinJudge:
             late_us = self.shown.late[frame] * self._period_us
             self.events.append(f"{frame}: latched {late_us:.0f} us after most others")
 
-    def _mute(self) -> float | None:
-        """Return in how many periods the output fell silent at the end; None: it did not."""
-        found = pin_stops(self.record, self.run, self.shown)
-        if found is None:
-            self.not_judged["mute"] = "not verified: the capture ends before the run"
-            return None
-        if len(found.sounding) == len(found.stops):
-            self.not_judged["mute"] = self._why_no_mute(bool(found.sounding))
-            return None
-        if found.is_ramp:
-            self.not_judged["mute"] = "the output fades to silence (a ramp)"
-            return None
-        if found.sounding:
-            self._find("mute", f"{_listed(found.sounding)} go on after the others fell silent")
-            return None
-        stops = found.stops
-        first, last = min(stops.values()), max(stops.values())
-        allowed = 1.0 + 2.0 / self.record.samples
-        if last - first > allowed:
-            behind = [e for e, stop in stops.items() if stop - first > allowed]
-            us = (last - first) * self._period_us
-            self._find("mute", f"{_listed(behind)} fall silent {us:.0f} us after the first")
-        return max(0.0, last - first - 1.0)
-
-    def _why_no_mute(self, is_sounding: bool) -> str:
-        if not is_sounding:
-            return "not verified: no captured pin sounds in the last frame"
-        behind_us = max(0.0, self.record.end - self.shown.ends[-1]) * self._period_us
-        return (
-            f"not verified: the output sounds up to the end of the capture, {behind_us / 1e3:.1f} "
-            "ms after the run; the recording does not tell when the host muted the board"
-        )
+    def _end(self) -> EndOfSound:
+        """Judge how the output falls silent at the end."""
+        found = end_of_sound(self.record, self.run, self.shown)
+        for text in found.findings:
+            self._find("mute", text)
+        if found.not_judged:
+            self.not_judged["mute"] = found.not_judged
+        return found
 
     # --- pins ------------------------------------------------------------------------------------
 
@@ -256,7 +232,7 @@ class _PinJudge:
     def _find(self, check: str, text: str) -> None:
         self.findings.setdefault(check, []).append(text)
 
-    def _conclude(self, judged: Bools, counts: dict[str, int], mute: float | None) -> PinVerdict:
+    def _conclude(self, judged: Bools, counts: dict[str, int], end: EndOfSound) -> PinVerdict:
         if self.record.cut:
             self.missing.append(f"the capture was cut off: {self.record.cut}")
         wrong = [line for lines in self.findings.values() for line in lines]
@@ -287,7 +263,8 @@ class _PinJudge:
             ),
             phase_error_rad=float(np.abs(errors[sounding]).max()) if sounding.any() else None,
             amplitude_error=float(sizes[right].max()) if right.any() else None,
-            mute_periods=mute,
+            mute_periods=end.spread_periods,
+            after_mute_periods=end.after_mute_periods,
             carrier_hz=1.0 / record.period_s,
             drift_ppm=record.drift_ppm,
             weights=drives.weights,
@@ -307,8 +284,3 @@ class _PinJudge:
                 f"{record.sample_rate_hz / 1e6:g} Msamples/s cannot show an error of one step of 8 "
                 f"bits; {needed_hz / 1e6:g} Msamples/s can"
             )
-
-
-def _listed(elements: Sequence[int]) -> str:
-    shown = ", ".join(map(str, elements[:8])) + (", ..." if len(elements) > 8 else "")
-    return f"element{'s' if len(elements) > 1 else ''} {shown}"

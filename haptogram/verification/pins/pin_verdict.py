@@ -23,7 +23,8 @@ PIN_CHECKS: Final = {
     "amplitudes": "S5: every captured amplitude is the intended one, as far as samples tell",
     "frames": "no frame is shown by pins that most others contradict",
     "torn": "all captured pins latch within one period of the carrier",
-    "mute": "all captured pins fall silent within one period of the carrier",
+    "mute": "all captured pins fall silent within one period of the carrier, and of MUTE where the "
+    "line of the host was captured",
     "carrier": "the carrier is the one that is meant",
 }
 _NAMED: Final = 8
@@ -78,6 +79,8 @@ class PinVerdict:
         Largest error of a pin that is right.
     mute_periods : float or None
         Time in which the pins fell silent at the end, at least; None: that was not captured.
+    after_mute_periods : float or None
+        From the arrival of MUTE to the begin of the last pulse; None: MUTE was not captured.
     carrier_hz, drift_ppm : float
         Carrier on the analyser's clock, and its distance from the one that is meant.
     events : tuple of str
@@ -106,6 +109,7 @@ class PinVerdict:
     phase_error_rad: float | None
     amplitude_error: float | None
     mute_periods: float | None
+    after_mute_periods: float | None
     carrier_hz: float
     drift_ppm: float
     weights: ComplexArray
@@ -150,6 +154,7 @@ class PinVerdict:
             "amplitude_limit": self.limits.amplitude,
             "amplitude_error": self.amplitude_error,
             "mute_periods": self.mute_periods,
+            "after_mute_periods": self.after_mute_periods,
             "carrier_hz": self.carrier_hz,
             "carrier_drift_ppm": self.drift_ppm,
             "late_us": {str(frame): late for frame, late in self.late_us.items()},
@@ -198,6 +203,11 @@ def pin_lines(pins: PinVerdict) -> Iterator[str]:
         )
     if pins.mute_periods is not None:
         yield f"  mute      all pins within {pins.mute_periods + 1.0:.1f} periods of the carrier"
+    if pins.after_mute_periods is not None:
+        yield (
+            f"  mute      the last pulse begins {pins.after_mute_periods:+.2f} periods after MUTE "
+            "arrived; 1 passes"
+        )
     yield (
         f"  carrier   {pins.carrier_hz:.2f} Hz, {pins.drift_ppm:+.1f} ppm on the analyser's clock"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,12 +10,36 @@ import numpy as np
 
 from haptogram.records.pins import PinRecord
 
+from .line_frames import first_mute
 from .run_drives import RunDrives, fundamentals
 from .shown_frames import ShownFrames
 
 _SILENT_PERIODS: Final = 2.5  # without a pulse
 _FADED: Final = 0.9  # of its amplitude: a pin that has less before its end is on a ramp
+_MUTE_SAMPLES: Final = 2.0  # of two edges, or of an edge and the last bit of MUTE
 _LAST_PULSES: Final = 3  # the last of which may have been cut
+
+
+@dataclass(frozen=True, slots=True)
+class EndOfSound:
+    """The verdict on the end of the output.
+
+    Attributes
+    ----------
+    findings : tuple of str
+        What is wrong.
+    not_judged : str
+        Why the end cannot be judged; empty: it was.
+    spread_periods : float or None
+        Time in which all pins fell silent, beyond the period that passes.
+    after_mute_periods : float or None
+        From the arrival of MUTE to the last pulse that began; None: MUTE was not captured.
+    """
+
+    findings: tuple[str, ...] = ()
+    not_judged: str = ""
+    spread_periods: float | None = None
+    after_mute_periods: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +50,8 @@ class PinStops:
     ----------
     stops : dict of int to float
         By element: the end of its last pulse before a silence.
+    rises : dict of int to float
+        By element: the begin of that pulse.
     sounding : tuple of int
         Elements that sound up to the end of the capture.
     faded : int
@@ -32,6 +59,7 @@ class PinStops:
     """
 
     stops: dict[int, float]
+    rises: dict[int, float]
     sounding: tuple[int, ...]
     faded: int
 
@@ -48,7 +76,7 @@ def pin_stops(record: PinRecord, run: RunDrives, shown: ShownFrames) -> PinStops
         return None
     last = frames[-1]
     sizes = np.abs(shown.drives.weights[last])
-    stops, sounding, faded = {}, [], 0
+    stops, rises, sounding, faded = {}, {}, [], 0
     for place, element in enumerate(run.elements):
         pin = record.pins[element]
         first = int(np.searchsorted(pin.rises, shown.starts[last]))
@@ -56,11 +84,90 @@ def pin_stops(record: PinRecord, run: RunDrives, shown: ShownFrames) -> PinStops
             continue
         silences = np.flatnonzero(np.diff(pin.rises[first:]) > _SILENT_PERIODS)
         end = first + int(silences[0]) if len(silences) else len(pin.rises) - 1
-        stops[element] = float(pin.falls[end])
+        stops[element], rises[element] = float(pin.falls[end]), float(pin.rises[end])
         if not len(silences) and stops[element] > record.end - _SILENT_PERIODS:
             sounding.append(element)
         _, vectors = fundamentals(pin)
         before = np.abs(vectors[max(first, end - _LAST_PULSES) : end])
         if len(before) and before.mean() < _FADED * sizes[place] - shown.drives.limit_amplitude:
             faded += 1
-    return PinStops(stops, tuple(sounding), faded)
+    return PinStops(stops, rises, tuple(sounding), faded)
+
+
+def end_of_sound(record: PinRecord, run: RunDrives, shown: ShownFrames) -> EndOfSound:
+    """Judge how the pins fall silent after the last frame of the run.
+
+    With the host's line of the UART, MUTE is known on the clock of the pins, and no pulse may begin
+    later than a period after it. Without it, all pins fall silent within a period.
+    """
+    found = pin_stops(record, run, shown)
+    if found is None:
+        return EndOfSound(not_judged="not verified: the capture ends before the run")
+    if not found.stops:
+        return EndOfSound(not_judged="not verified: no captured pin sounds in the last frame")
+    mute = None
+    if record.to_board is not None:
+        mute = first_mute(record.to_board, float(shown.starts[-1]))
+    after = None if mute is None else max(found.rises.values()) - mute
+    if mute is not None and (late := _sounding_after_mute(record, found, mute)):
+        return EndOfSound((late,), after_mute_periods=after)
+    if mute is not None and record.end < mute + _SILENT_PERIODS:
+        return EndOfSound(not_judged="not verified: the capture ends with MUTE")
+    if mute is None and len(found.sounding) == len(found.stops):
+        return EndOfSound(not_judged=_why_not_muted(record, shown))
+    if found.is_ramp:
+        return EndOfSound(
+            not_judged="the output fades to silence (a ramp)", after_mute_periods=after
+        )
+    if found.sounding and mute is None:
+        return EndOfSound(
+            (f"{listed_elements(found.sounding)} go on after the others fell silent",)
+        )
+    return _together(record, found, after)
+
+
+def _sounding_after_mute(record: PinRecord, found: PinStops, mute: float) -> str:
+    """Return which pins sound later than a period after MUTE arrived; empty: none does."""
+    limit = mute + 1.0 + _MUTE_SAMPLES / record.samples
+    late = [element for element, rise in found.rises.items() if rise > limit]
+    if not late:
+        return ""
+    us = 1e6 / record.carrier_hz
+    last = max(found.rises[element] for element in late)
+    until = "" if set(late) - set(found.sounding) else ", up to the end of the capture"
+    return (
+        f"{listed_elements(late)} still on {(last - mute) * us:.0f} us after MUTE arrived, may be "
+        f"for {us:.0f} us{until}"
+    )
+
+
+def _together(record: PinRecord, found: PinStops, after: float | None) -> EndOfSound:
+    us = 1e6 / record.carrier_hz
+    first, last = min(found.stops.values()), max(found.stops.values())
+    allowed = 1.0 + _MUTE_SAMPLES / record.samples
+    findings = []
+    if last - first > allowed:
+        behind = [e for e, stop in found.stops.items() if stop - first > allowed]
+        findings.append(
+            f"{listed_elements(behind)} fall silent {(last - first) * us:.0f} us after the first"
+        )
+    return EndOfSound(
+        tuple(findings), spread_periods=max(0.0, last - first - 1.0), after_mute_periods=after
+    )
+
+
+def _why_not_muted(record: PinRecord, shown: ShownFrames) -> str:
+    behind_ms = max(0.0, record.end - float(shown.ends[-1])) * 1e3 / record.carrier_hz
+    what = "no MUTE is on the captured line"
+    if record.to_board is None:
+        what = "capture the line of the host (to_board) to know when it muted the board"
+    return (
+        f"not verified: the output sounds up to the end of the capture, {behind_ms:.1f} ms after "
+        f"the run; {what}"
+    )
+
+
+def listed_elements(elements: Sequence[int]) -> str:
+    """Return elements in words, the first eight by number."""
+    shown = ", ".join(map(str, elements[:8])) + (", ..." if len(elements) > 8 else "")
+    return f"element{'s' if len(elements) > 1 else ''} {shown}"

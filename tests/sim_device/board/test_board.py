@@ -237,7 +237,7 @@ def test_a_latch_in_the_ramp_of_the_hold_restores_full_output():
     assert board.radiated(board.now_us).amplitude_codes[0] == 255
     notices = [n for n in board.take_notices() if isinstance(n, RampBegan | RampEnded)]
     assert notices == [
-        RampBegan(t_us + 3_000, MuteReason.HOLD_EXPIRED),
+        RampBegan(t_us + 3_000, MuteReason.HOLD_EXPIRED, t_us + 5_000),
         RampEnded(board.now_us, restored=True),
     ]
 

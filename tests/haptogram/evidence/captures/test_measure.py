@@ -91,8 +91,8 @@ def test_a_fault_of_the_virtual_board_is_at_its_pins(fault, finding, tmp_path):
 
 @pytest.mark.parametrize("late_us", [75.0, 150.0])
 def test_a_latch_of_which_a_bank_comes_late_is_torn(late_us, tmp_path):
-    late = [late_us if pin >= 8 else 0.0 for pin in range(16)]
-    run = captured_run(tmp_path / "pins.vcd", late_us=late)
+    late = tuple(f"{pin}={late_us}" for pin in range(8, 16))
+    run = captured_run(tmp_path / "pins.vcd", capture_late=late, capture_lingers=late)
     for found in (run.measured(), without_latch_pin(run)):
         torn = [latch for latch in found.latches if found.is_torn(latch)]
         assert len(torn) == len(found.latches) > len(run.latches) - 1

@@ -10,9 +10,12 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record
+from haptogram.records.pins import LineBytes
 from haptogram.settings.faults.kinds import FAULT_KINDS, is_transducer_fault
 from haptogram.verification import Verdict
 from haptogram.verification.pins.joined import verify_captures
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import Mute, build_body
 from pin_captures import MAP, captured_run
 
 
@@ -92,8 +95,8 @@ def test_every_fault_of_the_output_is_named_or_lies_outside_of_the_capture(kind,
 
 @pytest.mark.parametrize("late_us", [75.0, 150.0])
 def test_a_torn_latch_is_a_failure_of_its_own(late_us, tmp_path):
-    late = [late_us if pin >= 8 else 0.0 for pin in range(16)]
-    run = captured_run(tmp_path / "pins.vcd", late_us=late)
+    late = tuple(f"{pin}={late_us}" for pin in range(8, 16))
+    run = captured_run(tmp_path / "pins.vcd", capture_late=late, capture_lingers=late)
     (pins,) = judged(run).pins
     assert pins.verdict is Verdict.FAIL
     assert pins.counts["torn"] == 12
@@ -150,6 +153,37 @@ def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
     )
     (line,) = judged_record(run, longer).pins[0].findings["mute"]
     assert line.startswith("element 4 fall")
+
+
+def with_mute(record, arrival):
+    """Return *record* with a line on which a MUTE arrives at this period."""
+    data = encode_frame(build_body(Mute(), flags=0, seq=1, time_us=0, session=0))
+    times = arrival + 0.133 * np.arange(1 - len(data), 1)
+    return dataclasses.replace(record, to_board=LineBytes(np.frombuffer(data, np.uint8), times))
+
+
+@pytest.mark.parametrize(
+    ("before", "finding"),
+    [(-0.9, None), (0.5, None), (1.5, "still on"), (80.0, "2000 us after MUTE arrived")],
+)
+def test_with_the_line_of_the_host_the_pins_are_silent_a_period_after_mute(
+    before, finding, tmp_path
+):
+    run = captured_run(tmp_path / "pins.vcd", capture_lingers=("all=2000",))
+    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    last = max(pin.rises[-1] for pin in record.pins.values())
+    muted = with_mute(record, last - before)
+    (pins,) = judged_record(run, muted).pins
+    assert pins.after_mute_periods == pytest.approx(before)
+    assert ("mute" in pins.findings) is (finding is not None)
+    if finding:
+        assert finding in pins.findings["mute"][0]
+    endless = dataclasses.replace(muted, end=last + 1.5)
+    (pins,) = judged_record(run, endless).pins
+    if before > 1.0:
+        assert pins.findings["mute"][0].endswith(", up to the end of the capture")
+    else:
+        assert pins.not_judged["mute"] == "not verified: the capture ends with MUTE"
 
 
 def test_a_ramp_to_silence_is_no_torn_mute(tmp_path):

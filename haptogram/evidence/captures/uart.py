@@ -1,0 +1,76 @@
+"""Bytes on a line of a UART, from its edges: 8 data bits, the lowest first, no parity."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .capture import ChannelEdges
+
+#: Samples in a bit that are needed: with fewer, two samples of jitter move an edge by half a bit.
+LEAST_SAMPLES_A_BIT: Final = 4.0
+_BITS: Final = 10  # start, data, stop
+_STOP: Final = 9.5  # bits from the start edge to the middle of the stop bit
+
+
+def decoded_bytes(
+    edges: ChannelEdges, bit: float
+) -> tuple[NDArray[np.uint8], NDArray[np.float64], int]:
+    """Return the bytes of a line, when each has ended, and the characters without a stop bit.
+
+    Parameters
+    ----------
+    edges : ChannelEdges
+        The line, high while it idles.
+    bit : float
+        Ticks of a bit.
+
+    Returns
+    -------
+    values : (B,) numpy.ndarray of uint8
+        The bytes.
+    ends : (B,) numpy.ndarray of float
+        Tick at which the stop bit of each has ended.
+    damaged : int
+        Characters whose stop bit is low, which are left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from haptogram.evidence.captures.capture import ChannelEdges
+    >>> line = ChannelEdges(np.array([100, 110, 120, 180, 190]), True)  # 0x41
+    >>> values, ends, damaged = decoded_bytes(line, 10.0)
+    >>> values.tolist(), ends.tolist(), damaged
+    ([65], [200.0], 0)
+    """
+    starts = _start_edges(edges, bit)
+    samples = starts[:, None] + bit * (np.arange(_BITS - 1) + 1.5)
+    levels = _levels(edges, samples)
+    whole = levels[:, -1]
+    values = np.packbits(levels[whole, :-1], axis=1, bitorder="little").ravel()
+    return values, starts[whole] + _BITS * bit, int((~whole).sum())
+
+
+def _start_edges(edges: ChannelEdges, bit: float) -> NDArray[np.float64]:
+    """Return the falling edges that begin a character, the first of them after a pause."""
+    falling = edges.times[int(not edges.first_level) :: 2].astype(np.float64)
+    if not len(falling):
+        return falling
+    # The level before each falling edge is high since the edge before it.
+    pauses = np.diff(edges.times, prepend=0)[int(not edges.first_level) :: 2]
+    quiet = np.flatnonzero(pauses >= _BITS * bit)
+    following = np.searchsorted(falling, falling + _STOP * bit).tolist()
+    place = int(quiet[0]) if len(quiet) else 0
+    found = []
+    while place < len(falling):
+        found.append(place)
+        place = following[place]
+    return falling[found]
+
+
+def _levels(edges: ChannelEdges, ticks: NDArray[np.float64]) -> NDArray[np.bool_]:
+    passed = np.searchsorted(edges.times, ticks, side="right")
+    levels: NDArray[np.bool_] = (passed % 2 == 1) ^ edges.first_level
+    return levels

@@ -1,0 +1,80 @@
+"""The frames on a captured line of the UART, with their times on the clock of the pins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptogram.records.pins import LineBytes
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import decode_frame, fastest_cobs
+from haptogram_protocol.messages import Header, Message, MessageType, parse_body
+
+
+@dataclass(frozen=True, slots=True)
+class LineFrame:
+    """A frame whose CRC is right; times in periods of the carrier.
+
+    Attributes
+    ----------
+    begin : float
+        When its first byte had been received.
+    arrival : float
+        When its closing delimiter had been received.
+    header : Header
+        Its header.
+    message : Message or None
+        Its message; None: its payload cannot be read.
+    """
+
+    begin: float
+    arrival: float
+    header: Header
+    message: Message | None
+
+
+def line_frames(line: LineBytes) -> list[LineFrame]:
+    """Return the frames of one direction, in order; what is no frame is left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from haptogram.records.pins import LineBytes
+    >>> from haptogram_protocol.framing import encode_frame
+    >>> from haptogram_protocol.messages import Mute, build_body
+    >>> data = encode_frame(build_body(Mute(), flags=0, seq=1, time_us=0, session=0))
+    >>> times = np.arange(len(data)) * 0.13
+    >>> [frame] = line_frames(LineBytes(np.frombuffer(data, np.uint8), times))
+    >>> frame.message, round(frame.arrival, 2)
+    (Mute(), 2.08)
+    """
+    data, cobs = line.values.tobytes(), fastest_cobs()
+    delimiters = np.flatnonzero(line.values == 0).tolist()
+    found = []
+    before = -1
+    for place in delimiters:
+        first, before = before + 1, place
+        if place == first:
+            continue
+        try:
+            body = decode_frame(data[first:place], cobs.decode)
+        except (RemoteProtocolError, cobs.refusal):
+            continue
+        header = Header.unpack(body[: Header.LAYOUT.size])
+        begin, arrival = float(line.times[first]), float(line.times[place])
+        found.append(LineFrame(begin, arrival, header, _message(body)))
+    return found
+
+
+def _message(body: bytes) -> Message | None:
+    try:
+        return parse_body(body)[1]
+    except RemoteProtocolError:
+        return None
+
+
+def first_mute(line: LineBytes, begin: float) -> float | None:
+    """Return when the first MUTE from *begin* on arrived, in periods; None: none did."""
+    arrivals = (f.arrival for f in line_frames(line) if f.header.type == MessageType.MUTE)
+    return next((arrival for arrival in arrivals if arrival >= begin), None)
