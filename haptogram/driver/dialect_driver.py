@@ -21,6 +21,7 @@ from haptogram.acoustics.arrays import as_float_array
 from haptogram.acoustics.solvers.several import Method
 from haptogram.driver.frames.dialect_boards import (
     assumed_dialect_model,
+    checked_channels,
     dialect_display_of,
     mounted_model,
 )
@@ -185,10 +186,12 @@ class DialectDriver(ClosedByWith):
         check_callable("sink", sink)
         self.model = assumed_dialect_model(dialect, medium) if model is None else model
         elements = None if calibration is None else Calibration.of(calibration)
-        count = self.model.array.count if channels is None else max(channels, default=0) + 1
-        self.boards = math.ceil(count / dialect.channels)
+        if channels is None:
+            self._channels: Sequence[int] = range(self.model.array.count)
+        else:
+            self._channels = checked_channels(channels)
+        self.boards = math.ceil((max(self._channels) + 1) / dialect.channels)
         display = dialect_display_of(dialect, self.boards)
-        self._channels = range(count) if channels is None else channels
         if model is None and display.mounting:
             self.model = mounted_model(self.model, display)
         if elements is not None:

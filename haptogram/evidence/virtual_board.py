@@ -33,6 +33,7 @@ from haptogram.settings.arguments import (
     check_argument_kind,
     check_callable,
     check_number,
+    check_texts,
     check_whole,
 )
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
@@ -121,6 +122,7 @@ class VirtualBoard(ClosedByWith):
         if baudrate is not None:
             check_whole("baudrate", baudrate, 1, MAX_BAUD)
         check_argument_kind("reconstruct", reconstruct, bool, "True or False")
+        check_texts("dialect_options", dialect_options, "boards=2")
         elements = None if calibration is None else Calibration.of(calibration)
         config = BoardConfig.of(
             array=array,
@@ -130,7 +132,7 @@ class VirtualBoard(ClosedByWith):
             baud=baudrate,
             fault_plan=fault_plan,
             dialect=dialect,
-            dialect_option=dialect_options,
+            dialect_option=tuple(dialect_options),
         )
         added = dataclasses.replace(config, faults=config.faults + parse_faults(faults))
         self._power_up(added, elements, reconstruct=reconstruct)

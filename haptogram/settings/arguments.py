@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, Final, TypeAlias, TypeVar
 
 from haptogram.errors import ConfigurationError
@@ -91,6 +91,19 @@ def check_argument_kind(
     """Raise unless *value* is of *kind*, which is called *told* in the message."""
     if not isinstance(value, kind):
         raise ConfigurationError(f"{name} is {shown_argument(value)}, must be {told}")
+
+
+def check_texts(name: str, value: Any, such_as: str) -> None:
+    """Raise unless *value* is a sequence of texts *such_as* that one; one text alone is none."""
+    if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+        raise ConfigurationError(
+            f"{name} is {shown_argument(value)}, must be a list such as [{such_as!r}]"
+        )
+    for place, text in enumerate(value):
+        if not isinstance(text, str):
+            raise ConfigurationError(
+                f"{name}[{place}] is {shown_argument(text)}, must be a text such as {such_as!r}"
+            )
 
 
 def check_callable(name: str, value: Any) -> None:

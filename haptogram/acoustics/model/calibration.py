@@ -22,7 +22,7 @@ from haptogram.acoustics.arrays import (
 from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M, TransducerArray
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import check_number
+from haptogram.settings.arguments import check_number, shown_argument
 
 HEADER: Final = ("element", "gain", "phase_rad", "x_mm", "y_mm", "z_mm")
 MAX_GAIN: Final = 10.0
@@ -116,7 +116,8 @@ class Calibration:
             return cls.from_file(source)
         if not isinstance(source, Calibration):
             raise ConfigurationError(
-                f"calibration is {source!r}, must be a Calibration or the name of a file"
+                f"calibration is {shown_argument(source)}, must be a Calibration or the name of a "
+                "file"
             )
         return source
 

@@ -3,14 +3,40 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Any, Final
 
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer
 from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_whole, shown_argument
 from haptogram_protocol.dialects.codec import Dialect, Display
 from haptogram_protocol.errors import LocalProtocolError
+
+_HIGHEST_CHANNEL: Final = 0xFFFF  # of any line of boards
+
+
+def checked_channels(channels: Any) -> tuple[int, ...]:
+    """Return *channels* as whole numbers; whether the boards have them, their display decides.
+
+    Raises
+    ------
+    ConfigurationError
+        If they are no sequence of whole numbers from 0 on.
+    """
+    is_row = isinstance(channels, np.ndarray) and channels.ndim == 1
+    is_list = isinstance(channels, Sequence) and not isinstance(channels, str | bytes)
+    if not (is_row or is_list) or len(channels) == 0:
+        raise ConfigurationError(
+            f"channels is {shown_argument(channels)}, must be a sequence of whole numbers, one for "
+            "each element"
+        )
+    return tuple(
+        check_whole(f"channels[{place}]", channel, 0, _HIGHEST_CHANNEL)
+        for place, channel in enumerate(channels)
+    )
 
 
 def dialect_display_of(dialect: Dialect, boards: int) -> Display:

@@ -87,7 +87,7 @@ class DialectFrameBuilder:
 
     def __init__(self, model: AcousticModel, display: Display, channels: Sequence[int]) -> None:
         self._model, self._display = model, display
-        self._channels = [int(channel) for channel in channels]
+        self._channels = channels
         if len(self._channels) != model.array.count:
             raise ConfigurationError(
                 f"channels holds {len(self._channels)}, must be one for each of "

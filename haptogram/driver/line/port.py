@@ -75,7 +75,7 @@ class Transport(Protocol):
 def check_port(port: object, baudrate: int, timeout_s: float) -> None:
     """Refuse a port that is neither a URL nor a Transport, before anything is opened."""
     methods = ("url", "now_ns", "read_available", "write_some", "close")
-    if not (port and isinstance(port, str)) and not all(hasattr(port, name) for name in methods):
+    if not (isinstance(port, str) and port) and not all(hasattr(port, name) for name in methods):
         raise ConfigurationError(
             f"port is {shown_argument(port)}, must be a URL such as '/dev/ttyUSB0', "
             "or an open Transport"
@@ -228,7 +228,7 @@ def _open_port(url: str, baudrate: int) -> Any:
     except ConfigurationError:
         raise
     except ValueError as error:
-        raise ConfigurationError(f"{url} at {baudrate} baud: {_one_line(error)}") from error
+        raise ConfigurationError(f"port {url!r} at {baudrate} baud: {_one_line(error)}") from error
 
 
 def _opening_error(url: str, error: OSError) -> LinkError:

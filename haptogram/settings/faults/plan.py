@@ -10,7 +10,7 @@ from typing import Any, Final, Self
 
 from haptogram.errors import ConfigurationError
 
-from ..arguments import shown_argument
+from ..arguments import check_texts
 from ..text_file import read_text
 from .checks import (
     FOR_EVER_NS,
@@ -211,14 +211,7 @@ def parse_faults(texts: Sequence[str]) -> tuple[Fault, ...]:
     ConfigurationError
         Also for one text instead of a list.
     """
-    if isinstance(texts, str | bytes) or not isinstance(texts, Sequence):
-        raise ConfigurationError(
-            f"faults is {shown_argument(texts)}, must be a list such as [{_SUCH_AS!r}]"
-        )
-    for number, text in enumerate(texts):
-        if not isinstance(text, str):
-            must_be = f"must be a text such as {_SUCH_AS!r}"
-            raise ConfigurationError(f"faults[{number}] is {shown_argument(text)}, {must_be}")
+    check_texts("faults", texts, _SUCH_AS)
     return tuple(map(Fault.parse, texts))
 
 

@@ -1,5 +1,6 @@
 """What a user can get wrong in the public surface: one line with argument, value and limit."""
 
+import contextlib
 import inspect
 import math
 import re
@@ -9,13 +10,18 @@ import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel
+from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.driver.driver import Driver
+from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
 from haptogram.records.frame import Evidence, Focus, FrameKey, Observation
 from haptogram.settings.arguments import check_choice, check_number, check_whole, shown_argument
+from haptogram.settings.board import BoardConfig
+from haptogram.settings.board_url import PortConfig
 from latched_drives import intend
+from sim_device.protocol_haptogram import open_port
 from virtual_ports import BoardPort
 
 NAN, INF = math.nan, math.inf
@@ -30,7 +36,7 @@ TEXT = (None, 5, NAN, b"x", ["x"], object())
 FLAG = (None, "yes", 0, 1, NAN, [])
 CALLABLE = (5, "x", NAN, [])
 MODE = (5, NAN, "colours", "", ["phases"], b"phases")
-OTHER = (5, NAN, "x", [], object())  # for an object of a class
+OTHER = (5, NAN, "x", [], object(), np.zeros((2, 2)))  # for an object of a class
 TARGETS = (
     None,
     5,
@@ -83,8 +89,9 @@ def optional(values):
     return tuple(value for value in values if value is not None)
 
 
+DIALECT_PARAMETERS = {"port", "timeout_s", "model", "medium", "calibration", "keep", "sink"}
 DRIVER = {
-    "port": (None, 5, NAN, "", b"/dev/ttyUSB0", [], {}, object(), Path("/dev/ttyUSB0")),
+    "port": (None, 5, NAN, "", b"/dev/ttyUSB0", [], {}, object(), Path("/x"), "a\0b", np.zeros(3)),
     "baudrate": (None, *WHOLE, 0),
     "nonce": (*WHOLE, 0, 65_536),
     "seed": WHOLE,
@@ -98,6 +105,14 @@ DRIVER = {
     "sink": CALLABLE,
     "dialect": [3, True, "sonicsurfaces", b"sonicsurface"],
 }
+CHANNELS = (5, NAN, "x", b"x", [], {}, {1, 2}, object(), ["a"], [None], [[1]], [True], [-1])
+DIALECT_DRIVER = {
+    **{name: values for name, values in DRIVER.items() if name in DIALECT_PARAMETERS},
+    "baudrate": (*WHOLE, 0),
+    "dialect": (None, 3, True, "sonicsurfaces", b"sonicsurface"),
+    "channels": (*CHANNELS, [1.0], [NAN], [10**30], [0, 1], np.zeros((16, 16), int), np.zeros(256)),
+}
+DIALECT_STREAM = ("targets", "rate_hz", "loops", "spin_us", "realtime", "solver", "progress")
 STREAM = {
     "targets": TARGETS,
     "rate_hz": (None, *NUMBER, 0),
@@ -128,9 +143,16 @@ METHODS = {
     "correct_phases": {"codes": (None, 5, NAN, "x" * 16, [0] * 16, b"", bytes(15), bytes(17))},
     "read_drive": {"kind": (None, *OTHER)},
 }
+DIALECT_METHODS = {
+    "focus": {"target_m": METHODS["focus"]["target_m"], "solver": (None, *MODE)},
+    "phases": {"phases_rad": (None, 5, NAN, "x", [], [0.0], np.full(256, NAN), [1j] * 256)},
+    "hold": METHODS["hold"],
+    "frames": {name: METHODS["frames"][name] for name in ("targets", "solver")},
+    "stream": {name: STREAM[name] for name in DIALECT_STREAM},
+}
 GIVEN = {
     "focus": {"target_m": PLACE},
-    "stream": {"targets": [PLACE], "rate_hz": 500},
+    "stream": {"targets": [PLACE], "rate_hz": 20},
     "play": {"targets": [PLACE], "rate_hz": 500},
     "frames": {"targets": [PLACE]},
 }
@@ -141,7 +163,6 @@ SAID = {
     "codes": "codes|phase corrections",
     "rate_hz": "rate",
     "array": "array|grid",
-    "dialect_options": "dialect_option",
 }
 BOARD = {
     "array": (*TEXT, "", "x", "0x0", "1x-1", "100x100", "/nowhere.csv", "16"),
@@ -154,7 +175,7 @@ BOARD = {
     "fault_plan": (5, NAN, [], object()),
     "calibration": OTHER,
     "dialect": (*optional(TEXT), ""),
-    "dialect_options": (5, NAN, "x=1", [5], [""], object()),
+    "dialect_options": (None, 5, NAN, "x=1", [5], {}, object(), np.zeros(3)),
 }
 INTENDED = (None, 5, NAN, "x", [1], [None], {}, object(), [PLACE])
 VERIFY = {
@@ -213,6 +234,10 @@ def each(table):
     return [pytest.param(name, values, id=name) for name, values in table.items()]
 
 
+def each_in(tables):
+    return [(of, name, values) for of, table in tables.items() for name, values in table.items()]
+
+
 # --- the driver ----------------------------------------------------------------------------------
 
 
@@ -227,7 +252,7 @@ def test_a_driver_refuses_before_it_opens_anything(name, values):
 
 @pytest.mark.parametrize(
     ("method", "name", "values"),
-    [(method, name, values) for method, table in METHODS.items() for name, values in table.items()],
+    each_in(METHODS),
 )
 def test_a_driver_refuses_before_the_first_byte(method, name, values):
     assert covers(getattr(Driver, method), METHODS[method])
@@ -240,6 +265,33 @@ def test_a_driver_refuses_before_the_first_byte(method, name, values):
             call = getattr(driver, method)
             refused(lambda **given: call(**(GIVEN.get(method, {}) | given)), name, value)  # noqa: B023
             assert (len(port.written), len(driver.intended)) == (before, intended), value
+
+
+@pytest.mark.parametrize(("name", "values"), each(DIALECT_DRIVER))
+def test_a_driver_of_another_wire_refuses_before_it_opens_anything(name, values):
+    assert covers(DialectDriver.__init__, DIALECT_DRIVER, "others")
+    for value in values:
+        port = BoardPort(model=MODEL)
+        given = {"port": port, "dialect": "sonicsurface"}
+        refused(lambda **wrong: DialectDriver(**(given | wrong)), name, value)  # noqa: B023
+        assert port.written == []
+
+
+@pytest.mark.parametrize(
+    ("method", "name", "values"),
+    each_in(DIALECT_METHODS),
+)
+def test_a_driver_of_another_wire_refuses_before_the_first_byte(method, name, values):
+    assert covers(getattr(DialectDriver, method), DIALECT_METHODS[method])
+    config = PortConfig(board=BoardConfig.of(dialect="sonicsurface"), clock="virtual")
+    with (
+        contextlib.closing(open_port(config)) as board,
+        DialectDriver(PyserialTransport(board, "board"), dialect="sonicsurface") as driver,
+    ):
+        before, call = len(board.records), getattr(driver, method)
+        for value in values:
+            refused(lambda **given: call(**(GIVEN.get(method, {}) | given)), name, value)
+            assert (len(board.records), len(driver.intended)) == (before, 0), value
 
 
 @pytest.mark.parametrize("name", ["hold_ms", "sound_speed_mm_s", "trace_mode"])
@@ -292,11 +344,7 @@ def board():
 @pytest.mark.pty
 @pytest.mark.parametrize(
     ("method", "name", "values"),
-    [
-        (method, name, values)
-        for method, table in BOARD_METHODS.items()
-        for name, values in table.items()
-    ],
+    each_in(BOARD_METHODS),
 )
 def test_a_virtual_board_refuses_at_once(board, method, name, values):
     call = getattr(board, method)
@@ -319,7 +367,7 @@ def test_what_was_seen_is_not_what_was_intended(board):
 
 @pytest.mark.parametrize(
     ("shape", "name", "values"),
-    [(shape, name, values) for shape, table in SHAPES.items() for name, values in table.items()],
+    each_in(SHAPES),
 )
 def test_a_shape_is_one_that_can_be(shape, name, values):
     assert covers(shape, SHAPES[shape])
