@@ -19,7 +19,8 @@ from haptogram.evidence.backdoor import (
 )
 from haptogram.evidence.dialects.latches import run_observations
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.records.frame import Observation
+from haptogram.records.frame import Intended, Observation
+from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import Feature, HelloReply, StateChanged, TraceDrive, TraceMode
 from haptogram_protocol.state import OutputState
@@ -28,6 +29,25 @@ _TRACE_SHARE: Final = 0.5  # of the line from the board, for full drives
 _AFTER_LAST_NS: Final = 5_000_000
 _LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as it likes
 _DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
+
+
+class DriverRecords(Protocol):
+    """The records that a driver of any wire leaves of a run."""
+
+    @property
+    def session(self) -> int:
+        """Nonce of the session; 0 on a wire without sessions."""
+        ...
+
+    @property
+    def intended(self) -> KeptRecords[Intended]:
+        """Frames that were sent or due, in order."""
+        ...
+
+    @property
+    def observations(self) -> KeptRecords[Observation]:
+        """Latches that the board reported, or that the bytes on the wire are."""
+        ...
 
 
 class BoardUnderTest(Protocol):
@@ -65,7 +85,7 @@ class BoardUnderTest(Protocol):
         ...
 
     def observations(
-        self, driver: Driver, progress: Progress | None = None, *, skip_fields: bool = False
+        self, driver: DriverRecords, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> Sequence[Observation]:
         """Return the latches of the session of *driver*, which is closed by now.
 
@@ -134,7 +154,7 @@ class ProcessBoard:
         return ran
 
     def observations(
-        self, driver: Driver, progress: Progress | None = None, *, skip_fields: bool = False
+        self, driver: DriverRecords, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> list[Observation]:
         """End the board, and return everything that came out of its back door."""
         expected = driver.intended.total
@@ -210,7 +230,7 @@ class InProcessBoard:
 
     def observations(
         self,
-        driver: Driver,
+        driver: DriverRecords,
         progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
         *,
         skip_fields: bool = False,  # noqa: ARG002  nor to leave out
@@ -346,7 +366,7 @@ class PortBoard:
 
     def observations(
         self,
-        driver: Driver,
+        driver: DriverRecords,
         progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
         *,
         skip_fields: bool = False,  # noqa: ARG002  nor to leave out

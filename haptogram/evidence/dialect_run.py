@@ -25,7 +25,6 @@ from haptogram_protocol.dialects.codec import Dialect
 
 if TYPE_CHECKING:
     from haptogram.acoustics.solvers.several import Method
-    from haptogram.driver.driver import Driver
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 
@@ -117,8 +116,7 @@ def measure_dialect_run(
             driver.close()
         except LinkError as error:
             found.warnings.append(str(error))
-    same = cast("Driver", driver)  # of which a board asks for frames and observations alone
-    found.observations = board.observations(same, settling, skip_fields=found.interrupted)
+    found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if tap is not None:
         tap.tell(board.records())
     found.unseen, found.fault_counts = board.unseen, board.fault_counts
