@@ -1,0 +1,149 @@
+"""Latches of boards whose wires number nothing, joined with the frames that were intended.
+
+Such latches are joined by their order. A latch that is the drive of a frame is taken for it;
+between such pairs the others are paired as they come, and what is left over of either side is lost,
+or was not intended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import Drive
+from haptogram.records.frame import STREAM, Evidence, FrameKey, Intended, Observation
+
+_TURN: Final = 256  # codes of a drive in a period
+_WINDOW: Final = 8  # frames or latches that may be missing in a row before order alone counts
+_NOBODY_INTENDED: Final = 1  # loop of their keys: the frames of a host have loop 0
+
+
+@dataclass(frozen=True, slots=True)
+class UnnumberedLatch:
+    """One observed latch, without the key of a frame.
+
+    Attributes
+    ----------
+    number : int
+        Number of the latch at the board.
+    t_latch_us : int
+        Device time of the latch, microseconds.
+    drive, radiated : Drive
+        Latched and radiated drive, up to one phase that all channels share.
+    """
+
+    number: int
+    t_latch_us: int
+    drive: Drive
+    radiated: Drive
+
+
+def observations_of_unnumbered(
+    intended: Sequence[Intended], latches: Sequence[UnnumberedLatch]
+) -> list[Observation]:
+    """Return *latches*, each with the key of its frame and without the phase that all share.
+
+    A latch that nobody intended has a key of its own.
+    """
+    return [
+        _observation(latch, frame)
+        for frame, latch in _joined(intended, latches)
+        if latch is not None
+    ]
+
+
+def _joined(
+    intended: Sequence[Intended], latches: Sequence[UnnumberedLatch]
+) -> Iterator[tuple[Intended | None, UnnumberedLatch | None]]:
+    """Yield frames with their latches, in order; None: lost, or not intended."""
+    frame, latch = 0, 0
+    while frame < len(intended) and latch < len(latches):
+        lost, extra = _next_pair(
+            intended[frame : frame + _WINDOW],
+            latches[latch : latch + _WINDOW],
+            (len(intended) - frame) - (len(latches) - latch),
+        )
+        both = min(lost, extra)
+        for step in range(both):
+            yield intended[frame + step], latches[latch + step]
+        yield from ((wanted, None) for wanted in intended[frame + both : frame + lost])
+        yield from ((None, seen) for seen in latches[latch + both : latch + extra])
+        frame, latch = frame + lost, latch + extra
+        if frame < len(intended) and latch < len(latches):
+            yield intended[frame], latches[latch]
+            frame, latch = frame + 1, latch + 1
+    yield from ((wanted, None) for wanted in intended[frame:])
+    yield from ((None, seen) for seen in latches[latch:])
+
+
+def _next_pair(
+    frames: Sequence[Intended], latches: Sequence[UnnumberedLatch], missing: int
+) -> tuple[int, int]:
+    """Return how many frames and latches come before the first pair that is the same drive.
+
+    As many of both, if there is such a pair. Else more frames if latches are *missing* in all, more
+    latches if there are too many: an object that repeats fits in several ways. None of either
+    without any pair.
+    """
+    places = [
+        (frame, total - frame)
+        for total in range(2 * _WINDOW + 1)
+        for frame in range(total + 1)
+        if frame < len(frames) and total - frame < len(latches)
+    ]
+    places.sort(key=lambda place: (place[0] != place[1], (place[0] - place[1]) * missing <= 0))
+    return next((at for at in places if _is_drive_of(latches[at[1]], frames[at[0]])), (0, 0))
+
+
+def _is_drive_of(latch: UnnumberedLatch, frame: Intended) -> bool:
+    """Return True if the latched drive is that of *frame*."""
+    found, wanted = latch.drive, frame.drive
+    sounding = wanted.amplitude_codes > 0
+    if not np.array_equal(found.amplitude_codes > 0, sounding):
+        return False
+    if not sounding.any():
+        return True
+    error = _lags(found, wanted)[sounding]
+    return bool(np.abs(_signed(error - error[0])).max() <= 1)
+
+
+def _observation(latch: UnnumberedLatch, frame: Intended | None) -> Observation:
+    if frame is None:
+        key, lag = FrameKey(0, STREAM, _NOBODY_INTENDED, latch.number), 0
+    else:
+        key, lag = frame.key, _common_lag(latch.drive, frame.drive)
+    drive, radiated = _without_lag(latch.drive, lag), _without_lag(latch.radiated, lag)
+    return Observation(
+        key=key,
+        t_latch_us=latch.t_latch_us,
+        late=False,
+        evidence=Evidence.EXTERNAL,
+        drive=drive,
+        radiated=None if radiated == drive else radiated,
+    )
+
+
+def _common_lag(found: Drive, wanted: Drive) -> int:
+    """Return the lag that most channels share, which the shape of the pulses makes."""
+    sounding = (found.amplitude_codes > 0) & (wanted.amplitude_codes > 0)
+    if not sounding.any():
+        return 0
+    return int(np.bincount(_lags(found, wanted)[sounding] % _TURN).argmax())
+
+
+def _lags(found: Drive, wanted: Drive) -> NDArray[np.int64]:
+    return found.phase_codes.astype(np.int64) - wanted.phase_codes.astype(np.int64)
+
+
+def _signed(lags: NDArray[np.int64]) -> NDArray[np.int64]:
+    return (lags + _TURN // 2) % _TURN - _TURN // 2
+
+
+def _without_lag(drive: Drive, lag: int) -> Drive:
+    """Return *drive* with *lag* taken off each phase code; silent elements have code 0."""
+    codes = (drive.phase_codes.astype(np.int64) - lag) % _TURN
+    return Drive(np.where(drive.amplitude_codes > 0, codes, 0), drive.amplitude_codes)
