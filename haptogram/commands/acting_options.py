@@ -277,8 +277,8 @@ ACTING: Final[Mapping[str, Rows]] = {
     "field": _FIELD,
     "soak": {
         **_always(
-            "hours fault_rate seed segment_minutes jobs resume json html summary record mutant "
-            "quiet"
+            "hours fault_rate seed segment_minutes jobs resume json junit html summary record "
+            "mutant quiet"
         ),
         "stamp": _STAMPED,
     },

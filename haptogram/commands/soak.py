@@ -57,6 +57,7 @@ class SittingConfig(Settings):
         help="checkpoint: written after every segment, and gone on from if it is there",
     )
     json: Path | None = option_of(OutputConfig, "json")
+    junit: Path | None = option_of(OutputConfig, "junit")
     html: Path | None = option_of(OutputConfig, "html")
     summary: Path | None = option_of(OutputConfig, "summary")
     stamp: str | None = option_of(OutputConfig, "stamp")
@@ -92,7 +93,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     from haptogram.report.soak.text import soak_text
 
     refuse_idle_options("soak", arguments)
-    outputs = Outputs(arguments, "json", "html", "summary", "resume", "record", pictures=False)
+    outputs = Outputs(arguments, "json", "junit", "html", "summary", "resume", "record")
     if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
     provenance = provenance_of_run(arguments)
@@ -129,6 +130,7 @@ def _write(
     provenance: Provenance,
 ) -> None:
     from haptogram.report.formats.job_summary import write_job_summary
+    from haptogram.report.soak.junit import write_soak_junit
     from haptogram.report.soak.page import write_soak_page
     from haptogram.report.soak.summary import soak_summary
 
@@ -136,6 +138,7 @@ def _write(
     annotate_job(summary, outputs)
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
         (arguments.json, campaign.save),
+        (arguments.junit, lambda path: write_soak_junit(path, campaign, provenance=provenance)),
         (arguments.html, lambda path: write_soak_page(path, campaign, provenance=provenance)),
         (arguments.summary, lambda path: write_job_summary(path, summary, provenance)),
     )

@@ -19,12 +19,12 @@ from haptogram.machine.files import write_json_file
 from .memory import SoakMemory, resident_bytes
 from .segment import MakeBoard, run_segment
 from .setup import SoakSetup
-from .tally import SoakTally
+from .tally import MEMORY_GREW, SoakTally
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
-VERSION: Final = 1
+VERSION: Final = 2
 
 #: Called with the virtual seconds that are done, of this segment and those before it.
 Progress: TypeAlias = Callable[[float], None]
@@ -98,6 +98,7 @@ class SoakCampaign:
             "version": VERSION,
             "setup": self.setup.as_dict(),
             "segments": self.setup.segments,
+            "interval_s": self.setup.interval_s,
             "done": self.done,
             "spent_s": round(self.spent_s, 3),
             "times_real_time": round(self.times_real_time, 3),
@@ -127,7 +128,7 @@ class SoakCampaign:
     @property
     def failures(self) -> dict[str, int]:
         """Counts of the events that must not happen, by name."""
-        grown = {"memory grew": 1} if self.memory.grown_bytes is not None else {}
+        grown = {MEMORY_GREW: 1} if self.memory.grown_bytes is not None else {}
         return dict(sorted(self.tally.violations.items())) | grown
 
     def run(
@@ -222,6 +223,7 @@ def _run(
         seconds=setup.length_s(number),
         start_s=start_s,
         fault_rate=setup.fault_rate,
+        interval_s=setup.interval_s,
         progress=None if progress is None else lambda done_s: progress(start_s + done_s),
         recorded=recorded,
     )

@@ -14,9 +14,8 @@ from typing import Final
 from haptogram_protocol.framing import DELIMITER
 
 from .faults import FAULTS, KINDS
-from .tally import UNEXPLAINED, SoakHit, SoakTally
+from .tally import DAMAGE, UNEXPLAINED, SoakHit, SoakTally
 
-DAMAGE: Final = frozenset({"cobs", "short", "crc", "oversize"})
 _NS_PER_S: Final = 1_000_000_000
 _BITS_PER_BYTE: Final = 10
 _MOST_BEHIND_NS: Final = 60_000_000  # no delay makes the line fall further behind

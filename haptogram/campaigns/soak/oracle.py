@@ -75,6 +75,7 @@ class SoakOracle:
     ) -> None:
         """Take note that a stream frame came, undamaged and for the first time."""
         late_us = -signed_difference(t_apply_us, t_rx_us, 32)
+        self._tally.latest_us = max(self._tally.latest_us, late_us)
         if late_us > 0 and cause is None:
             self._tally.violate("late without a cause", f"frame {index}, by {late_us} µs")
         if late_us > self.config.late_window_us:

@@ -20,6 +20,7 @@ from haptogram_protocol.messages import EVENT_RANGE, FIRST_STREAM_SEQ, Message, 
 
 from .board import BoardUnderSoak, Hopeless
 from .board_account import SoakBoardAccount
+from .course import CourseTaker
 from .drives import SoakDrives
 from .excerpts import Excerpts
 from .host_account import SoakHostAccount
@@ -52,6 +53,8 @@ class SoakRig:
         The account.
     excerpts : Excerpts or None
         Keeps what happens around violations, for a recording.
+    course : CourseTaker or None
+        Divides the counts among intervals of time.
 
     Attributes
     ----------
@@ -70,8 +73,10 @@ class SoakRig:
         source: random.Random,
         tally: SoakTally,
         excerpts: Excerpts | None = None,
+        course: CourseTaker | None = None,
     ) -> None:
         self.now_ns = 0
+        self._course = course
         self._excerpts = excerpts
         self.tally = tally
         self.down = SoakLine("down", BAUD, share, source, tally)
@@ -208,6 +213,8 @@ class SoakRig:
                 self._collect()
                 self._push()
         self.now_ns = t_ns
+        if self._course is not None:
+            self._course.advance_to(t_ns)
 
     def idle_until(self, t_ns: int, step_ns: int = 1_000_000) -> None:
         """Let time pass while nothing is streamed, and listen whether the board is silent."""

@@ -25,6 +25,7 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import OutputState
 
 from .board import BoardUnderSoak, Hopeless
+from .course import CourseTaker
 from .excerpts import Excerpts
 from .rig import BAUD, SoakRig
 from .tally import SoakTally
@@ -63,6 +64,7 @@ def run_segment(
     seconds: float,
     start_s: float,
     fault_rate: float,
+    interval_s: float = 1.0,
     progress: Progress | None = None,
     recorded: bool = False,
 ) -> SoakTally:
@@ -76,6 +78,8 @@ def run_segment(
         How long it is, and how long the soak is before it: the board's clock goes on.
     fault_rate : float
         Share of the frames that are hit, in each direction.
+    interval_s : float
+        Length of the intervals of the course, from the begin of the soak on.
     recorded : bool
         Whether the account keeps excerpts around violations.
     """
@@ -89,7 +93,8 @@ def run_segment(
         running_us=round(start_s * 1e6),
     )
     excerpts = Excerpts(tally) if recorded else None
-    rig = SoakRig(board, fault_rate, source, tally, excerpts)
+    course = CourseTaker(tally.course, tally.take_counts, start_s, interval_s)
+    rig = SoakRig(board, fault_rate, source, tally, excerpts, course)
     stepped = any(plan.named(_STEP))
     # What is kept for a recording comes and goes: no leak.
     segment = _Segment(
@@ -99,6 +104,7 @@ def run_segment(
         segment.run(progress)
     except Hopeless as error:
         tally.violate("given up", f"segment {number}: {error}")
+    course.close()
     if excerpts is not None:
         excerpts.look(rig.now_ns)
         tally.excerpts = excerpts.found

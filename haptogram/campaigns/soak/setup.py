@@ -11,6 +11,8 @@ from haptogram.settings.verify_config import LimitConfig
 
 _S_PER_HOUR: Final = 3600
 _S_PER_MINUTE: Final = 60
+_LEAST_INTERVAL_S: Final = 1.0
+_INTERVALS: Final = 400  # as many as a picture shows
 _MOST_RATE: Final = 0.2  # above it, what must come through at times would not
 
 
@@ -59,6 +61,11 @@ class SoakSetup(Settings):
     def segments(self) -> int:
         """Number of segments; the last one may be shorter."""
         return max(1, math.ceil(self.seconds / self.segment_s - 1e-9))
+
+    @property
+    def interval_s(self) -> float:
+        """Virtual length of an interval of the course in seconds."""
+        return max(_LEAST_INTERVAL_S, self.seconds / _INTERVALS)
 
     def start_s(self, number: int) -> float:
         """Return when segment *number* begins."""

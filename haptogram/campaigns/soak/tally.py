@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
+
+from .course import SoakCourse, SoakInterval, joined_course
 
 if TYPE_CHECKING:
     from .excerpts import SoakExcerpt
@@ -13,6 +15,32 @@ MOST_KEPT: Final = 20  # violations that are kept word for word; all are counted
 
 HARMLESS: Final = "harmless"
 UNEXPLAINED: Final = "unexplained"
+MEMORY_GREW: Final = "memory grew"
+DAMAGE: Final = ("crc", "cobs", "oversize", "short")  # what a run of bytes that is damage is
+
+#: What must not happen, and the sentence that is true while it does not.
+VIOLATIONS: Final = {
+    "damaged frame taken": "no damaged frame is taken for one that was sent",
+    "undamaged frame dropped": "no undamaged frame is dropped",
+    "copy taken": "no copy of a frame is taken for another frame",
+    "torn latch": "every latched drive is the one that was sent",
+    "wrong frame latched": "the frame that is latched is the next one that is due",
+    "not latched": "every frame that came in time is latched",
+    "latched at a wrong time": "every latch is on the first carrier period after time and arrival",
+    "late without a cause": "no frame is late that nothing held up",
+    "muted too early": "the output is not off before hold or lease, and ramp",
+    "muted too late": "the output is off after hold or lease, and ramp",
+    "sounds when it is off": "nothing sounds after MUTE, a new session or a mute by a timer",
+    "not in order again": "both ends are in order again after every burst of faults",
+    "no answer": "every request is answered",
+    "given up": "every segment goes on to its end",
+    "memory leak": "board and host keep no more memory than after the first burst",
+    MEMORY_GREW: "no process takes more memory than after its first segment",
+    "clock step unseen": "the host notices every step of the board's clock",
+    "clock stepped by itself": "the host notices no step of the board's clock that was not made",
+    "counter unexplained": "every counter of the board is the sum of what was found",
+    UNEXPLAINED: "every fault is found or harmless, and nothing is found without a fault",
+}
 
 
 @dataclass(slots=True)
@@ -44,8 +72,12 @@ class SoakTally:
         What must not happen, by name.
     examples : list of str
         The first of them, in words.
+    course : SoakCourse
+        What was counted in each interval of virtual time.
+    latest_us : int
+        Of the open interval: by which the latest frame came after its time.
     excerpts : list of SoakExcerpt
-        Of one segment: what happened around them, if that is recorded.
+        Of one segment: what happened around the violations, if that is recorded.
     """
 
     injected: Counter[str] = field(default_factory=Counter)
@@ -55,11 +87,16 @@ class SoakTally:
     totals: Counter[str] = field(default_factory=Counter)
     violations: Counter[str] = field(default_factory=Counter)
     examples: list[str] = field(default_factory=list)
+    course: SoakCourse = field(default_factory=dict)
+    latest_us: int = 0
     excerpts: list[SoakExcerpt] = field(default_factory=list)
 
     def plus(self, other: SoakTally) -> SoakTally:
         """Return the account of both."""
-        both = SoakTally(examples=(self.examples + other.examples)[:MOST_KEPT])
+        both = SoakTally(
+            examples=(self.examples + other.examples)[:MOST_KEPT],
+            course=joined_course(self.course, other.course),
+        )
         for name in ("injected", "detected", "harmless", "outcomes", "totals", "violations"):
             counts = getattr(both, name)
             counts.update(getattr(self, name))
@@ -67,7 +104,9 @@ class SoakTally:
         return both
 
     def violate(self, name: str, text: str) -> None:
-        """Take down what must not happen."""
+        """Take down what must not happen; *name* is one of :data:`VIOLATIONS`."""
+        if name not in VIOLATIONS:
+            raise KeyError(name)
         self.violations[name] += 1
         if len(self.examples) < MOST_KEPT:
             self.examples.append(f"{name}: {text}")
@@ -91,6 +130,19 @@ class SoakTally:
         else:
             self.violate(UNEXPLAINED, f"{hit.kind}: its frame vanished and nobody noticed")
 
+    def take_counts(self) -> SoakInterval:
+        """Return what was counted until now, and begin anew with the latest frame."""
+        ends = ("the board", "the host")
+        latest_us, self.latest_us = self.latest_us, 0
+        return SoakInterval(
+            frames=self.totals["frames"],
+            damaged=sum(self.totals[f"{end}: {found}"] for end in ends for found in DAMAGE),
+            lost=self.totals["gap"],
+            late=self.totals["late"] + self.totals["dropped_late"],
+            latest_us=latest_us,
+            violations=self.violations.total(),
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON can hold it."""
         kinds = {
@@ -107,6 +159,7 @@ class SoakTally:
             "totals": dict(sorted(self.totals.items())),
             "violations": dict(sorted(self.violations.items())),
             "examples": self.examples,
+            "course": [{"interval": n} | asdict(one) for n, one in self.course.items()],
         }
 
     @classmethod
@@ -116,6 +169,7 @@ class SoakTally:
             totals=Counter(data["totals"]),
             violations=Counter(data["violations"]),
             examples=list(data["examples"]),
+            course={one.pop("interval"): SoakInterval(**one) for one in map(dict, data["course"])},
         )
         for kind, row in data["faults"].items():
             tally.injected[kind] = row["injected"]

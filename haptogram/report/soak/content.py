@@ -78,7 +78,7 @@ def soak_fault_rows(tally: SoakTally) -> list[tuple[str, ...]]:
         outcomes = sorted(tally.outcomes.items())
         found = ", ".join(f"{name} {n}" for (k, name), n in outcomes if k == kind)
         counts = (count, tally.detected[kind], tally.harmless[kind])
-        rows.append((kind, *map(str, counts), found or "–"))
+        rows.append((kind, *map(str, counts), found))
     return rows
 
 

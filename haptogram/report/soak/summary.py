@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from haptogram.campaigns.soak.campaign import SoakCampaign
+from haptogram.campaigns.soak.tally import MEMORY_GREW
 
 from ..formats.job_summary import Finding, JobSummary, Level, SummaryTable
 from . import content
@@ -16,7 +17,7 @@ def soak_summary(campaign: SoakCampaign) -> JobSummary:
     ]
     if not campaign.done:
         findings.append(Finding(Level.ERROR, "segments", sentence))
-    if "memory grew" in campaign.failures:
+    if MEMORY_GREW in campaign.failures:
         findings.append(Finding(Level.ERROR, "memory", content.soak_memory(campaign)))
     return JobSummary(
         command="soak",

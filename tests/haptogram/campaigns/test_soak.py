@@ -6,19 +6,21 @@ import functools
 import json
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
 from haptogram.campaigns.soak import campaign
 from haptogram.campaigns.soak.campaign import Interrupted, SoakCampaign
 from haptogram.campaigns.soak.faults import KINDS
-from haptogram.campaigns.soak.line import DAMAGE
 from haptogram.campaigns.soak.memory import GROWTH_LIMIT_BYTES, SoakMemory
 from haptogram.campaigns.soak.segment import run_segment
 from haptogram.campaigns.soak.setup import SoakSetup
-from haptogram.campaigns.soak.tally import SoakTally
+from haptogram.campaigns.soak.tally import DAMAGE, VIOLATIONS, SoakTally
 from haptogram.cli import board_without_a_line, main
 from haptogram.errors import ConfigurationError
+from haptogram.report.soak.junit import write_soak_junit
+from haptogram.report.soak.page import write_soak_page
 from haptogram.report.soak.text import soak_text
 from haptogram.settings.faults.kinds import FAULT_KINDS
 
@@ -94,6 +96,31 @@ def test_an_account_comes_back_from_json(account: SoakTally) -> None:
     assert SoakTally.from_dict(json.loads(json.dumps(account.as_dict()))) == account
 
 
+def test_the_course_adds_up_to_the_account(account: SoakTally) -> None:
+    tally, course = account, account.course.values()
+    assert len(course) >= 3
+    assert sum(one.frames for one in course) == tally.totals["frames"]
+    assert sum(one.lost for one in course) == tally.totals["gap"] > 0
+    late = tally.totals["late"] + tally.totals["dropped_late"]
+    assert sum(one.late for one in course) == late > 0
+    damage = [tally.totals[f"{end}: {n}"] for end in ("the board", "the host") for n in DAMAGE]
+    assert sum(one.damaged for one in course) == sum(damage) > 0
+    assert 0 < max(one.latest_us for one in course) < 100_000
+
+
+def test_the_course_shows_when_something_was_wrong() -> None:
+    tally = segment("watchdog-missing", seed=13)
+    wrong = [number for number, one in tally.course.items() if one.violations]
+    assert sum(one.violations for one in tally.course.values()) == tally.violations.total() > 0
+    assert wrong
+    assert min(wrong) >= 0
+
+
+def test_intervals_are_fine_enough_for_a_picture_and_no_finer() -> None:
+    assert SoakSetup(hours=0.01).interval_s == 1.0
+    assert SoakSetup(hours=1.0).interval_s == 9.0
+
+
 # --- boards that are wrong ---------------------------------------------------------------------
 
 
@@ -127,6 +154,58 @@ def test_a_process_that_grows_fails() -> None:
     assert SoakCampaign(SHORT, memory=memory).failures == {}
     memory.add(1, (101 << 20) + GROWTH_LIMIT_BYTES)
     assert SoakCampaign(SHORT, memory=memory).failures == {"memory grew": 1}
+
+
+def test_every_violation_of_the_page_about_it_has_a_sentence() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "soak.md").read_text(encoding="utf-8")
+    table = page.partition("| violation | |")[2].partition("\n\n")[0]
+    told = {row.split("|")[1].strip() for row in table.splitlines()[2:]}
+    assert {name for row in told for name in row.split(", ")} == set(VIOLATIONS)
+
+
+def test_a_violation_without_a_sentence_is_no_violation() -> None:
+    with pytest.raises(KeyError):
+        SoakTally().violate("unheard of", "")
+
+
+# --- reports -----------------------------------------------------------------------------------
+
+
+def cases(path: Path) -> dict[str, ElementTree.Element]:
+    return {case.get("name", ""): case[0] for case in ElementTree.parse(path).iter("testcase")}
+
+
+def test_the_reports_of_a_healthy_board_pass(uninterrupted: SoakCampaign, tmp_path: Path) -> None:
+    write_soak_junit(tmp_path / "soak.xml", uninterrupted)
+    outcomes = cases(tmp_path / "soak.xml")
+    assert outcomes.keys() == {*VIOLATIONS.values(), "the soak comes to its end"}
+    assert {outcome.tag for outcome in outcomes.values()} == {"system-out"}
+    write_soak_page(tmp_path / "soak.html", uninterrupted)
+    page = (tmp_path / "soak.html").read_text(encoding="utf-8")
+    assert page.count("<img") == 1
+    assert "The course of the soak." in page
+
+
+def test_a_board_that_is_wrong_fails_its_case(tmp_path: Path) -> None:
+    page, junit = tmp_path / "soak.html", tmp_path / "soak.xml"
+    words = ["--hours", "0.0002", "--fault-rate", "0.05", "--mutant", "non-atomic", "--quiet"]
+    assert main(["soak", *words, "--html", str(page), "--junit", str(junit)]) == 1
+    suite = ElementTree.parse(junit).find("testsuite")
+    assert suite is not None
+    assert suite.get("timestamp")
+    assert float(suite.get("time", 0)) > 0
+    failed = {name for name, outcome in cases(junit).items() if outcome.tag == "failure"}
+    assert failed == {VIOLATIONS["torn latch"], VIOLATIONS["given up"]}
+    assert "is not the drive that was sent" in cases(junit)[VIOLATIONS["torn latch"]].text
+
+
+def test_a_soak_of_which_nothing_ran_is_an_error(tmp_path: Path) -> None:
+    write_soak_junit(tmp_path / "soak.xml", SoakCampaign(SHORT))
+    outcomes = cases(tmp_path / "soak.xml")
+    assert outcomes.pop("the soak comes to its end").tag == "error"
+    assert {outcome.tag for outcome in outcomes.values()} == {"skipped"}
+    write_soak_page(tmp_path / "soak.html", SoakCampaign(SHORT))
+    assert "<img" not in (tmp_path / "soak.html").read_text(encoding="utf-8")
 
 
 # --- sittings ----------------------------------------------------------------------------------
