@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from haptogram_protocol.messages import FIRST_STREAM_SEQ, Hello, Mute
 
+from .account.tally import UNEXPLAINED, SoakTally
 from .board import BoardUnderSoak
 from .line import DamagedFrame, Sent, SoakLine, sent_message_type
 from .oracle import SoakOracle
-from .tally import UNEXPLAINED, SoakTally
 
 
 class SoakBoardAccount:

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram.machine.files import write_json_file
 
+from .account.tally import MEMORY_GREW, SoakTally
 from .memory import SoakMemory, resident_bytes
 from .segment import MakeBoard, run_segment
 from .setup import SoakSetup
-from .tally import MEMORY_GREW, SoakTally
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 from haptogram.records.latch import LatchRecord, LatchSeen
 
-from .tally import SoakTally
+from .account.tally import SoakTally
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter

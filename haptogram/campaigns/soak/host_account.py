@@ -5,8 +5,8 @@ from __future__ import annotations
 from haptogram_protocol.connection import EventReceived, FrameDropped, HostEvent
 from haptogram_protocol.messages import Status
 
+from .account.tally import UNEXPLAINED, SoakTally
 from .line import DamagedFrame, Sent, SoakLine
-from .tally import UNEXPLAINED, SoakTally
 
 
 class SoakHostAccount:

@@ -13,8 +13,8 @@ from typing import Final
 
 from haptogram_protocol.framing import DELIMITER
 
+from .account.tally import DAMAGE, UNEXPLAINED, SoakHit, SoakTally
 from .faults import FAULTS, KINDS
-from .tally import DAMAGE, UNEXPLAINED, SoakHit, SoakTally
 
 _NS_PER_S: Final = 1_000_000_000
 _BITS_PER_BYTE: Final = 10

@@ -12,8 +12,8 @@ from typing import Any, Final, Protocol
 
 from haptogram_protocol.messages import Config, signed_difference
 
+from .account.tally import SoakHit, SoakTally
 from .drives import SoakDrives
-from .tally import SoakHit, SoakTally
 
 _TOLERANCE_US: Final = 1000  # of every timer: HG-12.1/1
 

@@ -18,15 +18,15 @@ from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import EVENT_RANGE, FIRST_STREAM_SEQ, Message, Ping, Pong
 
+from .account.course import CourseTaker
+from .account.tally import UNEXPLAINED, SoakHit, SoakTally
 from .board import BoardUnderSoak, Hopeless
 from .board_account import SoakBoardAccount
-from .course import CourseTaker
 from .drives import SoakDrives
 from .excerpts import Excerpts
 from .host_account import SoakHostAccount
 from .line import Sent, SoakLine, sent_message_type
 from .oracle import SoakOracle
-from .tally import UNEXPLAINED, SoakHit, SoakTally
 
 BAUD: Final = 6_000_000  # half of it is free, so that the line catches up after what held it up
 _NEVER_NS: Final = 1 << 62

@@ -24,11 +24,11 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
+from .account.course import CourseTaker
+from .account.tally import SoakTally
 from .board import BoardUnderSoak, Hopeless
-from .course import CourseTaker
 from .excerpts import Excerpts
 from .rig import BAUD, SoakRig
-from .tally import SoakTally
 
 PERIOD_US: Final = 1000
 _LEAD_US: Final = 40_000

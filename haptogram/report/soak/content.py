@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
+from haptogram.campaigns.soak.account.tally import SoakTally
 from haptogram.campaigns.soak.campaign import SoakCampaign
-from haptogram.campaigns.soak.tally import SoakTally
 
 FAULT_HEAD: Final = ("fault", "injected", "detected", "harmless", "found as")
 COUNTER_HEAD: Final = ("counter", "board", "explained by")

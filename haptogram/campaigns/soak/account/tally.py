@@ -1,4 +1,4 @@
-"""The account: what was injected, what was found of it, and what does not add up."""
+"""The account of faults: what was injected, what was found of it, and what does not add up."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from .course import SoakCourse, SoakInterval, joined_course
 
 if TYPE_CHECKING:
-    from .excerpts import SoakExcerpt
+    from ..excerpts import SoakExcerpt
 
 MOST_KEPT: Final = 20  # violations that are kept word for word; all are counted
 
@@ -131,7 +131,7 @@ class SoakTally:
             self.violate(UNEXPLAINED, f"{hit.kind}: its frame vanished and nobody noticed")
 
     def take_counts(self) -> SoakInterval:
-        """Return what was counted until now, and begin anew with the latest frame."""
+        """Return the counts until now, and begin anew with the latest frame."""
         ends = ("the board", "the host")
         latest_us, self.latest_us = self.latest_us, 0
         return SoakInterval(

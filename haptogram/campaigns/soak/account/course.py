@@ -1,4 +1,4 @@
-"""The course of a soak: what was counted in each interval of its virtual time."""
+"""The course of a soak: counts of each interval of its virtual time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 @dataclass(slots=True)
 class SoakInterval:
-    """What was counted in one interval.
+    """Counts of one interval of virtual time.
 
     Attributes
     ----------

@@ -1,0 +1,1 @@
+"""Counts of a soak: of every fault, of everything that was done, and their course over time."""
