@@ -13,4 +13,9 @@ class About(enum.StrEnum):
     OTHER_ARRAY = "other array"  # frame after frame is one of another array
     OTHER_SIZE = "other size"  # a frame has another size than those of the board
     OTHER_RATE = "other rate"  # its line has a baud rate that the real boards do not have
-    STOPPED = "stopped"  # the client fell silent, or left, in the middle of a frame
+    NO_COMMIT = "no commit"  # frames follow each other, and nothing shows them
+    STOPPED = "stopped"  # the client fell silent in a frame, or left before it was shown
+
+
+#: Subjects that leave a client undecided: what the board shows of it is not what it means.
+UNDECIDED = (About.OTHER_WIRE, About.OTHER_RATE)

@@ -6,7 +6,8 @@ bytes were compared with the other wires; a cause is named only if chance would 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 from haptogram.records.remark import About
@@ -25,11 +26,58 @@ _CLUES: Final = {
     "codes_out_of_range": ("codes beyond those of this board", "more steps in a period"),
     "bytes_beyond_chain": ("bytes for a board that is not there", "a longer chain"),
     "frames_without_commit": (
-        "a frame was overwritten before it was shown: its commit is missing",
+        "a frame came before the one ahead of it was shown: its commit is missing",
         None,
     ),
+    "frames_without_start": (
+        "a frame has no start (FEh): its codes are right only because a swap (FDh) came before",
+        None,
+    ),
+    "durations_without_commit": (
+        "durations came without their commit (10h): those before them still act",
+        None,
+    ),
+    "codes_unheard": (
+        "codes came while no board listened: the client has selected one that is not there",
+        None,
+    ),
+    "bytes_outside_frame": ("bytes came outside a frame: none of them starts one (bit 7)", None),
 }
 _OF_WHOLE_FRAMES: Final = "codes_out_of_range"
+_AT_ONCE: Final = frozenset({"codes_unheard", "bytes_outside_frame"})  # latched or not
+_NO_FRAMES: Final = frozenset({_OF_WHOLE_FRAMES, "bytes_strange", "bytes_beyond_chain"})
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Unshown:
+    """Frames and bytes of a client since the last latch, which show nothing yet.
+
+    Attributes
+    ----------
+    unfinished : int
+        Bytes of a frame that has begun and is not whole.
+    whole : int
+        Frames that are whole and wait for a command that shows them.
+    commit : str
+        That command in words; empty for boards that show frames by themselves.
+    kinds : collection of str
+        What was counted meanwhile.
+    """
+
+    unfinished: int
+    whole: int = 0
+    commit: str = ""
+    kinds: Collection[str] = ()
+
+    @property
+    def is_something(self) -> bool:
+        """True if the client has begun a frame that is not shown."""
+        return bool(self.unfinished or self.whole)
+
+    @property
+    def is_without_commit(self) -> bool:
+        """True if frames follow each other, and none is shown."""
+        return self.whole > 1 and not self.unfinished and not _NO_FRAMES.intersection(self.kinds)
 
 
 class ClientRemarks:
@@ -72,7 +120,7 @@ class ClientRemarks:
 
     def pause(self, unfinished: int) -> None:
         """Remember a pause behind *unfinished* bytes of a frame: it may never go on."""
-        if not self._is_stopped:
+        if unfinished and not self._is_stopped:
             self._paused = unfinished
 
     def counted(self, t_us: int) -> None:
@@ -92,10 +140,11 @@ class ClientRemarks:
             self._is_own, self._is_stopped, self._paused = True, False, 0
         if len(self._frames) < _ALIKE:
             self._frames.append((size, kinds))
-        for kind in _CLUES.keys() & kinds:
+        told = kinds - {"frames_without_start"} if "codes_unheard" in kinds else kinds
+        for kind in _CLUES.keys() & told:  # a start that no board heard came all the same
             self._strange.setdefault(kind, size)
 
-    def take(self, data: bytes, t_us: int) -> None:
+    def take(self, data: bytes, unshown: Unshown, t_us: int) -> None:
         """Look at bytes whose frames have been taken down."""
         if not data:
             return
@@ -104,20 +153,34 @@ class ClientRemarks:
             self._tell_compared(t_us)
         self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
         if len(self._first_bytes) == LOOKED_AT_BYTES:
-            self._compare(t_us)
+            self._compare(unshown, t_us)
+            self._say_commits(unshown, t_us)
             self._say_clues(t_us)
 
-    def silent(self, unfinished: int, t_us: int) -> None:
-        """Look at what came before a silence; *unfinished* bytes are the beginning of a frame."""
-        self._compare(t_us)
-        if unfinished:
-            self._stop(unfinished, t_us)
+    def silent(self, unshown: Unshown, t_us: int) -> None:
+        """Look at what came before a silence."""
+        self._compare(unshown, t_us)
+        if unshown.unfinished:
+            self._stop(unshown.unfinished, t_us)
+        self._say_commits(unshown, t_us)
+        if unshown.whole == 1 and not unshown.unfinished:
+            text = f"a whole frame waits for its commit ({unshown.commit}), which shows it"
+            self._say_once("waits", About.CLIENT, text, t_us)
+        if not self._is_stopped:
+            for kind in _AT_ONCE.intersection(unshown.kinds):
+                self._strange.setdefault(kind, 0)
         self._say_clues(t_us)
 
-    def left(self, unfinished: int, t_us: int) -> None:
+    def left(self, unshown: Unshown, t_us: int) -> None:
         """Look at all that came before the client left; the next one is judged anew."""
-        self.silent(unfinished, t_us)
         if self._came:
+            waits = unshown.whole and not unshown.unfinished
+            self.silent(dataclasses.replace(unshown, whole=0) if waits == 1 else unshown, t_us)
+            if waits:
+                self._is_stopped = True
+                self.frames_unfinished += not self._is_other
+                text = f"the client left before the commit ({unshown.commit}) of a whole frame"
+                self._say_once("left", About.STOPPED, text, t_us)
             self._notices.append(ClientLeft(t_us))
         self._forget()
 
@@ -126,8 +189,24 @@ class ClientRemarks:
         self._is_stopped, self._paused = True, 0
         if not self._is_other:
             self.frames_unfinished += 1
-            of_them = "1 byte has" if unfinished == 1 else f"{unfinished} bytes have"
-            self._remark(About.STOPPED, f"a frame stops in its middle: {of_them} no end", t_us)
+            came = "1 byte came" if unfinished == 1 else f"{unfinished} bytes came"
+            whole = f"; a frame has {self._sizes_text}" if self._dialect.bauds else ""
+            self._remark(About.STOPPED, f"a frame stops in its middle: {came}{whole}", t_us)
+
+    @property
+    def _sizes_text(self) -> str:
+        return " or ".join(map(str, self._sizes))
+
+    def _say_commits(self, unshown: Unshown, t_us: int) -> None:
+        """Say that frames follow each other without the command that shows them."""
+        if unshown.is_without_commit:
+            text = f"frames follow each other without a commit ({unshown.commit}), which shows one"
+            self._say_once("commits", About.NO_COMMIT, text, t_us)
+
+    def _say_once(self, what: str, about: About, text: str, t_us: int) -> None:
+        if not self._is_other and (what, True) not in self._said:
+            self._said.add((what, True))
+            self._remark(about, text, t_us)
 
     def _tell_compared(self, t_us: int) -> None:
         """Say once of each client that its bytes look like no other wire."""
@@ -135,12 +214,12 @@ class ClientRemarks:
             self._told_own = self._is_own
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
-    def _compare(self, t_us: int) -> None:
+    def _compare(self, unshown: Unshown, t_us: int) -> None:
         """Say once of each client that its bytes look like another wire."""
         if self._is_own or self._is_other or not self._first_bytes:
             return
         names = looks_like_dialect(bytes(self._first_bytes))
-        self._is_own = self._dialect.name in names
+        self._is_own = self._dialect.name in names or (not names and unshown.is_without_commit)
         self._is_other = bool(names) and not self._is_own
         if self._is_other:
             self.other_wires += 1
@@ -161,13 +240,14 @@ class ClientRemarks:
         proven = self._proven()
         for kind in [*strange, *([] if proven is None else [proven])]:
             fact, cause = _CLUES[kind]
-            size, is_proven = strange.get(kind, self._frames[0][0]), kind == proven
+            size = strange[kind] if kind in strange else self._frames[0][0]
+            is_proven = kind == proven
             if (kind, True) in self._said or (kind, is_proven) in self._said:
                 continue
             self._said.add((kind, is_proven))
             is_of_another_size = cause is not None and self._is_of_another_size(size)
             if is_of_another_size:
-                fact += f" ({size} bytes; a frame has {' or '.join(map(str, self._sizes))})"
+                fact += f" ({size} bytes; a frame has {self._sizes_text})"
             about = About.CLIENT
             if is_proven and cause:
                 fact, about = f"{fact}: the client has {cause}", About.OTHER_ARRAY

@@ -14,7 +14,7 @@ from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 
 from ..board.clock import earliest_time
 from ..board.events import Notice, PulseLatch
-from .client_remarks import ClientRemarks
+from .client_remarks import ClientRemarks, Unshown
 from .unit import HoldsBack, Unit
 
 PAUSE_US: Final = 30_000  # between bytes: what comes then may be another frame
@@ -117,7 +117,7 @@ class ForeignDialect:
             self._now_us = next_us
             if next_us == self._quiet_us:
                 self._quiet_us = None
-                self._remarks.silent(self._end.pending, next_us)
+                self._remarks.silent(self._unshown(), next_us)
             self._reply(self._unit.advance_to(next_us))
             self._collect()
         self._now_us = max(self._now_us, t_us)
@@ -125,8 +125,8 @@ class ForeignDialect:
     def receive(self, data: bytes, t_us: int) -> None:
         """Take bytes whose last one is complete at *t_us*."""
         self.advance_to(t_us)
-        if self._end.pending and t_us - self._byte_us * len(data) - self._last_us > PAUSE_US:
-            self._remarks.pause(self._end.pending)
+        if t_us - self._byte_us * len(data) - self._last_us > PAUSE_US:
+            self._remarks.pause(self._unshown().unfinished)
         if data:
             self._last_us = t_us
         at = 0
@@ -137,8 +137,9 @@ class ForeignDialect:
                 self._reply(self._unit.take(operation, t_us))
                 self._collect()
             at = end
-        self._remarks.take(data, t_us)
-        waits = self._end.pending or self._remarks.waits
+        unshown = self._unshown()
+        self._remarks.take(data, unshown, t_us)
+        waits = unshown.is_something or self._remarks.waits
         self._quiet_us = t_us + PATIENCE_US if waits else None
 
     def take_output(self, limit: int | None = None) -> bytes:
@@ -154,10 +155,7 @@ class ForeignDialect:
         has no line ends with its connection, and with it the answers that wait; the next latch
         counts what the next client does.
         """
-        unfinished = self._end.pending
-        if isinstance(self._end, Commits):
-            unfinished = self._frame_bytes if self._end.is_uncommitted else 0
-        self._remarks.left(unfinished, self._now_us)
+        self._remarks.left(self._unshown(), self._now_us)
         self._quiet_us, self._frame_bytes = None, 0
         if not self._dialect.bauds:
             self._own.update(self._end.counters)
@@ -187,15 +185,27 @@ class ForeignDialect:
                 self._own["reply_bytes_dropped"] += len(data) - room
             self._output += data[:room]
 
+    def _unshown(self) -> Unshown:
+        """Return what came since the last latch and has shown nothing."""
+        end = self._end
+        if not isinstance(end, Commits):
+            return Unshown(end.pending, kinds=self._counted_since_latch().keys())
+        return Unshown(
+            end.unfinished, end.uncommitted, end.commit, self._counted_since_latch().keys()
+        )
+
+    def _counted_since_latch(self) -> dict[str, int]:
+        counters = self._end.counters + self._unit.counters
+        return {
+            kind: count - self._counted[kind]
+            for kind, count in counters.items()
+            if count != self._counted[kind]
+        }
+
     def _collect(self) -> None:
         for latch in self._unit.take_latches():
-            counters = self._end.counters + self._unit.counters
-            counted = {
-                kind: count - self._counted[kind]
-                for kind, count in counters.items()
-                if count != self._counted[kind]
-            }
-            self._counted = counters
+            counted = self._counted_since_latch()
+            self._counted = self._end.counters + self._unit.counters
             if counted:
                 self._remarks.counted(self._now_us)
             if self._frame_bytes and isinstance(self._end, Commits):

@@ -6,12 +6,12 @@ import argparse
 import contextlib
 import functools
 import json
-import os
+import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias
+from typing import TYPE_CHECKING, Final, TextIO
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import write_json_file
@@ -22,25 +22,20 @@ from haptogram.settings.tolerance import ToleranceConfig
 
 from ..acting_options import refuse_idle_options
 from ..shell.job import annotate_job, provenance_of_run
-from ..shell.output_files import FILE_HELP, Outputs
+from ..shell.output_files import FILE_HELP, Outputs, announce_interrupt
 from ..shell.positions import position_argument_mm
 from .expected import Foci, expected_frames_mm, make_expectation
 from .lines import LatchLines
-from .options import WATCHED_BOARD_OPTIONS, WatchConfig, watched_board_config
+from .options import WATCHED_BOARD_OPTIONS, WatchConfig
+from .records import Record, Replay, WatchedRecords, is_latch, open_records
 
 if TYPE_CHECKING:
-    from haptogram.evidence.backdoor_stream import BackdoorStream
     from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
     from haptogram.verification.verdict import FrameVerdict
     from haptogram.verification.watch import Watch, WatchedLatch
 
-#: From a virtual board and the bytes of a client to the records of its back door.
-Replay: TypeAlias = Callable[[BoardConfig, bytes], list[dict[str, Any]]]
-Records: TypeAlias = Iterator[dict[str, Any]]
-
-_PERIOD_S: Final = 0.05
-_PATIENCE_S: Final = 5.0
+_REST_S: Final = 3.0  # behind an interrupt, to look at latches that have come
 _FILES: Final = ("json", "junit", "html", "summary")
 _EXAMPLES: Final = """\
 examples:
@@ -109,7 +104,7 @@ def run(arguments: argparse.Namespace, replay: Replay) -> int:
     provenance = provenance_of_run(arguments)
     _check_source(arguments)
     frames_mm = expected_frames_mm(arguments)
-    with _records(arguments, replay) as records, _frames_file(arguments.frames) as frames:
+    with open_records(arguments, replay) as records, _frames_file(arguments.frames) as frames:
         run = _Run(arguments, frames_mm, frames, outputs.text, records)
         run.follow()
     return run.finish(outputs, provenance)
@@ -134,7 +129,7 @@ class _Run:
         frames_mm: list[Foci],
         frames: TextIO | None,
         text: TextIO,
-        records: Records,
+        records: WatchedRecords,
     ) -> None:
         from haptogram.evidence.dialects.watched_board import WatchedBoard
         from haptogram.records.frame import Evidence
@@ -144,7 +139,7 @@ class _Run:
         self._is_raw = arguments.source is not None and arguments.dialect is not None
         evidence = Evidence.WIRE if self._is_raw else Evidence.EXTERNAL
         self._records, self._frames = records, frames
-        self._board = WatchedBoard(next(records), evidence=evidence, timed=not self._is_raw)
+        self._board = WatchedBoard(records.first(), evidence=evidence, timed=not self._is_raw)
         expectation = make_expectation(arguments, frames_mm, self._board)
         self._expected_m = expectation.frames if expectation is not None else ()
         self._page = None
@@ -157,24 +152,46 @@ class _Run:
         self._arguments = arguments
         self._verdicts: list[FrameVerdict] = []
         self._missing: str | None = None
+        self._count = 0  # latches of the client
+        self._until_s = math.inf
+        self._not_looked_at = 0
 
     def follow(self) -> None:
-        """Take record after record, until the last one, the count that was asked for, or Ctrl-C."""
-        count = 0
-        with contextlib.suppress(KeyboardInterrupt):
-            for record in self._records:
-                if record["kind"] == "end":
-                    self._missing = _why_missing(record)
-                    return
-                if "event" in record:
-                    self._take_event(record)
-                elif count != self._arguments.latches and (latch := self._board.latch(record)):
-                    self._take(self._watch.take(latch))
-                    count += latch.is_of_client
-                if count == self._arguments.latches and not self._watch.waits_for_wire:
-                    return
+        """Take record after record, until the last one, the count that was asked for, or Ctrl-C.
 
-    def _take_event(self, record: dict[str, Any]) -> None:
+        Ctrl-C ends the board. What it has told by then is looked at for some seconds, and counted
+        from then on, or from a second Ctrl-C on.
+        """
+        try:
+            self._take_all()
+        except KeyboardInterrupt:
+            announce_interrupt("haptogram watch")
+            self._until_s = time.monotonic() + _REST_S
+            self._records.end()
+            with contextlib.suppress(KeyboardInterrupt):
+                self._take_all()
+            self._not_looked_at += self._records.latches_left
+
+    def _take_all(self) -> None:
+        while self._records.hand_over(self._take_record):
+            pass
+
+    def _take_record(self, record: Record) -> bool:
+        """Take one record; return False if it is the last one that is asked for."""
+        if record["kind"] == "end":
+            self._missing = _why_missing(record)
+            return False
+        if "event" in record:
+            self._take_event(record)
+        elif self._count != self._arguments.latches:
+            if time.monotonic() > self._until_s:
+                self._not_looked_at += is_latch(record)
+            elif latch := self._board.latch(record):
+                self._take(self._watch.take(latch))
+                self._count += latch.is_of_client
+        return self._count != self._arguments.latches or self._watch.waits_for_wire
+
+    def _take_event(self, record: Record) -> None:
         """Take down what the board says of its client."""
         from haptogram.records.remark import About
 
@@ -211,6 +228,9 @@ class _Run:
         missing = self._missing
         if missing is None and self._board.missing:
             missing = f"{self._board.missing} latches were not shown by the back door"
+        if count := self._not_looked_at:
+            noun = "latch" if count == 1 else "latches"
+            missing = f"{count} {noun} came that were not looked at: the watch was interrupted"
         self._watch.cut_short()
         result = self._watch.result(missing)
         outputs.print(str(result))
@@ -232,7 +252,7 @@ class _Run:
         return result.verdict.exit_status
 
 
-def _why_missing(end: dict[str, Any]) -> str | None:
+def _why_missing(end: Record) -> str | None:
     if not end["clean"]:
         return "the board was killed before its last latches were told"
     return f"{end['dropped']} latches found the queue full" if end["dropped"] else None
@@ -248,84 +268,3 @@ def _frames_file(path: Path | None) -> Iterator[TextIO | None]:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", encoding="ascii") as file:
             yield file
-
-
-# --- where records come from ---------------------------------------------------------------------
-
-
-@contextlib.contextmanager
-def _records(arguments: argparse.Namespace, replay: Replay) -> Iterator[Records]:
-    from haptogram.evidence.backdoor_stream import BackdoorStream
-
-    if arguments.source is None:
-        with _started_board(arguments) as records:
-            yield records
-    elif arguments.dialect is not None:
-        yield iter(replay(_board_config(arguments), _read_bytes(arguments.source)))
-    else:
-        with BackdoorStream(arguments.source) as stream:
-            yield stream_records(arguments.source, stream)
-
-
-def _board_config(arguments: argparse.Namespace) -> BoardConfig:
-    values = {name: getattr(arguments, name) for name in WATCHED_BOARD_OPTIONS}
-    return watched_board_config(**values)
-
-
-def _read_bytes(source: str) -> bytes:
-    try:
-        return Path(source).read_bytes()
-    except OSError as error:
-        raise ConfigurationError(f"cannot read {source}: {error.strerror}") from error
-
-
-@contextlib.contextmanager
-def _started_board(arguments: argparse.Namespace) -> Iterator[Records]:
-    """Start a board at --link, and end it with the watch."""
-    from haptogram.evidence.backdoor_stream import BackdoorStream
-    from haptogram.evidence.board_process import BoardProcess
-    from haptogram.machine.working_folder import WorkingFolder
-    from haptogram.settings.board import BOARD_OPTIONS
-    from haptogram.settings.command_line import written_options
-
-    values = _board_config(arguments).non_default()
-    folder = WorkingFolder("haptogram-watch-")
-    try:
-        # A pipe takes what is read, and no more: a file would grow as long as somebody watches.
-        backdoor = folder.path / "backdoor"
-        os.mkfifo(backdoor)
-        words = [f"--link={arguments.link}", f"--backdoor={backdoor}", "--no-reconstruct"]
-        with contextlib.ExitStack() as parts:
-            process = BoardProcess(
-                [*words, *written_options(values, BOARD_OPTIONS)], folder.path / "log"
-            )
-            parts.callback(process.close_pipe)
-            parts.callback(process.stop)
-            # Opened before the board writes, closed before it ends: neither waits for the other.
-            stream = parts.enter_context(BackdoorStream(str(backdoor)))
-            process.wait_until_ready()
-            print(f"{arguments.dialect} board at {arguments.link}", file=sys.stderr, flush=True)
-            yield stream_records(arguments.link, stream, process.is_running)
-    finally:
-        folder.remove()
-
-
-def stream_records(
-    source: str, stream: BackdoorStream, is_running: Callable[[], bool] = lambda: True
-) -> Records:
-    """Yield the records of a back door as they come, until it is closed."""
-    end_s = time.monotonic() + _PATIENCE_S
-    come = False
-    while True:
-        running = is_running()  # before the read: a board that ends writes its last records first
-        records = stream.read()
-        yield from records
-        come = come or bool(records)
-        if not records:
-            if not stream.is_open or not running:
-                break
-            if not come and time.monotonic() > end_s:
-                break
-            time.sleep(_PERIOD_S)
-    if not come:
-        raise ConfigurationError(f"{source}: no record of a back door came")

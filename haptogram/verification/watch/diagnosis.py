@@ -63,7 +63,7 @@ class DefectFinder:
         self._stray: set[int] = set()
         self._silent: Counter[frozenset[int]] = Counter()
         self._reversed: dict[int, _Polarity] = defaultdict(_Polarity)
-        self.frames = FrameDefects(channels, most)
+        self.frames = FrameDefects(most)
 
     def take(self, latch: SeenLatch, pattern: Pattern) -> tuple[Defect, ...]:
         """Take down a latch, and return the defects that its drive shows by itself."""

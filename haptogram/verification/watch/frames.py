@@ -10,7 +10,7 @@ from collections import Counter, defaultdict
 from collections.abc import Collection
 from typing import Final
 
-from haptogram.records.remark import About
+from haptogram.records.remark import UNDECIDED, About
 
 from .defect import Defect, Diagnosis
 from .latch import SeenLatch
@@ -32,10 +32,11 @@ class _Found:
         self.latches: dict[Defect, list[int]] = defaultdict(list)
         self.torn: list[tuple[int, str]] = []
 
-    def add(self, defect: Defect, number: int, count: int = 1) -> None:
-        """Take down a latch that shows *defect*."""
+    def add(self, defect: Defect, number: int | None, count: int = 1) -> None:
+        """Take down a latch that shows *defect*; None: nothing was latched."""
         self.counts[defect] += count
-        self.latches[defect] = (self.latches[defect] + [number])[: self._most]
+        latches = [] if number is None else [number]
+        self.latches[defect] = (self.latches[defect] + latches)[: self._most]
 
     def extend(self, other: _Found, *, without: Collection[Defect] = ()) -> None:
         """Take over what *other* has found."""
@@ -55,8 +56,6 @@ class FrameDefects:
 
     Parameters
     ----------
-    channels : int
-        Channels of one board.
     most : int
         Latches that are kept of each defect, and remarks.
 
@@ -66,8 +65,8 @@ class FrameDefects:
         What the board said of its clients.
     """
 
-    def __init__(self, channels: int, most: int) -> None:
-        self._channels, self._most = channels, most
+    def __init__(self, most: int) -> None:
+        self._most = most
         self._judged, self._of_client = _Found(most), _Found(most)
         self._about: dict[About, str] = {}
         self._undecided: str | None = None
@@ -77,14 +76,17 @@ class FrameDefects:
 
     def take(self, latch: SeenLatch, *, is_named: bool = False) -> None:
         """Take down a latch; *is_named*: what was counted of it has another name."""
-        if not latch.torn or self._is_second_frame(latch):
+        count = latch.counted.get("frames_without_commit", 0)
+        if count and self._is_stopped:
+            count -= 1  # that of the client before
+        if count:
+            self._of_client.add(Defect.NO_COMMIT, latch.number, count)
+        if not latch.torn:
             self._has_whole, self._is_stopped = True, False
         elif not is_named:
             defect = Defect.STOPPED if self._is_stopped else Defect.BYTES_LOST
             self._of_client.add(defect, latch.number)
             self._of_client.add_torn(latch)
-        if count := latch.counted.get("frames_without_commit", 0):
-            self._of_client.add(Defect.NO_COMMIT, latch.number, count)
 
     def remark(self, about: About, text: str) -> None:
         """Take down what the board says of its client."""
@@ -92,6 +94,8 @@ class FrameDefects:
             self.remarks.append(text)
         self._about.setdefault(about, text)
         self._is_stopped |= about in (About.STOPPED, About.OTHER_WIRE)
+        if about is About.NO_COMMIT:
+            self._of_client.add(Defect.NO_COMMIT, None, 0)
 
     def client_left(self) -> None:
         """Judge what came of the client, and begin anew with the next one."""
@@ -118,7 +122,7 @@ class FrameDefects:
     @property
     def undecided(self) -> str | None:
         """Why the frames of a client are not judged; None: all are."""
-        of_client = self._about.get(About.OTHER_WIRE) or self._about.get(About.OTHER_RATE)
+        of_client = next((self._about[about] for about in UNDECIDED if about in self._about), None)
         if of_client is None and self._is_own is False and self._of_client.latches:
             of_client = "the client's bytes were not recognised as those of this board"
         if of_client is None and self._may_be_of_another_array:
@@ -134,17 +138,14 @@ class FrameDefects:
         """Return the defects so far."""
         found = self._so_far()
         return [
-            Diagnosis(defect, text.format(found.counts[defect]), tuple(found.latches[defect]))
+            Diagnosis(
+                defect,
+                text.format(found.counts[defect] or "frame after frame"),
+                tuple(found.latches[defect]),
+            )
             for defect, text in _DETAILS.items()
-            if found.counts[defect]
+            if defect in found.latches
         ]
-
-    def _is_second_frame(self, latch: SeenLatch) -> bool:
-        """Return True if the codes beyond the array are whole frames, as without their commit."""
-        beyond = latch.counted.get("codes_beyond_array", 0)
-        is_all = latch.torn.keys() == {"codes_beyond_array"}
-        lacks = latch.counted.get("frames_without_commit", 0)
-        return bool(is_all and lacks and beyond % self._channels == 0)
 
     @property
     def _may_be_of_another_array(self) -> bool:
@@ -162,6 +163,6 @@ class FrameDefects:
         hidden = [Defect.BYTES_LOST] if of_another or self._may_be_of_another_array else []
         found.extend(of_client, without=hidden)
         if of_another:
-            for number in of_client.latches[Defect.BYTES_LOST]:
+            for number in of_client.latches.get(Defect.BYTES_LOST, ()):
                 found.add(Defect.OTHER_ARRAY, number)
         return found

@@ -108,11 +108,21 @@ class BoardEnd(DialectEnd[Reply, Operation], Protocol):
 
 @runtime_checkable
 class Commits(Protocol):
-    """A board's end whose frames end with a command that shows them, which may come later."""
+    """A board's end whose frames are shown by a command, which may come later."""
 
     @property
-    def is_uncommitted(self) -> bool:
-        """True if there are bytes of a frame that no command has shown yet."""
+    def commit(self) -> str:
+        """The command in words for a user: "FDh"."""
+        ...
+
+    @property
+    def unfinished(self) -> int:
+        """Bytes of the frame that has begun and is not whole; its start is one of them."""
+        ...
+
+    @property
+    def uncommitted(self) -> int:
+        """Whole frames since the last commit."""
         ...
 
 

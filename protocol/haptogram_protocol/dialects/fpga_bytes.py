@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
@@ -204,16 +204,24 @@ class FpgaBoard:
     counters : Counter
         ``codes_out_of_range`` (taken as the board masks them), ``codes_outside_frame`` (before a
         start), ``codes_beyond_array``, ``codes_unheard`` (no board listened), ``frames_short``
-        (swapped before the last channel), ``frames_cut_short`` (by another start) and
-        ``frames_without_commit`` (whole, but another start came and no swap). Without
-        :attr:`FpgaByteRules.starts`, selecting a board starts its frame.
+        (swapped before the last channel), ``frames_cut_short`` (by another start),
+        ``frames_without_commit`` (whole, but another start came and no swap) and
+        ``frames_without_start`` (whole behind a swap: the codes reach their channels all the same).
+        Without :attr:`FpgaByteRules.starts`, selecting a board starts its frame.
     """
+
+    commit: Final = "FDh"
 
     def __init__(self, rules: FpgaByteRules, boards: int = 1) -> None:
         self.counters: Counter[str] = Counter()
         self._rules = rules
         self._cursor = _Cursor(boards)
         self._run = bytearray()
+        self._frame_bytes = 0  # of the frame that began last
+        self._replaced = [0] * boards  # whole frames since the last swap, ahead of that one
+        self._without_commit = 0  # of these, counted
+        self._outside = 0  # codes since the last start or swap, if there was no start
+        self._beyond = 0  # codes behind the last channel since then
 
     @property
     def pending(self) -> int:
@@ -221,9 +229,17 @@ class FpgaBoard:
         return len(self._run)
 
     @property
-    def is_uncommitted(self) -> bool:
-        """True if a start or codes came that no swap has shown."""
-        return self._cursor.started or any(self._cursor.written)
+    def unfinished(self) -> int:
+        """Bytes of the frame that has begun and lacks channels of a board that it has begun."""
+        cursor, channels = self._cursor, self._rules.channels
+        is_empty = cursor.started and not any(cursor.written)
+        lacks = is_empty or any(count % channels for count in cursor.written)
+        return self._frame_bytes if lacks else 0
+
+    @property
+    def uncommitted(self) -> int:
+        """Whole frames since the last swap, for the board that has most of them."""
+        return max(map(self._whole, range(len(self._replaced))))
 
     def receive_data(self, data: bytes) -> list[Operation]:
         """Return the operations that *data* completes."""
@@ -250,30 +266,58 @@ class FpgaBoard:
         raise no_dialect_bytes_for(message, self._rules.wire)
 
     def _command(self, operation: Operation, found: list[Operation]) -> None:
-        self._count_frame(operation)
+        ended = self._ended_by(operation)
+        self._count_frame(operation, ended)
+        if isinstance(operation, Swap):
+            self._frame_bytes = self._without_commit = 0
+            self._replaced = [0] * len(self._replaced)
+        elif isinstance(operation, Begin):
+            for board in ended:
+                self._replaced[board] = self._whole(board)
+            written = any(self._cursor.written[board] for board in ended)
+            self._frame_bytes = 1 if written else self._frame_bytes + 1
+        elif self._frame_bytes or isinstance(operation, Select):
+            self._frame_bytes += 1
         self._cursor.command(operation)
         found.append(operation)
 
-    def _count_frame(self, operation: Operation) -> None:
-        """Count the frame that *operation* ends, if channels or the commit are missing."""
-        written = self._cursor.written
+    def _whole(self, board: int) -> int:
+        """Return the whole frames that *board* has taken since the last swap."""
+        return self._replaced[board] + self._cursor.written[board] // self._rules.channels
+
+    def _ended_by(self, operation: Operation) -> Sequence[int]:
+        """Return the boards whose frame ends with *operation*."""
+        boards = range(len(self._replaced))
         if isinstance(operation, Swap):
-            counts = written
-        elif isinstance(operation, Begin | BeginAmplitudes):
-            counts = [written[board] for board in self._cursor.listening]
-        elif isinstance(operation, Select) and not self._rules.starts:
-            counts = written[operation.board : operation.board + 1]
-        else:
-            return
-        swaps = isinstance(operation, Swap)
-        if any(0 < count < self._rules.channels for count in counts):
+            return boards
+        if isinstance(operation, Begin | BeginAmplitudes):
+            return self._cursor.listening
+        if isinstance(operation, Select) and not self._rules.starts:
+            return boards[operation.board : operation.board + 1]
+        return ()
+
+    def _count_frame(self, operation: Operation, ended: Sequence[int]) -> None:
+        """Count the frame of the boards *ended* if channels, start or commit are missing."""
+        channels, swaps = self._rules.channels, isinstance(operation, Swap)
+        counts = [self._cursor.written[board] for board in ended]
+        whole = max(map(self._whole, ended), default=0)
+        if any(0 < count < channels for count in counts):
             self.counters["frames_short" if swaps else "frames_cut_short"] += 1
-        elif any(counts) and not swaps and not isinstance(operation, BeginAmplitudes):
-            self.counters["frames_without_commit"] += 1
+        elif swaps and whole == 1 and self._outside and not self._outside % channels:
+            self.counters["codes_outside_frame"] -= self._outside
+            self.counters["frames_without_start"] += 1
+        elif swaps and self._without_commit and self._beyond and not self._beyond % channels:
+            self.counters["codes_beyond_array"] -= self._beyond  # they were whole frames
+        elif isinstance(operation, Begin | Select) and whole > self._without_commit:
+            self.counters["frames_without_commit"] += whole - self._without_commit
+            self._without_commit = whole
+        if isinstance(operation, Swap | Begin):
+            self._outside = self._beyond = 0
 
     def _take(self, codes: bytes, found: list[Operation]) -> None:
         """Put *codes* behind the run, which ends with every last channel."""
         cursor, channels = self._cursor, self._rules.channels
+        self._frame_bytes += len(codes)
         if not cursor.listening:
             self.counters["codes_unheard"] += len(codes)
             return
@@ -292,9 +336,12 @@ class FpgaBoard:
         cursor, rules = self._cursor, self._rules
         fitting = bytes(range(rules.limit(cursor.kind) + 1))
         beyond = min(len(codes), cursor.at + len(codes) - rules.channels)
+        outside = len(codes) if rules.starts and not cursor.started else 0
+        self._outside += outside
+        self._beyond += max(0, beyond)
         for kind, count in (
             ("codes_out_of_range", len(codes.translate(None, fitting))),
-            ("codes_outside_frame", len(codes) if rules.starts and not cursor.started else 0),
+            ("codes_outside_frame", outside),
             ("codes_beyond_array", beyond),
         ):
             if count > 0:

@@ -128,6 +128,7 @@ class _Memory:
         self._firmware = firmware
         self.patterns = 0
         self.halves = bytearray()
+        self.beyond = 0
 
     @property
     def room(self) -> int:
@@ -135,8 +136,20 @@ class _Memory:
         whole = (self._firmware.patterns - self.patterns) * self._firmware.half_bytes
         return whole - len(self.halves)
 
+    @property
+    def whole(self) -> int:
+        """Patterns that came since the last swap, those that there is no room for as well."""
+        return self.patterns + self.beyond // self._firmware.half_bytes
+
+    @property
+    def is_partial(self) -> bool:
+        """True if the last pattern has not ended."""
+        return bool(self.halves or self.beyond % self._firmware.half_bytes)
+
     def take(self, halves: bytes, found: list[Operation]) -> None:
-        self.halves += halves
+        lost = max(0, len(halves) - self.room)
+        self.beyond += lost
+        self.halves += halves[: len(halves) - lost]
         size = self._firmware.half_bytes
         while len(self.halves) >= size:
             self._give(self.halves[:size], found)
@@ -146,7 +159,7 @@ class _Memory:
         if self.halves:
             self._give(self.halves, found)
             self.halves.clear()
-        self.patterns = 0
+        self.patterns = self.beyond = 0
 
     def _give(self, halves: bytearray, found: list[Operation]) -> None:
         digits = halves.translate(_HIGH_NIBBLE).decode("ascii")
@@ -172,9 +185,12 @@ class ArduinoBoard:
     counters : Counter
         ``bytes_strange`` (no meaning; sent on as byte - 1), ``bytes_beyond_chain`` (for a board
         that is not there), ``halves_beyond_memory``, ``durations_beyond_memory``,
-        ``frames_short`` (swapped before the end of a pattern), ``durations_short`` (not four
-        bytes), ``durations_without_commit``.
+        ``frames_short`` (swapped before the end of a pattern), ``frames_without_commit`` (whole,
+        but another one came and no swap), ``durations_short`` (not four bytes),
+        ``durations_without_commit``.
     """
+
+    commit: Final = "00h"
 
     def __init__(self, firmware: ArduinoFirmware, boards: int = 1) -> None:
         if not 1 <= boards <= MAX_BOARDS:
@@ -185,6 +201,9 @@ class ArduinoBoard:
         self._memories = [_Memory(board, firmware) for board in range(boards)]
         self._durations = bytearray()
         self._uncommitted = False
+        self._frame_bytes = 0
+        self._commanded = 0  # frames since the last swap that ended with a command,
+        self._patterns_by_then = 0  # and their patterns
 
     @property
     def pending(self) -> int:
@@ -192,15 +211,31 @@ class ArduinoBoard:
         return sum(len(memory.halves) for memory in self._memories) + len(self._durations)
 
     @property
-    def is_uncommitted(self) -> bool:
-        """True if patterns or durations came that no swap has shown."""
-        return bool(self.pending) or any(memory.patterns for memory in self._memories)
+    def unfinished(self) -> int:
+        """Bytes of the frame that has begun and whose pattern or duration has not ended."""
+        is_partial = any(memory.is_partial for memory in self._memories)
+        is_cut = len(self._durations) % _BYTES_OF_DURATION
+        return self._frame_bytes if is_partial or is_cut else 0
+
+    @property
+    def uncommitted(self) -> int:
+        """Whole frames since the last swap: with durations, those behind their command."""
+        patterns = self._patterns
+        if not self._firmware.durations:
+            return patterns
+        return self._commanded + (patterns > self._patterns_by_then)
+
+    @property
+    def _patterns(self) -> int:
+        """Whole patterns since the last swap, for the board that has most of them."""
+        return max(memory.whole for memory in self._memories)
 
     def receive_data(self, data: bytes) -> list[Operation]:
         """Return the operations that *data* completes, :class:`Forward` among them."""
         found: list[Operation] = []
         for match in _TOKENS.finditer(data):
             kind, part = match.lastindex or 0, match.group()
+            self._frame_bytes += len(part)
             if kind < _DURATION:
                 self._take_halves(kind, part, found)
             elif kind == _SWAPPED:
@@ -232,11 +267,11 @@ class ArduinoBoard:
         memory = self._memories[hops - 1]
         if lost := max(0, len(halves) - memory.room):
             self.counters["halves_beyond_memory"] += lost
-        memory.take(halves[: len(halves) - lost], found)
+        memory.take(halves, found)
 
     def _swap(self, found: list[Operation]) -> None:
-        if any(memory.halves for memory in self._memories):
-            self.counters["frames_short"] += 1
+        self._count_frames()
+        self._frame_bytes = self._commanded = self._patterns_by_then = 0
         for memory in self._memories:
             memory.restart(found)
         self._end_durations(found)
@@ -245,9 +280,22 @@ class ArduinoBoard:
             self._uncommitted = False
         found += [Swap(), Forward(_SWAP[0])]
 
+    def _count_frames(self) -> None:
+        """Count what the frames since the last swap lack."""
+        if any(memory.halves for memory in self._memories):
+            self.counters["frames_short"] += 1
+        if (unshown := self.uncommitted - 1) > 0:
+            self.counters["frames_without_commit"] += unshown
+            if not self.unfinished:  # what had no room were whole frames
+                beyond = sum(memory.beyond for memory in self._memories)
+                self.counters["halves_beyond_memory"] -= beyond
+
     def _command(self, found: list[Operation]) -> None:
+        self._frame_bytes = 0
         if self._firmware.durations:
             self._end_durations(found)
+            self._commanded += self._patterns > self._patterns_by_then
+            self._patterns_by_then = self._patterns
             self._uncommitted = False
             found.append(CommitDurations())
         else:

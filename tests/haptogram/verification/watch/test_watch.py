@@ -297,6 +297,7 @@ def heard(*events):
 
 
 SHORT, LOST = {"frames_short": 1}, [(Defect.BYTES_LOST, "1 torn")]
+ONE_UNSHOWN, ALL_UNSHOWN = "1 whole and never shown", "frame after frame whole and never shown"
 
 
 @pytest.mark.parametrize(
@@ -320,6 +321,17 @@ SHORT, LOST = {"frames_short": 1}, [(Defect.BYTES_LOST, "1 torn")]
             "fail",
         ),
         (({}, About.STOPPED, None), [], "pass"),
+        # A commit that a client had no time for is not missing in the next one.
+        (({}, About.STOPPED, None, {"frames_without_commit": 1}), [], "pass"),
+        (({}, None, {"frames_without_commit": 1}), [(Defect.NO_COMMIT, ONE_UNSHOWN)], "fail"),
+        # Frames that nothing ever showed are no latches.
+        ((About.NO_COMMIT, None), [(Defect.NO_COMMIT, ALL_UNSHOWN)], "fail"),
+        (
+            (About.NO_COMMIT, {"frames_without_commit": 1}),
+            [(Defect.NO_COMMIT, ONE_UNSHOWN)],
+            "fail",
+        ),
+        ((About.NO_COMMIT, About.OTHER_WIRE), [], "inconclusive"),
         # At a rate that real boards do not have they latch nothing, whatever this one does.
         (({}, About.OTHER_RATE, {}), [], "inconclusive"),
         (({}, None, About.OTHER_RATE, {}, None, {}), [], "inconclusive"),
@@ -341,7 +353,7 @@ def test_the_frames_of_a_client_are_judged_by_what_the_board_says_of_it(events, 
 
 
 def test_frames_of_bytes_that_look_like_no_wire_are_not_judged():
-    frames = FrameDefects(channels=256, most=10)
+    frames = FrameDefects(most=10)
     array = LAYOUTS["sonicsurface"].array()
     (whole,) = latches(array, 32, targets_of(array)[:1])
     torn = dataclasses.replace(whole, counted={"frames_short": 1})
@@ -353,20 +365,6 @@ def test_frames_of_bytes_that_look_like_no_wire_are_not_judged():
     frames.wire_compared(is_own=True)  # a whole frame came
     assert [one.defect for one in frames.diagnoses()] == [Defect.BYTES_LOST]
     assert frames.undecided is None
-
-
-@pytest.mark.parametrize(
-    ("counted", "found"),
-    [
-        ({"frames_without_commit": 1, "codes_beyond_array": 512}, [Defect.NO_COMMIT]),
-        ({"frames_without_commit": 1, "codes_beyond_array": 300}, 2),
-        ({"codes_beyond_array": 512}, [Defect.BYTES_LOST]),
-    ],
-)
-def test_a_second_frame_behind_a_lost_commit_lost_nothing(counted, found):
-    """A board of a chain goes on with channel 0: the codes of the frame before are replaced."""
-    found = [Defect.NO_COMMIT, Defect.BYTES_LOST] if found == 2 else found
-    assert [one.defect for one in heard(counted).diagnoses] == found
 
 
 def test_silent_elements_of_a_wave_from_afar_are_not_named():

@@ -1,0 +1,197 @@
+"""Records of the board that is watched: of one that runs, of one that is started, of bytes."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+from haptogram.errors import ConfigurationError
+from haptogram.machine.interrupts import DelayedInterrupts
+from haptogram.settings.board import BoardConfig
+
+from .options import WATCHED_BOARD_OPTIONS, watched_board_config
+
+if TYPE_CHECKING:
+    from haptogram.evidence.backdoor_stream import BackdoorStream
+
+Record: TypeAlias = dict[str, Any]
+#: From a virtual board and the bytes of a client to the records of its back door.
+Replay: TypeAlias = Callable[[BoardConfig, bytes], list[Record]]
+
+_PERIOD_S: Final = 0.05
+_PATIENCE_S: Final = 5.0
+
+
+def is_latch(record: Record) -> bool:
+    """Return True if *record* is that of a latch."""
+    return record["kind"] in ("pulses", "latch")
+
+
+class WatchedRecords:
+    """Records in their order, of which an interrupt loses none.
+
+    Parameters
+    ----------
+    source : str
+        Where they come from, for an error.
+    read : callable
+        Returns the records that came since the last call; None: no more will come.
+    end : callable, optional
+        Asks the board to end; by default the board is somebody else's, and goes on.
+
+    Raises
+    ------
+    ConfigurationError
+        No record comes at all.
+    """
+
+    def __init__(
+        self,
+        source: str,
+        read: Callable[[], list[Record] | None],
+        end: Callable[[], None] | None = None,
+    ) -> None:
+        self._source, self._read, self._end = source, read, end
+        self._interrupts = DelayedInterrupts()
+        self._come: deque[Record] = deque()
+        self._is_ending = False
+        self._patient_until_s: float | None = time.monotonic() + _PATIENCE_S
+        self._interrupts.install()
+
+    def close(self) -> None:
+        """Hear interrupts as before."""
+        self._interrupts.remove()
+
+    def end(self) -> None:
+        """Let :meth:`hand_over` come to an end: with the board, or with what has come by now."""
+        self._is_ending = True
+        if self._end is not None:
+            self._end()
+
+    def first(self) -> Record:
+        """Wait for the first record and return it."""
+        taken: list[Record] = []
+
+        def take(record: Record) -> bool:
+            taken.append(record)
+            return True
+
+        self.hand_over(take)
+        return taken[0]
+
+    def hand_over(self, take: Callable[[Record], bool]) -> bool:
+        """Wait for the next record and hand it to *take*; return what it returns.
+
+        False also comes if there is none, and none will come.
+        """
+        while not self._come:
+            with self._interrupts:
+                records = self._read()
+                self._come.extend(records or ())
+            if not self._come and self._is_over(records):
+                return False
+        self._patient_until_s = None
+        with self._interrupts:
+            return take(self._come.popleft())
+
+    @property
+    def latches_left(self) -> int:
+        """Latches that have come and were not handed over."""
+        return sum(map(is_latch, self._come))
+
+    def _is_over(self, records: list[Record] | None) -> bool:
+        """Return True if no record will come; else wait for a moment."""
+        until_s = self._patient_until_s
+        is_late = until_s is not None and time.monotonic() > until_s
+        if until_s is not None and (records is None or is_late):
+            raise ConfigurationError(f"{self._source}: no record of a back door came")
+        if records is None or (self._is_ending and self._end is None):
+            return True
+        time.sleep(_PERIOD_S)
+        return False
+
+
+@contextlib.contextmanager
+def open_records(arguments: argparse.Namespace, replay: Replay) -> Iterator[WatchedRecords]:
+    """Open what the command watches; see :class:`WatchedRecords`."""
+    from haptogram.evidence.backdoor_stream import BackdoorStream
+
+    with contextlib.ExitStack() as parts:
+        if arguments.source is None:
+            found = parts.enter_context(_started_board(arguments))
+        elif arguments.dialect is not None:
+            found = _replayed(replay(_board_config(arguments), _read_bytes(arguments.source)))
+        else:
+            stream = parts.enter_context(BackdoorStream(arguments.source))
+            found = WatchedRecords(arguments.source, reader_of(stream))
+        parts.callback(found.close)
+        yield found
+
+
+def reader_of(
+    stream: BackdoorStream, is_running: Callable[[], bool] = lambda: True
+) -> Callable[[], list[Record] | None]:
+    """Return a function that reads the records of a back door as they come, until it is closed."""
+
+    def read() -> list[Record] | None:
+        running = is_running()  # before the read: a board that ends writes its last records first
+        records = stream.read()
+        return records if records or (stream.is_open and running) else None
+
+    return read
+
+
+def _replayed(records: list[Record]) -> WatchedRecords:
+    parts = [records]
+    return WatchedRecords("bytes", lambda: parts.pop() if parts else None, lambda: None)
+
+
+def _board_config(arguments: argparse.Namespace) -> BoardConfig:
+    values = {name: getattr(arguments, name) for name in WATCHED_BOARD_OPTIONS}
+    return watched_board_config(**values)
+
+
+def _read_bytes(source: str) -> bytes:
+    try:
+        return Path(source).read_bytes()
+    except OSError as error:
+        raise ConfigurationError(f"cannot read {source}: {error.strerror}") from error
+
+
+@contextlib.contextmanager
+def _started_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
+    """Start a board at --link, and end it with the watch."""
+    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.evidence.board_process import BoardProcess
+    from haptogram.machine.working_folder import WorkingFolder
+    from haptogram.settings.board import BOARD_OPTIONS
+    from haptogram.settings.command_line import written_options
+
+    values = _board_config(arguments).non_default()
+    folder = WorkingFolder("haptogram-watch-")
+    try:
+        # A pipe takes what is read, and no more: a file would grow as long as somebody watches.
+        backdoor = folder.path / "backdoor"
+        os.mkfifo(backdoor)
+        words = [f"--link={arguments.link}", f"--backdoor={backdoor}", "--no-reconstruct"]
+        with contextlib.ExitStack() as parts:
+            process = BoardProcess(
+                [*words, *written_options(values, BOARD_OPTIONS)], folder.path / "log"
+            )
+            parts.callback(process.close_pipe)
+            parts.callback(process.stop)
+            # Opened before the board writes, closed before it ends: neither waits for the other.
+            stream = parts.enter_context(BackdoorStream(str(backdoor)))
+            process.wait_until_ready()
+            print(f"{arguments.dialect} board at {arguments.link}", file=sys.stderr, flush=True)
+            read = reader_of(stream, process.is_running)
+            yield WatchedRecords(arguments.link, read, process.terminate)
+    finally:
+        folder.remove()
