@@ -47,6 +47,9 @@ class Case:
         Source of the verdict.
     needs_reset : bool
         Whether the case begins with a board that has just started.
+    before_wrap_us : int
+        For a case that waits until the clock passes 2^32 us, 10 s after a reset: how long before
+        that it has to begin.  Other cases may run between the reset and then.
     needs_session : bool
         Whether a session is opened before the case; else the board's state is unknown.
     depth : Depth
@@ -62,6 +65,7 @@ class Case:
     needs: Feature = NOTHING
     evidence: Evidence = Evidence.WIRE
     needs_reset: bool = False
+    before_wrap_us: int = 0
     needs_session: bool = True
     depth: Depth = Depth.QUICK
     wall_depth: Depth | None = None
@@ -84,6 +88,7 @@ def case(
     needs: Feature = NOTHING,
     evidence: Evidence = Evidence.WIRE,
     needs_reset: bool = False,
+    before_wrap_us: int = 0,
     needs_session: bool = True,
     depth: Depth = Depth.QUICK,
     wall_depth: Depth | None = None,
@@ -99,6 +104,7 @@ def case(
             needs,
             evidence,
             needs_reset,
+            before_wrap_us,
             needs_session,
             depth,
             wall_depth,

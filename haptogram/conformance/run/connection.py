@@ -86,6 +86,12 @@ class SuiteConnection:
             return self._spent_us
         return self._spent_us + self.board.wire.now_us() - self._connected_us
 
+    @property
+    def until_wrap_us(self) -> int:
+        """Time until the clock of a board that was just reset passes 2^32 us; else negative."""
+        clock = self.board.clock
+        return (1 << 32) - clock.device_estimate_us() if clock.booted and not self.lost else -1
+
     def open(self) -> None:
         """Open the port and find out which board answers.
 

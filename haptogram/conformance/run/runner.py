@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import traceback
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Self, TypeAlias
@@ -28,6 +29,7 @@ CaseProgress: TypeAlias = Callable[[int, int, str], None]
 _HELD_UP_S: Final = 1.0  # a host held up for longer may have missed a timer of the board
 _DOUBTFUL: Final = (Behaviour.FAILED, Behaviour.INCONCLUSIVE)
 _TRIES: Final = 3
+_EARLY_US: Final = 2_500_000  # how long a case may wait for the wrap of the clock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,21 +120,44 @@ class SuiteRunner:
 
     def run(self, cases: Sequence[Case]) -> SuiteResult:
         """Run *cases* in order and return their results; Ctrl-C keeps those so far."""
-        results: list[CaseResult] = []
+        results: dict[int, CaseResult] = {}
         cut_short, is_interrupted = "", False
         try:
             with self:
-                for number, case in enumerate(cases):
-                    self._progress(number, len(cases), case.id)
-                    results.append(self.result(case))
+                for place in self._places(cases):
+                    self._progress(len(results), len(cases), cases[place].id)
+                    results[place] = self.result(cases[place])
         except KeyboardInterrupt:
             cut_short = f"interrupted after {len(results)} of {len(cases)} cases"
             is_interrupted = True
-        rest = cases[len(results) :]
-        results += [_not_run(case, self._clauses[case.clause], cut_short) for case in rest]
+        for place, case in enumerate(cases):
+            if place not in results:
+                results[place] = _not_run(case, self._clauses[case.clause], cut_short)
         connection = self._connection
         why = cut_short or connection.lost
-        return SuiteResult(tuple(results), connection.device, self._settings(), why, is_interrupted)
+        ordered = tuple(results[place] for place in range(len(cases)))
+        return SuiteResult(ordered, connection.device, self._settings(), why, is_interrupted)
+
+    def _places(self, cases: Sequence[Case]) -> Iterator[int]:
+        """Yield the places of the cases in the order in which they run.
+
+        At a wall clock those that wait for the wrap of the clock run when it is near after a reset
+        for another case; those for which it never was come last, and wait 10 s each.
+        """
+        waiting: deque[int] = deque()
+        for place, case in enumerate(cases):
+            if waiting and self._is_wrap_near(cases[waiting[0]]):
+                yield waiting.popleft()
+            if case.before_wrap_us and not self._access.virtual:
+                waiting.append(place)
+            else:
+                yield place
+        yield from waiting
+
+    def _is_wrap_near(self, case: Case) -> bool:
+        """Return True if the clock passes 2^32 us soon, and late enough for a case about that."""
+        until_us = self._connection.until_wrap_us
+        return case.before_wrap_us <= until_us < case.before_wrap_us + _EARLY_US
 
     def _settings(self) -> dict[str, object]:
         options = self._options
@@ -204,7 +229,9 @@ class SuiteRunner:
         if connection.lost and case.needs_session and not (case.needs_reset and found):
             return _Outcome(Behaviour.INCONCLUSIVE, connection.lost)
         try:
-            board = connection.reset() if case.needs_reset else connection.board
+            is_fresh = case.before_wrap_us and self._is_wrap_near(case)
+            is_fresh = is_fresh or not case.needs_reset
+            board = connection.board if is_fresh else connection.reset()
         except HaptogramError as error:
             why = connection.lost = f"the board did not come back after a reset: {error}"
             if not self._access.boots:  # the board may answer all the same

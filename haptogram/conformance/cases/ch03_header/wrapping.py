@@ -44,6 +44,7 @@ def request_numbers_wrap(board: BoardClient) -> None:
     "frames for times on both sides of 2^32 us are latched, each at its time",
     variant="time",
     needs_reset=True,
+    before_wrap_us=1_000_000,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )

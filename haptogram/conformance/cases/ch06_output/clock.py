@@ -73,6 +73,7 @@ def keeps_time(board: BoardClient) -> None:
     "the clock goes on across 2^32, 10 s after a reset",
     variant="wrap",
     needs_reset=True,
+    before_wrap_us=1_000_000,
     depth=Depth.DEFAULT,
 )
 def crosses_the_wrap(board: BoardClient) -> None:

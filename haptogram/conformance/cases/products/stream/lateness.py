@@ -26,10 +26,15 @@ _MODES: Final = (
 )
 
 
-def _margins_us(carrier_us: int, window_us: int) -> list[int]:
-    """Return the margins at and beside every border: in time, a carrier period, the late window."""
+def _margins_us(board: BoardClient, window_us: int) -> list[int]:
+    """Return the margins at and beside every border: in time, a carrier period, the late window.
+
+    At a wall clock, where no frame arrives to the microsecond, those at the borders.
+    """
+    carrier_us = board.clock.carrier_us
+    steps = (0,) if board.wire.limits.slack_us else (-1, 0, 1)
     borders = (0, carrier_us, -carrier_us, -window_us)
-    return sorted({border + step for border in borders for step in (-1, 0, 1)})
+    return sorted({border + step for border in borders for step in steps})
 
 
 def _settings(board: BoardClient) -> Iterator[tuple[int, TraceMode]]:
@@ -57,7 +62,7 @@ def lateness_has_its_borders(board: BoardClient) -> None:
         board.arm()
         for kind in stream_kinds(board):
             message = kind.make()  # one for all: another may be longer on the line
-            for due_us in _margins_us(board.clock.carrier_us, window_us):
+            for due_us in _margins_us(board, window_us):
                 for _ in range(_AIMS if not board.wire.limits.slack_us else 1):
                     got_us = _judge(board, kind.name, message, due_us, delays_us)
                     late += -window_us <= got_us < 0

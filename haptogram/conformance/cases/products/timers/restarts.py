@@ -35,6 +35,7 @@ from ..stream_types import DROPS, Drop
 _MS: Final = 1000
 #: Leases, and the times after which a frame renews them: at first short ones.
 _LEASES_MS: Final = ((30, 10), (60, 20), (240, 100), (240, 100))
+_OTHER_MS: Final = 200  # by which the lease is longer that an unattended time replaces
 _UNKNOWN_FLAG: Final = 0x40
 STORED: Final = 2  # sequence that is played
 TIMER_MS: Final = 300  # of a timer that nothing renews
@@ -172,14 +173,16 @@ def _renewed_by_each(board: BoardClient, *, plays: bool) -> None:
     for name, make in _renewals(board, plays=plays):
         for lease_ms, wait_ms in _LEASES_MS:
             lasts_ms = lease_ms + line_ms
-            host_timeout_ms = 50 if plays else lasts_ms
+            host_timeout_ms = lasts_ms + _OTHER_MS if plays else lasts_ms
             if board.config.host_timeout_ms != host_timeout_ms:
                 board.configure(host_timeout_ms=host_timeout_ms, hold_ms=10_000)
             off_ms = _muted_after_ms(board, make, lasts_ms, wait_ms, plays=plays) - lasts_ms
-            if off_ms > wait_ms / 2:
+            if wait_ms / 2 < off_ms < wait_ms + _OTHER_MS / 2:
                 break
         else:
-            text = f"{name} does not renew the {timer}: muted {off_ms:.1f} ms behind its first time"
+            text = (
+                f"{timer} of {lasts_ms} ms, after {wait_ms} ms {name}: ends {off_ms:+.1f} ms late"
+            )
             check_in_time(board, False, text)
 
 
@@ -198,7 +201,7 @@ def _muted_after_ms(
     board.wire.idle(wait_ms * _MS)
     board.link.send(make())
     reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
-    header, _ = muted_by_timer(board, since, 3 * lasts_ms * _MS, reason)
+    header, _ = muted_by_timer(board, since, (lasts_ms + 1000) * _MS, reason)
     return (board.clock.unwrap(header.time_us) - start_us) / _MS
 
 

@@ -50,6 +50,7 @@ def _wait_before_wrap(board: BoardClient, before_us: int) -> int:
     "frames are dropped by the same rules on both sides of 2^32 us; a playback starts across it",
     variant="sides",
     needs_reset=True,
+    before_wrap_us=3_000_000,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
