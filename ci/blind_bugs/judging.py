@@ -18,6 +18,7 @@ from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.report.conformance.result import suite_dict
 
 _LONGEST_RUN_S: Final = 3600
+_FAULT_COMMAND: Final = "kill -USR1 $BOARD_PID"  # a hardware fault of the reference board
 _SHOWN: Final = 160  # characters of the reason of a failure
 
 
@@ -95,7 +96,8 @@ def _on_pty(programs: Path, way: Way, grid: str) -> dict[str, Any]:
     board = shlex.join([str(programs / "reference_board"), "--grid", grid])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "result.json"
-        words = ["conform", "--spawn", board, "--seed", str(way.seed), "--quiet", "--json", path]
+        words = ["conform", "--spawn", board, "--fault-cmd", _FAULT_COMMAND]
+        words += ["--seed", str(way.seed), "--quiet", "--json", str(path)]
         if way.depth != "default":
             words.append(f"--{way.depth}")
         for clause in way.clauses:

@@ -33,6 +33,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     add("--haptogram-reset-cmd", metavar="CMD", help="shell command that restarts the board")
     add(
+        "--haptogram-fault-cmd",
+        metavar="CMD",
+        help="shell command that lets the board's hardware fail ($BOARD_PID: --haptogram-spawn)",
+    )
+    add(
         "--haptogram-boot-timeout",
         type=float,
         default=60.0,
@@ -83,12 +88,19 @@ def _access(option: Any, folders: pytest.TempPathFactory) -> Access:
 
     baudrate = option("--haptogram-baud")
     port, command = option("--haptogram-port"), option("--haptogram-spawn")
+    fault_command = option("--haptogram-fault-cmd")
+    if fault_command is not None and port is None and command is None:
+        raise pytest.UsageError(
+            "--haptogram-fault-cmd is about a board at --haptogram-port or --haptogram-spawn; "
+            "there is none"
+        )
     if port is not None:
         return PortAccess(
             port,
             baudrate=baudrate,
             reset_command=option("--haptogram-reset-cmd"),
             boot_timeout_s=option("--haptogram-boot-timeout"),
+            fault_command=fault_command,
         )
     regex = option("--haptogram-port-regex") or DEFAULT_PORT_REGEX
     return SpawnAccess(
@@ -96,6 +108,7 @@ def _access(option: Any, folders: pytest.TempPathFactory) -> Access:
         port_regex=regex,
         boot_timeout_s=option("--haptogram-boot-timeout"),
         baudrate=baudrate,
+        fault_command=fault_command,
     )
 
 

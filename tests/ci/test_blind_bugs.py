@@ -50,6 +50,21 @@ def test_bugs_are_caught_missed_and_remembered(bugs, capsys):
     assert "caught  crc" in capsys.readouterr().out
 
 
+@pytest.mark.pty
+def test_on_a_pty_hardware_faults_are_judged_too(bugs, capsys):
+    for path in bugs.iterdir():
+        path.unlink()
+    silent = patch(
+        "board/board.c",
+        "    if (board->state != before)\n        output_send_state",
+        "    if (0)\n        output_send_state",
+    )
+    (bugs / "unsaid.patch").write_text(silent)
+    words = [str(bugs), "--clock", "wall", "--clause", "HG-6.8/1-fault", "--grid", "3x2"]
+    main(words)
+    assert "caught  unsaid: HG-6.8/1-fault" in capsys.readouterr().out
+
+
 def test_a_board_that_does_not_compile_is_named(tmp_path):
     compiler()
     bug = Bug("typo", patch("haptogram_codec.c", CRC, "if (nothing)"), "")

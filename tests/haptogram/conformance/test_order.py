@@ -1,4 +1,6 @@
-"""The order of the cases at a wall clock: those that wait for 2^32 us run when others have waited."""
+"""At a wall clock, cases that wait for 2^32 us run when others have used up the waiting time."""
+
+import dataclasses
 
 import pytest
 import serial
@@ -40,7 +42,5 @@ def test_a_case_about_the_wrap_runs_while_the_clock_of_another_reset_passes_it(c
 
 def test_it_has_a_reset_of_its_own_where_the_others_took_too_long_or_too_little_time():
     assert resets_for(WAITING[0], others=2) == 1
-    case = Case(
-        **{name: getattr(WAITING[0], name) for name in Case.__slots__} | {"before_wrap_us": 0}
-    )
+    case = dataclasses.replace(WAITING[0], before_wrap_us=0)
     assert resets_for(case, others=18) == 1

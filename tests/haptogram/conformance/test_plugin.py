@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from protocol_c.building import compiler, make
+
 ROOT = Path(__file__).parents[3]
 OWN = """
 from haptogram_protocol.messages import Ping, Pong
@@ -42,7 +44,8 @@ def test_in_a_foreign_repository(tmp_path):
         [
             *(sys.executable, "-m", "pytest", "-q", *_PLUGIN),
             *("-p", "no:cacheprovider", "--haptogram-timeout=5", "test_own.py"),
-            *("--pyargs", "haptogram.conformance", "-k", "own or board or HG-2.3 or HG-4.1 or 6.1"),
+            *("--pyargs", "haptogram.conformance"),
+            *("-k", "own or board or HG-2.3 or HG-4.1 or HG-6.1/1"),
         ],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
@@ -97,3 +100,32 @@ def test_the_suite_runs_where_neither_scipy_nor_numba_is():
     )
     assert done.returncode == 0, done.stdout
     assert "9 OK" in done.stdout
+
+
+def run_with_faults(*words):
+    return subprocess.run(
+        [
+            *(sys.executable, "-m", "pytest", "-q", *_PLUGIN, "-p", "no:cacheprovider"),
+            *("--haptogram-fault-cmd", "kill -USR1 $BOARD_PID", *words),
+            *("--pyargs", "haptogram.conformance", "-k", "6.6/1-fault or 6.8/1-fault"),
+        ],
+        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.pty
+def test_faults_of_the_hardware_are_judged_where_a_command_brings_them_about(tmp_path):
+    compiler()
+    status, printed = make(tmp_path, tmp_path / "reference_board", CFLAGS="-O0")
+    assert status == 0, printed
+    done = run_with_faults("--haptogram-spawn", f"{tmp_path / 'reference_board'} --grid 3x2")
+    assert done.returncode == 0, done.stdout
+    assert "2 passed" in done.stdout, done.stdout
+
+
+def test_a_command_for_faults_without_a_board_of_ones_own_is_refused():
+    assert "there is none" in run_with_faults().stdout
